@@ -257,8 +257,8 @@ def test_no_name_in_a_bag_leads_out_of_the_folder(tmp_path, capsys, monkeypatch)
     write_run(path, described=True)
     assert main(["show", str(path), "--out", str(out)]) == 0
     said = capsys.readouterr().out
-    assert said.count("is left out: that is no file name") == 7
-    assert "# the goal '../stolen.yaml' is left out" in said
+    assert said.count("is omitted: it is not a file name") == 7
+    assert "# the goal '../stolen.yaml' is omitted" in said
     assert {p.name for p in out.iterdir()} == {
         "experiment.yaml", "goal_2016.yaml", "launch.txt", "parameters.yaml", "robot.urdf",
         "versions.txt"}  # fmt: skip
@@ -267,7 +267,7 @@ def test_no_name_in_a_bag_leads_out_of_the_folder(tmp_path, capsys, monkeypatch)
     told["goals"] = ["no", "names"]
     write_run(path, described=True)
     assert main(["show", str(path), "--out", str(out)]) == 1
-    assert "cannot be read: its 'goals' is no mapping" in capsys.readouterr().err
+    assert "cannot be read: its 'goals' is not a mapping" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("closed", [True, False])

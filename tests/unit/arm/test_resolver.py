@@ -423,19 +423,19 @@ def test_what_is_not_finite_is_refused(place):
         dt = np.nan
     with pytest.raises((ValueError, TaskError), match="not finite"):
         DifferentialIK(arm).solve(q, Task(L, rate, np.ones(6, bool)), dt)
-    with pytest.raises(ValueError, match="6 joints"):
+    with pytest.raises(ValueError, match=r"must have \(6,\) for this arm"):
         DifferentialIK(arm).solve(np.zeros(5), Task.from_twist(np.zeros(6)), 0.01)
 
 
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"velocity": {"J4": 1.0}}, "velocity of an unknown joint J4"),
-        ({"velocity": [1.0] * 5}, "5 values of velocity for 6 joints"),
+        ({"velocity": {"J4": 1.0}}, "velocity names the unknown joint J4"),
+        ({"velocity": [1.0] * 5}, "velocity has 5 values, must have one for each of"),
         ({"velocity": 0.0}, "gantry: velocity 0 must be positive"),
-        ({"velocity": 6.0}, "gantry: velocity 6 is beyond the robot's own, 5"),
+        ({"velocity": 6.0}, "gantry: velocity 6 is beyond the robot's own limit 5"),
         ({"acceleration": {"J3": -1.0}}, "J3: acceleration -1 must be positive"),
-        ({"lower": {"J3": -3.0}}, "J3: lower -3 is beyond the robot's own, -2.0943"),
+        ({"lower": {"J3": -3.0}}, "J3: lower -3 is beyond the robot's own limit -2.0943"),
         ({"upper": {"J2": 2.2}}, "J2: upper 2.2 is beyond"),
         ({"lower": {"J3": 1.0}, "upper": {"J3": 0.5}}, "J3: lower 1 must be below upper 0.5"),
         ({"upper": {"J3": "far"}}, "upper is"),
@@ -451,7 +451,7 @@ def test_a_slow_robot_s_speed_is_its_limit_too():
     slow = urdf("aras").replace('velocity="5"', 'velocity="0.5"')
     arm = Arm.from_urdf(slow)
     assert Limits.for_arm(arm, velocity=0.5).velocity.tolist() == [0.5] * 6
-    with pytest.raises(ConfigurationError, match="velocity 0.6 is beyond the robot's own, 0.5"):
+    with pytest.raises(ConfigurationError, match="0.6 is beyond the robot's own limit 0.5"):
         Limits.for_arm(arm, velocity=0.6)
 
 

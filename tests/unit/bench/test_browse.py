@@ -219,7 +219,7 @@ def test_a_run_is_told_with_reason_and_remedy_and_its_whole_seed(ask, rows):
     assert (row["reason"], row["remedy"]) == (failed["reason"], failed["remedy"])
     assert int(row["seed"]) == failed["seed"] and row["end"] == "oscillating"
     assert "scheme" not in row  # another study's
-    with pytest.raises(StudyError, match="first has not stored run 30 yet"):
+    with pytest.raises(StudyError, match="first has no stored result of run 30 yet"):
         ask("run", study="first", run=30)
 
 
@@ -236,7 +236,7 @@ def test_two_studies_are_compared(ask):
     ({"do": "rows", "filters": where(("gain", "=", "x"))},
      "gain contains numbers, and 'x' is not a number"),
     ({"do": "rows", "filters": where(("gain", "~", 1))}, "operator"),
-    ({"do": "rows", "studies": ["../first"]}, "there is no study '../first' here"),
+    ({"do": "rows", "studies": ["../first"]}, "there is no study '../first' in"),
     ({"do": "rows", "count": 100000}, "count"),
     ({"do": "map", "x": "gain", "y": "nothing"}, "no column 'nothing'"),
     ({"do": "map", "x": "gain", "y": "delay", "value": "reason"}, "reason contains text"),
@@ -331,7 +331,8 @@ def test_studies_too_many_are_left_out_and_that_is_said(tmp_path, monkeypatch):
     for name in "abc":
         (tmp_path / name).mkdir()
         (tmp_path / name / "manifest.json").write_text("{")
-    said = "only the first 2 studies are shown: give folders with fewer"
+    said = ("only the first 2 studies are shown: start the results browser with folders that "
+            "contain fewer studies")
     for most, names, note in ((3, "abc", ""), (2, "ab", said)):
         monkeypatch.setattr(studies_module, "MAX_STUDIES", most)
         look = Studies([tmp_path]).read_snapshot(is_forced=True)
@@ -464,11 +465,14 @@ def test_a_status_says_whose_fault_it_was(served, monkeypatch, caplog):
 
 
 @pytest.mark.parametrize(("study", "run", "said"), [
-    ("first", "../../etc/passwd", "must be a number"), ("../first", "0", "there is no study"),
-    ("first", "9" * 4000, "must be a number"), ("first", "-1", "must be a number"),
-    ("first", "9" * 10, "must be a number"), ("first", "9" * 9, "first has no run 999999999"),
+    ("first", "../../etc/passwd", "must have 1 to 9 digits"),
+    ("../first", "0", "there is no study"),
+    ("first", "9" * 4000, "must have 1 to 9 digits"),
+    ("first", "-1", "must have 1 to 9 digits"),
+    ("first", "9" * 10, "must have 1 to 9 digits"),
+    ("first", "9" * 9, "first has no run 999999999"),
     (HOSTILE, "1", "there is no study"), ("first", "30", "first has no run 30"),
-    ("first", "٣", "must be a number"),
+    ("first", "٣", "must have 1 to 9 digits"),
 ])  # fmt: skip
 def test_a_report_that_cannot_be_is_said_without_markup(served, study, run, said):
     status, text, _ = get(served, f"/run?{urlencode({'study': study, 'run': run})}")
@@ -547,14 +551,14 @@ def test_reports_of_a_folder_that_cannot_be_written_have_a_folder_each(
     reports = Reports()
     outs = [reports.start_job(seen, 0).out, reports.start_job(seen, 1).out]
     reports.find_or_start(seen, 0)
-    with pytest.raises(StudyError, match="no report of run 0"):
+    with pytest.raises(StudyError, match="the report of run 0 could not be made"):
         computed(reports, seen, 0)
     said = tmp_path / "python"
     said.write_text("#!/bin/sh\necho first >&2\necho 'bench: so it is' >&2\necho other\nexit 3\n")
     said.chmod(0o755)
     monkeypatch.setattr(sys, "executable", str(said))
     reports.find_or_start(seen, 1)
-    with pytest.raises(StudyError, match="no report of run 1: so it is$"):
+    with pytest.raises(StudyError, match="report of run 1 could not be made: so it is$"):
         computed(reports, seen, 1)
     assert capfd.readouterr() == ("", "")
     outs.append(reports.start_job(seen, 2).out)
@@ -570,7 +574,7 @@ def test_too_many_reports_at_once_and_one_that_fails_are_said(real, monkeypatch)
     monkeypatch.setattr(reports_module, "MAX_JOBS", 1)
     monkeypatch.setattr(sys, "executable", "/bin/false")
     reports = Reports()
-    with pytest.raises(StudyError, match="no report of run 0: its process ended with 1"):
+    with pytest.raises(StudyError, match="report of run 0 could not .*: its process ended with 1"):
         computed(reports, seen, 0)
     assert reports.find_or_start(seen, 0) == 0.0
     with pytest.raises(StudyError, match="1 reports are being computed: wait"):

@@ -85,7 +85,7 @@ def test_truth_values_are_equal_or_not(look, table):
                           (0.0, False), ("no", False)):  # fmt: skip
         assert chosen(look, ("flag", "=", value)) == where(table.flag.eq(wanted)), value
         assert chosen(look, ("flag", "≠", value)) == where(table.flag.eq(not wanted)), value
-    with pytest.raises(StudyError, match="flag is true or false: use = or ≠"):
+    with pytest.raises(StudyError, match="flag is true or false; use the operator = or ≠"):
         chosen(look, ("flag", "<", True))
     for value in ("x", None):
         with pytest.raises(StudyError, match="step contains numbers, and .* is not a number"):
@@ -256,7 +256,7 @@ def test_a_map_s_cells_are_those_of_pandas(look, table):
                 own.replace(np.inf, np.nan).median()  # fmt: skip
             assert told["values"][i][j] == (pytest.approx(wanted) if len(own) else None)
     assert queries.MapQuery().value == "success"
-    with pytest.raises(StudyError, match="word contains text, not numbers"):
+    with pytest.raises(StudyError, match="word contains text; choose a column"):
         queries.compute_success_map(look, queries.MapQuery(x="gain", y="gain", value="word"))
 
 

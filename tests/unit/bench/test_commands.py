@@ -270,7 +270,7 @@ BENCH = "aras_visual_servo_bench"
      "setup.sh; without ROS, pip install '.[page]' in"),
     (["table", "x"], f"{BENCH}.cli.results", "cli.results is not installed: run ./setup."
      "sh; without ROS, pip install '.[bench]' in"),
-    (["analyze", "{}", "--out", "o"], f"{BENCH}.ros.bag", "bags need ROS's Python packages: "),
+    (["analyze", "{}", "--out", "o"], f"{BENCH}.ros.bag", "reading a bag needs ROS's Python p"),
     (["convert", "{}"], f"{BENCH}.ros.mcap",
      "convert needs the Python packages of ROS and mcap, see ./setup.s"),
 ])  # fmt: skip

@@ -68,7 +68,7 @@ def test_results_go_into_a_folder(tmp_path, monkeypatch):
     (["--timeout", "0"], "--timeout must be above 0"),
     (["--nonsense"], "unrecognized arguments: --nonsense"),
     (["--camera-xyz", "0 0"], "'0 0' must be 3 finite numbers"),
-    (["--target", "l_shap"], "--target is 'l_shap': did you mean 'l_shape'?"),
+    (["--target", "l_shap"], "'l_shap', which is not a target: did you mean 'l_shape'"),
     (["--target", "/none.png"], "--target: there is no file /none.png"),
     (["--target", "circle", "--scheme", "points"], "target 'circle' has no corners"),
     (["--target", "poster", "--target-size", "3 1"], "must be <= 2 m, the size of the table"),

@@ -98,7 +98,7 @@ def test_the_constructor_names_a_key_whose_value_is_of_no_use(key):
 
 def test_what_is_no_experiment_is_named():
     for given in (None, [Experiment()], Experiment, 3):
-        with pytest.raises(ExperimentError, match=r"is no experiment: give Experiment\(...\)"):
+        with pytest.raises(ExperimentError, match=r"is not an experiment: give Experiment\(...\)"):
             Experiment.load(given)
     with pytest.raises(ExperimentError, match="give values by name"):
         Experiment("free")

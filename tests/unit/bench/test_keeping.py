@@ -74,7 +74,7 @@ def test_a_disk_without_room_is_said_while_recording_and_at_its_end(kept):
     assert kept.find_recording_error().startswith(
         "the recorder has stopped: Less than 256M of space free on"
     )
-    with pytest.raises(RefusedError, match="Less than 256M .*; the bag until then is available: "):
+    with pytest.raises(RefusedError, match="Less than 256M .*; the bag contains the data bef"):
         kept.stop_recording()
     assert kept.last_bag.suffix == ".bag" and kept.last_bag.is_file()
 
@@ -83,7 +83,7 @@ def test_a_recorder_that_ended_in_order_says_why(kept):
     with kept.by.log.open("a") as log:
         log.write(ENDED.format(folder=kept.open_bag.parent))
     assert kept.find_recording_error().startswith("the recorder (record) has ended: the disk of ")
-    with pytest.raises(RefusedError, match="is full: .*; the bag until then .*: recorded"):
+    with pytest.raises(RefusedError, match="is full: .*; the bag contains .*: recorded"):
         kept.stop_recording()
 
 
@@ -107,7 +107,7 @@ def test_a_recorder_that_does_not_start_is_reported_at_once(tmp_path, monkeypatc
 def test_of_a_recorder_that_died_the_unclosed_bag_is_kept_for_the_report(kept):
     with kept.by.log.open("a") as log:
         log.write(TORN + DIED)
-    with pytest.raises(RefusedError, match="Error writing to file.* available: recorded .*active"):
+    with pytest.raises(RefusedError, match="Error writing to file.* error: recorded .*active"):
         kept.stop_recording()
     assert kept.last_bag.name.endswith(".bag.active") and kept.open_bag is None
 
@@ -119,7 +119,7 @@ def test_what_is_not_recorded_is_neither_closed_nor_reported(kept):
         kept.make_report()
     kept.by.bag.with_name(kept.by.bag.name + ".active").rename(kept.directory / "x")
     kept.by.stop = lambda patience=0.0: None
-    with pytest.raises(RefusedError, match="^the recorder left no bag: recording$"):
+    with pytest.raises(RefusedError, match="^the recorder has written no bag: recording$"):
         kept.stop_recording()
     with pytest.raises(RefusedError, match="^nothing is being recorded$"):
         kept.stop_recording()
@@ -162,7 +162,7 @@ def test_tools_are_run_to_their_end(kept, monkeypatch):
     status[:], pages[:] = [0, ""], []
     for page in out.iterdir():
         page.unlink()
-    with pytest.raises(RefusedError, match=f"^analyze wrote no page into {out}$"):
+    with pytest.raises(RefusedError, match=f"^analyze has written no page into {out}$"):
         kept.make_report()
 
 

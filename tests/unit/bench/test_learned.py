@@ -15,10 +15,10 @@ SCHEME = "aras_visual_servo_bench.learning.learned:LearnedScheme"
 
 def test_without_weights_one_line_says_how_to_make_them(monkeypatch, tmp_path):
     monkeypatch.setenv("ARAS_LEARNED_WEIGHTS", str(tmp_path / "none.npz"))
-    with pytest.raises(ExperimentError, match="has no weights at .*none.npz: make it: python3 -m"):
+    with pytest.raises(ExperimentError, match="no file .*none.npz; to train it, run: python3 -m"):
         run(Experiment(plant="ideal", features="exact", scheme=SCHEME))
     (tmp_path / "bad.npz").write_text("no numbers")
-    with pytest.raises(ConfigurationError, match="holds no network"):
+    with pytest.raises(ConfigurationError, match="does not contain a network"):
         learned.GoalPoseNetwork.load(tmp_path / "bad.npz")
 
 

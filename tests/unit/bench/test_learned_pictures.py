@@ -28,10 +28,10 @@ def planned(seeds):
 
 def test_without_weights_one_line_says_how_to_make_them(monkeypatch, tmp_path):
     monkeypatch.setenv("ARAS_LEARNED_POSE_WEIGHTS", str(tmp_path / "none.npz"))
-    with pytest.raises(ExperimentError, match="has no weights at .*none.npz: make it: python3 -m"):
+    with pytest.raises(ExperimentError, match="no file .*none.npz; to train it, run: python3 -m"):
         run(next(planned({0})))
     (tmp_path / "bad.npz").write_text("no numbers")
-    with pytest.raises(ConfigurationError, match="holds no network"):
+    with pytest.raises(ConfigurationError, match="does not contain a network"):
         PoseNetwork.load(tmp_path / "bad.npz")
 
 
@@ -93,7 +93,7 @@ def test_s_and_its_rate_are_those_of_the_poses_that_it_tells(feature, pinhole):
 
 def test_a_goal_that_was_taught_for_others_is_refused(feature, pinhole):
     goal = Goal.teach(None, seen_at(feature, np.zeros(6), pinhole), depth=0.6)
-    with pytest.raises(ConfigurationError, match="holds no learned_pose: teach it again"):
+    with pytest.raises(ConfigurationError, match="contains no learned_pose: teach it again"):
         feature.check(goal)
 
 

@@ -54,14 +54,14 @@ def test_a_chosen_marker_is_named_where_it_is_not_in_view():
 
 
 @pytest.mark.parametrize(("given", "words"), [
-    ("DICT_5X5_50:50", "number 50, must be at most 49 in DICT_5X5_50"),
+    ("DICT_5X5_50:50", "number is 50, must be at most 49 in DICT_5X5_50"),
     ("DICT_5X6_50:1", "dictionary 'DICT_5X6_50': did you mean .DICT_6X6_50."),
     ("-1", "must be a number of at least 0"), ("5X5_50:x", "must be a number"),
     ("99999", "at most 2319"),
     ({"dictionary": "5X5_50", "size": 0.1}, "key 'markers' of the board is missing"),
     ({"dictionary": "5X5_50", "size": -1, "markers": {1: [0, 0]}}, "marker.size is -1"),
     ({"dictionary": "5X5_50", "size": 0.1, "markers": {1: [0]}}, r"marker.markers.1 is \[0\]"),
-    ({"dictionary": "5X5_50", "size": 0.1, "markers": {70: [0, 0]}}, "number 70, must be at most"),
+    ({"dictionary": "5X5_50", "size": 0.1, "markers": {70: [0, 0]}}, "number is 70, must be"),
     ({"dictionary": "5X5_50", "sise": 0.1, "markers": {1: [0, 0]}}, "did you mean 'size'"),
 ])  # fmt: skip
 def test_what_is_no_marker_is_refused_by_name(given, words):

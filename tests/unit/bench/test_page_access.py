@@ -26,7 +26,7 @@ def test_this_machine_s_names_are_served(host):
     "[127.0.0.1]:8090", "[localhost]:8090", "evil[localhost]:8090", "[localhost]evil:8090",
 ])  # fmt: skip
 def test_other_names_are_refused(host):
-    assert "not served under the name" in HOME.refusal_reason(TOKEN, host, None)
+    assert "not available under the name" in HOME.refusal_reason(TOKEN, host, None)
 
 
 @pytest.mark.parametrize("origin", [
@@ -42,7 +42,7 @@ def test_pages_of_other_origins_may_not_ask(origin):
                                    TOKEN.lower(), "ä"])  # fmt: skip
 def test_the_whole_token_is_needed(token):
     said = HOME.refusal_reason(token, "127.0.0.1:8090", None)
-    assert ("no token" if not token else "not this simulator's") in said
+    assert ("no token" if not token else "the token is wrong") in said
     assert TOKEN not in said
 
 
@@ -59,7 +59,7 @@ def test_an_open_page_is_served_under_addresses(host):
     "[fe80::1%]:8090", "192.168.7.20%eth0:8090", "0xc0.0xa8.1.1:8090", "3232235777:8090",
 ])  # fmt: skip
 def test_and_under_no_name_that_a_foreign_page_could_have(host):
-    assert "not served under" in OPEN.refusal_reason(TOKEN, host, None)
+    assert "not available under" in OPEN.refusal_reason(TOKEN, host, None)
     assert "are not allowed" in OPEN.refusal_reason(TOKEN, "localhost:8090", f"http://{host}")
 
 

@@ -163,9 +163,9 @@ def test_an_error_of_driving_by_hand_ends_with_the_next_key(page, host):
 
 
 @pytest.mark.parametrize(("do", "told", "why"), [
-    ("start", {"controller": False}, "no controller runs: start the nodes with a scheme"),
-    ("stop", {"controller": False}, "no controller runs: start the nodes with a scheme"),
-    ("hold", {"controller": False}, "no controller runs: start the nodes with a scheme"),
+    ("start", {"controller": False}, "no controller is running: start the nodes with a scheme"),
+    ("stop", {"controller": False}, "no controller is running: start the nodes with a scheme"),
+    ("hold", {"controller": False}, "no controller is running: start the nodes with a scheme"),
     ("target", {}, "there are no targets to choose from"),
     ("teach", {}, "give the goal a name first"),
     ("record", {"open_bag": "one.bag"}, "a bag is already being recorded"),
@@ -211,7 +211,7 @@ def test_without_a_phase_it_is_said_what_is_missing(page, state):
     assert said == "the nodes are being started"
     page.wait(f"{button('servo')}.getAttribute('aria-busy') === 'false'")
     state(controller=False)
-    assert page.js(words) == "no controller runs: start the nodes with a scheme"
+    assert page.js(words) == "no controller is running: start the nodes with a scheme"
     state(controller=True)
     assert page.js(words) == "the controller is running and has not processed an image yet"
     page.js("arasPage.state.controller = window.before")
@@ -415,7 +415,7 @@ def test_a_page_too_many_says_why_and_comes_in_when_one_is_closed(browser, serve
 def test_a_wrong_token_is_said_on_the_page(browser, server):
     address = server.access.address
     tab = browser.open(address[:-3] + "xyz")
-    tab.wait("document.body.innerText.includes('open the address that it printed')")
+    tab.wait("document.body.innerText.includes('open the address that the simulator has printed')")
     tab.close()
 
 

@@ -75,12 +75,13 @@ def talk(server, *messages, token=None, headers=None, answers=0):
 @pytest.mark.parametrize("path", ["/", "/robot", "/report/x.html", "/live", "/nothing"])
 def test_nothing_is_told_without_the_token(server, path, caplog):
     assert get(server, path)[:2] == (
-        403, "Refused: the address has no token: open the one that the simulator printed.\n")
+        403,
+        "Refused: the address has no token: open the address that the simulator has printed.\n")
     assert not [entry for entry in caplog.records if entry.name.startswith("tornado")]
     assert get(server, path)[2]["Content-Type"] == "text/plain; charset=utf-8"
     assert get(server, f"{path}?token=x")[0] == 403
     status, text, headers = get(server, f"{path}?token={server.access.token}", Host="evil.example")
-    assert status == 403 and "not served under" in text
+    assert status == 403 and "not available under" in text
     status, text, _ = get(server, f"{path}?token={server.access.token}", Origin="http://evil.test")
     assert status == 403 and "are not allowed" in text
     assert get(server, f"{path}?token=%ff")[0] == 400
@@ -138,7 +139,7 @@ def test_the_address_that_is_printed_answers(host, host_name):
     said = []
     served = serve(host, host_name, port, "a-token-of-sixteen", said.append)
     try:
-        assert any("is not encrypted" in line for line in said) == (
+        assert any("without encryption" in line for line in said) == (
             host_name not in ("127.0.0.1", "::1"))
         with urllib.request.urlopen(served.access.address, timeout=20) as answer:
             assert answer.status == 200
@@ -237,7 +238,8 @@ def test_the_ninth_page_is_refused(server):
         await asyncio.wait_for(empty(), 20)
         return refused.value
 
-    assert asyncio.run(run()).response.body == b"Refused: 8 pages are open already.\n"
+    told = b"Refused: 8 pages are open already: close one of them.\n"
+    assert asyncio.run(run()).response.body == told
 
 
 def test_whoever_leaves_two_megabytes_unread_hears_no_more_and_whoever_is_gone_is_forgotten():
@@ -549,7 +551,7 @@ def test_the_robots_model_is_the_descriptions(robot, host, monkeypatch):
     model = make_robot_model(robot.urdf, robot.packages.find)
     with monkeypatch.context() as small:
         small.setattr("aras_visual_servo_bench.web.live.robot_model.MAX_TRIANGLES", 10)
-        with pytest.raises(DescriptionError, match="triangles; the page draws at most 10"):
+        with pytest.raises(DescriptionError, match="triangles, must be at most 10"):
             make_robot_model(robot.urdf, robot.packages.find)
     assert model["name"] == "aras_visual_servo"
     assert {j["name"] for j in model["joints"]} >= set(host.arm.names)

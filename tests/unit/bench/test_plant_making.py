@@ -296,7 +296,7 @@ def test_a_goal_is_shown_by_the_first_picture_of_each_camera_that_is_read(monkey
     assert plants[0].given[2] == joints
     assert plants[0].told == [{"gravity": (0.0, 0.0, 0.0)}, *[1_000_000_000] * 3, "closed"]
     Filmed.times = (("left", 0), ("right", 1_250_000_000))
-    with pytest.raises(ExperimentError, match="delivers no image within 1 s to teach it with"):
+    with pytest.raises(ExperimentError, match="delivers no image within 1 s, so the goal"):
         take_first_images(made, START)
     assert plants[1].told.count(1_000_000_000) == 4 and plants[1].told[-1] == "closed"
 

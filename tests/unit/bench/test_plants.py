@@ -232,8 +232,8 @@ def test_what_a_plant_cannot_take_is_said_with_numbers(arm, sight):
     chain = KinematicArm(arm, START, sight)
     for kind, values, why in (
             ("effort", START, "this plant accepts position or velocity commands, not effort"),
-            ("position", START[:5], "a command of 6 finite numbers is needed, got "),
-            ("velocity", np.full(6, np.inf), "a command of 6 finite numbers is needed, got ")):
+            ("position", START[:5], "a command must be 6 finite numbers, got "),
+            ("velocity", np.full(6, np.inf), "a command must be 6 finite numbers, got ")):
         with pytest.raises(ExperimentError) as told:
             chain.command(kind, values)
         assert str(told.value).startswith(why)

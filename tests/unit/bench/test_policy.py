@@ -49,7 +49,7 @@ def test_what_it_practises_on_belongs_together(monkeypatch):
 
 def test_a_goal_that_was_not_shown_to_it_is_refused(monkeypatch, tmp_path):
     monkeypatch.setenv("ARAS_POLICY_WEIGHTS", str(tmp_path / "none.npz"))
-    with pytest.raises(ConfigurationError, match="the policy has no weights at .*learning.policy"):
+    with pytest.raises(ConfigurationError, match="the policy is missing: .*learning.policy"):
         Policy()
     monkeypatch.undo()
     with pytest.raises(ExperimentError, match="needs images"):

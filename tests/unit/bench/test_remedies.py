@@ -38,7 +38,7 @@ def test_a_remedy_is_its_sentence_and_keeps_its_changes():
         and not Remedy()
     )
     assert str(multiply("start", 0.5)) == "multiply the start's offset from the goal by 0.5"
-    with pytest.raises(ValueError, match="operation 'add' is none of set, multiply, remove"):
+    with pytest.raises(ValueError, match="operation 'add' is unknown; use one of set, mul"):
         Change("gain", "add", 1.0)
 
 

@@ -559,7 +559,7 @@ def test_a_delay_below_zero_is_shown_and_explained(moments, tmp_path):
         plt.close("all")
     write_report([early], tmp_path, ())
     told = (tmp_path / "report.html").read_text()
-    assert "A negative delay means that the image arrived before the clock message" in told
+    assert "A negative delay means that an image arrived before the clock message" in told
     assert "negative if" in metrics.delay.source
 
 

@@ -132,7 +132,7 @@ def looked_for(body, sampler=EXACTLY, **more):
 ])
 def test_joints_are_looked_for_from_four_beginnings(off, asked):
     body = Stuck(off)
-    with pytest.raises(ExperimentError, match=r"in 1 attempts \(1 out of reach\): make start.he"):
+    with pytest.raises(ExperimentError, match=r"in 1 attempts \(1 out of reach\): reduce start.he"):
         looked_for(body)
     assert len(body.asked) == asked
     begun = np.array(body.asked[::asked // 4]) - NEAR
@@ -165,7 +165,7 @@ def test_steps_are_damped_and_of_half_a_unit_at_most():
 def test_why_no_start_was_found_is_counted():
     body, sampler = FreeBody(GOAL), Sampler(height=(0.25, 0.25), side=0.0, attempts=3)
     given = (sampler, body, GOAL, np.zeros(6), PLACED, CAMERA, 3)
-    words = r"no start found in 3 attempts \({}\): make start.height, side, turn or tilt smaller"
+    words = r"no start found in 3 attempts \({}\): reduce start.height"
     with pytest.raises(ExperimentError, match=words.format("3 in collision")):
         draw_start(*given, find_collision=lambda q: "it")
     came = []

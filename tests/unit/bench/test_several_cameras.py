@@ -305,7 +305,7 @@ def test_the_judge_finds_nothing_in_cameras_as_believed():
         ({"cameras": {"wall": {"pose": [0, 0, 1, 3.14, 0, 0]}}, "scheme": "points"},
          "camera 'wall' is fixed in the world, and the arm does not move its target"),
         ({"cameras": two(wall={"pose": [0, 0, -0.5, 0, 0, 0]}), "scheme": f"{BOTH}+points@wall"},
-         "camera 'wall' is fixed, and the arm does not move its target"),
+         "the camera is fixed, and the arm does not move its target"),
         ({"scheme": "kernel@left+points@right"}, "needs images: set features"),
     ],
 )  # fmt: skip
@@ -370,7 +370,7 @@ def test_stereo_follows_a_target_that_was_carried_away():
 @pytest.mark.parametrize(
     ("scheme", "cameras", "words"),
     [
-        ("stereo_points", two(), r"reads 2 cameras: name them, as stereo_points@left,right"),
+        ("stereo_points", two(), r"reads 2 cameras: name them, for example stereo_points@l"),
         ("stereo_points@left", two(), "reads 2 cameras: name them"),
         ("stereo_pose@left,right", {"left": {"model": LEFT}, "right": {"model": RIGHT}},
          "cameras left and right are 0.0 mm apart, too close to measure depth"),

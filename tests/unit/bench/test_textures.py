@@ -289,9 +289,9 @@ def test_an_occluder_hides_what_lies_under_it():
         (DotTracker(), "square", VIEW, "in view"),
         (MarkerTracker(), "four_dots", VIEW, "no marker of DICT_4X4_50, DICT_APRIL"),
         (LineTracker(), "square", VIEW, "is not bounded by lines: use tracker 'outline'"),
-        (LineTracker(), "circle", VIEW, "not bounded by lines|not four"),
-        (LineTracker(), "line_grid", CLOSE, "touch the border of the image"),
-        (LineTracker(), "line_grid", AWAY, "no dark lines are in view"),
+        (LineTracker(), "circle", VIEW, "not bounded by lines|must be 4"),
+        (LineTracker(), "line_grid", CLOSE, "touches the border of the image"),
+        (LineTracker(), "line_grid", AWAY, "no dark drawing is in view"),
     ],
 )
 def test_what_is_not_there_is_said(tracker, shape, view, told):
@@ -537,7 +537,7 @@ def test_an_outline_may_be_a_copy_in_a_file_with_a_document_type(tmp_path):
         ("a.svg", nested_uses(5), "more than 10000 elements, including copies by <use>"),
         ("a.svg", nested_uses(5).replace("href", "xlink:href"), "more than 10000 elements"),
         ("a.svg", "<svg><g id='a'><use href='#a'/></g></svg>", "more than 10000 elements"),
-        ("a.png", "no picture", "no readable image"),
+        ("a.png", "no picture", "not a readable image"),
     ],
 )
 def test_a_file_that_cannot_be_used_is_one_line(tmp_path, name, content, told):
@@ -613,14 +613,14 @@ def test_a_run_that_ends_early_says_what_it_waited_for():
     assert result.outcome == "timed_out"
     assert result.reason == (
         "not at the goal after 0.2 s: 0 keypoints match the goal image, 8 consistent ones are "
-        "needed: is the target in view, and textured?"
+        "needed: bring the target into view, and use a textured target"
     )
 
 
 def test_a_picture_that_is_cut_off_is_one_line(tmp_path, capfd):
     file = tmp_path / "cut.png"
     file.write_bytes(b"\x89PNG\r\n\x1a\n" + 50 * b"0")
-    with pytest.raises(ExperimentError, match="no readable image"):
+    with pytest.raises(ExperimentError, match="not a readable image"):
         make_target(str(file), SIZE)
     assert capfd.readouterr().err == ""
 

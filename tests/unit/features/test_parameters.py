@@ -49,7 +49,7 @@ def test_values_arrive() -> None:
         ({"dark_target": 1}, "~dark_target is 1, must be true or false"),
         ({"layout": "points"}, "~layout is 'points': did you mean 'moments'"),
         ({"layout": 4}, "~layout is 4, must be one of moments, kernel"),
-        ({"component": "mask"}, "~mask_image must name"),
+        ({"component": "mask"}, "~mask_image must be the path"),
         ({"colour_low": [1, 2]}, "hue 0-179"),
         ({"colour_low": "red"}, "~colour_low.0. is 'red', must be a finite number"),
         ({"desired_outline": [0, 0, 1, 1]}, "at least three corners"),

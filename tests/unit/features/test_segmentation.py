@@ -295,7 +295,7 @@ def test_what_is_near_a_colour_is_the_target_in_light_and_in_shade() -> None:
 @pytest.mark.parametrize(
     ("changes", "text"),
     [
-        ({"method": "nearest_colour"}, "near_colour is .., must be red, green, blue"),
+        ({"method": "nearest_colour"}, "near_colour is .., must be red, green and blue"),
         ({"near_colour": (1, 2, 256)}, "near_colour is .1.0, 2.0, 256.0., must be red"),
         ({"method": "watershed"}, "method is .watershed.: known are fixed"),
         ({"component": "red"}, "component is .red.: known are all"),

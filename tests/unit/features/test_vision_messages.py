@@ -106,5 +106,5 @@ def test_a_desired_outline_is_read_as_it_was_sent() -> None:
 def test_an_outline_that_is_none_is_refused(corners: list[list[float]]) -> None:
     from aras_visual_servo_controller.ros.goal_topics import make_outline_message
 
-    with pytest.raises(VisionError, match="fewer than three corners, or not finite"):
+    with pytest.raises(VisionError, match="at least three corners with finite"):
         read_outline_message(make_outline_message(np.array(corners), ""))

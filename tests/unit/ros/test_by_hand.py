@@ -276,7 +276,7 @@ def test_the_arm_is_driven_to_a_pose_first(lesson):
 def test_what_keeps_from_teaching_is_said(lesson):
     lesson.life.steps = [lambda: lesson.look(False)] * 5
     with pytest.raises(ServoError, match=re.escape(
-            "the last 3 images show nothing that could be taught (dark): bring the target")):
+            "the last 3 images show nothing that can be taught (dark): bring the target")):
         teach.collect_views(lesson.arguments)
     lesson.life.steps = [lesson.look] + [lambda: None] * 5000
     with pytest.raises(ServoError, match=re.escape("after 30 s only 1 of 3 images (no images arr")):

@@ -26,10 +26,10 @@ def of(loop=None, simulator=None, **more):
 
 @pytest.mark.parametrize(("text", "why"), [
     ("", "the bag is from an older version or from another recorder"), ("{", "cannot be read"),
-    ("[]", "it has no parameters"), ("{}", "it has no parameters"),
-    ('{"parameters": {}, "goals": []}', "its 'goals' is no mapping"),
-    ('{"parameters": {}, "versions": []}', "its 'versions' is no mapping"),
-    ('{"parameters": {}, "launch": {}}', "its 'launch' is no list"),
+    ("[]", "it has no parameters of the"), ("{}", "it has no parameters of the"),
+    ('{"parameters": {}, "goals": []}', "its 'goals' is not a mapping"),
+    ('{"parameters": {}, "versions": []}', "its 'versions' is not a mapping"),
+    ('{"parameters": {}, "launch": {}}', "its 'launch' is not a list"),
 ])
 def test_a_description_that_is_none_is_a_note(text, why):
     found = RecordedExperiment.from_text(text)
@@ -140,5 +140,5 @@ def test_the_files_of_a_run():
     assert files["launch.txt"] == "roslaunch p a.launch x:=1\nroslaunch q\n"
     assert files["versions.txt"] == "numpy 2.1\nros 1\n" and files["robot.urdf"] == ARM
     assert yaml.safe_load(files["parameters.yaml"]) == found.content["parameters"]
-    assert found.notes == [f"the goal {name!r} is left out: that is no file name"
+    assert found.notes == [f"the goal {name!r} is omitted: it is not a file name"
                            for name in ("../evil.yaml", "x/y.yaml", "b.txt")]

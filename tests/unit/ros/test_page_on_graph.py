@@ -617,4 +617,5 @@ def test_a_page_that_cannot_be_served_says_why(graph, life, monkeypatch):
     monkeypatch.delitem(sys.modules, "aras_visual_servo_bench.web.live.server")
     monkeypatch.setattr(sys, "meta_path", [Missing(), *sys.meta_path])
     assert dashboard.main() == 1
-    assert graph.lines[-1] == "the live page needs websockets: ./setup.sh --for bench installs it"
+    assert graph.lines[-1] == (
+        "the live page needs websockets, which is not installed; run: ./setup.sh --for bench")

@@ -175,7 +175,7 @@ def test_pictures_reach_the_loop_with_their_depth(graph):
     np.testing.assert_allclose(driver.images[-1][1][5], 0.5)
     depth(picture("mono8", rospy.Time(6)))
     image(picture(stamp=rospy.Time(6)))
-    assert graph.lines[-1].startswith("image skipped: depth of encoding 'mono8'")
+    assert graph.lines[-1].startswith("image skipped: the depth image has the encoding 'mono8'")
     assert len(driver.images) == 2
     info(bad)  # and images wait again
     image(picture(stamp=rospy.Time(7)))
@@ -206,13 +206,13 @@ def test_depth_images_of_either_kind_and_order():
     message.data = rows.tobytes() + b"more"
     np.testing.assert_allclose(read_depth(message), [[1, 2, 3], [0.4, 0.5, 65.535]], rtol=1e-6)
     message.data = message.data[:15]
-    with pytest.raises(ImageError, match="15 bytes is too short"):
+    with pytest.raises(ImageError, match="is too short: it has 15 bytes"):
         read_depth(message)
     message.data, message.step = 16 * b"0", 5
     with pytest.raises(ImageError, match="too short"):
         read_depth(message)
     message.encoding = "mono8"
-    with pytest.raises(ImageError, match="encoding 'mono8': send one of 32FC1, 16UC1"):
+    with pytest.raises(ImageError, match="encoding 'mono8'; use one of 32FC1, 16UC1"):
         read_depth(message)
 
 

@@ -152,5 +152,5 @@ def test_an_estimator_of_ones_own_and_for_nothing_else():
     np.testing.assert_allclose(
         2.0 * states[0].desired_twist[:3], plain[0].desired_twist[:3], rtol=0.05
     )
-    with pytest.raises(ConfigurationError, match="an estimator is for interaction 'estimated'"):
+    with pytest.raises(ConfigurationError, match="can be used only with interaction 'estimated'"):
         FeatureScheme(ImageMoments(), estimator=mine)

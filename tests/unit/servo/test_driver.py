@@ -395,7 +395,7 @@ def test_implausible_and_missing_joints_stop_the_arm():
     bench.images = False  # the arm does not wait for the next one
     bench.step(1, position=1e308)
     assert bench.servo.phase == "holding"
-    assert bench.servo.reason.startswith("gantry measured at 1e+308: no position that it can have")
+    assert bench.servo.reason.startswith("the measured position 1e+308 of gantry is impossible")
 
 
 def test_standing_by_sends_nothing():

@@ -148,7 +148,7 @@ def test_what_schemes_are_made_with_where_nothing_is_said():
         law = schemes.Proportional(3.0)
         assert create_scheme(name, law, **said).law is law
         for option in ({"smoothing": 1.0}, {"interaction": "mean"}, {"weights": [1.0]}):
-            words = f"scheme '{name}' takes no {next(iter(option))}: only features do"
+            words = f"scheme '{name}' takes no {next(iter(option))}, which only features use"
             with pytest.raises(ConfigurationError, match=words):
                 create_scheme(name, **option)
     blind = points.Points()
@@ -250,7 +250,7 @@ def test_units_of_a_stack_are_those_of_its_parts_also_where_one_says_none():
     assert stack.weights.tolist() == [1.0, 1.5, 2.0, 2.0]
     assert stack.directions == (True, False, True, False, False, True)
     assert base.Stack(stack.features).weights.tolist() == [1.0, 3.0, 4.0, 1.0]
-    with pytest.raises(ConfigurationError, match="a stack of features needs at least one"):
+    with pytest.raises(ConfigurationError, match="a combination of features needs at least one"):
         base.Stack([])
 
 

@@ -315,7 +315,7 @@ def test_a_camera_that_looks_along_the_plane_by_kinematics_is_refused(sine, refu
     there = goal.world_T_camera @ pose((0, 0, 0), (0, -lean, 0))
     told = replace(seen, world_T_camera=there)
     if refused:
-        with pytest.raises(MeasurementError, match="looks along the target's plane, not on it"):
+        with pytest.raises(MeasurementError, match="the target's plane edge-on or from behind"):
             feature.measure(told, goal)
     else:
         assert np.isfinite(feature.measure(told, goal).L).all()
@@ -740,10 +740,10 @@ ON_A_LINE = np.array([[-0.05, 0.01], [0.0, 0.01], [0.02, 0.01], [0.06, 0.01]])
 @pytest.mark.parametrize(("name", "corners", "words"), [
     ("polar_points", [[0.0, 0.0], [0.1, 0.0], [0.1, 0.1]], "it has no polar angle"),
     ("polar_points", [[9e-10, 0.0], [0.1, 0.0], [0.1, 0.1]], "it has no polar angle"),
-    ("segments", [[0.1, 0.0], [0.1, 9e-10], [0.3, 0.1]], "coincide: they make no edge"),
-    ("lines", [[0.1, 0.2], [0.1, 0.2], [0.3, 0.1]], "coincide: they make no edge"),
-    ("pose", ON_A_LINE, "goal: a pose needs four points that are not on one line: it has 4"),
-    ("pose", [[0.1, 0.2], [0.1, 0.3], [0.3, 0.1]], "a pose needs four points .* it has 3"),
+    ("segments", [[0.1, 0.0], [0.1, 9e-10], [0.3, 0.1]], "coincide and define no edge"),
+    ("lines", [[0.1, 0.2], [0.1, 0.2], [0.3, 0.1]], "coincide and define no edge"),
+    ("pose", ON_A_LINE, "goal: a pose needs four points that are not on one line; the goal has 4"),
+    ("pose", [[0.1, 0.2], [0.1, 0.3], [0.3, 0.1]], "a pose needs four points .* the goal has 3"),
     ("points", "far away", "goal holds no points of the feature 'points': teach it"),
     ("points", [[0.1, 0.2], [0.3, 0.1]], "goal holds no points of the feature 'points': teach it"),
 ])  # fmt: skip
@@ -782,7 +782,7 @@ def test_a_goal_without_the_depth_of_its_target_is_refused(name):
     by_kernel = Goal.teach(None, kernel_view(lens, GOAL), depth=0.2)
     goal = replace(taught(feature), kernel=by_kernel.kernel)
     feature.check(goal)
-    with pytest.raises(ConfigurationError, match="goal contains no depth of the target"):
+    with pytest.raises(ConfigurationError, match="goal contains no depth: set the target"):
         feature.check(replace(goal, depth=None, plane=None))
     nothing = replace(goal.kernel, features=np.array([1.0, 1.0, 0.0, 0.1]))
     if name == "kernel":
@@ -866,9 +866,9 @@ class Photo(Feature):
 
 
 def test_what_is_judged_by_other_numbers_than_its_rows_is_in_no_stack():
-    words = "luminance@left has other published errors than those the law gets"
+    words = "luminance@left publishes other errors than the law uses"
     for parts in (["points", "luminance"], ["matches", "luminance_dct"]):
-        with pytest.raises(ConfigurationError, match="cannot be stacked") as told:
+        with pytest.raises(ConfigurationError, match="cannot be combined") as told:
             Stack([FEATURES.create(name) for name in parts])
         assert "\n" not in str(told.value)
     with pytest.raises(ConfigurationError, match=words):
@@ -877,7 +877,7 @@ def test_what_is_judged_by_other_numbers_than_its_rows_is_in_no_stack():
         )
     assert Stack([FEATURES.create("points"), FEATURES.create("matches_pose")]).names
     stack = Stack([Photo(), FEATURES.create("points")])
-    with pytest.raises(ConfigurationError, match="Photo has other published errors"):
+    with pytest.raises(ConfigurationError, match="Photo publishes other errors"):
         stack.measure(look(stack.needs, GOAL), taught(stack))
 
 

@@ -396,8 +396,8 @@ BOX = np.array([[[-0.1, -0.05, 0.0], [0.1, 0.05, 0.01]]])
 @pytest.mark.parametrize(("corner", "ground", "surface", "words"), [
     ([np.inf, 0.1, 0.1], 0.0, 0.0, "not finite"), ([0.1, 0.1, 0.1], np.nan, 0.0, "not finite"),
     ([0.1, 0.1, 0.1], 0.0, np.nan, "not finite"), ([0.1, 0.1, 0.1], 0.0, np.inf, "not finite"),
-    ([0.1, -0.05, 0.1], 0.0, 0.0, "first corner of a box must be its lowest"),
-    ([0.1, 0.1, -0.1], 0.0, 0.0, "first corner of a box must be its lowest"),
+    ([0.1, -0.05, 0.1], 0.0, 0.0, "first corner of a box must have its lowest"),
+    ([0.1, 0.1, -0.1], 0.0, 0.0, "first corner of a box must have its lowest"),
 ])  # fmt: skip
 def test_a_box_has_a_size_and_finite_numbers(corner, ground, surface, words):
     boxes = BOX.copy()

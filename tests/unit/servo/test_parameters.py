@@ -190,9 +190,9 @@ def test_settings_of_the_loop_alone_have_bounds_too():
         ({"law_options": {"name": "pi"}}, "law 'proportional' takes no 'name'"),
         ({"gain_zero": 4.0}, "unknown parameter ~gain_zero"),
         ({"pitch_gain": 2.0}, "unknown parameter ~pitch_gain"),
-        ({"law_options": {"ramp": 0.1}}, "give it as ~ramp"),
+        ({"law_options": {"ramp": 0.1}}, "set ~ramp instead"),
         ({"weights": ["one"]}, "~weights.0. is 'one', must be a finite number"),
-        ({"weights": [0.0]}, "one at least has to be above 0"),
+        ({"weights": [0.0]}, "at least one has to be above 0"),
         ({"desired": "/nowhere.yaml"}, "cannot read the goal /nowhere.yaml:"),
         ({"desired": "nowhere.yaml"}, "cannot read the goal nowhere.yaml:"),
         ({"desired": "no/where"}, "cannot read the goal no/where:"),
@@ -208,8 +208,8 @@ def test_settings_of_the_loop_alone_have_bounds_too():
         ({"elbow": 0.5}, "side of the elbow J3 is 0.5: use -1 or 1"),
         ({"elbow": [1, 1]}, "~elbow is .1.0, 1.0., must be -1 or 1, or"),
         ({"controllers": {"J9": "x"}}, "~controllers names the joint J9: known are"),
-        ({"controllers": {"J1": ""}}, "~controllers: that of J1 is '', must be the name"),
-        ({"controllers": {"J1": 3}}, "~controllers: that of J1 is 3, must be the name"),
+        ({"controllers": {"J1": ""}}, "~controllers: the value for J1 is '', must be the name"),
+        ({"controllers": {"J1": 3}}, "~controllers: the value for J1 is 3, must be the name"),
         ({"elbow": {"J2": 1}}, "J2 is not an elbow"),
         ({"max_velocity": 9.0}, "beyond the robot's own"),
         ({"lead": {"J4": 0.1}}, "~lead names the joint J4"),
@@ -260,7 +260,7 @@ class Two:
     ({"j": 0.5, "k": 0.1, "l": 2.0}, "is .*, which has a value for l: the joints of this"),
     ({"j": "far", "k": 0.1}, "j is 'far', must be a finite number"),
     ({"xyz": [0, 0, 1], "rpy": [0, 0]}, "rpy is .0, 0., must be a list of 3"),
-    ("2016", "has a value for gantry: .* are j, k; give values for these, or none"),
+    ("2016", "has a value for gantry: .* are j, k; give values for these, or set ~start"),
 ])  # fmt: skip
 def test_a_start_that_is_none_of_this_arm_is_told(start, words):
     with pytest.raises(ConfigurationError, match=f"parameter ~start.*{words}"):
@@ -367,7 +367,7 @@ def test_a_user_s_own_feature_by_name(arm, tmp_path, monkeypatch):
 def test_options_of_the_scheme_and_of_the_law_are_handed_on(arm):
     scheme = of(interaction="mean", smoothing=0.25, law="adaptive").make_scheme()
     assert (scheme.interaction, scheme.smoothing, scheme.law.zero) == ("mean", 0.25, 5.0)
-    with pytest.raises(ConfigurationError, match="~law_options: 1 is no parameter of a law$"):
+    with pytest.raises(ConfigurationError, match="~law_options: 1 is not a parameter of a law$"):
         Settings(law_options={1: 2.0}).make_law()
 
 

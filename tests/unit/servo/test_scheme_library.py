@@ -259,7 +259,7 @@ def test_the_predictive_scheme_says_where_no_way_keeps_the_target_in_view():
     scheme.reset()
     assert not scheme._last_twist.any()
     scheme._minimize = lambda *_, **__: SimpleNamespace(x=np.full(6, np.nan), success=True)
-    with pytest.raises(MeasurementError, match="the predicted path cannot be fitted"):
+    with pytest.raises(MeasurementError, match="the predicted twist is not finite"):
         scheme.compute(seen, goal, 0.0)
 
 
@@ -335,7 +335,7 @@ def test_the_predictive_scheme_does_nothing_of_which_the_points_tell_nothing():
     other = create_scheme("partitioned")
     for one in (scheme, other):
         one.check(goal)
-    with pytest.raises(MeasurementError, match="on one line: it has no area"):
+    with pytest.raises(MeasurementError, match="on one line, so that its area is zero"):
         other.compute(seen(START), goal, 0.0)
     decision = scheme.compute(seen(START), goal, 0.0)
     depths = np.repeat((goal.distance, 1.0), 3)

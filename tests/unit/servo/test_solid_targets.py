@@ -115,7 +115,7 @@ def test_a_wrong_pose_with_which_most_edges_agree_is_left(meshes, off):
 
 @pytest.mark.parametrize(("name", "why"), [
     ("millimetres", "80 m long: is it in millimetres"),
-    ("open", "open or folded"),
+    ("open", "not a closed surface"),
     ("inside", "inside out"),
 ])  # fmt: skip
 def test_a_mesh_that_is_no_solid_is_refused(meshes, name, why):

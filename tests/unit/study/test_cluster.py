@@ -146,7 +146,7 @@ def test_a_scheduler_that_does_not_answer_is_one_line(monkeypatch, address):
 @pytest.mark.parametrize(("text", "complaint"), [
     ("class: nowhere.Cluster\n", "nowhere.Cluster: No module named"),
     ("class: distributed.LocalClutser\n", "no attribute|cannot import"),
-    ("clas: x\n", "names no cluster"),
+    ("clas: x\n", "has no key 'class'"),
     ("class: x.Y\nworker: 3\n", "unknown key 'worker': did you mean 'workers'"),
     ("class: x.Y\nworkers: [3]\n", "workers is .3., must be a number, or .minimum, maximum."),
     ("class: x.Y\nworkers: [3, 1]\n", "workers is .3, 1., must be"),

@@ -205,7 +205,7 @@ def test_a_part_that_is_no_table_is_run_again_whatever_its_hash_says(tiny, tmp_p
     for content, told in (
         (b"no table", "^cannot read .*000001.parquet: "),
         (made.find_part(0).read_bytes(), ""),
-        (None, "000001.parquet is no file: "),
+        (None, "000001.parquet is not a file: "),
     ):
         made.find_part(1).unlink()
         if content is None:
@@ -301,14 +301,14 @@ def test_a_study_file_that_was_edited_is_refused(tiny, tmp_path):
 def test_folders_that_are_none(tiny, tmp_path):
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "letter").write_text("dear")
-    with pytest.raises(StudyError, match="is not empty and has no study"):
+    with pytest.raises(StudyError, match="is not empty and does not contain a study"):
         StudyFolder.create(tmp_path / "full", tiny(), "")
-    with pytest.raises(StudyError, match="has no study: manifest.json"):
+    with pytest.raises(StudyError, match=r"has no study \(manifest.json"):
         StudyFolder.open(tmp_path / "nowhere")
     with pytest.raises(StudyError, match="cannot write /dev/null/out"):
         StudyFolder.create(tmp_path / "/dev/null/out", tiny(), "")
     (tmp_path / "manifest.json").write_text("{}")
-    with pytest.raises(StudyError, match="damaged"):
+    with pytest.raises(StudyError, match="is not the manifest of a study"):
         StudyFolder.open(tmp_path)
     whole = StudyFolder.create(tmp_path / "whole", tiny(), "")
     for key, told in (("chunk", "has chunks of another size"), ("format", "in format 4, not 3")):

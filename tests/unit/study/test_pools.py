@@ -169,7 +169,7 @@ def test_what_went_wrong_with_a_chunk_is_told(pool_of, end, told):
     pool.submit(StudyTask("", 0))
     with pytest.raises(StudyError, match=told):
         pool.wait_for_chunk()
-    with pytest.raises(StudyError, match="submit one first"):
+    with pytest.raises(StudyError, match="submit a chunk first"):
         pool.wait_for_chunk()
 
 
@@ -251,7 +251,7 @@ def test_a_pool_to_which_no_worker_comes_is_none_and_leaves_nothing(
         raise TimeoutError(f"not within {timeout:g} s")
 
     monkeypatch.setattr(Dask, "wait_for_workers", none)
-    with pytest.raises(StudyError, match="^the scheduler at .* has no workers: start some$"):
+    with pytest.raises(StudyError, match="^the scheduler at .* has no workers: start workers$"):
         pool_of(**keys)
     assert asked[0].log == left
 

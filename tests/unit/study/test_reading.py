@@ -335,10 +335,10 @@ def test_a_range_of_ten_times_or_more_is_searched_by_factors_in_six_digits(text,
 
 
 @pytest.mark.parametrize(("words", "complaint"), [
-    (["gain"], "is no range"),
+    (["gain"], "is not a range"),
     (["gain=2:1"], "low < high"), (["gain=2:inf"], "finite"), (["gain=-inf:2"], "finite"),
     (["gian=1:2"], "did you mean gain"),
-    ([], "nothing to search"),
+    ([], "there is no key to search"),
     (["gain=1:2", "gain=1:3"], "given twice"),
     (["delay=0:1"], "given twice"),
 ])  # fmt: skip

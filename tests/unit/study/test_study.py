@@ -161,9 +161,9 @@ def test_an_experiment_in_a_file_beside_the_study(tmp_path):
                   Study(experiment=str(tmp_path / "base.yaml"), repeats=2)):
         assert study.make_experiment(1).gain == 3.0
     (tmp_path / "base.yaml").write_text("- 3.0\n")
-    with pytest.raises(StudyError, match="base.yaml has no keys with values: it is no study"):
+    with pytest.raises(StudyError, match="base.yaml is not a study"):
         Study.from_yaml(tmp_path / "base.yaml")
-    with pytest.raises(StudyError, match="base.yaml has no keys with values"):
+    with pytest.raises(StudyError, match="base.yaml is not an experiment"):
         Study.from_mapping({"experiment": str(tmp_path / "base.yaml")})
 
 
@@ -197,7 +197,7 @@ def test_an_experiment_in_a_file_beside_the_study(tmp_path):
     ({"seeds": "run"}, "seeds is 'run': did you mean 'runs'"),
     ({"metrics": ["settle"]}, "unknown metric 'settle': did you mean 'settled'"),
     ({"metrics": ["nowhere.at_all:it"]}, "nowhere"),
-    ({"metrics": ["math:pi"]}, "math:pi is no metric"),
+    ({"metrics": ["math:pi"]}, "math:pi is not a metric"),
     ({"chunk": 0}, "chunk is 0"),
     ({"seed": -1}, "seed is -1"),
     ({"experiment": {**FREE, "seed": 3}}, "seed belongs to the study"),
@@ -219,7 +219,7 @@ def test_a_study_that_was_changed_is_looked_at_again(tiny):
 def test_what_yaml_has_and_no_study_is_refused_before_it_is_begun(tiny, tmp_path):
     day = datetime.date(2026, 2, 1)
     study = tiny(vary={}, cases={"a": [{"name": "b", "published": {"outcome": day}}]})
-    told = r"^datetime.date\(2026, 2, 1\) is no value for a study: give numbers, texts"
+    told = r"^datetime.date\(2026, 2, 1\) cannot be used in a study: use numbers, texts"
     with pytest.raises(StudyError, match=told):
         StudyFolder.create(tmp_path / "out", study, "")
 
@@ -246,8 +246,8 @@ def test_every_value_is_tried_before_the_first_run(tiny, changes, complaint):
 
 
 @pytest.mark.parametrize(("words", "complaint"), [
-    (["gain"], "'gain' is no override"),
-    (["=2"], "no override"),
+    (["gain"], "'gain' is not an override"),
+    (["=2"], "not an override"),
     (["gain=[1"], "not valid YAML"),
 ])  # fmt: skip
 def test_overrides_that_are_none(words, complaint):

@@ -21,7 +21,7 @@ class ExperimentError(BenchError):
 
 
 class ViewError(BenchError):
-    """Error of a camera pose from which the target is behind the camera or outside the image."""
+    """The target is behind the camera or outside the image."""
 
 
 class StudyError(BenchError):
@@ -29,7 +29,7 @@ class StudyError(BenchError):
 
 
 class RefusedError(BenchError):
-    """Request that is refused; the message gives the reason."""
+    """A request is refused; the message gives the reason."""
 
 
 def require(condition: bool, text: str) -> None:
@@ -42,7 +42,7 @@ def check_formats(requested: Iterable[str], available: Collection[str]) -> None:
     """Check that all requested formats are available.
 
     Raises:
-        StudyError: naming the first format that is not.
+        StudyError: a format is not available; the message names the first such format.
     """
     for name in requested:
         if name not in available:
@@ -54,7 +54,7 @@ def catch_write_errors(where: object, error_class: type[BenchError] = StudyError
     """Convert an OSError of the `with` block into an `error_class` with a one-line message.
 
     Args:
-        where: file or folder that the block writes to, named in the message.
+        where: file or folder that the block writes to; the message names it.
     """
     try:
         yield
@@ -72,7 +72,7 @@ def find_program_name() -> str:
 
 
 def make_missing_library_error(library: str | None, extra: str = "bench") -> BenchError:
-    """Make the error of a missing library that pip's optional dependency group `extra` contains."""
+    """Return the error for a missing library of pip's optional dependency group `extra`."""
     return BenchError(
         f"{library} is not installed: run ./setup.sh; without ROS, pip install '.[{extra}]' in the "
         "folder of the sources"

@@ -13,7 +13,7 @@ STUDY_RUN = re.compile(r"(.+):(\d+)$")
 
 
 def _ignore_progress(part: float) -> None:
-    """Ignore the progress."""
+    """Do nothing; used when the caller does not want to know the progress."""
 
 
 def load_run(source: str | Path, progress: Callable[[float], None] = _ignore_progress) -> Run:
@@ -21,10 +21,10 @@ def load_run(source: str | Path, progress: Callable[[float], None] = _ignore_pro
 
     Args:
         source: one of
-            a ROS bag, also one whose recorder was killed (needs ROS's Python packages);
-            a folder with a run.bag, as the demo writes it;
-            FOLDER:NUMBER, a run of a study, which is repeated;
-            a YAML file of an experiment, which is run.
+            a ROS bag, even if its recorder was killed (reading it needs ROS's Python packages);
+            a folder with a run.bag, as written by the demo;
+            FOLDER:NUMBER: run NUMBER of the study in FOLDER; this function repeats the run;
+            a YAML file of an experiment; this function runs the experiment.
         progress: called with the fraction of the bag that has been read, 0 to 1.
 
     Raises:
@@ -50,7 +50,10 @@ def load_run(source: str | Path, progress: Callable[[float], None] = _ignore_pro
     try:
         from .ros.bag import read_bag
     except ImportError as error:
-        raise BenchError(f"bags need ROS's Python packages: {error}") from None
+        raise BenchError(
+            f"reading a bag needs ROS's Python packages ({error}); run: source "
+            "devel/setup.bash"
+        ) from None
     return read_bag(path, progress)
 
 

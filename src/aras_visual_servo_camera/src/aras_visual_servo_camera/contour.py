@@ -1,8 +1,9 @@
 """Outline and corners of the segmented target, with sub-pixel accuracy, in normalised coordinates.
 
-The outline runs where the target covers half of a pixel. From each edge pixel it is searched along
-the gradient of the grey level. Corners are the intersections of straight lines that are fitted to
-the sides. The lines are fitted in normalised coordinates, where sides are straight for any lens.
+The outline has one point for each pixel at the target's edge. This point is searched along the
+gradient of the coverage, which is the fraction of each pixel that the target covers. Corners are
+the intersections of straight lines that are fitted to the sides. The lines are fitted in
+normalised coordinates, where sides are straight for any lens.
 """
 
 from __future__ import annotations
@@ -19,32 +20,36 @@ from .segmented_target import SegmentedTarget
 from .undistortion import CameraModel
 
 # A side that deviates from a line by more than MAX_BEND (as a fraction of the outline's length) and
-# MIN_BEND (px) is split in two. Sides shorter than MIN_SIDE (px) are blunted corners, not sides.
-# With all three, four corners are found in every image of a quadrilateral 17 to 40 px wide with
-# noise of up to 5 grey levels. With MAX_BEND alone, a fifth of these images, and most images of
-# quadrilaterals 10 to 17 px wide, gave five to eight corners.
+# MIN_BEND (px) is split in two. A side shorter than MIN_SIDE (px) is a blunted corner, not a side.
+# With these three limits, four corners are found in every image of a quadrilateral that is 17 to
+# 40 px wide, with noise of up to 5 grey levels. With MAX_BEND alone, five to eight corners were
+# found in a fifth of these images, and in most images of quadrilaterals 10 to 17 px wide.
 MAX_BEND, MIN_BEND, MIN_SIDE = 0.012, 1.2, 2.0
 MAX_CORNERS = 32
-FIT_ITERATIONS = 2  # lines are fitted between the rough corners, then between the fitted ones
+FIT_ITERATIONS = 2  # fits of the lines: between the rough corners, then between the fitted corners
 OUTLINE_SAMPLES = 128  # points at which an outline is compared with a model
-# Error of corners in px rms in addition to that estimated from the line fits, measured on 840
-# quadrilaterals of 12 to 180 px with noise of up to 5 grey levels.
+# Rms error of a corner, px, in addition to the error that the line fits predict. It was measured on
+# 840 quadrilaterals with a width of 12 to 180 px and noise of up to 5 grey levels.
 CORNER_ACCURACY = 0.022
-# A corner may be this far (in radii of the outline), plus one pixel, from that of the model.
+# Largest distance of a corner from its place in the model: this fraction of the outline's radius,
+# plus one pixel.
 MAX_CORNER_DISTANCE = 0.1
 
 
 def extract_outline(grey: NDArray[np.uint8], target: SegmentedTarget, camera: CameraModel) -> Array:
-    """Extract the outer outline (n, 2) of the target, normalised, with one point per edge pixel.
+    """Extract the target's outer outline in normalised coordinates.
 
     Args:
         grey: (rows, columns) image in which the target was segmented.
         target: result of `segment`.
-        camera: model that normalises the points.
+        camera: camera model with which the points are normalised.
+
+    Returns:
+        (n, 2), one point for each pixel at the target's edge, in order along the outline.
 
     Raises:
-        SegmentationError: the target has no outline or no contrast, or a part of the outline lies
-            where the lens model has no ray.
+        SegmentationError: the target has no outline or no contrast, or a part of the outline is
+            outside the range of the lens model.
     """
     weights, (left, top), _, _ = compute_coverage(grey, target)
     rows, columns = weights.shape
@@ -55,7 +60,7 @@ def extract_outline(grey: NDArray[np.uint8], target: SegmentedTarget, camera: Ca
     edge = max(found, key=len)[:, 0, :]
     if len(edge) < 8:
         raise SegmentationError(f"the target's outline is {len(edge)} pixel(s) long: too small")
-    # The weights of a Sobel kernel multiply a slope of one per pixel by 8.
+    # For a slope of one per pixel, the result of a Sobel kernel is 8.
     gx = cv2.Sobel(weights, cv2.CV_64F, 1, 0, borderType=cv2.BORDER_REPLICATE) / 8.0
     gy = cv2.Sobel(weights, cv2.CV_64F, 0, 1, borderType=cv2.BORDER_REPLICATE) / 8.0
     u, v = edge[:, 0], edge[:, 1]
@@ -69,17 +74,25 @@ def extract_outline(grey: NDArray[np.uint8], target: SegmentedTarget, camera: Ca
     x, y, valid = camera.normalise(left + u + out * nx, top + v + out * ny)
     if not valid.all():
         raise SegmentationError(
-            "the target reaches beyond the part of the image that has normalised coordinates"
+            "the target extends beyond the range of the lens model"
         )
     return np.stack([x, y], axis=1)
 
 
 def _locate_edge(weights: Array, u: Array, v: Array, nx: Array, ny: Array) -> Array:
-    """Compute the distance (n,), px, of the edge from each pixel (u, v) along its normal.
+    """Measure the distance of the target's edge from pixels, along the outward normals.
 
     The coverage is integrated along the normal from two pixels inside the target, where it is one,
-    to two pixels outside, where it is zero. The integral is the covered length. It is exact for an
-    edge that is blurred by a symmetric kernel.
+    to two pixels outside, where it is zero. The integral is the covered length, which is exact even
+    if the edge is blurred by a symmetric kernel.
+
+    Args:
+        weights: (rows, columns) coverage.
+        u, v: (n,) column and row of each pixel.
+        nx, ny: (n,) unit normal of the edge at each pixel.
+
+    Returns:
+        (n,) distances, px.
     """
     steps = np.arange(-2.0, 2.25, 0.25)
     columns = (u[:, None] + nx[:, None] * steps).astype(np.float32)
@@ -92,25 +105,26 @@ def _locate_edge(weights: Array, u: Array, v: Array, nx: Array, ny: Array) -> Ar
 
 
 def find_corners(outline: Array, max_bend: float = MAX_BEND) -> Array:
-    """Find the corners (n, 2) of a polygon's outline; `fit_corners` explains the method."""
+    """Return the corners (n, 2) of a polygon, as `fit_corners` computes them from its outline."""
     return fit_corners(outline, max_bend)[0]
 
 
 def fit_corners(outline: Array, max_bend: float = MAX_BEND) -> tuple[Array, Array]:
-    """Fit the corners (n, 2) of a polygon's outline (m, 2) and their uncertainty.
+    """Compute the corners of a polygon, and their uncertainty, from its outline.
 
-    The corners have positive orientation (from x to y). The sides are found by the
-    Douglas-Peucker algorithm and fitted by total least squares, without the points next to their
-    ends. Neighbouring lines are intersected, and the fit is repeated between these corners.
+    The sides are found by the Douglas-Peucker algorithm. A line is fitted to each side by total
+    least squares, without the points next to its ends. The corners are the intersections of
+    neighbouring lines. The fit is then repeated between these corners.
 
     Args:
-        outline: closed outline, as `extract_outline` returns it.
+        outline: (m, 2) closed outline, as `extract_outline` returns it.
         max_bend: largest deviation of a side from a line, as a fraction of the outline's length; at
-            least MIN_BEND pixels. Sides shorter than MIN_SIDE pixels are merged into a corner.
+            least MIN_BEND pixels. A side shorter than MIN_SIDE pixels is replaced by a corner.
 
     Returns:
-        The corners, and their spread (2n, 2n) from the scatter of the outline about its sides, as
-        `compute_crossing_spread` returns it.
+        The corners (n, 2), in the direction from the x axis to the y axis; and their uncertainty
+        (2n, 2n), which `compute_crossing_spread` computes from the scatter of the outline about
+        the lines.
 
     Raises:
         SegmentationError: the outline has fewer than three or more than 32 sides.
@@ -119,7 +133,7 @@ def fit_corners(outline: Array, max_bend: float = MAX_BEND) -> tuple[Array, Arra
     steps = _compute_side_lengths(points)
     pixel = float(np.median(steps))
     width = max(max_bend * float(steps.sum()), MIN_BEND * pixel)
-    # approxPolyDP takes float32; coordinates about the middle lose fewer digits.
+    # approxPolyDP uses float32, so coordinates relative to the middle lose fewer digits.
     rough = cv2.approxPolyDP(points.astype(np.float32)[:, None], width, True)
     corners = rough[:, 0].astype(float)
     while len(corners) > 3 and (sides := _compute_side_lengths(corners)).min() < MIN_SIDE * pixel:
@@ -132,27 +146,31 @@ def fit_corners(outline: Array, max_bend: float = MAX_BEND) -> tuple[Array, Arra
 
 
 def match_corners(outline: Array, model: Array) -> Array:
-    """Find the corners (n, 2) of a polygon's outline (m, 2) with the help of a model.
+    """Find the corners of a polygon in its outline with the help of a model of the polygon.
 
-    The result has as many corners as the model (n, 2), in its order. A model is needed where the
-    outline is only a few pixels long, because its sides cannot be found without it. The model is
-    aligned with the outline by the best-fitting similarity, with points at equal distances along
-    both. Its corners then separate the sides.
+    If the outline is only a few pixels long, its sides cannot be found without a model. The model
+    is aligned with the outline by the similarity transformation that fits best. For this fit, both
+    are sampled at points with equal distances. The corners of the aligned model then separate the
+    sides of the outline.
 
     Args:
-        outline: closed outline, as `extract_outline` returns it.
-        model: corners of the same target in another view of the same side.
+        outline: (m, 2) closed outline, as `extract_outline` returns it.
+        model: (n, 2) corners of the same target in another view of the same side.
+
+    Returns:
+        The corners (n, 2), in the order of the model's corners.
 
     Raises:
-        SegmentationError: two corners fall on one point of the outline, or the outline is no view
-            of the model.
+        SegmentationError: two corners are at the same point of the outline, or the outline does
+            not show the model.
     """
     points, middle = _centre_polygon(outline)
     model_points, _ = _centre_polygon(model)
     outline_samples, model_samples = _resample(points), _resample(model_points)
     origin = model_samples.mean()
     model_samples = model_samples - origin
-    # Correlation with the model for every start point, by the correlation theorem.
+    # Circular correlation of the two outlines by the correlation theorem. Entry k belongs to a
+    # shift of the start point by k samples.
     correlation = np.fft.ifft(np.fft.fft(outline_samples) * np.conj(np.fft.fft(model_samples)))
     similarity = (
         correlation[int(np.abs(correlation).argmax())] / np.vdot(model_samples, model_samples).real
@@ -178,7 +196,9 @@ def match_corners(outline: Array, model: Array) -> Array:
 
 
 def _centre_polygon(polygon: Array) -> tuple[Array, Array]:
-    """Return the points (n, 2) about their middle, with positive orientation, and the middle (2,).
+    """Return the points (n, 2) relative to their middle, and the middle (2,).
+
+    The points are reversed if their direction is from the y axis to the x axis.
     """
     points = np.asarray(polygon, dtype=float)
     middle = points.mean(axis=0)
@@ -192,7 +212,11 @@ def _compute_side_lengths(points: Array) -> Array:
 
 
 def _resample(polygon: Array) -> Array:
-    """Return OUTLINE_SAMPLES complex points at equal distances along a closed polygon (n, 2)."""
+    """Sample a closed polygon (n, 2) at OUTLINE_SAMPLES points with equal distances.
+
+    Returns:
+        (OUTLINE_SAMPLES,) complex numbers x + i y.
+    """
     closed = np.vstack([polygon, polygon[:1]])
     arc_length = np.concatenate([[0.0], np.linalg.norm(np.diff(closed, axis=0), axis=1).cumsum()])
     positions = arc_length[-1] * np.arange(OUTLINE_SAMPLES) / OUTLINE_SAMPLES
@@ -202,26 +226,32 @@ def _resample(polygon: Array) -> Array:
 
 
 def _fit_sides(points: Array, corners: Array) -> tuple[Array, Array]:
-    """Fit lines to the sides of an outline and intersect them, starting from rough corners (k, 2).
+    """Fit lines to the sides of an outline and intersect them.
+
+    Args:
+        points: (m, 2) points of the closed outline.
+        corners: (k, 2) rough corners.
 
     Returns:
-        The corners (n, 2) and their spread (2n, 2n).
+        The corners (n, 2) and their uncertainty (2n, 2n), as in `fit_corners`.
 
     Raises:
-        SegmentationError: as in `fit_corners`.
+        SegmentationError: the outline has fewer than three or more than 32 sides.
     """
     for _ in range(FIT_ITERATIONS):
         breaks = _find_nearest_indices(points, corners)
         if not 3 <= len(breaks) <= MAX_CORNERS:
-            raise SegmentationError(f"the target's outline has {len(breaks)} sides: no polygon")
+            raise SegmentationError(
+                f"the target's outline has {len(breaks)} sides, must be 3 to {MAX_CORNERS}"
+            )
         corners, lines = _intersect_sides(points, breaks)
     return corners, compute_crossing_spread(lines)
 
 
 def _find_nearest_indices(points: Array, corners: Array) -> NDArray[np.intp]:
-    """Return the indices of the outline points nearest to the corners.
+    """Return the index of the outline point that is nearest to each corner, without duplicates.
 
-    The indices are in cyclic order, starting with that of the first corner.
+    The indices are in order along the outline, starting at the first corner.
     """
     distance = np.linalg.norm(points[None, :, :] - corners[:, None, :], axis=2)
     places = distance.argmin(axis=1)
@@ -231,12 +261,14 @@ def _find_nearest_indices(points: Array, corners: Array) -> NDArray[np.intp]:
 
 
 def _intersect_sides(points: Array, breaks: NDArray[np.intp]) -> tuple[Array, list[FittedLine]]:
-    """Intersect the lines of neighbouring sides of an outline.
+    """Fit a line to each side of an outline and intersect neighbouring lines.
 
-    The breaks are the indices of the outline points that separate the sides.
+    Args:
+        points: (m, 2) points of the closed outline.
+        breaks: (n,) indices of the points that separate the sides.
 
     Returns:
-        The corners (n, 2), and the lines, each of which starts at its corner.
+        The corners (n, 2), and n lines; line k leads from corner k to the next corner.
     """
     ends = np.roll(breaks, -1)
     lines = [_fit_line(points, a, b) for a, b in zip(breaks, ends, strict=True)]
@@ -253,10 +285,10 @@ def _intersect_sides(points: Array, breaks: NDArray[np.intp]) -> tuple[Array, li
 
 
 def _fit_line(points: Array, first: int, last: int) -> FittedLine:
-    """Fit a line to the outline from one corner to the next."""
+    """Fit a line to the points of an outline from index `first` to index `last`."""
     count = (last - first) % len(points) or len(points)
-    # Near a corner the grey levels mix both sides: leave out two pixels, or a third of a short
-    # side.
+    # The grey levels near a corner depend on both sides, so the points next to the ends are
+    # omitted: three at each end, or a third of a side with fewer than nine points.
     cut = min(3, count // 3)
     side = points[(first + np.arange(cut, count - cut + 1)) % len(points)]
     centre = side.mean(axis=0)

@@ -13,33 +13,35 @@ from aras_visual_servo_base.compiled import jit
 from .errors import SegmentationError
 from .segmented_target import Mask, SegmentedTarget
 
-# Half width (px) of the neighbourhood whose mean is the local level of the background or the
-# target.
+# Half width, px, of the square over which the local grey level of the background or of the target
+# is averaged.
 BAND_WIDTH = 3
-# Grey levels; where target and background differ by less, an edge pixel counts as a whole.
+# If the local grey levels of background and target differ by less, the weight of an edge pixel is
+# its value in the mask, 0 or 1.
 MIN_CONTRAST = 8.0
 
 
 def compute_coverage(
     grey: Mask, target: SegmentedTarget, band: int = 2
 ) -> tuple[NDArray[np.float64], tuple[int, int], float, float]:
-    """Compute the fraction of each pixel that the target covers.
+    """Compute the weight of each pixel, which is the fraction that the target covers.
 
-    Pixels inside the target, more than `band` pixels from its edge, have weight one; pixels outside
-    have weight zero. In the band along the edge the weight is (bg - I) / (bg - fg), where bg and fg
-    are the mean levels just outside and inside. Noise away from the edge therefore has no effect.
-    The weight is not clipped to [0, 1], because noise has zero mean only if both its signs count.
+    A pixel that is more than `band` pixels from the target's edge has the weight one inside the
+    target and zero outside. Noise in these pixels therefore has no effect. In the band along the
+    edge, a pixel with the grey level I has the weight (bg - I) / (bg - fg), where bg and fg are the
+    mean grey levels of the background and of the target outside the band. This weight is not
+    clipped to [0, 1], because the mean of clipped noise is not zero.
 
-    If the levels vary over the image (`target.is_uneven`), they are the means around each pixel,
-    and the band consists of the pixels next to the edge. Edge pixels without contrast keep the
-    value of the mask.
+    If the grey levels vary over the image (`target.is_uneven`), bg and fg are means around each
+    pixel, the band consists of the pixels next to the edge, and their weights are clipped. An edge
+    pixel at which bg and fg differ too little has the weight 1 if it is in the mask, otherwise 0.
 
     Returns:
-        The weights (rows, columns) of a crop; (column, row) of the crop's first pixel; bg and fg,
-        which are means over the crop for an uneven target.
+        The weights (rows, columns) of a crop of the image; (column, row) of the crop's first pixel;
+        bg; fg. For an uneven target, bg and fg are the means over the crop.
 
     Raises:
-        SegmentationError: inside and outside have no contrast.
+        SegmentationError: bg and fg differ by less than one grey level.
     """
     margin = 2 * band + 1
     column, row, width, height = target.box
@@ -55,14 +57,22 @@ def compute_coverage(
     core = cv2.erode(inside, element, borderType=cv2.BORDER_REPLICATE)
     bg, fg = _measure_levels(image, around, core)
     if abs(bg - fg) < 1.0:
-        raise SegmentationError("the target has no contrast to its surroundings")
+        raise SegmentationError(
+            f"the target has no contrast to its surroundings: both have the grey level {bg:.0f}"
+        )
     return _compute_weights(image, around, core, bg, fg), (left, top), bg, fg
 
 
 def _compute_local_coverage(
     image: Mask, inside: Mask, corner: tuple[int, int]
 ) -> tuple[NDArray[np.float64], tuple[int, int], float, float]:
-    """Compute the coverage, as `compute_coverage` does, of a crop with varying levels."""
+    """Compute the result of `compute_coverage` for an uneven target.
+
+    Args:
+        image: (rows, columns) grey levels of the crop.
+        inside: (rows, columns) 1 on the target, 0 elsewhere.
+        corner: (column, row) of the crop's first pixel.
+    """
     around = cv2.dilate(inside, _make_square(1))
     core = cv2.erode(inside, _make_square(1), borderType=cv2.BORDER_REPLICATE)
     levels = []
@@ -83,8 +93,7 @@ def _compute_local_coverage(
 
 @cache
 def _make_square(band: int) -> Mask:
-    """Return a structuring element that reaches `band` pixels in each direction, also diagonally.
-    """
+    """Return a square structuring element of 2 band + 1 pixels."""
     return cv2.getStructuringElement(cv2.MORPH_RECT, (2 * band + 1, 2 * band + 1))
 
 
@@ -92,9 +101,13 @@ def _make_square(band: int) -> Mask:
 def _measure_levels(image, around, core):
     """Return the mean grey levels of the background and of the target's core.
 
-    The background consists of the pixels (rows, columns) where `around` is zero. If there are no
-    such pixels, the highest level of the image replaces their mean; the lowest level replaces that
-    of an empty core.
+    If there are no pixels of the background, its level is the highest level in the image. If there
+    are no pixels of the core, its level is the lowest.
+
+    Args:
+        image: (rows, columns) grey levels.
+        around: (rows, columns) zero on the background.
+        core: (rows, columns) nonzero on the core.
     """
     counts, sums = np.zeros(2, np.int64), np.zeros(2, np.int64)
     highest, lowest = 0, 255
@@ -115,7 +128,11 @@ def _measure_levels(image, around, core):
 
 @jit("u1[:,:], u1[:,:], u1[:,:], f8, f8")
 def _compute_weights(image, around, core, bg, fg):
-    """Return weights (rows, columns): 1 in the core, 0 outside, and by grey level at the edge."""
+    """Return the weights (rows, columns) of the pixels with the grey levels I.
+
+    The weight is 1 in the core of the target, 0 in the background, where `around` is zero, and
+    (bg - I) / (bg - fg) in the band between them.
+    """
     of_level = (bg - np.arange(256.0)) / (bg - fg)
     weights = np.zeros(image.shape)
     for row in range(image.shape[0]):

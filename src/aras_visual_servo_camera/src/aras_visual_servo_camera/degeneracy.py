@@ -1,7 +1,7 @@
-"""Checks of features whose denominator may vanish, which leaves them undefined.
+"""Checks of features that are undefined if their denominator vanishes.
 
-Every measure is dimensionless: a moment of order n is compared with m00 rg^n, where rg is the
-radius of gyration. The result therefore does not depend on the size or distance of the target.
+All checks are dimensionless: a moment of order n is compared with m00 rg^n, where rg is the radius
+of gyration. The result therefore does not depend on the size or distance of the target.
 """
 
 from __future__ import annotations
@@ -11,7 +11,8 @@ from math import comb, sqrt
 
 from .moments import Moments
 
-# Rounding errors are about 1e-13; below this tolerance a feature has too few correct digits.
+# Rounding errors are about 1e-13. If a denominator is below this tolerance, too few digits of the
+# feature are correct.
 DEFAULT_TOLERANCE = 1e-9
 
 
@@ -22,14 +23,16 @@ def gyration_radius(moments: Moments) -> float:
 
 
 def moment_norm(moments: Moments, n: int) -> float:
-    """Compute a norm of the centred moments of order n that is invariant to image rotation."""
+    """Compute a norm of the centred moments of order n that does not change if the image rotates.
+    """
     return sqrt(sum(comb(n, j) * moments.mu(n - j, j) ** 2 for j in range(n + 1)))
 
 
 def asymmetry(moments: Moments, n: int = 3) -> float:
-    """Compute the norm of the moments of order n divided by m00 rg^n.
+    """Compute the norm of the centred moments of order n, divided by m00 rg^n.
 
-    For odd n it is zero if the shape has a centre of symmetry.
+    rg is the radius of gyration. For odd n, the result is zero if the shape has a centre of
+    symmetry.
     """
     scale = moments.m00 * gyration_radius(moments) ** n
     return moment_norm(moments, n) / scale if scale > 0.0 else 0.0
@@ -67,7 +70,8 @@ def _make_ratio_check(
     return check
 
 
-# Check of each denominator: (moments, its value, tolerance) -> reason, or None if defined.
+# Check of each denominator: a function of the moments, the value of the denominator and the
+# tolerance. It returns the reason why the feature is undefined, or None if it is defined.
 CHECKS: dict[str, Callable[[Moments, float, float], str | None]] = {
     "anisotropy": _check_anisotropy,
     "I4": _make_ratio_check(3, 2, "I4"),

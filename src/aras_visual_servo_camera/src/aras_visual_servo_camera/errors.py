@@ -1,4 +1,4 @@
-"""Exceptions of the package; each message can be shown to the user as it is."""
+"""Exceptions of the package. Their messages are written for the user."""
 
 
 class VisionError(Exception):
@@ -10,7 +10,7 @@ class ImageError(VisionError):
 
 
 class CalibrationError(VisionError):
-    """A CameraInfo that cannot be used to normalise pixels."""
+    """Intrinsics (CameraInfo) with which pixels cannot be normalised."""
 
 
 class SegmentationError(VisionError):
@@ -18,19 +18,23 @@ class SegmentationError(VisionError):
 
 
 class MomentsError(VisionError):
-    """A shape without usable moments: empty, too few points, crossing edges or not finite."""
+    """A shape whose moments cannot be computed or used.
+
+    For example, it is empty, has fewer than three points, edges that cross, or a coordinate that is
+    not finite.
+    """
 
 
 class FeatureError(VisionError):
-    """A feature that does not exist or whose inputs are missing."""
+    """A feature that does not exist, or whose inputs are missing."""
 
 
 class DegenerateFeatureError(FeatureError):
     """A feature that is undefined for the current shape.
 
     Attributes:
-        name: the feature.
-        reason: explanation why it is undefined.
+        name: name of the feature.
+        reason: explanation why the feature is undefined.
     """
 
     def __init__(self, name: str, reason: str) -> None:

@@ -1,8 +1,9 @@
 """The features, each defined by one formula of moments and other formulas.
 
-Leaves: m_ij and mu_ij (as m20, mu20, ...), the area a (for points: mu20 + mu02), the centre of
-gravity xg, yg, and the reference values a_star, Z_star. I1 ... I15 are polynomials that are
-invariant to image rotation; the ratios C1 ... C10 are also invariant to scale.
+The formulas are functions of the moments m_ij and mu_ij (named m20, mu20, ...), the area a (for a
+set of points: mu20 + mu02), the centre of gravity xg, yg, and the area a_star and depth Z_star of
+the desired view. The polynomials I1 ... I15 are invariant to a rotation of the image. The ratios
+C1 ... C10 are also invariant to its scale.
 
 References: F. Chaumette, Image moments: a general and useful set of features for visual
 servoing, IEEE T-RO 20(4), 2004 (Sx, Sy, Px, Py); O. Tahri and F. Chaumette, Point-based and
@@ -15,7 +16,8 @@ from __future__ import annotations
 from .formula import Formula
 
 _SOURCES = {
-    # The paper's features: centre of gravity and area, normalised to be linear in the translation.
+    # Centre of gravity and area, normalised such that they are linear in the camera's translation
+    # (Tahri and Chaumette 2005).
     "an": "Z_star * sqrt(a_star / a)",
     "xn": "an * xg",
     "yn": "an * yg",
@@ -71,7 +73,7 @@ _SOURCES = {
     "C8": "I12 / I10",
     "C9": "I13 / I15",
     "C10": "I14 / I15",
-    # Chaumette 2004: Sx, Sy for asymmetric objects, Px, Py for symmetric ones
+    # Chaumette 2004: Sx and Sy are for asymmetric objects, Px and Py for symmetric objects.
     "cos2": "mu20 - mu02",
     "sin2": "2 * mu11",
     "cos3": "mu03 - 3 * mu21",
@@ -86,13 +88,14 @@ _SOURCES = {
     "Sy": "(sin3 * cos4 - cos3 * sin4) / K",
     "Px": "J1 / J3**2",
     "Py": "a * J2 / J3**3",
-    # The same formulas with m00 instead of a. For a region they are equal; for points, whose
-    # a = mu20 + mu02 scales with the image, only these are invariant to scale.
+    # Sx, Sy and Py with m00 instead of a. For a region, a is m00. For a set of points,
+    # a = mu20 + mu02 depends on the scale, so only the formulas with m00 are invariant to scale.
     "Kn": "J1 * J3 * sqrt(J3) / sqrt(m00)",
     "Sxn": "(cos3 * cos4 + sin3 * sin4) / Kn",
     "Syn": "(sin3 * cos4 - cos3 * sin4) / Kn",
     "Pyn": "m00 * J2 / J3**3",
-    # Names in Tahri and Chaumette 2005: c_i are the invariants, r_i those for the two tilt angles
+    # Names in Tahri and Chaumette 2005: c_i are the invariants C_i, and r1 and r2 are the
+    # invariants for the two tilt angles.
     **{f"c{k}": f"C{k} + 0" for k in range(1, 11)},
     "r1": "I13 / I15",
     "r2": "I14 / I15",
@@ -100,8 +103,8 @@ _SOURCES = {
 
 FORMULAS: dict[str, Formula] = {name: Formula(source) for name, source in _SOURCES.items()}
 
-# Denominators that must not vanish for a formula to be defined; degeneracy.py defines when they
-# count as zero. Formulas that use these features have the same condition.
+# Denominator of each feature. If it vanishes, the feature, and every formula that uses the feature,
+# is undefined. degeneracy.py checks whether a denominator vanishes.
 DENOMINATORS: dict[str, str] = {
     "alpha": "anisotropy",
     "alpha_full": "anisotropy",

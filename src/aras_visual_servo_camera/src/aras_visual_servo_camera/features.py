@@ -1,16 +1,20 @@
-"""Visual features of image moments and their interaction matrices, as one immutable result.
+"""Visual features of image moments and their interaction matrices.
 
     result = compute_moment_features(moments, ("xn", "yn", "an", "alpha"), plane, reference)
     result.values    # s, (4,)
-    result.L         # ds/dt = L v, (4, 6), v the camera's twist in its own optical frame
+    result.L         # (4, 6): ds/dt = L v, where v is the camera's twist in its own optical frame
 
-Names: m00 ..., mu20 ... (any moment), xg, yg, area, xn, yn, an, alpha (symmetric, in
-(-pi/2, pi/2]), alpha_full (relative to the reference, in (-pi, pi]), C1 ... C10, Sx, Sy, Px, Py,
-and the polynomials I1 ... I15 from which they are made. An expression such as "C3 - 0.5 * C4" is
-also a feature; its interaction matrix follows by the chain rule.
+These names are features:
+- any moment (m00, mu20, ...), xg, yg, area, xn, yn, an;
+- alpha, the orientation of the main axis in (-pi/2, pi/2];
+- alpha_full, the orientation relative to that of the desired view, in (-pi, pi];
+- C1 ... C10, Sx, Sy, Px, Py, and the polynomials I1 ... I15 that define C1 ... C10.
 
-A feature that is undefined for a shape (alpha of a square, a ratio 0/0) is listed in `degenerate`
-with the reason. Its value and row are zero, never NaN.
+An expression such as "C3 - 0.5 * C4" is also a feature. Its interaction matrix follows from the
+chain rule.
+
+If a feature is undefined for a shape (alpha of a square, a ratio 0/0), `degenerate` contains the
+reason, and the value and the row of L are zero, not NaN.
 """
 
 from __future__ import annotations
@@ -42,12 +46,13 @@ _MOMENT = re.compile(r"(m|mu)(\d)(\d)\Z")
 
 @dataclass(frozen=True)
 class Reference:
-    """Area, depth and orientation of the desired view, to which an, xn, yn and alpha_full refer.
+    """Area, depth and orientation of the desired view, on which an, xn, yn and alpha_full depend.
 
     Attributes:
         area: a*, the `Moments.area` of the desired view.
         depth: Z*, depth of the target's plane on the optical axis in the desired view, m.
-        orientation: orientation in the desired view, for alpha_full; None if it has no main axis.
+        orientation: orientation of the target in the desired view, for alpha_full; None if it is
+            undefined.
     """
 
     area: float
@@ -65,7 +70,7 @@ class Reference:
         """Return the reference of a desired view with the given moments and depth Z* (m).
 
         `plane` is the target's plane in that view; by default it is parallel to the image plane.
-        Moments below order 3 give a reference without orientation.
+        If the order of the moments is below 3, the reference has no orientation.
         """
         plane = Plane.fronto_parallel(depth) if plane is None else plane
         return cls(moments.area, depth, Orientation.from_moments(moments, plane))
@@ -73,14 +78,14 @@ class Reference:
 
 @dataclass(frozen=True, eq=False)
 class FeatureSet:
-    """Features and their interaction matrix.
+    """Features of one view and their interaction matrix.
 
     Attributes:
         names: k names, in the requested order.
-        values: (k,) read-only.
-        L: (k, 6) read-only; d(values)/dt = L (vx, vy, vz, wx, wy, wz).
-        degenerate: reason by name, for the features that are undefined for this shape.
-        plane: the plane for which L was computed.
+        values: (k,) values of the features, read-only.
+        L: (k, 6) interaction matrix, read-only: d(values)/dt = L (vx, vy, vz, wx, wy, wz).
+        degenerate: for each feature that is undefined for this shape, the reason by name.
+        plane: the target's plane for which L was computed.
     """
 
     names: tuple[str, ...]
@@ -104,19 +109,30 @@ class FeatureSet:
         return float(self.values[self._find_index(name)])
 
     def get_interaction_row(self, name: str) -> Array:
-        """Return the row of L of one feature, (6,); raise errors as `__getitem__` does."""
+        """Return the row (6,) of L that belongs to one feature.
+
+        Raises:
+            DegenerateFeatureError: the feature is undefined for this shape.
+            FeatureError: the feature was not computed.
+        """
         return self.L[self._find_index(name)]
 
     def _find_index(self, name: str) -> int:
         if name in self.degenerate:
             raise DegenerateFeatureError(name, self.degenerate[name])
         if name not in self.names:
-            raise FeatureError(f"feature '{name}' was not computed; there are {self.names}")
+            raise FeatureError(
+                f"feature '{name}' was not computed; the computed features are "
+                f"{', '.join(self.names)}"
+            )
         return self.names.index(name)
 
 
 class _Node(NamedTuple):
-    """A formula with the leaves and denominators that it depends on, computed once per name."""
+    """A feature, and the leaves and denominators that it depends on.
+
+    A leaf is a name that has no formula, such as a moment. A node is computed once for each name.
+    """
 
     formula: Formula | None  # None for a leaf
     leaves: frozenset[str]
@@ -163,13 +179,16 @@ def _find_leaf_order(leaf: str, kind: str) -> int:
 
 
 class _Plan(NamedTuple):
-    """Inputs that a list of features needs, computed once per list.
+    """Inputs of a list of features; a plan is computed once for each list.
+
+    A leaf is a quantity that has no formula, such as a moment. Its row is the row of its
+    interaction matrix.
 
     Attributes:
-        leaves: names, in the order of the rows of `_compute_leaf_rows`.
-        centred_order, raw_order: highest order of the rows that are needed; raw_order is -1 if no
-            raw moments are used.
-        row_indices: index of each leaf in the stack of all rows.
+        leaves: names of the leaves.
+        centred_order: highest order of the centred moments whose rows are needed.
+        raw_order: highest order of the raw moments whose rows are needed, -1 if there are none.
+        row_indices: index of each leaf's row in the array that `_compute_leaf_rows` builds.
     """
 
     leaves: tuple[str, ...]
@@ -184,7 +203,8 @@ def _make_plan(names: tuple[str, ...], kind: str) -> _Plan:
     raw = [_find_leaf_order(n, kind) for n in leaves if re.match(r"m\d", n)]
     rest = [_find_leaf_order(n, kind) for n in leaves if not re.match(r"m\d", n)]
     centred_order, raw_order = max([1, *rest]), max([1, *raw]) if raw else -1
-    # Order of the stack: area, xg, yg, zero, all mu, all m.
+    # `_compute_leaf_rows` stacks the rows in this order: area, xg, yg, a row of zeros, all mu_ij,
+    # all m_ij.
     first_raw = 4 + len(exponents(centred_order))
 
     def find_position(leaf: str) -> int:
@@ -205,7 +225,10 @@ def _make_program(names: tuple[str, ...], leaves: tuple[str, ...]) -> Program:
 
 
 def compute_required_order(names: Iterable[str], kind: str = DENSE) -> int:
-    """Return the order of moments that L of the features needs, one more than their values."""
+    """Return the order of moments from which L of the features can be computed.
+
+    It is one more than the order that their values need.
+    """
     plan = _make_plan(tuple(names), kind)
     return max(plan.centred_order, plan.raw_order) + 1
 
@@ -227,13 +250,15 @@ def compute_moment_features(
         names: features such as 'xn', 'alpha' or 'C3 - 0.5 * C4'; this module's docstring lists
             them.
         plane: target's plane in the current optical frame, 1/Z = A x + B y + C. By default it is
-            parallel to the image plane, at the depth at which the area matches the reference.
+            parallel to the image plane, at the depth that follows from the area and from the area
+            and depth of the reference.
         reference: desired view, for an, xn, yn, alpha_full and the default plane.
-        tolerance: dimensionless size below which a denominator counts as zero: 1e-9 for rounding
-            errors, about 1e-2 for a noisy image of a square.
+        tolerance: dimensionless size below which a denominator is treated as zero: 1e-9 for
+            rounding errors, about 1e-2 for a noisy image of a square.
 
     Returns:
-        Values s (k,), L (k, 6), and the reason for each feature that is undefined for this shape.
+        The values s (k,), L (k, 6), and for each feature that is undefined for this shape the
+        reason.
 
     Raises:
         FeatureError: a name is unknown, the order of the moments is too low, or a reference is
@@ -255,26 +280,33 @@ def compute_feature_values(
     reference: Reference | None = None,
     tolerance: float = DEFAULT_TOLERANCE,
 ) -> Array:
-    """Compute only the values (k,) of `compute_moment_features`, without L.
+    """Compute the values (k,) of `compute_moment_features` without L.
 
     Raises:
-        FeatureError: as in `compute_moment_features`.
+        FeatureError: a name is unknown, the order of the moments is too low, or a reference is
+            missing.
     """
     plan = _make_plan(names, moments.kind)
     return _View(moments, plane, reference, tolerance).evaluate_defined(names, plan)[0]
 
 
 def _make_plane(moments: Moments, reference: Reference | None) -> Plane:
-    """Return the plane parallel to the image plane at which the area matches the reference."""
+    """Return the plane parallel to the image plane whose depth follows from the reference's area.
+
+    Its depth is Z* sqrt(a* / a), where a and a* are the current and the desired area.
+    """
     if reference is None:
-        raise FeatureError("give a plane, or a reference from which its depth can be computed")
+        raise FeatureError(
+            "the depth of the target is unknown; give a plane, or a reference with the desired "
+            "area and depth"
+        )
     if not moments.area > 0.0:
-        raise FeatureError("the points coincide: no depth can be computed from them")
+        raise FeatureError("all points coincide, so their depth cannot be computed; give a plane")
     return Plane.fronto_parallel(reference.depth * sqrt(reference.area / moments.area))
 
 
 def _compute_leaf_rows(moments: Moments, plane: Plane, plan: _Plan) -> Array:
-    """Compute the interaction rows of the leaves, (n, 6), in the order of plan.leaves."""
+    """Compute the interaction matrix (n, 6) of the plan's n leaves, in the order of plan.leaves."""
     centre, mu = compute_centred_interaction(moments, plane, plan.centred_order)
     area = mu[:1]
     if moments.kind != DENSE and "a" in plan.leaves:
@@ -289,7 +321,7 @@ _NO_ROW = np.zeros((1, 6))
 
 
 class _View:
-    """Values of one view and their derivatives with respect to the leaves."""
+    """Evaluates features of one view and their derivatives with respect to the moments."""
 
     def __init__(
         self, moments: Moments, plane: Plane, reference: Reference | None, tolerance: float
@@ -303,11 +335,11 @@ class _View:
     def evaluate_defined(
         self, names: tuple[str, ...], plan: _Plan
     ) -> tuple[Array, tuple[tuple[float, ...], ...], dict[str, str]]:
-        """Evaluate the features and replace undefined ones by zeros.
+        """Evaluate the features, with zeros for those that are undefined.
 
         Returns:
-            Values (k,); derivatives of each feature with respect to the plan's leaves; and the
-            reasons for the undefined features by name.
+            The values (k,); for each feature, its derivatives with respect to plan.leaves; and for
+            each undefined feature, the reason by name.
 
         Raises:
             FeatureError: the order of the moments is too low.
@@ -342,20 +374,20 @@ class _View:
         return values, rows, degenerate
 
     def explain_undefined(self, name: str) -> str | None:
-        """Return the reason if the feature is undefined, otherwise None."""
+        """Return the reason why the feature is undefined, or None if it is defined."""
         for denominator in _make_node(name).denominators:
             value = self._get_value(denominator) if denominator in FORMULAS else 0.0
             reason = CHECKS[denominator](self.moments, value, self.tolerance)
             if reason is not None:
                 return reason
         if name == "alpha_full" and self._get_reference(name).orientation is None:
-            return "the reference has no main axis, hence no orientation to compare with"
+            return "the orientation of the reference is undefined"
         return None
 
     def evaluate(
         self, names: tuple[str, ...], leaves: tuple[str, ...]
     ) -> tuple[tuple[float, ...], tuple[tuple[float, ...], ...]]:
-        """Return the values of the features and their derivatives with respect to the leaves.
+        """Return the values of the features and their derivatives with respect to `leaves`.
 
         Raises:
             ZeroDivisionError: a feature divides by zero.

@@ -1,8 +1,8 @@
 """Formulas with automatic symbolic derivatives.
 
-An interaction matrix that is typed in by hand can disagree with its feature, as the matrix of C5
-did in ViSP for years. Here a feature is a single expression, and its partial derivatives follow
-from that expression. The feature and its interaction matrix therefore always agree.
+An interaction matrix that is written by hand can disagree with its feature, as the matrix of the
+feature C5 did in ViSP for years. Here a feature is one expression, and its partial derivatives are
+derived from this expression. The feature and its interaction matrix therefore always agree.
 """
 
 from __future__ import annotations
@@ -15,12 +15,13 @@ _ZERO, _ONE = ast.Constant(0.0), ast.Constant(1.0)
 
 
 class Formula:
-    """A real expression of named variables with + - * /, ** (constant exponents), sqrt and atan2.
+    """An expression of real variables with + - * /, ** (constant exponents), sqrt and atan2.
 
     Attributes:
         source: the expression as text.
-        names: its variables, in order of first appearance.
-        body: source text of a tuple of the value and its partial derivatives.
+        names: names of its variables, in order of their first appearance.
+        body: Python source of a tuple of the value and the partial derivative with respect to each
+            variable.
     """
 
     def __init__(self, source: str) -> None:
@@ -35,15 +36,15 @@ class Formula:
 
 
 class Program:
-    """Several formulas that use each other, compiled to one function without loops.
+    """Several formulas, which may use each other, compiled to one function without loops.
 
-    The function returns the values of the formulas and their derivatives with respect to the
-    leaves. A leaf is a name without a formula, such as a moment.
+    A leaf is a variable that has no formula, such as a moment.
 
     Attributes:
-        leaves: arguments of `evaluate`, in this order.
-        used_leaves: those that affect the result.
-        evaluate: the compiled function; it returns the values and the rows of derivatives.
+        leaves: names of the arguments of `evaluate`, in order.
+        used_leaves: names of the leaves that affect the result.
+        evaluate: compiled function of the leaves. It returns the values of the formulas, and for
+            each formula its derivatives with respect to the leaves.
     """
 
     def __init__(
@@ -56,16 +57,17 @@ class Program:
         """Compile the program.
 
         Args:
-            names: formulas or leaves whose values are returned.
+            names: names of the formulas or leaves whose values `evaluate` returns.
             find_formula: function that returns the formula of a name, or None for a leaf.
-            leaves: all leaves; some may be unused.
-            same_slope: maps leaves to formulas that have the same derivatives.
+            leaves: names of all leaves; some may be unused.
+            same_slope: formula that has the same derivatives as a leaf, by the name of the leaf.
         """
         self.leaves = tuple(leaves)
         self.used_leaves: set[str] = set()
         self._find_formula, self._same_slope = find_formula, same_slope
         self._lines: list[str] = []
-        # By name: the local variable of the value, and those of the derivatives by leaf.
+        # For each name, the local variable of its value, and the local variables of its derivatives
+        # by leaf.
         self._local_names: dict[str, tuple[str, dict[str, str]]] = {}
         found = [self._get_locals(name) for name in names]
         values = _format_tuple(value for value, _ in found)
@@ -78,9 +80,9 @@ class Program:
         )
 
     def _get_locals(self, name: str) -> tuple[str, dict[str, str]]:
-        """Return the local variables of a name's value and derivatives.
+        """Return the local variables of the value and of the derivatives of a name.
 
-        The lines that set the variables are written at the first call.
+        The first call for a name writes the lines of source that set these variables.
         """
         if name not in self._local_names:
             formula = self._find_formula(name)
@@ -97,7 +99,7 @@ class Program:
         arguments = [self._get_locals(name) for name in formula.names]
         variable = f"_{len(self._local_names)}"
         partials = [f"{variable}_{k}" for k in range(len(arguments))]
-        # In the program, the variables of the expression are leaves or local variables.
+        # Replace the variables of the expression by leaves or local variables of the program.
         local_values = {
             name: value for name, (value, _) in zip(formula.names, arguments, strict=True)
         }
@@ -121,7 +123,7 @@ def _format_tuple(entries: Iterable[str]) -> str:
 
 
 def _compile_function(source: str, name: str = "") -> Callable[..., tuple]:
-    """Compile generated source to a function; without a name it is a lambda."""
+    """Compile generated source and return its function `name`, or a lambda if `name` is empty."""
     namespace: dict[str, object] = {"sqrt": sqrt, "atan2": atan2, "__builtins__": {}}
     if not name:
         return eval(compile(source, f"<formula {source}>", "eval"), namespace)  # noqa: S307
@@ -175,7 +177,7 @@ def _square(a: ast.expr) -> ast.expr:
 
 
 def _differentiate(node: ast.expr, name: str) -> ast.expr:
-    """Return the derivative of `node` with respect to the variable `name`, as a tree."""
+    """Return the syntax tree of the derivative of `node` with respect to the variable `name`."""
     match node:
         case ast.Constant():
             return _ZERO

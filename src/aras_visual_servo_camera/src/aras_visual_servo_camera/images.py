@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 
 from .errors import ImageError
 
-# Images of a servo loop are small. With 320 x 240 pixels, OpenCV's threads have nothing to share,
-# and their busy waiting takes twice the processor time of segmentation and moments.
+# Images of a servo loop are too small for several threads. At 320 x 240 pixels, the waiting of
+# OpenCV's threads takes twice the processor time of segmentation and moments.
 cv2.setNumThreads(1)
 
-# By encoding: bytes per channel, channels, conversion to grey, conversion to RGB.
+# For each encoding: bytes per channel, number of channels, OpenCV's code of the conversion to grey,
+# OpenCV's code of the conversion to RGB. None means that no conversion is needed.
 _ENCODINGS: dict[str, tuple[int, int, int | None, int | None]] = {
     "mono8": (1, 1, None, cv2.COLOR_GRAY2RGB),
     "mono16": (2, 1, None, cv2.COLOR_GRAY2RGB),
@@ -25,7 +26,7 @@ _ENCODINGS: dict[str, tuple[int, int, int | None, int | None]] = {
     "bgr8": (1, 3, cv2.COLOR_BGR2GRAY, cv2.COLOR_BGR2RGB),
     "rgba8": (1, 4, cv2.COLOR_RGBA2GRAY, cv2.COLOR_RGBA2RGB),
     "bgra8": (1, 4, cv2.COLOR_BGRA2GRAY, cv2.COLOR_BGRA2RGB),
-    # OpenCV names a Bayer pattern after the second and third pixel of its second row, ROS after
+    # OpenCV names a Bayer pattern after the second and third pixels of the second row, ROS after
     # the first two pixels of the first row.
     "bayer_rggb8": (1, 1, cv2.COLOR_BayerBG2GRAY, cv2.COLOR_BayerBG2RGB),
     "bayer_bggr8": (1, 1, cv2.COLOR_BayerRG2GRAY, cv2.COLOR_BayerRG2RGB),
@@ -40,11 +41,11 @@ class Image:
     """One image; its grey and RGB arrays are computed at first use.
 
     Attributes:
-        pixels: (rows, columns) or (rows, columns, channels) uint8, in the encoding of the message;
-            16-bit channels are reduced to 8 bits.
-        encoding: one of ENCODINGS.
-        target_mask: (rows, columns), 255 where a label image shows the target and 0 elsewhere; None
-            without a label image.
+        pixels: (rows, columns) or (rows, columns, channels) uint8. The channels are those of the
+            encoding; 16-bit channels are reduced to 8 bits.
+        encoding: encoding of the message, one of ENCODINGS.
+        target_mask: (rows, columns) 255 where a label image shows the target, 0 elsewhere; None if
+            there is no label image.
     """
 
     pixels: NDArray[np.uint8]
@@ -70,7 +71,7 @@ class Image:
 
     @property
     def has_colour(self) -> bool:
-        """True if the encoding has colours, i.e. is not a mono encoding."""
+        """True if the encoding has colours, False if it is mono8 or mono16."""
         return not self.encoding.startswith("mono")
 
 
@@ -78,8 +79,8 @@ def decode(message: Any) -> Image:
     """Decode a sensor_msgs/Image or any object with its attributes.
 
     Raises:
-        ImageError: the encoding is unknown, the image is empty, or the data are shorter than size
-            and step require.
+        ImageError: the encoding is unknown, the image is empty, the step is shorter than a row, or
+            the data are too short.
     """
     encoding = str(message.encoding)
     if encoding not in _ENCODINGS:
@@ -90,13 +91,19 @@ def decode(message: Any) -> Image:
     rows, columns, step = int(message.height), int(message.width), int(message.step)
     line = columns * channels * depth
     if rows < 1 or columns < 1:
-        raise ImageError(f"an image of {columns} x {rows} pixels is empty")
+        raise ImageError(
+            f"the image is empty: its size is {columns} x {rows} pixels, must be at least 1 x 1"
+        )
     if step < line:
-        raise ImageError(f"step {step} is less than the {line} bytes of a row of {encoding}")
+        raise ImageError(
+            f"the image's step is {step}, must be at least {line}, the bytes of a row of "
+            f"{columns} {encoding} pixels"
+        )
     # The padding after the last row may be missing.
     if len(message.data) < step * (rows - 1) + line:
         raise ImageError(
-            f"the data is truncated: {len(message.data)} bytes for {rows} rows of {step}"
+            f"the image's data are truncated: {len(message.data)} bytes, must be "
+            f"{step * (rows - 1) + line} for {rows} rows with a step of {step}"
         )
     data = np.frombuffer(message.data, dtype=np.uint8)
     shape = (rows, line) if depth == 2 or channels == 1 else (rows, columns, channels)
@@ -106,7 +113,7 @@ def decode(message: Any) -> Image:
         pixels = np.lib.stride_tricks.as_strided(
             data, (rows, line), (step, 1), writeable=False
         ).reshape(shape)
-    if depth == 2:  # keep the upper byte, as a division by 256 does
+    if depth == 2:  # keep the upper byte of each channel
         start = 0 if message.is_bigendian else 1
         pixels = np.ascontiguousarray(pixels[:, start::2])
         if channels > 1:

@@ -2,24 +2,25 @@
 
     d(m_ij)/dt = L (vx, vy, vz, wx, wy, wz)
 
-with the twist of the camera in its own optical frame. Raw and centred moments have the same
-derivation. When the camera moves, the image of a point of the plane 1/Z = A x + B y + C has the
-velocity
+where (vx, ..., wz) is the twist of the camera in its own optical frame. When the camera moves, the
+image (x, y) of a point on the plane 1/Z = A x + B y + C has the velocity
 
     x' = -vx/Z + x vz/Z + x y wx - (1 + x^2) wy + y wz
     y' = -vy/Z + y vz/Z + (1 + y^2) wx - x y wy - x wz,
 
-which, for each twist component, is a polynomial of degree two in x and y. This also holds about
-any origin (x0, y0). With a = x - x0 and b = y - y0, the derivative of a moment is
+For each component of the twist, this velocity is a polynomial of degree two in x and y, and hence
+in a = x - x0 and b = y - y0 for any origin (x0, y0). The derivative of a moment about this origin
+is
 
     d(m_ij)/dt = integral of (i a^(i-1) b^j x' + j a^i b^(j-1) y' + delta a^i b^j div(x', y')).
 
-It is a linear combination of moments up to order i + j + 1. delta is 1 for a region, whose boundary
-moves with the points, and 0 for a set of points. For centred moments the origin is the centre of
-gravity, and its velocity is subtracted from x' and y'.
+It is a linear combination of moments up to order i + j + 1. delta is 1 for a region, whose area
+changes with the velocity field, and 0 for a set of points. Raw moments have the origin (0, 0). For
+centred moments, the origin is the centre of gravity, whose velocity is subtracted from x' and y'.
 
 Reference: F. Chaumette, Image moments: a general and useful set of features for visual
-servoing, IEEE Transactions on Robotics 20(4), 2004, which gives the same rows term by term.
+servoing, IEEE Transactions on Robotics 20(4), 2004. It contains the same interaction matrices,
+written out term by term.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ from .errors import FeatureError
 from .moments import DENSE, Moments
 from .polygons import Array
 
-# The monomials 1, a, b, a^2, ab, b^2 as exponents of (a, b).
+# Exponents (p, q) of the monomials a^p b^q: 1, a, b, a^2, ab, b^2.
 _MONOMIALS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
 
 
@@ -55,7 +56,11 @@ class Plane(NamedTuple):
 
     @classmethod
     def from_pose(cls, R: ArrayLike, t: ArrayLike) -> Plane:
-        """Return the plane z = 0 of an object frame with rotation R (3, 3) and origin t (3,), m."""
+        """Return the plane z = 0 of an object's frame.
+
+        R (3, 3) and t (3,), in m, are the orientation and the origin of this frame in the camera's
+        optical frame.
+        """
         normal = np.asarray(R, dtype=float)[:, 2]
         distance = float(normal @ np.asarray(t, dtype=float))
         if distance == 0.0:
@@ -64,22 +69,22 @@ class Plane(NamedTuple):
         return cls(float(A), float(B), float(C))
 
     def inverse_depth(self, x: float, y: float) -> float:
-        """Return 1/Z, in 1/m, of the plane's point whose image is (x, y)."""
+        """Return 1/Z, in 1/m, of the point on the plane whose image is (x, y)."""
         return self.A * x + self.B * y + self.C
 
 
 def point_interaction(points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
-    """Return the interaction matrix of image points, d(x, y)/dt = L v.
+    """Return the interaction matrix L of image points: d(x, y)/dt = L v.
 
-    The equations are those of x' and y' at the top of this module; v is the twist of the camera in
-    its own optical frame.
+    v is the twist of the camera in its own optical frame. This module's docstring contains the
+    equations of x' and y'.
 
     Args:
         points: (n, 2) normalised coordinates x = X/Z, y = Y/Z.
-        inverse_depth: (n,) 1/Z of each point along the optical axis, 1/m.
+        inverse_depth: (n,) 1/Z of each point, where Z is the depth along the optical axis, 1/m.
 
     Returns:
-        (2n, 6) with the rows x_0, y_0, x_1, ...
+        (2n, 6) with the rows of x_0, y_0, x_1, ...
     """
     x, y = np.asarray(points, float).T
     w = np.asarray(inverse_depth, float)
@@ -94,13 +99,14 @@ def point_interaction(points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarr
 
 @jit("f8, f8, f8, f8, f8")
 def image_velocity(A, B, C, x0, y0):
-    """Compute the velocity field of the image of the plane (A, B, C).
+    """Compute the velocity (x', y') of the image of the plane 1/Z = A x + B y + C.
 
-    The field is a polynomial in a = x - x0 and b = y - y0.
+    The velocity is a polynomial in a = x - x0 and b = y - y0.
 
     Returns:
-        (6, 15), one row per twist component. Columns 0-5 are the coefficients of 1, a, b, a^2, ab,
-        b^2 in x', columns 6-11 those in y', and columns 12-14 those of 1, a, b in the divergence.
+        (6, 15) coefficients, one row for each component of the camera's twist. Columns 0-5 are the
+        coefficients of 1, a, b, a^2, ab, b^2 in x'. Columns 6-11 are those in y'. Columns 12-14 are
+        the coefficients of 1, a, b in the divergence of (x', y').
     """
     C = A * x0 + B * y0 + C
     Ax, Ay, Bx, By, xy = A * x0, A * y0, B * x0, B * y0, x0 * y0
@@ -127,9 +133,15 @@ def image_velocity(A, B, C, x0, y0):
 
 
 def compute_raw_interaction(moments: Moments, plane: Plane, order: int | None = None) -> Array:
-    """Compute L, ((order+1)(order+2)/2, 6), of all m_ij with i + j <= order, in exchange order.
+    """Compute the interaction matrix L of all raw moments m_ij with i + j <= order.
 
-    `order` is at most moments.order - 1, which is the default.
+    Args:
+        moments: moments of the current view.
+        plane: the target's plane in the camera's optical frame.
+        order: highest i + j, at most moments.order - 1, which is the default.
+
+    Returns:
+        ((order+1)(order+2)/2, 6), one row for each m_ij, by i + j and then by j.
     """
     order = _find_order(moments, order)
     return _compute_rows(
@@ -140,10 +152,13 @@ def compute_raw_interaction(moments: Moments, plane: Plane, order: int | None = 
 def compute_centred_interaction(
     moments: Moments, plane: Plane, order: int | None = None
 ) -> tuple[Array, Array]:
-    """Compute L of the centre of gravity and of the centred moments.
+    """Compute the interaction matrices of the centre of gravity and of the centred moments.
+
+    The arguments are those of `compute_raw_interaction`.
 
     Returns:
-        (2, 6) of xg and yg; and L of all mu_ij in the shape of `compute_raw_interaction`.
+        The matrix (2, 6) of xg and yg; and the matrix ((order+1)(order+2)/2, 6) of all mu_ij with
+        i + j <= order.
     """
     order = _find_order(moments, order)
     return _compute_centred_rows(
@@ -164,19 +179,22 @@ def _find_order(moments: Moments, order: int | None) -> int:
 
 
 def _compute_divergence(moments: Moments) -> float:
-    """Return delta: 1 for a region, whose boundary moves with its points, 0 for points."""
+    """Return the factor delta of the divergence: 1 for a region, 0 for a set of points."""
     return 1.0 if moments.kind == DENSE else 0.0
 
 
 @jit("f8[:,:], f8[:,:], i8, f8")
 def _compute_rows(table, velocity, order, delta):
-    """Compute d(m_ij)/dt, ((order+1)(order+2)/2, 6), in exchange order.
+    """Compute the interaction matrix of the moments m_ij with i + j <= order about an origin.
 
     Args:
-        table: (n, n) moments.
-        velocity: (6, 15) velocity field of `image_velocity`.
+        table: (n, n) moments about this origin, m_ij at [i, j].
+        velocity: (6, 15) result of `image_velocity` for this origin.
         order: highest i + j.
-        delta: 1 for a region, 0 for points.
+        delta: 1 for a region, 0 for a set of points.
+
+    Returns:
+        ((order+1)(order+2)/2, 6), one row for each m_ij, by i + j and then by j.
     """
     rows, row = np.zeros(((order + 1) * (order + 2) // 2, 6)), 0
     for n in range(order + 1):
@@ -197,12 +215,20 @@ def _compute_rows(table, velocity, order, delta):
 
 @jit("f8[:,:], f8, f8, f8, f8, f8, i8, f8")
 def _compute_centred_rows(centred, A, B, C, xg, yg, order, delta):
-    """Compute d(xg)/dt and d(yg)/dt, (2, 6), and the rows of the centred moments (n, n).
+    """Compute the interaction matrices of the centre of gravity and of the centred moments.
 
-    The rows are those of `_compute_rows`.
+    Args:
+        centred: (n, n) centred moments mu_ij at [i, j].
+        A, B, C: the target's plane, 1/Z = A x + B y + C.
+        xg, yg: centre of gravity, normalised.
+        order: highest i + j.
+        delta: 1 for a region, 0 for a set of points.
+
+    Returns:
+        The matrix (2, 6) of xg and yg; and the matrix of the mu_ij, as in `_compute_rows`.
     """
     velocity = image_velocity(A, B, C, xg, yg)
-    # About the centre of gravity mu10 = mu01 = 0, so L_xg = L_m10 / m00 without a quotient rule.
+    # About the centre of gravity, m10 = m01 = 0, so the row of xg is the row of m10 divided by m00.
     first_rows, centre = _compute_rows(centred, velocity, 1, delta), np.empty((2, 6))
     for i in range(6):
         for k in range(2):

@@ -1,8 +1,8 @@
-"""The arrays of the original: the kernel features of 2015 and the image moments of 2016.
+"""Arrays that the original published: the kernel features of 2015 and the image moments of 2016.
 
-Both use the binary image (0 or 255) of the fixed threshold 250. They keep the original's units and
-conventions (rows are called x, m00 counts pixels, alpha has the factor 0.1), because the
-original controllers need them.
+Both are computed from the binary image (0 or 255) of the fixed threshold 250. The units and
+conventions are those of the original, because its controllers need them: x is along the rows, m00
+is a number of pixels, and alpha is multiplied by 0.1.
 """
 
 from __future__ import annotations
@@ -17,8 +17,9 @@ from .errors import DegenerateFeatureError
 from .moments import Pinhole
 from .polygons import Array
 
-DELTA_X, DELTA_Y = 0.017, 0.0185  # m per pixel along x (rows) and y (columns), from the original
-KERNEL_POWER = -2  # p = q: the kernels are x^p and y^q
+# Size of a pixel along x (rows) and y (columns) in the original, m.
+DELTA_X, DELTA_Y = 0.017, 0.0185
+KERNEL_POWER = -2  # exponent p of the kernels x^p and y^p
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,8 +27,8 @@ class KernelFeatures:
     """Kernel features and their Jacobian.
 
     Attributes:
-        values: (4,) kernel0 ... kernel3; the last is the symmetric orientation, rad.
-        jacobian: (4, 4), columns x, y, z, theta.
+        values: (4,) kernel0 ... kernel3; kernel3 is the orientation of the main axis, rad.
+        jacobian: (4, 4) Jacobian; its columns belong to x, y, z and theta.
         inverse: (4, 4) inverse of the Jacobian.
     """
 
@@ -36,16 +37,23 @@ class KernelFeatures:
     inverse: Array
 
     def to_message_data(self) -> list[float]:
-        """Return the 20 numbers of camera/data: the inverse row by row, then the features."""
+        """Return the 20 numbers of the topic camera/data.
+
+        They are the inverse of the Jacobian row by row (16) and the features (4).
+        """
         return [*self.inverse.ravel().tolist(), *self.values.tolist()]
 
 
 def compute_kernel_features(mask: NDArray[np.uint8]) -> KernelFeatures:
-    """Compute the kernel features of the non-zero pixels in a binary image (rows, columns).
+    """Compute the kernel features of the nonzero pixels in a binary image (rows, columns).
 
-    With x = i DELTA_X for the rows i = 1, 2, ... and y = j DELTA_Y for the columns j:
-    kernel0 = sum x^p dA, kernel1 = sum y^q dA, kernel2 = sum dA,
-    kernel3 = 1/2 atan2(2 mu11, mu20 - mu02) with mu_ij in pixels, i counting columns.
+    Let x = i DELTA_X for the rows i = 1, 2, ..., y = j DELTA_Y for the columns j = 1, 2, ..., and
+    p = KERNEL_POWER. With the area dA of a pixel, the features are
+
+        kernel0 = sum x^p dA,  kernel1 = sum y^p dA,  kernel2 = sum dA,
+        kernel3 = 1/2 atan2(2 mu11, mu20 - mu02).
+
+    mu_ij are centred moments in pixels, where i belongs to the columns and j to the rows.
 
     Raises:
         DegenerateFeatureError: there is no target, so the Jacobian has no inverse.
@@ -78,13 +86,13 @@ def compute_kernel_features(mask: NDArray[np.uint8]) -> KernelFeatures:
 def compute_outline_kernel_features(
     outline: NDArray[np.float64], camera: Pinhole, width: int, height: int
 ) -> KernelFeatures:
-    """Compute the kernel features of a normalised outline (n, 2) with the original's threshold.
+    """Compute the kernel features of a normalised outline (n, 2) as in a camera image.
 
-    If the target covers more than 2 % of a white pixel, the pixel is darker than 250 and counts as
-    target.
+    A pixel belongs to the target if the target covers more than 2 % of it, because it is then
+    darker than the original's threshold of 250. The image has width x height pixels.
 
     Raises:
-        DegenerateFeatureError: there is no target in the image of width x height pixels.
+        DegenerateFeatureError: the target is not in the image.
     """
     finer = 16
     pixels = outline * [camera.fx, camera.fy] + [camera.cx, camera.cy]
@@ -96,12 +104,13 @@ def compute_outline_kernel_features(
 
 
 def compute_original_moments(mask: NDArray[np.uint8], camera: Pinhole) -> list[float]:
-    """Compute the 4 numbers of 2016: row and column of the centre (normalised), m00, 0.1 alpha.
+    """Compute the four numbers that the original of 2016 published.
 
-    m00 counts pixels; alpha = 1/2 atan2(2 mu11, mu20 - mu02), rad.
+    They are the normalised row and column of the target's centre, its number of pixels m00, and
+    0.1 alpha, where alpha = 1/2 atan2(2 mu11, mu20 - mu02), rad.
 
     Raises:
-        DegenerateFeatureError: there is no target; the original sent nan nan 0 0.
+        DegenerateFeatureError: there is no target. (The original sent nan nan 0 0.)
     """
     m = cv2.moments(mask, binaryImage=True)
     if m["m00"] == 0.0:

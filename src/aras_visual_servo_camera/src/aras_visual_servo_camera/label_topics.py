@@ -1,4 +1,4 @@
-"""Subscribers to the label images of a camera, and the target's pixels in these images."""
+"""Subscribers to a camera's label images, and the mask of the target in these images."""
 
 from __future__ import annotations
 
@@ -14,16 +14,17 @@ from .labels import TargetLabels, read_labels
 from .segmentation import Segmentation
 from .segmented_target import Mask
 
-BUFFER_SIZE = 2**24  # bytes; holds several images, so that the newest one is always read
+# Buffer of a subscriber, bytes. It holds several images, so that the newest image is always read.
+BUFFER_SIZE = 2**24
 LabelCallback = Callable[[str, ImageMessage], None]
 
 
 class LabelTopics:
-    """Subscribers to the label images of one camera and to the names of their labels.
+    """Subscribers to the label images of one camera and to the names of the labels.
 
     Attributes:
-        topic: resolved name of the image topic.
-        subscribers: the two subscribers.
+        topic: resolved name of the topic of the label images.
+        subscribers: subscriber to the names, and subscriber to the images.
     """
 
     def __init__(self, camera: str, label: str, callback: LabelCallback) -> None:
@@ -32,7 +33,7 @@ class LabelTopics:
         Args:
             camera: namespace of the camera's topics.
             label: name of the target, 'model' or 'model::link'.
-            callback: called with 'labels' and each label image.
+            callback: function that is called with the text 'labels' and with each label image.
         """
         self._target_labels = TargetLabels(label)
         self.topic = rospy.resolve_name(f"{camera}/segmentation/image_raw")
@@ -47,7 +48,7 @@ class LabelTopics:
     def for_segmentation(
         cls, segmentation: Segmentation, camera: str, callback: LabelCallback
     ) -> LabelTopics | None:
-        """Return the subscribers that a segmentation needs, or None if it uses no labels."""
+        """Return the subscribers for a segmentation; return None if it does not use labels."""
         return (
             cls(camera, segmentation.label, callback)
             if "labels" in segmentation.image_kinds
@@ -55,10 +56,10 @@ class LabelTopics:
         )
 
     def make_mask(self, message: ImageMessage) -> Mask:
-        """Return a mask (rows, columns), 255 where a label image shows the target.
+        """Return the mask (rows, columns) of the target, 255 where a label image shows it.
 
         Raises:
-            VisionError: the names of the labels are unknown, or none of them is the target.
+            VisionError: the label image is invalid, or no known label has the target's name.
         """
         return self._target_labels.make_mask(read_labels(message))
 

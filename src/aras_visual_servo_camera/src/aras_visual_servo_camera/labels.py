@@ -1,4 +1,4 @@
-"""Label images, in which each pixel is the number of a link, and the target's links."""
+"""Label images, in which each pixel contains the number of a link, and the labels of the target."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from aras_visual_servo_base.names import suggest
 from .errors import ImageError, SegmentationError
 from .segmented_target import Mask
 
-LINK = "::"  # separator between the names of model and link
+LINK = "::"  # separator between the name of a model and the name of its link
 
 
 class TargetLabels:
     """Finds the target's pixels in label images.
 
     Attributes:
-        target_name: 'model', if all of its links are the target, or 'model::link'.
+        target_name: 'model::link' if one link is the target, 'model' if all links of a model are.
     """
 
     def __init__(self, target_name: str) -> None:
@@ -34,10 +34,10 @@ class TargetLabels:
         return bool(self._links)
 
     def set_links(self, links: Mapping[int, str] | str) -> None:
-        """Set the links 'model::link' by label, as a mapping or as YAML text.
+        """Set the name 'model::link' of each label, from a mapping or from its YAML text.
 
         Raises:
-            SegmentationError: the text is no such mapping.
+            SegmentationError: the text is not a mapping from numbers to names.
         """
         if isinstance(links, str):
             try:
@@ -45,12 +45,13 @@ class TargetLabels:
                 links = {int(number): str(link) for number, link in links.items()}
             except (yaml.YAMLError, AttributeError, TypeError, ValueError) as error:
                 raise SegmentationError(
-                    f"the names of the labels cannot be read: {error}"
+                    "the names of the labels cannot be read, must be YAML text of the form "
+                    f"'number: model::link': {error}"
                 ) from None
         self._links = links
 
     def find_target_labels(self) -> list[int]:
-        """Return the labels of the target.
+        """Return the numbers of the target's labels.
 
         Raises:
             SegmentationError: no link has the target's name.
@@ -67,7 +68,9 @@ class TargetLabels:
         return found
 
     def make_mask(self, labels: NDArray[np.int32]) -> Mask:
-        """Return a mask, 255 where a label image (rows, columns) shows the target, 0 elsewhere.
+        """Return the target's mask, 255 where a label image shows the target, 0 elsewhere.
+
+        The mask and the label image have the shape (rows, columns).
 
         Raises:
             SegmentationError: no link has the target's name.
@@ -79,13 +82,19 @@ def read_labels(message: Any) -> NDArray[np.int32]:
     """Return the labels (rows, columns) of a sensor_msgs/Image with the encoding 32SC1.
 
     Raises:
-        ImageError: the encoding is another, or the data are too short for the size.
+        ImageError: the encoding is not 32SC1, or the data are too short.
     """
     if message.encoding != "32SC1":
-        raise ImageError(f"a label image has the encoding '{message.encoding}': send 32SC1")
+        raise ImageError(
+            f"the label image has the encoding '{message.encoding}', which is not supported; send "
+            "32SC1"
+        )
     rows, line = int(message.height), 4 * int(message.width)
     if message.step < line or len(message.data) < message.step * rows:
-        raise ImageError(f"label image of {len(message.data)} bytes is too short for its size")
+        raise ImageError(
+            f"the label image's data are truncated: {len(message.data)} bytes with a step of "
+            f"{message.step} for {message.width} x {rows} pixels of 4 bytes"
+        )
     data = np.frombuffer(message.data, np.uint8)[: message.step * rows]
     data = np.ascontiguousarray(data.reshape(rows, message.step)[:, :line])
     return data.view(">i4" if message.is_bigendian else "<i4").astype(np.int32)

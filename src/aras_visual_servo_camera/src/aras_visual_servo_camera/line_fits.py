@@ -1,10 +1,11 @@
 """Accuracy of the intersections of lines that are fitted to edge points.
 
-Let a line n . p = d be fitted to m edge points with a standard deviation sigma across the line. Its
-offset at the middle of the points then has the error sigma / sqrt(m). Its angle has the error
-sigma over the root of the sum of the squared distances from the middle. Both errors are
-independent. A corner is the intersection of two lines, and neighbouring corners share a line, so
-their errors are correlated. Acute corners and corners of short sides have the largest errors.
+Let a line n . p = d be fitted to m edge points p whose distances from the line have the standard
+deviation sigma. The offset of the line at the middle of the points then has the standard deviation
+sigma / sqrt(m). The angle of the line has the standard deviation sigma / sqrt(sum of r^2), where r
+is the distance of a point from the middle. Both errors are independent. A corner is the
+intersection of two lines, and neighbouring corners share a line, so their errors are correlated.
+Acute corners and corners of short sides have the largest errors.
 """
 
 from __future__ import annotations
@@ -16,21 +17,24 @@ import numpy as np
 
 from .polygons import Array
 
-# Weight, in points, of the average variance of all lines in the variance of one line. The scatter
-# of a few points, or of an edge along a row of pixels, underestimates the error, because all of the
+# The variance of a line is a weighted mean of the variance of its points, with one unit of weight
+# for each degree of freedom, and the average variance of all lines, with this weight. The variance
+# of the points alone is too small for few points and for an edge along a row of pixels, where all
 # points have nearly the same error.
 SHARED_ERROR = 6.0
-PARALLEL = 0.05  # sine of the angle below which two lines count as parallel
+PARALLEL = 0.05  # two lines are parallel if the sine of their angle is below this value
 
 
 class FittedLine(NamedTuple):
     """A line and the statistics of the points to which it was fitted.
 
-    middle: (2,) mean of the points.
-    normal: (2,) unit normal of the line.
-    count: number of independent points.
-    length: root of the sum of the squared distances of the points from the middle, along the line.
-    squares: sum of the squared distances of the points from the line.
+    Attributes:
+        middle: (2,) mean of the points.
+        normal: (2,) unit normal of the line.
+        count: number of points with independent errors.
+        length: square root of the sum of r^2, where r is the distance, along the line, of a point
+            from the middle.
+        squares: sum of the squared distances of the points from the line.
     """
 
     middle: Array
@@ -41,9 +45,10 @@ class FittedLine(NamedTuple):
 
     @classmethod
     def fit(cls, points: Array, normal: Array, count: float) -> FittedLine:
-        """Return the line through points (m, 2) with a given normal.
+        """Return the line with a given normal through the mean of points (m, 2).
 
-        The points carry as much information as `count` independent ones.
+        `count` is the number of points with independent errors that are as accurate as these m
+        points.
         """
         middle = points.mean(axis=0)
         across = (points - middle) @ normal
@@ -58,16 +63,18 @@ class FittedLine(NamedTuple):
 
     @property
     def degrees_of_freedom(self) -> float:
-        """Number of points that determine the scatter, i.e. two less than their count."""
+        """Degrees of freedom of the variance: the number of independent points minus two."""
         return max(self.count - 2.0, 0.5)
 
 
 def compute_crossing_spread(lines: Sequence[FittedLine]) -> Array:
     """Compute the uncertainty of the points at which each of n lines meets the line before it.
 
+    Each line has two independent errors, the error of its offset and the error of its angle.
+
     Returns:
-        (2n, 2n). Column k is the effect of one independent error, with one standard deviation, on
-        the coordinates (x_0, y_0, x_1, ...) of the points.
+        (2n, 2n) array S. Column k is the change of the points' coordinates (x_0, y_0, x_1, ...) if
+        the error k has the size of its standard deviation. Their covariance is S S^T.
     """
     count = len(lines)
     average_variance = sum(line.squares for line in lines) / sum(
@@ -92,5 +99,8 @@ def compute_crossing_spread(lines: Sequence[FittedLine]) -> Array:
 
 
 def compute_rms_deviation(spread: Array) -> float:
-    """Compute the rms standard deviation of the coordinates of a spread (2n, m)."""
+    """Return the rms of the standard deviations of n points' coordinates.
+
+    spread: (2n, m) uncertainty of the points, such as the result of `compute_crossing_spread`.
+    """
     return float(np.sqrt((spread**2).sum() / len(spread)))

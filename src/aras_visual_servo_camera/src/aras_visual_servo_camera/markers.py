@@ -2,12 +2,13 @@
 
 A choice has one of these forms:
 
-- `5`: marker number 5 of the first dictionary of SEARCHED_DICTIONARIES in which it is found;
-- `DICT_5X5_100:5`, or `5X5_100:5`: number 5 of that dictionary;
-- `DICT_5X5_100`: the largest marker of that dictionary in view;
+- `5`: marker number 5 of the first dictionary in SEARCHED_DICTIONARIES with which it is found;
+- `DICT_5X5_100:5`, or `5X5_100:5`: marker number 5 of this dictionary;
+- `DICT_5X5_100`: the largest visible marker of this dictionary;
 - `{dictionary: DICT_5X5_100, size: 0.04, markers: {5: [0, 0], 7: [0.06, 0, 90]}}`: a flat board of
-  markers. `size` is the side of their black squares in m. Each marker has the x and y of its middle
-  on the board in m, with y up, and optionally its counter-clockwise rotation in degrees.
+  markers. `size` is the side of each marker's black square in m. `markers` contains, for each
+  number, x and y of the marker's middle on the board in m (y is up), and optionally its
+  counter-clockwise rotation in degrees.
 """
 
 from __future__ import annotations
@@ -28,17 +29,17 @@ from aras_visual_servo_base.yaml_files import parse_yaml
 
 from .errors import VisionError
 
-# Number of cells across the markers of each dictionary, including the black rim.
+# For each dictionary, the number of cells across a marker, including the black rim.
 DICTIONARIES = {
     **{f"DICT_{bits}X{bits}_{count}": bits + 2 for bits in (4, 5, 6, 7)
        for count in (50, 100, 250, 1000)},
     "DICT_ARUCO_ORIGINAL": 7, "DICT_ARUCO_MIP_36h12": 8, "DICT_APRILTAG_16h5": 6,
     "DICT_APRILTAG_25h9": 7, "DICT_APRILTAG_36h10": 8, "DICT_APRILTAG_36h11": 8,
 }  # fmt: skip
-# Dictionaries that are searched, in this order, if the choice names none. A dictionary of 1000
-# markers contains the smaller ones of its kind with the same numbers. Every 16th random square is a
-# marker of 4X4_1000, so this dictionary is used only if it is named.
 DEFAULT_DICTIONARY = "DICT_APRILTAG_36h11"
+# Dictionaries that are searched in this order if the choice does not contain a dictionary. A
+# dictionary of 1000 markers contains the markers of the smaller dictionaries with the same number
+# of bits. DICT_4X4_1000 is not searched, because one of 16 random squares is one of its markers.
 SEARCHED_DICTIONARIES = ("DICT_4X4_50", "DICT_APRILTAG_36h11", "DICT_5X5_1000", "DICT_6X6_1000",
             "DICT_7X7_1000", "DICT_ARUCO_ORIGINAL", "DICT_APRILTAG_25h9", "DICT_APRILTAG_36h10",
             "DICT_ARUCO_MIP_36h12", "DICT_APRILTAG_16h5")  # fmt: skip
@@ -48,11 +49,11 @@ SEARCHED_DICTIONARIES = ("DICT_4X4_50", "DICT_APRILTAG_36h11", "DICT_5X5_1000", 
 class DetectedMarker:
     """A marker found in an image.
 
-    name: `DICTIONARY:number`.
-    corners: (4, 2) px (column, row), clockwise from the marker's first corner, accurate to about
-    half a
-        pixel.
-    cells: number of cells across the marker.
+    Attributes:
+        name: `DICTIONARY:number`.
+        corners: (4, 2) px (column, row), clockwise from the marker's first corner, with an error of
+            about half a pixel.
+        cells: number of cells across the marker, including the black rim.
     """
 
     name: str
@@ -62,14 +63,16 @@ class DetectedMarker:
 
 @dataclass(frozen=True)
 class MarkerChoice:
-    """The marker, or board of markers, that is the target.
+    """The marker, or the board of markers, that is the target.
 
     This module's docstring explains the forms of a choice.
 
-    dictionary: '' for any of SEARCHED_DICTIONARIES.
-    number: None for the largest marker in view.
-    marker_size: side of the markers of a board, m.
-    board: x and y of the middle, m, and rotation, rad, of each marker by number.
+    Attributes:
+        dictionary: name of the dictionary; '' for any dictionary in SEARCHED_DICTIONARIES.
+        number: number of the marker; None for the largest visible marker.
+        marker_size: side of the black square of a board's markers, m.
+        board: for each number, x and y of the marker's middle on the board, m, and its rotation,
+            rad; None if the target is a single marker.
     """
 
     dictionary: str = ""
@@ -79,8 +82,16 @@ class MarkerChoice:
 
     @classmethod
     def read(cls, entry: str | int | Mapping[str, Any], where: str = "marker") -> MarkerChoice:
-        """Parse a choice; raise VisionError with `where` in the message if it is invalid."""
-        # Launch files have a board as text.
+        """Parse a choice.
+
+        Args:
+            entry: choice in one of the forms of this module's docstring.
+            where: name of the setting, for messages.
+
+        Raises:
+            VisionError: the choice is invalid.
+        """
+        # In a launch file, a board is a text.
         if isinstance(entry, str) and entry.lstrip().startswith("{"):
             entry = parse_yaml(entry, where, VisionError)
         if isinstance(entry, Mapping):
@@ -107,21 +118,25 @@ class MarkerChoice:
                 raise VisionError(f"{where}: unknown key '{key}': {suggest(key, keys)}")
         for key in keys:
             if key not in entry:
-                raise VisionError(f"{where}: key '{key}' of the board is missing")
+                raise VisionError(
+                    f"{where}: key '{key}' of the board is missing; a board needs "
+                    f"{', '.join(keys)}"
+                )
         dictionary = _check_dictionary(str(entry["dictionary"]), where)
         marker_size, markers = as_number(entry["size"]), entry["markers"]
         if marker_size is None or marker_size <= 0.0:
-            raise VisionError(f"{where}.size is {format_value(entry['size'])}, must be the side "
-                              "of a marker's black square, above 0 m")  # fmt: skip
+            raise VisionError(f"{where}.size is {format_value(entry['size'])}, must be above 0: "
+                              "the side of a marker's black square in m")  # fmt: skip
         if not isinstance(markers, Mapping) or not markers:
-            raise VisionError(f"{where}.markers is {format_value(markers)}, must be positions "
-                              "by number, such as {5: [0, 0], 7: [0.06, 0]}")  # fmt: skip
+            raise VisionError(f"{where}.markers is {format_value(markers)}, must be a position "
+                              "for each number, such as {5: [0, 0], 7: [0.06, 0]}")  # fmt: skip
         board = {}
         for number, place in markers.items():
             values = [as_number(v) for v in place] if isinstance(place, list | tuple) else []
             if len(values) not in (2, 3) or None in values or not str(number).isdigit():
-                raise VisionError(f"{where}.markers.{number} is {format_value(place)}, must be x, "
-                                  "y (m) and optionally degrees, for a marker number")  # fmt: skip
+                raise VisionError(f"{where}.markers.{number} is {format_value(place)}, must be "
+                                  "[x, y] in m or [x, y, degrees], and the key must be the number "
+                                  "of a marker")  # fmt: skip
             checked_number = _check_number(int(number), dictionary, where)
             board[checked_number] = (
                 values[0],
@@ -140,16 +155,16 @@ class MarkerChoice:
 
     @property
     def cells(self) -> int:
-        """Number of cells across the marker that `draw_marker` draws, including the black rim."""
+        """Number of cells across the marker, including the black rim, in `draw_marker`'s image."""
         return DICTIONARIES[self.dictionary or DEFAULT_DICTIONARY]
 
     def draw_marker(self, side: int) -> np.ndarray:
-        """Draw the marker as an image (side, side), px, without a white rim.
+        """Draw the marker as an image of side x side pixels without a white rim.
 
-        The default dictionary is AprilTag 36h11, the default number 0.
+        If the choice has no dictionary, it is AprilTag 36h11. If it has no number, it is 0.
 
         Raises:
-            VisionError: the dictionary has no marker of that number.
+            VisionError: the dictionary has no marker with this number.
         """
         name = self.dictionary or DEFAULT_DICTIONARY
         number = _check_number(self.number or 0, name, "marker")
@@ -159,7 +174,7 @@ class MarkerChoice:
         """Find the chosen marker, or the visible markers of the board, in an image (rows, columns).
 
         Raises:
-            VisionError: no such marker is in view; the message lists the markers that are.
+            VisionError: no such marker is visible; the message lists other visible markers.
         """
         other_names: list[str] = []
         for name in (self.dictionary,) if self.dictionary else SEARCHED_DICTIONARIES:
@@ -183,7 +198,10 @@ class MarkerChoice:
         return self.number is None or number == self.number
 
     def compute_marker_corners(self, name: str) -> np.ndarray:
-        """Compute the corners (4, 2) of a detected marker on the board, m, with y up."""
+        """Return the corners (4, 2) on the board, m, of the marker `DICTIONARY:number`.
+
+        The axes are those of the board, where y is up.
+        """
         x, y, turn = self.board[int(name.rpartition(":")[2])]
         half = 0.5 * self.marker_size
         square = np.array([(-half, half), (half, half), (half, -half), (-half, -half)])
@@ -193,7 +211,7 @@ class MarkerChoice:
     def compute_board_corners(self) -> np.ndarray:
         """Compute the corners (4, 2), m, of the rectangle around all markers of the board.
 
-        The order is clockwise from the upper left.
+        The order is clockwise from the upper left corner.
         """
         corners = np.concatenate(
             [self.compute_marker_corners(f":{number}") for number in self.board]
@@ -202,10 +220,10 @@ class MarkerChoice:
         return np.array([(x, Y), (X, Y), (X, y), (x, y)])
 
     def make_mask(self, grey: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Return a mask (rows, columns), 255 inside the chosen markers.
+        """Return a mask (rows, columns), 255 inside the chosen markers, 0 elsewhere.
 
         Raises:
-            VisionError: no such marker is in view.
+            VisionError: none of the chosen markers is visible.
         """
         mask = np.zeros(grey.shape, np.uint8)
         for marker in self.detect(grey):
@@ -227,7 +245,9 @@ def _check_dictionary(name: str, where: str) -> str:
     for spelling in (name.lower(), f"dict_{name.lower()}"):
         if spelling in known:
             return known[spelling]
-    raise VisionError(f"{where}: dictionary {format_value(name)}: {suggest(name, DICTIONARIES)}")
+    raise VisionError(
+        f"{where}: there is no dictionary {format_value(name)}: {suggest(name, DICTIONARIES)}"
+    )
 
 
 def _check_number(number: int, dictionary: str, where: str) -> int:
@@ -240,7 +260,9 @@ def _check_number(number: int, dictionary: str, where: str) -> int:
     )
     if number > highest:
         owner = dictionary or "the largest dictionary"
-        raise VisionError(f"{where}: number {number}, must be at most {highest} in {owner}")
+        raise VisionError(
+            f"{where}: the marker's number is {number}, must be at most {highest} in {owner}"
+        )
     return number
 
 

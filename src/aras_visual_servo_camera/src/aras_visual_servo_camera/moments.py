@@ -5,12 +5,13 @@
 x = X/Z (to the right) and y = Y/Z (down) are normalised metric image coordinates. The moments
 therefore depend only on the scene and the pose, not on the lens or the resolution.
 
-Every constructor first sums about a point near the shape, and then moves the result to the centre
-of gravity (mu) and to the optical axis (m). With sums about the optical axis, cancellation would
-cost mu_ij a factor (distance / size)^(i+j) in accuracy.
+Every constructor first computes the moments about a point near the shape, and then translates them
+to the centre of gravity (mu) and to the optical axis (m). If the moments were computed about the
+optical axis, cancellation would increase the relative error of mu_ij by the factor
+(distance / size)^(i+j), where distance is that of the shape from the axis.
 
-All flat arrays and the ImageMoments message use the exchange order: by i + j, then by increasing
-j, i.e. m00, m10, m01, m20, m11, m02, m30, ...
+In flat arrays and in the ImageMoments message, moments are in the exchange order: by i + j, and
+then by j, i.e. m00, m10, m01, m20, m11, m02, m30, ...
 """
 
 from __future__ import annotations
@@ -33,16 +34,16 @@ MAX_ORDER = 6
 DENSE = "dense"
 POINTS = "points"
 
-_CHUNK = 4096  # samples whose powers fit into the processor's cache
+_CHUNK = 4096  # number of samples whose powers fit into the processor's cache
 
-# Gauss-Legendre on [0, 1]: four nodes integrate polynomials up to degree 7 exactly.
+# Gauss-Legendre quadrature on [0, 1]: four nodes integrate polynomials up to degree 7 exactly.
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(MAX_ORDER // 2 + 1)
 _NODES = 0.5 * (_NODES + 1.0)
 _WEIGHTS = 0.5 * _WEIGHTS
 
 @cache
 def exponents(order: int) -> tuple[tuple[int, int], ...]:
-    """Return all (i, j) with i + j <= order in exchange order."""
+    """Return all (i, j) with i + j <= order, by i + j and then by j (exchange order)."""
     return tuple((n - j, j) for n in range(order + 1) for j in range(n + 1))
 
 
@@ -54,9 +55,9 @@ def _make_flat_index(order: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
 
 @dataclass(frozen=True)
 class Pinhole:
-    """Intrinsics of an undistorted camera, in pixels: u = fx x + cx, v = fy y + cy.
+    """Intrinsics of a camera without distortion, px: u = fx x + cx, v = fy y + cy.
 
-    (u, v) = (column, row) of a pixel's centre; the first pixel is (0, 0).
+    (u, v) is the (column, row) of a pixel's centre, which is (0, 0) for the first pixel.
     """
 
     fx: float
@@ -66,24 +67,27 @@ class Pinhole:
 
     @classmethod
     def from_K(cls, K: ArrayLike) -> Pinhole:
-        """Return the intrinsics of CameraInfo.K (9 numbers, row by row) or of a (3, 3) array."""
+        """Return the intrinsics of a camera matrix K, a (3, 3) array or CameraInfo.K (9 numbers).
+        """
         k = np.asarray(K, dtype=float).reshape(3, 3)
         return cls(float(k[0, 0]), float(k[1, 1]), float(k[0, 2]), float(k[1, 2]))
 
 
 @dataclass(frozen=True, eq=False)
 class Moments:
-    """Image moments of one shape, m_ij and mu_ij for i + j <= `order`; immutable.
+    """Image moments m_ij and mu_ij of one shape for i + j <= `order`; immutable.
 
-    Use `from_image`, `from_polygon`, `from_points` or `from_arrays` to create them. Coordinates are
-    normalised, so the moments do not depend on lens and resolution.
+    They are created by `from_image`, `from_polygon`, `from_points`, `from_samples` or
+    `from_arrays`. Coordinates are normalised, so the moments do not depend on the lens and the
+    resolution.
 
     Attributes:
         order: highest i + j, up to 6.
         kind: 'dense' for a region, 'points' for a set of points.
-        m00: area (dense; normalised, no unit) or number of points.
-        xg, yg: centre of gravity.
-        centred: (order+1, order+1) read-only, mu_ij at [i, j], zero where i + j > order.
+        m00: area of the region (normalised, without unit), or number of points.
+        xg, yg: centre of gravity, normalised.
+        centred: (order+1, order+1) centred moments, mu_ij at [i, j], zero for i + j > order;
+            read-only.
     """
 
     order: int
@@ -97,40 +101,40 @@ class Moments:
 
     @cached_property
     def raw(self) -> Array:
-        """Raw moments m_ij at [i, j], (order+1, order+1) read-only, computed at first use."""
+        """Raw moments (order+1, order+1), m_ij at [i, j], zero for i + j > order; read-only."""
         table = translate(self.centred, self.xg, self.yg)
         return _freeze(_select_triangle(table, self.order))
 
     @cached_property
     def second(self) -> tuple[float, float, float]:
-        """The moments mu20, mu11, mu02; raises MomentsError if the order is less than 2."""
+        """Second-order moments mu20, mu11, mu02; raises MomentsError if the order is below 2."""
         self._check_order(2, 0)
         (_, _, mu02), (_, mu11, _), (mu20, _, _) = self.centred[:3, :3].tolist()
         return mu20, mu11, mu02
 
     def m(self, i: int, j: int) -> float:
-        """Return the raw moment m_ij; raise MomentsError beyond `order`."""
+        """Return the raw moment m_ij; raise MomentsError if i + j > order."""
         self._check_order(i, j)
         return float(self.raw[i, j])
 
     def mu(self, i: int, j: int) -> float:
-        """Return the centred moment mu_ij; raise MomentsError beyond `order`."""
+        """Return the centred moment mu_ij; raise MomentsError if i + j > order."""
         self._check_order(i, j)
         return float(self.centred[i, j])
 
     @property
     def m_array(self) -> Array:
-        """All m_ij in exchange order, shape ((order+1)(order+2)/2,)."""
+        """All m_ij, ((order+1)(order+2)/2,), by i + j and then by j."""
         return self.raw[_make_flat_index(self.order)]
 
     @property
     def mu_array(self) -> Array:
-        """All mu_ij in exchange order, shape ((order+1)(order+2)/2,)."""
+        """All mu_ij, ((order+1)(order+2)/2,), by i + j and then by j."""
         return self.centred[_make_flat_index(self.order)]
 
     @property
     def area(self) -> float:
-        """The quantity `a` of the features: m00 of a region, mu20 + mu02 of a set of points."""
+        """The area `a` in the features' formulas: m00 for a region, mu20 + mu02 for points."""
         if self.kind == DENSE:
             return self.m00
         return float(self.centred[2, 0] + self.centred[0, 2])
@@ -138,14 +142,24 @@ class Moments:
     def _check_order(self, i: int, j: int) -> None:
         if i < 0 or j < 0 or i + j > self.order:
             raise MomentsError(
-                f"moment ({i}, {j}) is not available: only i + j <= {self.order} is known"
+                f"moment ({i}, {j}) is not available: i + j must be at most {self.order}"
             )
 
     # -- constructors ----------------------------------------------------------------------
 
     @classmethod
     def from_arrays(cls, m: ArrayLike, mu: ArrayLike, order: int, kind: str = DENSE) -> Moments:
-        """Return the moments of flat arrays in exchange order, as in the ImageMoments message."""
+        """Return the moments from arrays, such as those of an ImageMoments message.
+
+        Args:
+            m, mu: ((order+1)(order+2)/2,) raw and centred moments, by i + j and then by j.
+            order: highest i + j.
+            kind: 'dense' for a region, 'points' for a set of points.
+
+        Raises:
+            MomentsError: an array has the wrong length, a moment is not finite, or m00 is not
+                positive.
+        """
         m = np.asarray(m, dtype=float).reshape(-1)
         mu = np.asarray(mu, dtype=float).reshape(-1)
         count = (order + 1) * (order + 2) // 2
@@ -174,15 +188,20 @@ class Moments:
     ) -> Moments:
         """Compute the exact moments of a simple polygon.
 
-        `vertices` are normalised (n, 2), and the first is not repeated at the end.
+        The polygon is divided into triangles (0, P, Q), one for each edge PQ. The integral of a
+        homogeneous function f of degree d over such a triangle is P x Q / (d + 2) times the mean of
+        f over the edge PQ. On the edge, f is a polynomial, whose mean is computed exactly by
+        Gauss-Legendre quadrature.
 
-        For a function f homogeneous of degree d, the triangle (0, P, Q) contributes P x Q / (d + 2)
-        times the mean of f over the edge PQ. On the edge, f is a polynomial, which Gauss-Legendre
-        integrates exactly. The sign of the area is corrected, so both orders of the vertices are
-        valid. `holes` are polygons inside the polygon that are subtracted.
+        Args:
+            vertices: (n, 2) normalised, clockwise or counter-clockwise. The first vertex is not
+                repeated at the end.
+            order: highest i + j, at most 6.
+            holes: polygons inside the polygon, which are subtracted.
 
         Raises:
-            MomentsError: fewer than three vertices, edges that cross, zero area, not finite.
+            MomentsError: a polygon has fewer than three vertices, edges that cross, no area, or a
+                coordinate that is not finite.
         """
         outline = _check_vertices(vertices, "polygon")
         centre = outline.mean(axis=0)
@@ -196,7 +215,7 @@ class Moments:
 
     @classmethod
     def from_points(cls, points: ArrayLike, order: int = MAX_ORDER) -> Moments:
-        """Compute the moments of at least three normalised points (n, 2), each with weight one."""
+        """Compute the moments of at least three normalised points (n, 2) with the weight one."""
         points = _check_vertices(points, "set of points")
         return cls.from_samples(points[:, 0], points[:, 1], np.ones(len(points)), order, POINTS)
 
@@ -210,15 +229,24 @@ class Moments:
         kind: str = DENSE,
         extent: tuple[float, float, float] | None = None,
     ) -> Moments:
-        """Compute moments as the sum of weight x^i y^j over samples (n,).
+        """Compute moments as the sums of weight x^i y^j over n samples, such as pixels.
 
-        The samples can be undistorted pixels with their areas as weights. `extent` is the variance
-        (xx, xy, yy) of the area that one sample represents, such as a pixel's square for coverage
-        weights. It is included to first order.
+        Args:
+            x, y: (n,) normalised coordinates of the samples.
+            weight: (n,) weight of each sample, such as the area of a pixel.
+            order: highest i + j, at most 6.
+            kind: 'dense' for a region, 'points' for a set of points.
+            extent: variance (xx, xy, yy) of the area that a sample represents, such as the square
+                of a pixel. Its effect is included to first order. None for samples without extent.
+
+        Raises:
+            MomentsError: the sum of the weights is not positive.
         """
         total = float(weight.sum())
         if not total > 0.0:
-            raise MomentsError("the samples have no weight: the shape is empty")
+            raise MomentsError(
+                f"the sum of the weights is {total:g}, must be positive: the shape is empty"
+            )
         x0, y0 = float(weight @ x) / total, float(weight @ y) / total
         table = np.zeros((order + 1, order + 1))
         for start in range(0, x.size, _CHUNK):
@@ -245,21 +273,22 @@ class Moments:
         offset: tuple[int, int] = (0, 0),
         coverage: bool = False,
     ) -> Moments:
-        """Compute the moments of an image of weights from an undistorted camera.
+        """Compute the moments of an image of weights from a camera without distortion.
 
-        The sum is two matrix products: powers of the row, image, powers of the column.
+        The sums over the pixels are computed as two matrix products, V^T W U, where V and U contain
+        the powers of the rows and columns, and W contains the weights.
 
         Args:
-            weights: (rows, columns), any real type.
+            weights: (rows, columns) weight of each pixel, any real type.
             camera: intrinsics in pixels of the whole image.
             order: highest i + j, at most 6.
-            full_scale: weight of a pixel that is completely on the shape, 255 for a mask.
+            full_scale: weight of a pixel that the shape covers completely, 255 for a mask.
             offset: (column, row) of weights[0, 0] in the whole image, for a crop.
             coverage: True if a weight is the covered fraction of the pixel's square, False if it is
                 a sample at the pixel's centre.
 
         Raises:
-            MomentsError: the image has no weight.
+            MomentsError: the sum of the weights is not positive.
         """
         rows, columns = weights.shape
         v = _compute_powers(rows, order, coverage)
@@ -283,12 +312,15 @@ class Moments:
         return cls._from_table(table, x0, y0, order, DENSE)
 
     def add(self, raw: Array) -> Moments:
-        """Return the moments with a change of the shape added, given by its raw moments."""
+        """Return the moments after a change of the shape.
+
+        raw: (order+1, order+1) raw moments of the change, m_ij at [i, j].
+        """
         return self._from_table(self.raw + raw, 0.0, 0.0, self.order, self.kind)
 
     @classmethod
     def _from_table(cls, table: Array, x0: float, y0: float, order: int, kind: str) -> Moments:
-        """Return the moments with the table (order+1, order+1) about the point (x0, y0)."""
+        """Return the moments whose values (order+1, order+1) about the point (x0, y0) are given."""
         m00, dx, dy, centred = _centre_moments(table)
         if not (m00 > 0.0 and isfinite(m00)):
             raise MomentsError(f"m00 = {m00:g} must be positive: the shape is empty")
@@ -312,14 +344,15 @@ def _select_triangle(table: Array, order: int) -> Array:
 
 @jit("f8[:,:], f8, f8")
 def translate(table, dx, dy):
-    """Compute the moments of the shape moved by (dx, dy).
+    """Compute the moments of a shape that is translated by (dx, dy).
 
-    The sum is C(i,k) C(j,l) dx^(i-k) dy^(j-l) m_kl over k and l.
+    Let m_kl be the given moments. The new moment (i, j) is the sum of
+    C(i,k) C(j,l) dx^(i-k) dy^(j-l) m_kl over k and l, where C is the binomial coefficient.
     """
     size = table.shape[0]
     rows, moved = np.zeros((size, size)), np.zeros((size, size))
     for i in range(size):
-        factor = 1.0  # C(i, k) dx^(i-k), starting with k = i
+        factor = 1.0  # C(i, k) dx^(i-k), which is 1 for the first k = i
         for k in range(i, -1, -1):
             for j in range(size):
                 rows[i, j] += factor * table[k, j]
@@ -335,10 +368,10 @@ def translate(table, dx, dy):
 
 @jit("f8[:,:]")
 def _centre_moments(table):
-    """Move moments to the centre of gravity.
+    """Translate moments to the centre of gravity.
 
     Returns:
-        m00, the centre of gravity relative to the old origin, and the moments about it.
+        m00; x and y of the centre of gravity; the moments (order+1, order+1) about it.
     """
     m00 = table[0, 0]
     dx, dy = table[1, 0] / m00, table[0, 1] / m00
@@ -350,7 +383,11 @@ def _centre_moments(table):
 
 
 def _apply_extent(table: Array, extent: tuple[float, float, float]) -> Array:
-    """Apply (1 + half the Laplacian with the variances of the extent) to the moments."""
+    """Add the effect of the samples' extent to their moments, to first order.
+
+    The effect on m_ij is half of the sum of xx d2f/dx2 + 2 xy d2f/dxdy + yy d2f/dy2 over the
+    samples, where f = x^i y^j and (xx, xy, yy) is the extent.
+    """
     xx, xy, yy = extent
     k = np.arange(table.shape[0], dtype=float)
     i, j = k[:, None], k[None, :]
@@ -363,9 +400,10 @@ def _apply_extent(table: Array, extent: tuple[float, float, float]) -> Array:
 
 @lru_cache(maxsize=4096)
 def _compute_powers(size: int, order: int, coverage: bool) -> Array:
-    """Compute the powers (size, order+1) of the pixel coordinate about the middle of `size` pixels.
+    """Compute the powers (size, order+1) of the coordinates of `size` pixels in a row.
 
-    With `coverage` they are the means over each pixel.
+    The coordinates are relative to the middle of the row. With `coverage`, the power of a pixel is
+    the mean over the pixel, otherwise the value at its centre.
     """
     u, k = np.arange(size) - 0.5 * (size - 1), np.arange(order + 1)
     if coverage:
@@ -376,7 +414,7 @@ def _compute_powers(size: int, order: int, coverage: bool) -> Array:
 
 @lru_cache(maxsize=4096)
 def _compute_power_derivatives(size: int, order: int) -> Array:
-    """Compute the derivatives (size, order+1) of the powers of `_compute_powers` with coverage."""
+    """Compute the derivatives (size, order+1) of the mean powers of `_compute_powers`."""
     slopes = np.zeros((size, order + 1))
     slopes[:, 1:] = np.arange(1, order + 1) * _compute_powers(size, order, True)[:, :-1]
     return _freeze(slopes)
@@ -400,7 +438,10 @@ def _check_vertices(points: ArrayLike, label: str) -> Array:
 
 
 def _compute_polygon_moments(p: Array, order: int, label: str) -> Array:
-    """Compute moments (order+1, order+1) of the polygon p about the origin, with positive area."""
+    """Compute the moments (order+1, order+1) of the polygon p (n, 2) about the origin.
+
+    Their sign is such that the area is positive. `label` names the polygon in messages.
+    """
     crossing = find_crossing(p)
     if crossing is not None:
         raise MomentsError(

@@ -29,7 +29,7 @@ IMAGE_TOPIC, INFO_TOPIC = f"{CAMERA}/image_raw", f"{CAMERA}/camera_info"
 
 
 class CameraNode:
-    """ROS interface of Pipeline; every fault is logged in one line at a limited rate."""
+    """ROS interface of Pipeline. It logs each kind of error in one line, at a limited rate."""
 
     def __init__(self, parameters: VisionParameters) -> None:
         self.parameters = parameters
@@ -46,7 +46,7 @@ class CameraNode:
         rospy.Subscriber(IMAGE_TOPIC, ImageMessage, partial(self._add_image, "image"), **options)
 
     def spin(self) -> None:
-        """Log what the node waits for until shutdown; end when the ROS master is gone."""
+        """Run until shutdown or until the ROS master has stopped, and log missing images."""
         for _ in iterate_at_period(0.2):
             if time.monotonic() - self._last_image > self.parameters.log_period:
                 label_topic = f" and {self._label_topics.topic}" if self._label_topics else ""
@@ -71,7 +71,7 @@ class CameraNode:
             image = decode(messages["image"])
             with self._lock:
                 if message.header.stamp < self._stamp:
-                    self.pipeline.reset()  # the clock has been reset
+                    self.pipeline.reset()  # time has jumped back
                 self._stamp = message.header.stamp
                 if (labels := self._label_topics) is not None:
                     image = replace(image, target_mask=labels.make_mask(messages["labels"]))
@@ -89,7 +89,7 @@ class CameraNode:
 
 
 def main() -> int:
-    """Run the node; return exit status 1 if its parameters are wrong."""
+    """Run the node and return its exit status, which is 1 if a parameter is wrong."""
     compile_all()
     return node_main("aras_visual_servo_camera", __doc__, _run, VisionError)
 

@@ -1,13 +1,14 @@
-"""Orientation of a target over a full turn, with the third-order moments of the desired view.
+"""Orientation of a target in (-pi, pi], relative to that in the desired view.
 
-Second-order moments define the main axis up to half a turn. Odd moments change their sign under a
-half turn. The right angle is therefore the one for which the target's third-order moments, rotated
-back by the difference of the angles, agree with those of the desired view.
+Second-order moments define the orientation of the main axis, but not its direction: two angles that
+differ by half a turn are possible. Third-order moments change their sign under half a turn. The
+direction is therefore correct if the third-order moments of the desired view, rotated by the
+difference of the two orientations, agree with those of the current view.
 
-A tilt of the plane distorts third-order moments enough to reverse this result, which is a known
-error of ViSP. Therefore both views are first rectified: if the plane is known, the moments that a
-camera along its normal would measure follow from the image's moments of higher order. The
-rectified moments are used only for the sign; the value of alpha is that of the image.
+A tilt of the target's plane distorts third-order moments, which can reverse the result. This is a
+known error of ViSP. Therefore both views are first rectified: the moments that a camera along the
+plane's normal would measure are computed from the plane and from the moments of higher order. Only
+the choice of the direction depends on rectified moments. The value of alpha is that in the image.
 """
 
 from __future__ import annotations
@@ -23,20 +24,25 @@ from .interaction import Plane
 from .moments import DENSE, Moments, translate
 from .polygons import Array
 
-# |mu3| / (m00 rg^3) below which a shape counts as symmetric. Pixels and the truncated expansion
-# give up to 2e-3 for a rectangle; shapes with a visible direction have 1e-2 and more.
+# A shape is symmetric under half a turn if the norm of its third-order moments, divided by
+# m00 rg^3, is below this value. For a rectangle, it is up to 2e-3, because of the pixels and the
+# truncated expansion. For shapes with a visible direction, it is at least 1e-2.
 SYMMETRY_TOLERANCE = 0.003
-# Types of a view: centred moments; A, B, C of the plane; xg, yg; 3 for a region or 0 for points.
+# Types of the arguments that describe a view: the centred moments; A, B, C of the plane; xg; yg;
+# and 3 for a region or 0 for a set of points.
 VIEW_SIGNATURE = "f8[:,:], f8, f8, f8, f8, f8, f8"
 
 
 class Orientation(NamedTuple):
-    """Orientation of one view, as `full_alpha` compares it.
+    """Orientation of a target in one view.
+
+    The rectified view is that of a camera along the normal of the target's plane.
 
     Attributes:
-        alpha: symmetric orientation in the image, rad.
-        upright_alpha: symmetric orientation in the rectified view, rad.
-        third: mu30, mu21, mu12, mu03 of the rectified view, divided by m00 rg^3.
+        alpha: orientation of the main axis in the image, in (-pi/2, pi/2].
+        upright_alpha: orientation of the main axis in the rectified view, in (-pi/2, pi/2].
+        third: mu30, mu21, mu12, mu03 of the rectified view, divided by m00 rg^3, where rg is the
+            radius of gyration.
     """
 
     alpha: float
@@ -45,38 +51,51 @@ class Orientation(NamedTuple):
 
     @classmethod
     def from_moments(cls, moments: Moments, plane: Plane) -> Orientation | None:
-        """Return the orientation of one view, or None if it is undefined.
+        """Return the orientation in one view; return None if it is undefined.
 
-        It needs a main axis and moments of third order.
+        It is undefined if the shape has no main axis, or if the order of the moments is below 3.
         """
         known, *found = _compute_orientation(*_pack_view(moments, plane))
         return cls(*found) if known else None
 
     @property
     def is_symmetric(self) -> bool:
-        """True if a half turn changes the shape by less than the tolerance."""
+        """True if half a turn does not change the shape, up to SYMMETRY_TOLERANCE."""
         return sqrt(compute_third_product(self.third, self.third)) < SYMMETRY_TOLERANCE
 
 
 def full_alpha(moments: Moments, alpha: float, plane: Plane, reference: Orientation) -> float:
-    """Return alpha or alpha +- pi, in (-pi, pi]; for a symmetric shape alpha itself."""
+    """Return the orientation of a view in (-pi, pi], relative to that of the desired view.
+
+    Args:
+        moments: moments of the view.
+        alpha: orientation of the main axis of the view, rad.
+        plane: the target's plane in the view.
+        reference: orientation in the desired view.
+
+    Returns:
+        alpha, or alpha +- pi. For a shape that half a turn does not change, the result is alpha.
+    """
     if reference.is_symmetric or not _is_opposite(*_pack_view(moments, plane), alpha, *reference):
         return alpha
     return alpha + (pi if alpha <= 0.0 else -pi)
 
 
 def _pack_view(moments: Moments, plane: Plane) -> tuple[Array | float, ...]:
-    """Return the arguments of a view for the compiled functions."""
+    """Return the arguments, of the types VIEW_SIGNATURE, that describe a view."""
     shrinking = 3.0 if moments.kind == DENSE else 0.0
     return moments.centred, *plane, moments.xg, moments.yg, shrinking
 
 
 @jit("UniTuple(f8, 4), f8")
 def rotate_third(third, angle):
-    """Compute mu30, mu21, mu12, mu03 of a shape rotated by `angle` (from x to y), rad."""
+    """Compute the third-order moments of a shape that is rotated by `angle`, rad, from x to y.
+
+    third: mu30, mu21, mu12, mu03 of the shape. The result has the same order.
+    """
     a, b, c, d = third
-    # The complex moments mu30 + mu12 + i (mu21 + mu03) and mu30 - 3 mu12 + i (3 mu21 - mu03)
-    # rotate by the angle and by three times the angle.
+    # The complex moment mu30 + mu12 + i (mu21 + mu03) rotates by the angle, and
+    # mu30 - 3 mu12 + i (3 mu21 - mu03) by three times the angle.
     once = complex(a + c, b + d) * complex(cos(angle), sin(angle))
     thrice = complex(a - 3 * c, 3 * b - d) * complex(cos(3 * angle), sin(3 * angle))
     m30, m12 = (3 * once.real + thrice.real) / 4, (once.real - thrice.real) / 4
@@ -86,15 +105,26 @@ def rotate_third(third, angle):
 
 @jit("UniTuple(f8, 4), UniTuple(f8, 4)")
 def compute_third_product(p, q):
-    """Compute a scalar product of third-order moments that is invariant to a common rotation."""
+    """Compute a scalar product of the third-order moments of two shapes.
+
+    It does not change if both shapes are rotated by the same angle.
+
+    p, q: mu30, mu21, mu12, mu03 of the two shapes.
+    """
     return p[0] * q[0] + 3 * p[1] * q[1] + 3 * p[2] * q[2] + p[3] * q[3]
 
 
 @jit("f8, f8, f8, f8, f8, f8, f8")
 def _compute_plane_map(A, B, C, xg, yg, ex, ey):
-    """Compute G (2, 2), which maps image offsets to offsets along two axes of the plane.
+    """Compute the matrix G (2, 2) that maps offsets in the image to offsets in the target's plane.
 
-    The axes are those of the image, rotated into the plane by the smallest rotation.
+    The smallest rotation that makes the image plane parallel to the target's plane rotates the
+    axes of the image to those of the offsets in the target's plane.
+
+    Args:
+        A, B, C: the target's plane, 1/Z = A x + B y + C.
+        xg, yg: centre of gravity, normalised.
+        ex, ey: A and B, divided by the inverse depth at the centre of gravity.
     """
     size = np.sqrt(A**2 + B**2 + C**2)
     if C < 0.0:
@@ -113,10 +143,14 @@ def _compute_plane_map(A, B, C, xg, yg, ex, ey):
 
 @jit(VIEW_SIGNATURE)
 def _compute_plane_moments(centred, A, B, C, xg, yg, shrinking):
-    """Compute moments (4, 4) of the plane about its point at the image's centre of gravity.
+    """Compute the moments of the target in its plane.
 
-    Entry [i, j] is the integral of (G d)^(i, j) / (1 + e.d)^k, with k = i + j + shrinking and the
-    symbols of `compute_upright_moments`.
+    They refer to the point of the plane whose image is the centre of gravity. The arguments and
+    symbols are those of `compute_upright_moments`.
+
+    Returns:
+        (4, 4). Entry [i, j] is the integral of x^i y^j / (1 + e.d)^k, where (x, y) = G d and
+        k = i + j + shrinking.
     """
     inverse_depth = A * xg + B * yg + C
     ex, ey = A / inverse_depth, B / inverse_depth
@@ -131,7 +165,8 @@ def _compute_plane_moments(centred, A, B, C, xg, yg, shrinking):
         # projected[b]: integral of x^(order-b) y^b / (1 + e.d)^k
         projected = np.zeros(order + 1)
         for b in range(order + 1):
-            # Coefficient of t^r in (1 + t)^-k, i.e. (-1)^r C(k+r-1, r), with t = ex x + ey y.
+            # Coefficient of t^r in the series of (1 + t)^-k, where t = ex x + ey y. It is
+            # (-1)^r C(k+r-1, r).
             binomial = 1.0
             for r in range(known - order + 1):
                 choice = 1.0  # binomial coefficient C(r, y)
@@ -141,7 +176,8 @@ def _compute_plane_moments(centred, A, B, C, xg, yg, shrinking):
                     choice *= (r - y) / (y + 1.0)
                 binomial *= -(k + r) / (r + 1.0)
         for of_x in range(order + 1):
-            # Coefficients of (gx.d)^of_x (gy.d)^(order - of_x) by increasing power of y.
+            # Coefficients of the polynomial (gx.d)^of_x (gy.d)^(order - of_x), by increasing power
+            # of y, where d = (x, y).
             form = np.zeros(order + 1)
             form[0] = 1.0
             for step in range(order):
@@ -155,22 +191,23 @@ def _compute_plane_moments(centred, A, B, C, xg, yg, shrinking):
 
 @jit(VIEW_SIGNATURE)
 def compute_upright_moments(centred, A, B, C, xg, yg, shrinking):
-    """Compute the centred moments up to order 3 of a camera that looks along the plane's normal.
+    """Compute the centred moments up to order 3 that a camera along the plane's normal measures.
 
-    Let d be the offset from the centre of gravity g in the image, e = (A, B) / (1/Zg), and G the
-    linear map from d to offsets in the plane. A point of the plane is at G d / (1 + e.d), and an
-    area element of a region shrinks by (1 + e.d)^3. The powers of (1 + e.d) are expanded up to the
-    order of the known moments. The remainder is of the order of (rg |e|)^(order - 2), which is
-    small for a target that is small compared with its distance.
+    Let d be the offset of an image point from the centre of gravity, Zg the depth there,
+    e = Zg (A, B), and G the matrix of `_compute_plane_map`. The offset of this point in the plane
+    is G d / (1 + e.d), and the area of a region's element is divided by (1 + e.d)^3. The powers of
+    1 + e.d are expanded up to the order of the given moments. The remainder is of the order of
+    (rg |e|)^(order - 2), where rg is the radius of gyration. It is small if the target is small
+    compared with its distance.
 
     Args:
-        centred: central moments mu_ij at [i, j].
-        A, B, C: the plane, 1/Z = A x + B y + C.
+        centred: (order+1, order+1) centred moments, mu_ij at [i, j].
+        A, B, C: the target's plane, 1/Z = A x + B y + C.
         xg, yg: centre of gravity, normalised.
-        shrinking: 3 for a region, 0 for points.
+        shrinking: 3 for a region, 0 for a set of points.
 
     Returns:
-        (4, 4), mu_ij at [i, j], up to a common factor per order.
+        (4, 4) mu_ij at [i, j]. All moments of the same order i + j have an unknown common factor.
     """
     table = _compute_plane_moments(centred, A, B, C, xg, yg, shrinking)
     return translate(table, -table[1, 0] / table[0, 0], -table[0, 1] / table[0, 0])
@@ -178,7 +215,10 @@ def compute_upright_moments(centred, A, B, C, xg, yg, shrinking):
 
 @jit(VIEW_SIGNATURE)
 def _compute_orientation(centred, A, B, C, xg, yg, shrinking):
-    """Return True and the fields of Orientation, or False and zeros if it is undefined."""
+    """Return True and the fields of Orientation, or False and zeros if they are undefined.
+
+    The arguments are those of `compute_upright_moments`.
+    """
     undefined = False, 0.0, 0.0, (0.0, 0.0, 0.0, 0.0)
     if len(centred) < 4:
         return undefined
@@ -195,9 +235,13 @@ def _compute_orientation(centred, A, B, C, xg, yg, shrinking):
 
 @jit(f"{VIEW_SIGNATURE}, f8, f8, f8, UniTuple(f8, 4)")
 def _is_opposite(centred, A, B, C, xg, yg, shrinking, alpha, of_alpha, of_upright_alpha, of_third):
-    """Check whether a view points in the direction opposite to `alpha` (rad) in its image.
+    """Return whether the orientation of a view is alpha + pi, relative to the desired view.
 
-    of_alpha, of_upright_alpha, of_third: fields of the reference's Orientation.
+    The first seven arguments are those of `compute_upright_moments`.
+
+    Args:
+        alpha: orientation of the main axis of the view, rad.
+        of_alpha, of_upright_alpha, of_third: Orientation of the desired view.
     """
     known, _, upright_alpha, third = _compute_orientation(centred, A, B, C, xg, yg, shrinking)
     if not known or np.sqrt(compute_third_product(third, third)) < SYMMETRY_TOLERANCE:

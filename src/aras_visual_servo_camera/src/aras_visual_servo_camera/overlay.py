@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from .pipeline import TargetDetection
 
 _GREEN, _RED, _YELLOW, _BLUE = (0, 220, 0), (230, 30, 30), (255, 210, 0), (60, 120, 255)
-_FRACTION_BITS = 4  # OpenCV draws with coordinates in sixteenths of a pixel
+_FRACTION_BITS = 4  # the coordinates of drawn lines are in units of 1/16 px
 
 
 def draw(
@@ -20,11 +20,16 @@ def draw(
     detection: TargetDetection,
     desired_outline: Sequence[tuple[float, float]] = (),
 ) -> NDArray[np.uint8]:
-    """Draw the detected target and the desired outline into a copy of the image (rows, columns, 3).
+    """Draw the detected target and the desired outline into a copy of an image.
 
-    The contour is green for a valid target and red for an invalid one. The main axis is yellow, the
-    centre red, and the desired outline, which is given in normalised coordinates, blue. If the
-    target is invalid, the reason is written below.
+    The contour of the target is green if it is valid, otherwise red. Its main axis is yellow, its
+    centre red, and the desired outline blue. If the target is invalid, the reason is written at the
+    bottom of the image.
+
+    Args:
+        rgb: (rows, columns, 3) image.
+        detection: target in this image.
+        desired_outline: x, y of each corner, normalised.
     """
     overlay = np.ascontiguousarray(rgb).copy()
     colour = _GREEN if detection.valid else _RED
@@ -60,7 +65,7 @@ def _draw_polyline(image: NDArray, points: NDArray, colour: tuple, closed: bool 
 
 
 def _draw_text(image: NDArray, text: str) -> None:
-    """Write lines along the bottom, with letters that stay legible in small images."""
+    """Write a text at the bottom of an image, in letters that are legible in small images."""
     font, margin = cv2.FONT_HERSHEY_SIMPLEX, 4
     scale = 0.5 if image.shape[1] >= 480 else 0.35
     (_, height), below = cv2.getTextSize("Ag", font, scale, 1)
@@ -68,7 +73,7 @@ def _draw_text(image: NDArray, text: str) -> None:
     room = image.shape[1] - 2 * margin
     lines = _wrap_text(text, lambda words: cv2.getTextSize(words, font, scale, 1)[0][0] <= room)
     lines = lines[: max((image.shape[0] // 2 - margin) // step, 1)]
-    # A light background is used because a border around small letters looks like a second text.
+    # The background is lightened, because a border around small letters looks like a second text.
     top = image.shape[0] - len(lines) * step - margin
     image[max(top, 0) :] = image[max(top, 0) :] // 5 + 204
     for number, line in enumerate(lines):
@@ -77,7 +82,10 @@ def _draw_text(image: NDArray, text: str) -> None:
 
 
 def _wrap_text(text: str, fits: Callable[[str], bool]) -> list[str]:
-    """Split a text into lines of whole words; a word that is too long gets a line for itself."""
+    """Split a text into lines; a word that does not fit into a line is a line of its own.
+
+    fits: function that returns whether a text fits into one line.
+    """
     lines: list[str] = []
     for word in text.split():
         if lines and fits(f"{lines[-1]} {word}"):

@@ -1,4 +1,4 @@
-"""Parameters of the camera node, with defaults; they are checked once at start."""
+"""Parameters of the camera node and their defaults; they are checked once, at start."""
 
 from __future__ import annotations
 
@@ -19,18 +19,24 @@ from .segmentation import Segmentation
 
 
 def copy_parameter(settings: type, name: str) -> Any:
-    """Return a parameter of the node with the default and bounds of the same setting."""
+    """Return a parameter of the node with the default and the bounds of a setting.
+
+    Args:
+        settings: dataclass of the setting.
+        name: name of the setting.
+    """
     field = settings.__dataclass_fields__[name]
     return parameter(field.default, **field.metadata)
 
 
 @dataclass(frozen=True)
 class VisionParameters:
-    """Private parameters of the node; the table in the README explains each of them.
+    """Private parameters of the node; the package's README explains each of them.
 
-    mask_image: file of the mask for the component 'mask', or ''.
-    desired_outline: x, y of the desired target's corners, normalised, for the overlay.
-    log_period: minimum wall time between two equal log lines, s.
+    Attributes:
+        mask_image: image file of the mask for the component 'mask'; '' for none.
+        desired_outline: x, y of the corners of the desired outline, normalised, for the overlay.
+        log_period: minimum wall time between two log lines of the same kind, s.
     """
 
     layout: str = copy_parameter(PipelineSettings, "layout")
@@ -58,16 +64,18 @@ class VisionParameters:
 
     def __post_init__(self) -> None:
         if self.component == "mask" and not self.mask_image:
-            raise ParameterError("~component is 'mask', so ~mask_image must name an image file")
+            raise ParameterError(
+                "~component is 'mask', so ~mask_image must be the path of an image file"
+            )
         if len(self.desired_outline) % 2 or 0 < len(self.desired_outline) < 6:
-            raise ParameterError("~desired_outline needs x, y of at least three corners")
-        _ = self.pipeline_settings  # raises ParameterError for conflicting settings
+            raise ParameterError("~desired_outline must be empty or x, y of at least three corners")
+        _ = self.pipeline_settings  # raises ParameterError if settings conflict
 
     @classmethod
     def from_mapping(cls, mapping: Mapping[str, Any]) -> VisionParameters:
-        """Return the parameters of a mapping.
+        """Return the parameters from a mapping.
 
-        `segmentation` may also be a mapping of settings, as in the controller node.
+        Its entry `segmentation` is a method or, as for the controller node, a mapping of settings.
 
         Raises:
             ParameterError: a parameter is unknown or invalid; the message names it.
@@ -82,7 +90,7 @@ class VisionParameters:
 
     @cached_property
     def pipeline_settings(self) -> PipelineSettings:
-        """Settings of the pipeline; raises ParameterError if they conflict."""
+        """Settings of the pipeline; raises ParameterError if settings conflict."""
         try:
             segmentation = Segmentation(
                 method=self.segmentation, **self._select_settings(Segmentation)
@@ -94,17 +102,17 @@ class VisionParameters:
         )
 
     def _select_settings(self, settings: type) -> dict[str, Any]:
-        """Return the parameters that are settings of the given class, by name."""
+        """Return, by name, the values of the parameters that are settings of the given class."""
         shared = (field.name for field in fields(settings) if hasattr(self, field.name))
         return {name: getattr(self, name) for name in shared}
 
     @property
     def desired_corners(self) -> tuple[tuple[float, float], ...]:
-        """x, y of each corner of the desired outline."""
+        """Corners (x, y) of the desired outline, normalised; empty if there is none."""
         return tuple(zip(self.desired_outline[::2], self.desired_outline[1::2], strict=True))
 
     def read_mask_image(self) -> NDArray[np.uint8] | None:
-        """Read the mask image in grey (rows, columns); return None if no file is set.
+        """Return the grey levels (rows, columns) of the mask image; return None if no file is set.
 
         Raises:
             ParameterError: the file cannot be read.

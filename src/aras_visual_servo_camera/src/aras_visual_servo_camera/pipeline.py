@@ -1,4 +1,4 @@
-"""Measurement of the target in an image; the camera node without ROS."""
+"""Measurement of the target in each image of a camera, without ROS."""
 
 from __future__ import annotations
 
@@ -37,20 +37,21 @@ class PipelineSettings:
     original_threshold: float = parameter(250.0, least=0.0, most=255.0)
 
 
-Settings = PipelineSettings  # name in the documentation
+Settings = PipelineSettings  # name that the documentation uses
 
 
 @dataclass(frozen=True, eq=False)
 class TargetDetection:
-    """The target in one image.
+    """Result of the measurement of one image.
 
     Attributes:
         valid: True if the moments can be used for servoing.
-        reason: explanation if it is not valid, otherwise empty.
-        target: pixels, bounding box, touched borders and threshold.
-        moments: None if there is nothing to measure. A target that is cut by the border has moments
-            of the visible part, but is not valid.
-        camera: the intrinsics that were used, or None.
+        reason: explanation why they cannot be used, otherwise empty.
+        target: pixels, bounding box, touched borders and threshold of the target.
+        moments: moments of the target; None if they cannot be computed. If the border of the image
+            cuts off a part of the target, they are the moments of the visible part, and the
+            detection is not valid.
+        camera: intrinsics with which the moments were computed; None if they are unknown.
     """
 
     valid: bool
@@ -61,7 +62,10 @@ class TargetDetection:
 
 
 class Pipeline:
-    """Measures one image after another; it stores the camera and the target's last position."""
+    """Measures the target in one image after another.
+
+    It stores the intrinsics of the camera and the last position of the target.
+    """
 
     def __init__(
         self, settings: PipelineSettings, component_mask: NDArray[np.uint8] | None = None
@@ -79,25 +83,26 @@ class Pipeline:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the last position of the target, e.g. after a reset of the clock."""
+        """Forget the last position of the target, for example after time has jumped back."""
         self._previous_centre: tuple[float, float] | None = None
 
     def set_camera(self, camera: CameraModel) -> None:
-        """Use these intrinsics from the next image on."""
+        """Use the given intrinsics from the next image on."""
         if camera != self.camera:
             if camera.is_distorted:
-                _ = camera.tables  # compute once here, not during the next image
+                _ = camera.tables  # compute the tables now, so that the next image is not delayed
             self.camera, self.camera_fault = camera, ""
 
     def drop_camera(self, fault: str) -> None:
-        """Remove the intrinsics; `fault` is the reason in later detections."""
+        """Remove the intrinsics; later detections are invalid with `fault` as the reason."""
         self.camera, self.camera_fault = None, fault
 
     def measure(self, image: Image) -> TargetDetection:
         """Segment the image and compute the moments of the target.
 
         Raises:
-            SegmentationError: the settings do not fit the image.
+            SegmentationError: the image lacks what the settings need, such as colours, labels or
+                the size of the mask image.
         """
         camera = self.camera
         colour = None
@@ -108,14 +113,14 @@ class Pipeline:
                    image.target_mask)  # fmt: skip
         target = segment(grey, *options)
         if target.reason and grey is not image.grey:
-            target = segment(image.grey, *options)  # find the reason in the whole image
+            target = segment(image.grey, *options)  # the reason refers to the whole image
         reason = target.reason
         if not reason and camera is None:
             reason = self.camera_fault
         if not reason and (camera.height, camera.width) != image.shape:
             reason = (
                 f"the image is {image.shape[1]} x {image.shape[0]} but camera_info says "
-                f"{camera.width} x {camera.height}"
+                f"{camera.width} x {camera.height}; both must have the same size"
             )
         if reason:
             self._previous_centre = None if target.pixel_count == 0 else self._previous_centre
@@ -129,11 +134,11 @@ class Pipeline:
         return TargetDetection(not reason, reason, target, moments, camera)
 
     def _mask_blind_pixels(self, grey: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Replace the pixels without normalised coordinates by background.
+        """Replace the pixels outside the range of the lens model by background.
 
-        The rim of a fisheye image shows objects outside the lens model. The largest dark one must
-        not be taken for the target. A target that extends to the rim is still rejected, because its
-        moments are computed from the original image.
+        Otherwise, a dark object at the rim of a fisheye image could be taken for the target. A
+        target that extends to the rim is still rejected, because its moments are computed from the
+        original image.
         """
         camera = self.camera
         if camera is None or camera.blind_mask is None or camera.blind_mask.shape != grey.shape:
@@ -142,11 +147,13 @@ class Pipeline:
         return np.where(camera.blind_mask, np.uint8(ground), grey)
 
     def compute_original_data(self, image: Image) -> list[float]:
-        """Compute the numbers of the topic camera/data with the fixed threshold of the original.
+        """Compute the numbers of the topic camera/data for the layout of the settings.
+
+        As in the original, the target is found with a fixed threshold.
 
         Raises:
             DegenerateFeatureError: there is no target.
-            CalibrationError: the layout 'moments' has no camera_info.
+            CalibrationError: the layout is 'moments', and the intrinsics are unknown.
         """
         if self.settings.layout == "kernel":
             return self.compute_kernel_data(image)
@@ -163,10 +170,10 @@ class Pipeline:
         return compute_kernel_features(self.make_original_mask(image)).to_message_data()
 
     def make_original_mask(self, image: Image) -> NDArray[np.uint8]:
-        """Return the inverse binary image (0, 255) at the original's threshold.
+        """Return the original's mask of the target: 255 at the threshold and below, 0 above it.
 
-        The threshold refers to images whose white is 255. If the most frequent bright level is
-        lower, as in images that are not overexposed, the threshold is reduced by the same factor.
+        The threshold is valid for overexposed images, in which white has the level 255. In other
+        images, it is multiplied by the most frequent bright level and divided by 255.
         """
         bright = np.bincount(image.grey.ravel(), minlength=256)[128:]
         white = 128 + int(bright.argmax()) if bright.any() else 255
@@ -191,7 +198,7 @@ class Pipeline:
         tables = camera.tables
         if weights[tables.area[crop] == 0.0].any():
             raise SegmentationError(
-                "the target reaches beyond the part of the image that has normalised coordinates"
+                "the target extends beyond the range of the lens model"
             )
         if is_coverage:
             x, y, weight = locate_covered_parts(*tables, weights, *offset)

@@ -1,4 +1,4 @@
-"""Settings of the segmentation of the target by grey level, colour or label."""
+"""Settings that define how the target is segmented: by grey level, colour or label."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .errors import SegmentationError, VisionError
 METHODS = ("fixed", "otsu", "adaptive", "colour", "nearest_colour", "label")
 BY_COLOUR = ("colour", "nearest_colour")
 COMPONENTS = ("all", "largest", "nearest", "mask")
-MAX_HSV = (179, 255, 255)  # ranges of hue, saturation and value in OpenCV
+MAX_HSV = (179, 255, 255)  # largest hue, saturation and value in OpenCV
 
 
 @dataclass(frozen=True)
@@ -21,24 +21,28 @@ class Segmentation:
     """Settings that define the pixels of the target and its connected component.
 
     Attributes:
-        method: 'fixed' threshold, 'otsu', 'adaptive' (local mean), 'colour' (range in HSV),
-            'nearest_colour' (all pixels close to one colour), or 'label' (pixels of a label image).
-        threshold: grey level of 'fixed', 0 to 255; pixels of this level or darker are target.
-        dark_target: False reverses the comparison, for a bright target on a dark background.
-        adaptive_block: side of the neighbourhood of 'adaptive', odd, px.
-        adaptive_offset: grey levels by which the target is darker than its neighbourhood.
-        colour_low, colour_high: range of hue (0-179), saturation, value (0-255). If the low hue is
-            above the high hue, the range includes red (179 to 0).
-        near_colour: red, green, blue (0-255) of 'nearest_colour'.
-        colour_distance: largest distance of a target pixel from `near_colour`, in CIELAB with a
-            weight of a quarter for lightness.
-        label: model, or 'model::link', that is the target of 'label'.
-        component: 'all' pixels as one target, the 'largest' connected component, the one 'nearest'
-            to the last position of the target, or the one with most pixels inside a 'mask' image.
-        marker: ArUco or AprilTag marker, or board of markers, whose pixels are the target. It
-            overrides `component`. '' for no marker; the module `markers` explains the forms.
+        method: 'fixed' (threshold), 'otsu' (Otsu's threshold), 'adaptive' (threshold relative to
+            the local mean), 'colour' (range of colours in HSV), 'nearest_colour' (all pixels close
+            to one colour), or 'label' (pixels of the target in a label image).
+        threshold: threshold of 'fixed', 0 to 255; pixels at this grey level and below are target.
+        dark_target: False for a bright target on a dark background, which reverses the comparison.
+        adaptive_block: for 'adaptive', side of the square over which the mean is computed, odd, px.
+        adaptive_offset: for 'adaptive', grey levels by which the target is darker than the mean.
+        colour_low, colour_high: for 'colour', lowest and highest hue (0-179), saturation (0-255)
+            and value (0-255). If the lowest hue is above the highest hue, the range contains the
+            hues from the lowest to 179 and from 0 to the highest, so it includes red.
+        near_colour: for 'nearest_colour', red, green and blue (0-255) of the target.
+        colour_distance: for 'nearest_colour', largest distance of a target pixel from
+            `near_colour`, in CIELAB, where lightness has a weight of a quarter.
+        label: for 'label', name of the target: 'model' or 'model::link'.
+        component: which connected component is the target: 'all' together, the 'largest', the one
+            'nearest' to the last position of the target, or the one with most pixels inside a mask
+            image ('mask').
+        marker: ArUco or AprilTag marker, or board of markers, whose pixels are the target; '' for
+            none. It overrides `component`. The docstring of the module `markers` explains its
+            forms.
         min_pixels: smallest number of pixels of a target.
-        min_contrast: smallest difference of target and background for 'otsu', grey levels.
+        min_contrast: for 'otsu', smallest difference of target and background, grey levels.
     """
 
     method: str = parameter("fixed", choices=METHODS)
@@ -59,9 +63,9 @@ class Segmentation:
     def __post_init__(self) -> None:
         check(self, SegmentationError)
         if self.marker and self.method == "label":
-            raise SegmentationError("marker and method 'label' both define the pixels of the "
+            raise SegmentationError("both marker and method 'label' define the pixels of the "
                                     "target: remove one of them")  # fmt: skip
-        if self.marker != "":  # also check {}, a board without keys
+        if self.marker != "":  # check {}, too, which is a board without keys
             from .markers import MarkerChoice
 
             try:
@@ -74,18 +78,18 @@ class Segmentation:
             colour = getattr(self, name)
             if len(colour) != 3 or not all(map(_is_within, colour, MAX_HSV)):
                 raise SegmentationError(
-                    f"{name} {tuple(colour)} must be hue 0-179, saturation 0-255, value 0-255"
+                    f"{name} is {tuple(colour)}, must be hue 0-179, saturation 0-255, value 0-255"
                 )
         given = len(self.near_colour) == 3 and all(0 <= level <= 255 for level in self.near_colour)
         if not given and (self.near_colour or self.method == "nearest_colour"):
             raise SegmentationError(
-                f"near_colour is {list(self.near_colour)}, must be red, green, blue, 0-255, for "
-                "method 'nearest_colour'"
+                f"near_colour is {list(self.near_colour)}, must be red, green and blue from 0 to "
+                "255, which method 'nearest_colour' needs"
             )
 
     @property
     def image_kinds(self) -> tuple[str, ...]:
-        """Kinds of images of one exposure that the segmentation needs."""
+        """Kinds of images that the segmentation needs from each exposure: 'image', 'labels'."""
         return ("image", "labels") if self.method == "label" else ("image",)
 
 

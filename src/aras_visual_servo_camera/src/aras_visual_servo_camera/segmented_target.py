@@ -1,7 +1,7 @@
 """Segmentation of the target's pixels in an image by grey level, colour or label.
 
-Holes of the target remain holes. Columns and rows count from the centre of the first pixel (0, 0);
-boxes are (column, row, width, height).
+Pixels in a hole of the target do not belong to the target. The centre of the first pixel has the
+column 0 and the row 0. A box is (column, row, width, height).
 """
 
 from __future__ import annotations
@@ -19,8 +19,9 @@ from .segmentation import BY_COLOUR, Segmentation
 Mask = NDArray[np.uint8]
 Box = tuple[int, int, int, int]
 
-UNEVEN_METHODS = (*BY_COLOUR, "label")  # methods that allow several grey levels of a target
-# Weight of lightness in colour distances; it is low because shading changes lightness, not hue.
+UNEVEN_METHODS = (*BY_COLOUR, "label")  # methods whose target can have several grey levels
+# Weight of lightness in the distance of two colours. It is low, because shading changes the
+# lightness, but not the hue.
 LIGHTNESS = 0.25
 COMPONENT_DESCRIPTIONS = {
     "largest": "the largest is used",
@@ -35,17 +36,17 @@ class SegmentedTarget:
     """The target's pixels in one image.
 
     Attributes:
-        mask: (rows, columns) of the whole image, 255 on the target, 0 elsewhere.
-        box: bounding box of the target; (0, 0, 0, 0) without target.
-        pixel_count: number of pixels on the target.
-        threshold: grey level of the threshold; -1 if the method has no single threshold.
+        mask: (rows, columns) 255 on the target, 0 elsewhere; it has the size of the image.
+        box: bounding box (column, row, width, height); (0, 0, 0, 0) if there is no target.
+        pixel_count: number of pixels of the target.
+        threshold: threshold as a grey level; -1 if the method has no single threshold.
         touched_borders: borders of the image that the target touches: 'left', 'right', 'top',
             'bottom'.
-        reason: explanation if there is no usable target, otherwise empty. A target that touches a
+        reason: explanation why there is no usable target, otherwise empty. A target that touches a
             border is usable.
-        component_count: number of connected components of target colour in the image. The target is
-            one or all of them.
-        component: rule by which the component was chosen, as in Segmentation.
+        component_count: number of connected components of target colour in the image.
+        component: rule by which the target was chosen among the components, as in Segmentation, or
+            'marker'.
         is_uneven: True if the grey levels of target and background can vary over the image.
     """
 
@@ -60,7 +61,7 @@ class SegmentedTarget:
     is_uneven: bool = False
 
     def describe(self) -> str:
-        """Return a text that identifies the chosen object and the rule of the choice."""
+        """Return a text that describes which object is the target, and by which rule."""
         column, row, width, height = self.box
         place = (
             f"{self.pixel_count} pixels around column {column + width // 2}, "
@@ -78,24 +79,26 @@ def threshold_image(
     grey: Mask, settings: Segmentation, colour: NDArray[np.uint8] | None = None,
     target_mask: Mask | None = None,
 ) -> tuple[Mask, float, str]:
-    """Find all pixels of target colour.
+    """Find all pixels that may belong to the target, by the method of the settings.
 
     Args:
-        grey: (rows, columns) uint8.
+        grey: (rows, columns) uint8 image.
         settings: method and its parameters.
-        colour: (rows, columns, 3) RGB, for the methods BY_COLOUR only.
-        target_mask: 255 on the target, 0 elsewhere, for the method 'label' only.
+        colour: (rows, columns, 3) RGB image, for the methods 'colour' and 'nearest_colour'.
+        target_mask: (rows, columns) 255 on the target, 0 elsewhere, for the method 'label'.
 
     Returns:
-        The mask; the threshold, or -1; and the reason if there is no target, otherwise ''.
+        The mask (rows, columns), 255 for these pixels; the threshold, or -1 if there is no single
+        threshold; and the reason why there is no target, or '' if there is one.
 
     Raises:
-        SegmentationError: the method needs another kind of image.
+        SegmentationError: the image that the method needs is missing.
     """
     if settings.method == "label":
         if target_mask is None:
             raise SegmentationError(
-                "segmentation 'label' needs the simulator's label image, and this image has none"
+                "segmentation 'label' needs the simulator's label image; set `segmentation: true` "
+                "in the settings of the simulated camera"
             )
         return (
             target_mask,
@@ -124,7 +127,7 @@ def threshold_image(
         return mask, -1.0, ""
     if colour is None:
         raise SegmentationError(
-            f"segmentation '{settings.method}' needs a colour image, this one is grey"
+            f"segmentation '{settings.method}' needs a colour image, but the image is grey"
         )
     if settings.method == "nearest_colour":
         return _threshold_colour_distance(colour, settings), -1.0, ""
@@ -137,11 +140,17 @@ def threshold_image(
 
 
 def _threshold_colour_distance(colour: NDArray[np.uint8], settings: Segmentation) -> Mask:
-    """Return 255 where an RGB pixel is within `colour_distance` of `near_colour`."""
+    """Return the mask (rows, columns) of the pixels close to one colour.
+
+    A pixel is 255 if its distance from `settings.near_colour` is at most
+    `settings.colour_distance`, otherwise 0.
+
+    colour: (rows, columns, 3) RGB image.
+    """
     near_colour = np.array(settings.near_colour, np.uint8).reshape(1, 1, 3)
     difference = cv2.cvtColor(colour, cv2.COLOR_RGB2LAB).astype(np.float32)
     difference -= cv2.cvtColor(near_colour, cv2.COLOR_RGB2LAB).astype(np.float32)
-    # OpenCV's lightness ranges to 255 instead of 100.
+    # The lightness is 0 to 255 in OpenCV, 0 to 100 in CIELAB.
     difference[..., 0] *= LIGHTNESS * 100.0 / 255.0
     return ((difference**2).sum(axis=2) <= settings.colour_distance**2).view(np.uint8) * 255
 
@@ -163,17 +172,21 @@ def segment(
     component_mask: Mask | None = None,
     target_mask: Mask | None = None,
 ) -> SegmentedTarget:
-    """Threshold an image and choose the component that is the target.
+    """Segment an image and choose the connected component that is the target.
 
-    With the method 'label', all components are the target.
+    With the method 'label', the target is all components together.
 
     Args:
-        grey: (rows, columns) uint8.
-        settings: method, component and their parameters.
-        colour: RGB image, for 'colour' and 'nearest_colour'.
-        previous_centre: (column, row) of the target in the last image, for 'nearest'.
-        component_mask: mask that contains most of the target, for 'mask'.
-        target_mask: 255 on the target, for 'label'.
+        grey: (rows, columns) uint8 image.
+        settings: method, rule for the component, and their parameters.
+        colour: (rows, columns, 3) RGB image, for the methods 'colour' and 'nearest_colour'.
+        previous_centre: (column, row) of the target in the last image, for the component 'nearest'.
+        component_mask: (rows, columns) mask image, for the component 'mask'.
+        target_mask: (rows, columns) 255 on the target, 0 elsewhere, for the method 'label'.
+
+    Raises:
+        SegmentationError: the image that the method needs is missing, or the mask image has another
+            size.
     """
     mask, level, reason = threshold_image(grey, settings, colour, target_mask)
     box = cv2.boundingRect(mask)
@@ -208,10 +221,10 @@ def segment(
 
 
 def _find_components_in(mask: Mask, component_mask: Mask) -> tuple[Mask, Box, int]:
-    """Return the connected components that lie mostly in a mask.
+    """Find the connected components of `mask` of which more than half is in `component_mask`.
 
     Returns:
-        Their mask, their bounding box, and the number of all components.
+        The mask of these components, their bounding box, and the number of all components.
     """
     count, labels = cv2.connectedComponents(mask, connectivity=8)
     inside = np.bincount(labels[component_mask > 0], minlength=count)
@@ -237,7 +250,7 @@ def _make_slices(box: Box) -> tuple[slice, slice]:
 
 
 def find_touched_borders(box: Box, shape: tuple[int, ...]) -> tuple[str, ...]:
-    """Return the borders of an image of this shape (rows, columns) that a box touches."""
+    """Return the borders that a box touches in an image with the shape (rows, columns)."""
     column, row, width, height = box
     touching = {
         "left": column == 0,
@@ -255,10 +268,19 @@ def _choose_component(
     previous_centre: tuple[float, float] | None,
     component_mask: Mask | None,
 ) -> tuple[Mask, Box, int]:
-    """Choose one connected component (8 neighbours) according to the settings.
+    """Choose one connected component of a mask by the rule of the settings.
+
+    Pixels are connected to their 8 neighbours.
+
+    Args:
+        mask: (rows, columns) 255 for the pixels of target colour.
+        box: bounding box of these pixels.
+        settings: rule for the component and its parameters.
+        previous_centre: (column, row) of the target in the last image, for 'nearest'.
+        component_mask: (rows, columns) mask image, for 'mask'.
 
     Returns:
-        Its mask, its bounding box, and the number of all components.
+        The mask of the component, its bounding box, and the number of all components.
     """
     crop = mask[_make_slices(box)]
     count, labels, stats, centres = cv2.connectedComponentsWithStats(crop, connectivity=8)
@@ -279,7 +301,7 @@ def _choose_component(
         distance[0] = np.inf
         is_large = stats[:, cv2.CC_STAT_AREA] >= settings.min_pixels
         is_large[0] = False
-        if is_large.any():  # ignore small specks of noise
+        if is_large.any():  # ignore components that are too small for a target
             distance[~is_large] = np.inf
         chosen = int(distance.argmin())
     else:

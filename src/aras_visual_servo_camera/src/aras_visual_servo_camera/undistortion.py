@@ -1,10 +1,10 @@
-"""Conversion between pixels and normalised coordinates by the model of a CameraInfo.
+"""Conversion between pixels and normalised coordinates by the lens model of a CameraInfo.
 
-Supported are the pinhole camera, plumb_bob, rational_polynomial and the fisheye model.
+The supported models are the pinhole camera, plumb_bob, rational_polynomial and the fisheye model.
 
-A distorted image is not resampled. Each pixel keeps its grey level. Tables that are computed once
-per camera give the undistorted position of the pixel's centre and the area of its undistorted
-square. Sums over pixels are then exact in area for any lens.
+A distorted image is not resampled. Instead, the undistorted position of each pixel's centre and the
+area of its undistorted square are computed once for each camera. Weighted sums over these pixels
+have the exact area for any lens.
 """
 
 from __future__ import annotations
@@ -32,14 +32,16 @@ from .polygons import Array
 PINHOLE_MODELS = ("", "plumb_bob", "rational_polynomial")
 FISHEYE_MODELS = ("equidistant", "fisheye")
 
-# Rays at a larger angle to the optical axis are rejected: x = X/Z grows without bound at 90 deg.
+# Rays at a larger angle to the optical axis are rejected, because x = X/Z is infinite at 90 deg.
 _MAX_FIELD_ANGLE = np.deg2rad(88.0)
 
 
 class PixelTables(NamedTuple):
-    """Undistorted x, y and area of each pixel, each of shape (rows, columns).
+    """Undistorted position and area of each pixel in normalised coordinates.
 
-    x and y are those of the pixel's centre. The area is 0 where the lens model has no ray.
+    Attributes:
+        x, y: (rows, columns) position of the pixel's centre.
+        area: (rows, columns) area of the pixel's square, 0 outside the range of the lens model.
     """
 
     x: Array
@@ -47,13 +49,13 @@ class PixelTables(NamedTuple):
     area: Array
 
     def compute_pixel_variance(self, column: int, row: int) -> tuple[float, float, float]:
-        """Compute the variance (xx, xy, yy) of one pixel's square in normalised coordinates."""
+        """Compute the variances xx, xy, yy of the points in one pixel's square, normalised."""
         rows, columns = self.area.shape
         c0, c1 = max(column - 1, 0), min(column + 1, columns - 1)
         r0, r1 = max(row - 1, 0), min(row + 1, rows - 1)
         across = np.array([t[row, c1] - t[row, c0] for t in (self.x, self.y)]) / max(c1 - c0, 1)
         down = np.array([t[r1, column] - t[r0, column] for t in (self.x, self.y)]) / max(r1 - r0, 1)
-        # A unit square has variance 1/12 along each side.
+        # The variance of the points in a unit square is 1/12 along each side.
         variance = (np.outer(across, across) + np.outer(down, down)) / 12.0
         return float(variance[0, 0]), float(variance[0, 1]), float(variance[1, 1])
 
@@ -62,17 +64,17 @@ class PixelTables(NamedTuple):
 class CameraModel:
     """Intrinsics and distortion of one camera.
 
-    `project` maps normalised coordinates to pixels, `normalise` maps pixels to normalised
+    `project` converts normalised coordinates to pixels, `normalise` converts pixels to normalised
     coordinates.
 
     Attributes:
         width, height: size of the image, px.
         K: camera matrix, 9 numbers row by row, px.
         D: distortion coefficients, as in sensor_msgs/CameraInfo.
-        model: distortion model, as in sensor_msgs/CameraInfo.
+        model: name of the distortion model, as in sensor_msgs/CameraInfo.
 
     Raises:
-        CalibrationError: the model is unknown, or the numbers describe no camera.
+        CalibrationError: the model is unknown, or a number is invalid.
     """
 
     width: int
@@ -85,28 +87,33 @@ class CameraModel:
         if self.model not in PINHOLE_MODELS + FISHEYE_MODELS:
             raise CalibrationError(
                 f"distortion model '{self.model}' is not known; use one of "
-                f"{PINHOLE_MODELS[1:] + FISHEYE_MODELS}"
+                f"{', '.join(PINHOLE_MODELS[1:] + FISHEYE_MODELS)}"
             )
         if len(self.K) != 9 or not np.isfinite(self.K).all() or not np.isfinite(self.D).all():
-            raise CalibrationError("camera_info: K needs 9 finite numbers, D finite ones")
+            raise CalibrationError("camera_info: K must be 9 finite numbers, and D finite numbers")
         if not (self.K[0] > 0.0 and self.K[4] > 0.0):
             raise CalibrationError(
                 f"camera_info: focal lengths fx={self.K[0]:g}, fy={self.K[4]:g} must be positive; "
-                "is the camera calibrated?"
+                "calibrate the camera"
             )
         if self.K[1] != 0.0:
-            raise CalibrationError(f"camera_info: skew K[1]={self.K[1]:g} is not supported")
+            raise CalibrationError(
+                f"camera_info: skew K[1]={self.K[1]:g} is not supported, must be 0"
+            )
         if self.width < 1 or self.height < 1:
-            raise CalibrationError(f"camera_info: size {self.width} x {self.height} is empty")
+            raise CalibrationError(
+                f"camera_info: size {self.width} x {self.height} is empty, must be at least 1 x 1"
+            )
         allowed = (0, 4) if self.model in FISHEYE_MODELS else (0, 4, 5, 8, 12, 14)
         if len(self.D) not in allowed:
             raise CalibrationError(
-                f"camera_info: '{self.model}' takes {allowed} coefficients, got {len(self.D)}"
+                f"camera_info: D has {len(self.D)} coefficients; distortion model '{self.model}' "
+                f"needs {', '.join(map(str, allowed[:-1]))} or {allowed[-1]}"
             )
 
     @classmethod
     def from_message(cls, info: Any) -> CameraModel:
-        """Return the model of a sensor_msgs/CameraInfo or of any object with its attributes."""
+        """Return the model of a sensor_msgs/CameraInfo, or of an object with its attributes."""
         return cls(
             int(info.width),
             int(info.height),
@@ -117,17 +124,17 @@ class CameraModel:
 
     @cached_property
     def pinhole(self) -> Pinhole:
-        """Focal lengths and principal point, without the distortion."""
+        """Focal lengths and principal point of the camera without its distortion."""
         return Pinhole.from_K(self.K)
 
     @cached_property
     def is_distorted(self) -> bool:
-        """True if pixels need the tables, which a fisheye lens does even with D = 0."""
+        """True if the lens has distortion; a fisheye lens has distortion even if D = 0."""
         return self.model in FISHEYE_MODELS or any(self.D)
 
     @cached_property
     def tables(self) -> PixelTables:
-        """Tables of the undistorted pixels, computed at first use."""
+        """Undistorted position and area of each pixel, computed at first use."""
         u, v = np.meshgrid(np.arange(self.width), np.arange(self.height))
         x, y, valid = self.normalise(u.ravel(), v.ravel())
         shape = (self.height, self.width)
@@ -147,7 +154,7 @@ class CameraModel:
 
     @cached_property
     def blind_mask(self) -> NDArray[np.bool_] | None:
-        """Mask (rows, columns) of the pixels without normalised coordinates; None if all have them.
+        """Mask (rows, columns) of the pixels outside the lens model's range; None if all are in it.
         """
         if not self.is_distorted:
             return None
@@ -155,9 +162,14 @@ class CameraModel:
         return blind if blind.any() else None
 
     def normalise(self, u: Array, v: Array) -> tuple[Array, Array, Array]:
-        """Return the undistorted x, y (n,) of pixels u, v (column, row) and their validity.
+        """Convert pixels to normalised coordinates.
 
-        A pixel is valid if the lens model has a ray for it; otherwise its x and y are 0.
+        Args:
+            u, v: (n,) column and row of each pixel.
+
+        Returns:
+            x (n,); y (n,); and for each pixel whether it is in the range of the lens model (n,). If
+            it is not, x and y are 0.
         """
         camera = self.pinhole
         xd = (np.asarray(u, dtype=float) - camera.cx) / camera.fx
@@ -169,7 +181,7 @@ class CameraModel:
         return _undistort_polynomial(xd, yd, self.D)
 
     def project(self, x: Array, y: Array) -> tuple[Array, Array]:
-        """Return the distorted pixel coordinates (column, row) of normalised x, y (n,)."""
+        """Convert normalised coordinates x, y, (n,) each, to pixels (column, row), (n,) each."""
         x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
         if self.is_distorted:
             if self.model in FISHEYE_MODELS:
@@ -183,18 +195,18 @@ class CameraModel:
 def normalise_pixels(
     pixels: Array, camera: CameraModel, assumed: CameraModel, is_closed: bool = False
 ) -> Array:
-    """Normalise pixels of the true camera with an assumed calibration.
+    """Normalise pixels of a camera with a calibration that can differ from the true one.
 
     Args:
-        pixels: (n, 2) of `camera`, px.
-        camera: true camera that the pixels come from.
+        pixels: (n, 2) px (column, row).
+        camera: true calibration of the camera.
         assumed: calibration that is used to normalise the pixels.
-        is_closed: True if the points are the corners of a closed outline. An assumed lens that
-            differs from the true one bends straight edges, so points are then added along each
-            edge.
+        is_closed: True if the pixels are the corners of a closed outline. If the calibrations
+            differ, the straight edges of the outline become curved, so points are then added on
+            each edge.
 
     Returns:
-        Normalised points (n, 2), NaN where the assumed camera has no ray.
+        (m, 2) normalised points; NaN for a pixel outside the range of the assumed lens model.
     """
     if is_closed and camera != assumed and (camera.is_distorted or assumed.is_distorted):
         x, y, _ = camera.normalise(*pixels.T)
@@ -204,9 +216,9 @@ def normalise_pixels(
 
 
 def subdivide(outline: Array, parts: int = 8) -> Array:
-    """Return the closed outline (n, 2) with `parts` points on each edge.
+    """Divide each edge of a closed outline (n, 2) into `parts` equal parts.
 
-    A lens can then bend the edges.
+    The result (n * parts, 2) can represent edges that a lens bends.
     """
     ends = np.roll(outline, -1, axis=0)
     steps = (np.arange(parts) / parts)[None, :, None]
@@ -216,7 +228,13 @@ def subdivide(outline: Array, parts: int = 8) -> Array:
 def _undistort_polynomial(xd: Array, yd: Array, D: tuple[float, ...]):
     """Invert the polynomial distortion by Newton's method.
 
-    A pixel for which the iteration does not converge has no ray and is marked as invalid.
+    Args:
+        xd, yd: (n,) distorted coordinates, normalised.
+        D: distortion coefficients.
+
+    Returns:
+        x (n,); y (n,); and for each point whether it is valid (n,). It is not valid if the
+        iteration does not converge, or if the point is outside the range of the lens model.
     """
     x, y = xd.copy(), yd.copy()
     with np.errstate(all="ignore"):
@@ -230,9 +248,10 @@ def _undistort_polynomial(xd: Array, yd: Array, D: tuple[float, ...]):
             y = y - (jxx * ey - jyx * ex) / determinant
         px, py, jxx, jxy, jyx, jyy = brown(x, y, D)
         valid = np.abs(px - xd) + np.abs(py - yd) < 1e-10
-        # Beyond the fold there are roots on the far side of the axis; their Jacobian is negative.
+        # The polynomial is invertible up to the radius at which the image folds back (the fold).
+        # Roots beyond the fold are wrong: those with a negative Jacobian, and those with a larger
+        # radius.
         valid &= (jxx * jyy - jxy * jyx > 0.0) & (jxx + jyy > 0.0)
-        # A root beyond the fold is not on the branch that starts at the axis.
         valid &= x * x + y * y < min(np.tan(_MAX_FIELD_ANGLE), fold_radius(D)) ** 2
     return np.where(valid, x, 0.0), np.where(valid, y, 0.0), valid
 

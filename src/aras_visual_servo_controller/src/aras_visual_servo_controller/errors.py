@@ -1,6 +1,7 @@
 """Exceptions of the controller. Each message says what is wrong, where, and how to fix it."""
 
-# The kinematics put the target behind the camera, or the camera sees the back of the target.
+# Message for a target behind the camera according to kinematics, or for a view of the target's
+# back.
 POINT_BEHIND_CAMERA = "a point of the target lies behind the camera"
 
 
@@ -25,7 +26,7 @@ class UnreachableError(ServoError):
 
 
 class MeasurementError(ServoError):
-    """An image that cannot be used for control: target lost, wrong size, values not finite.
+    """An image that cannot be used for control: target lost, wrong size, or values not finite.
 
     The arm stays where it is until a usable image arrives.
     """
@@ -36,7 +37,9 @@ class TaskError(ServoError):
 
 
 class SchemeError(ServoError):
-    """A failure of a scheme: it raised an exception, returned a wrong type, or computed a wrong L.
+    """A failure of a scheme.
+
+    The scheme raised an exception, returned a wrong type, or computed a wrong L.
 
     Attributes:
         trace: traceback of the exception; empty if the scheme raised none.

@@ -16,10 +16,10 @@ from .kinematics import Arm
 from .laws.base import MAX_GAIN
 from .records.state import PerJoint, ServoSettings, joint_parameter
 
-# Parameters that can be given for single joints, by joint name.
+# Parameters for which a mapping from joint names to values can be given.
 BY_JOINT = ("max_velocity", "max_acceleration", "lower", "upper", "posture", "elbow", "lead",
             "stiffness", "damping", "controllers")  # fmt: skip
-MODEL_TRACKER = "model"  # tracks a known mesh
+MODEL_TRACKER = "model"  # tracks the pose of a known mesh
 MARKER_TRACKER = "marker"  # tracks an ArUco or AprilTag marker, or a board of markers
 OUTLINE_TRACKER = "outline"  # uses the corners of the segmented outline
 # Parameters whose values are ROS graph names.
@@ -28,7 +28,7 @@ LEGAL_NAME = re.compile(r"[~/]?[A-Za-z][\w/]*", re.ASCII)
 
 
 def copy_loop_parameter(name: str) -> Any:
-    """Return the declaration of a parameter that is also a field of ServoSettings."""
+    """Declare a parameter that is also a field of ServoSettings."""
     field = ServoSettings.__dataclass_fields__[name]
     return parameter(field.default, **field.metadata)
 
@@ -37,12 +37,12 @@ def copy_loop_parameter(name: str) -> Any:
 class CameraEntry:
     """Frame and topics of one camera, if a node has several.
 
-    frame: optical frame of the camera in the description; empty: NAME_optical_frame.
-    namespace: namespace of image_raw, camera_info and depth/image_raw; empty: /NAME.
-    features: namespace in which a camera node publishes moments and kernel features of this
-        camera; empty: camera/NAME in the namespace of the arm.
-    target_frame: link that carries the target of this camera, if the arm moves the target; empty:
-        the target_frame of the node.
+    frame: optical frame of the camera in the robot description; if empty, NAME_optical_frame.
+    namespace: namespace of image_raw, camera_info and depth/image_raw; if empty, /NAME.
+    features: namespace in which a camera node publishes moments and kernel features of this camera;
+        if empty, camera/NAME in the namespace of the arm.
+    target_frame: link that carries the target of this camera, if the arm moves the target; if
+        empty, the target_frame of the node.
     """
 
     frame: str = ""
@@ -55,66 +55,70 @@ class CameraEntry:
 class Parameters:
     """Parameters of the control loop and its node; lengths in m, angles in rad.
 
-    A parameter of each joint is one number for all joints, a list in the order of the arm, or a
-    mapping of joint names to numbers. ServoSettings describes the parameters of the loop itself.
+    A parameter of the joints is one number for all joints, a list with a number for each joint in
+    the order of the arm, or a mapping from joint names to numbers. ServoSettings describes the
+    parameters of the loop itself.
 
     scheme: name of a scheme or feature, several features joined by '+', or 'package.module:Class'.
-    interaction: interaction matrix that the scheme uses: current, desired, mean or estimated.
+    interaction: interaction matrix of the scheme: current, desired, mean or estimated.
     tracker: tracker that finds the points of the target: outline, another tracker's name, or
         'package.module:Class'.
-    marker: marker that serves as target: 5, DICT_5X5_100:5, or a board; empty: that of the goal.
-    model: mesh file of the target (STL, OBJ, DAE), m; its pose is tracked by the tracker 'model'.
+    marker: marker that is the target: 5, DICT_5X5_100:5, or a board; if empty, the marker of the
+        goal.
+    model: mesh file of the target (STL, OBJ, DAE), in m; the tracker 'model' tracks its pose.
     model_scale: factor on the lengths of the mesh file; 0.001 for a file in mm.
     model_start: initial pose of the mesh: {pose: x y z roll pitch yaw in the base}, {marker: {size,
         pose}} or {clicks: rows x y z u v}.
-    segmentation: method that finds the pixels of the target, {method, threshold, near_colour,
+    segmentation: method that finds the pixels of the target: {method, threshold, near_colour,
         label, ...}, with the same keys as in the camera node.
     depth_image: take the plane of the target from the camera's depth image instead of the goal and
         the kinematics.
-    weights: one weight for each of several features; empty: all equal.
-    smoothing: s, time constant of a low-pass filter on the errors; 0: none.
+    weights: one weight for each feature of a scheme of several; if empty, all weights are equal.
+    smoothing: s, time constant of a low-pass filter on the errors; 0 for no filter.
     law: name of a control law, or 'package.module:Class'.
-    gain: 1/s, gain of the law; none: the default of the law.
+    gain: 1/s, gain of the law; none for the default of the law.
     law_options: other parameters of the law, by name.
-    continuous_start: 1/s, rate at which the initial velocity step is blended in; 0: at once.
-    ramp: s, time constant with which the gain rises at the start; 0: none.
-    start: initial pose: a name, none, joint positions, or the camera pose {xyz, rpy}; the solution
-        nearest to the posture at the goal is used for a camera pose.
-    desired: goal: auto (that of the start), a name, or a YAML file.
-    duration: s, servoing time after which the run ends as timed out; 0: no limit.
-    max_velocity: m/s, rad/s, maximum speed of each joint; none: that of the description, which must
-        then contain one.
-    max_acceleration: m/s^2, rad/s^2, maximum acceleration of each joint; none: no limit.
-    lower: m, rad, lower position limit of each joint; none: that of the description.
-    upper: m, rad, upper position limit of each joint; none: that of the description.
-    hold_gain: 1/s, gain with which directions that the scheme does not control are held at the
-        goal.
+    continuous_start: 1/s, rate at which the initial velocity step is introduced gradually; 0 for a
+        step.
+    ramp: s, time constant with which the gain rises at the start; 0 for no ramp.
+    start: initial pose: a name, none, joint positions, or the camera pose {xyz, rpy}. For a camera
+        pose, the joint positions nearest to those at the goal are used.
+    desired: goal: auto (the goal of the start), a name, or a YAML file.
+    duration: s, servoing time after which the run ends with the outcome timed_out; 0 for no limit.
+    max_velocity: m/s, rad/s, maximum speed of each joint; none for the speed limit in the robot
+        description.
+    max_acceleration: m/s^2, rad/s^2, maximum acceleration of each joint; none for no limit.
+    lower: m, rad, lower position limit of each joint; none for the limit in the robot description.
+    upper: m, rad, upper position limit of each joint; none for the limit in the robot description.
+    hold_gain: 1/s, gain with which the camera is held at the goal in directions that the scheme
+        does not control.
     posture: m, rad, preferred joint positions by name; a secondary task.
-    posture_gain: 1/s, gain of that secondary task.
+    posture_gain: 1/s, gain of the secondary task `posture`.
     limit_avoidance: keep joints away from their limits; a secondary task.
     singularity_avoidance: increase manipulability; a secondary task.
     elbow: side to which stretched elbows bend: -1 or 1, or by joint.
-    wall_watchdog: s, wall time without a new command of the scheme after which the arm is stopped.
+    wall_watchdog: s, wall time without a new command from the scheme after which the arm is
+        stopped.
     scheme_timeout: s, wall time that one call of the scheme's code may take; the arm is then held
         as after an error of the scheme.
-    camera_frame: frame of the camera in the description.
+    camera_frame: frame of the camera in the robot description.
     cameras: several cameras by name, instead of camera_frame and camera_namespace: see CameraEntry.
-    base_frame: link that is the arm's base; empty: the root.
+    base_frame: link that is the arm's base; if empty, the root link.
     target_frame: link that carries the target, if the arm moves the target.
-    joints: names of the joints to use; empty: all that move the camera.
+    joints: names of the joints to use; if empty, all joints that move the camera.
     namespace: namespace of joint states, features and commands.
     camera_namespace: namespace of image_raw, camera_info and depth/image_raw, for schemes that need
         images.
-    controllers: name of each joint's controller, in the namespace.
+    controllers: name of each joint's controller, in `namespace`.
     command_topic: command topic of a controller for the whole group of joints, instead of one topic
         for each joint.
-    description: name of the ROS parameter that holds the URDF.
-    listeners: number of subscribers of controller/state to wait for, at most 5 s.
+    description: name of the ROS parameter that contains the URDF.
+    listeners: number of subscribers of controller/state for which the node waits, for at most 5 s.
     image_timeout: s, time without images before the node reports it.
     joint_timeout: s, time without joint states before the node reports it.
-    lockstep: send one command for each image; by default as the simulator's speed_mode requires.
-    autostart: start servoing at once; false: wait for the service start or the action.
-    dry: send no commands: try a scheme on a recorded bag.
+    lockstep: send one command for each image. The default depends on the simulator's speed_mode.
+    autostart: start servoing immediately; if false, wait for the service `start` or the action.
+    dry: send no commands, for example to try a scheme on a recorded bag.
     package: directory of this package.
     """
 
@@ -200,12 +204,12 @@ class Parameters:
                 if (other := used_by.setdefault(namespace, name)) != name:
                     raise ConfigurationError(
                         f"{where}cameras: {other} and {name} both listen to {namespace}/{topic}: "
-                        f"give each its own {key}"
+                        f"give each its own value of `{key}`"
                     )
 
 
 def expand_per_joint(name: str, value: Any, arm: Arm) -> Any:
-    """Return one number, or numbers in the order of the arm, for a parameter of each joint."""
+    """Return one number, or numbers in the order of the arm, for a parameter of the joints."""
     if not isinstance(value, Mapping):
         return value
     for joint in value:

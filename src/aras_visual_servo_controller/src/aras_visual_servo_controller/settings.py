@@ -72,12 +72,13 @@ class Settings(Parameters):
         """Construct the settings from parameters, and check them.
 
         Args:
-            raw: name to value, as on the ROS parameter server.
+            raw: values of the parameters by name, as on the ROS parameter server.
             package: directory of this package, which contains config/.
-            file: file that the parameters come from, for messages; '': the parameter server.
+            file: file from which the parameters come, for messages; '' for the parameter server.
 
         Raises:
-            ConfigurationError: naming the parameter, what is wrong and what is allowed.
+            ConfigurationError: a parameter is wrong; the message names it, what is wrong and what
+                is allowed.
         """
         where = f"{file}: parameter ~" if file else "parameter ~"
         values = convert_fields(cls, raw, where, ConfigurationError)
@@ -102,8 +103,8 @@ class Settings(Parameters):
 
         Args:
             name: name of the robot in its description.
-            raw_settings: names of the parameters that the user has given (a mapping counts by its
-                keys); None: those that differ from the defaults.
+            raw_settings: parameters that the user has given; only their names are used. None for
+                the parameters that differ from their defaults.
         """
         path = self.package / "config" / "robots" / f"{Path(name).name}.yaml"
         if not name or not path.is_file():
@@ -123,7 +124,7 @@ class Settings(Parameters):
             if f.name not in raw_settings
             and getattr(robot_settings, f.name) != getattr(defaults, f.name)
         }
-        for key in BY_JOINT if self.joints else ():  # drop the values of unused joints
+        for key in BY_JOINT if self.joints else ():  # remove the values of unused joints
             if isinstance(value := known.get(key), Mapping):
                 known[key] = {name: v for name, v in value.items() if name in self.joints} or (
                     getattr(defaults, key)
@@ -138,7 +139,7 @@ class Settings(Parameters):
                 joint.
         """
         name = ""
-        if self.cameras:  # without several cameras the scheme is not needed, as for reading a bag
+        if self.cameras:  # With one camera the scheme is not needed, for example to read a bag.
             name = self.list_cameras(self.make_scheme())[0]
         arm = self._make_camera_arm(urdf, name)
         for joint, controller in self.controllers.items():
@@ -149,8 +150,8 @@ class Settings(Parameters):
                 )
             if not (isinstance(controller, str) and LEGAL_NAME.fullmatch(controller)):
                 raise ConfigurationError(
-                    f"parameter ~controllers: that of {joint} is {controller!r}, must be the name "
-                    f"of a controller, as {joint}_{self.output}_controller"
+                    f"parameter ~controllers: the value for {joint} is {controller!r}, must be the "
+                    f"name of a controller, such as {joint}_{self.output}_controller"
                 )
         return arm
 
@@ -161,7 +162,7 @@ class Settings(Parameters):
         )
 
     def list_cameras(self, scheme: Scheme | JointController) -> tuple[str, ...]:
-        """Return the names of the cameras that a scheme reads, in the order of `cameras`.
+        """Return the names of the cameras that a scheme uses, in the order of `cameras`.
 
         The first name is that of the control camera.
 
@@ -178,11 +179,12 @@ class Settings(Parameters):
         return tuple(name for name in known if name in read)
 
     def make_other_cameras(self, urdf: str, arm: Arm) -> dict[str, CameraKinematics]:
-        """Return the kinematics of the cameras that the scheme reads besides the control camera.
+        """Return the kinematics of the scheme's other cameras, apart from the control camera.
 
         Raises:
-            ConfigurationError: other joints move that camera or its target than the control
-                camera's, or neither a fixed camera nor its target is moved by the arm.
+            ConfigurationError: the joints that move a camera or its target are not those that move
+                the control camera or its target; or a camera is fixed, and the arm does not move
+                its target.
         """
         others: dict[str, CameraKinematics] = {}
         scheme = self.make_scheme()
@@ -202,21 +204,31 @@ class Settings(Parameters):
         return others
 
     def make_law(self) -> Law:
-        """Construct the control law; ConfigurationError for a parameter that it does not accept."""
+        """Construct the control law.
+
+        Raises:
+            ConfigurationError: the law does not accept a parameter.
+        """
         options = dict(self.law_options)
         for key in ("gain", "continuous_start", "ramp"):
             if key in options:
-                raise ConfigurationError(f"parameter ~law_options.{key}: give it as ~{key}")
+                raise ConfigurationError(
+                    f"parameter ~law_options.{key} is not allowed: set ~{key} instead"
+                )
         if self.gain is not None:
             options["gain"] = self.gain
         if wrong := [key for key in options if not isinstance(key, str)]:
             raise ConfigurationError(
-                f"parameter ~law_options: {wrong[0]!r} is no parameter of a law"
+                f"parameter ~law_options: {wrong[0]!r} is not a parameter of a law"
             )
         return create_law(self.law, self.continuous_start, self.ramp, **options)
 
     def make_scheme(self) -> Scheme | JointController:
-        """Construct the scheme with its law; ConfigurationError for an unknown name."""
+        """Construct the scheme with its law.
+
+        Raises:
+            ConfigurationError: the name of the scheme or of the law is unknown.
+        """
         return create_scheme(
             self.scheme,
             self.make_law(),
@@ -253,7 +265,11 @@ class Settings(Parameters):
         return shipped if shipped.is_file() else Path(name).expanduser()
 
     def load_goal(self) -> Goal:
-        """Read the goal from its file; ConfigurationError for an unknown name or a wrong file."""
+        """Read the goal from its file.
+
+        Raises:
+            ConfigurationError: the name is unknown, or the file is wrong.
+        """
         path = self.find_goal_file()
         if not path.suffix and len(path.parts) == 1 and not path.exists():
             shipped = self._find_shipped_goal("").parent.glob("goal_*.yaml")
@@ -273,7 +289,9 @@ class Settings(Parameters):
         """Construct the differential inverse kinematics with its secondary tasks.
 
         Args:
-            goal: goal whose distance scales the lengths of a free-flying camera.
+            arm: arm to control.
+            limits: joint limits of the commands.
+            goal: goal whose distance is the unit of length for a free-flying camera.
 
         Raises:
             ConfigurationError: a parameter names an unknown joint.
@@ -286,7 +304,7 @@ class Settings(Parameters):
             raise ConfigurationError(
                 f"parameter ~elbow is {list(sides)}, must be -1 or 1, or {{joint: -1 or 1}}"
             )
-        if sides and self.joints:  # ignore elbows whose joints are not all in use
+        if sides and self.joints:  # elbows are ignored if not all of their joints are in use
             elbow_names = [arm.names[elbow.joint] for elbow in elbows]
             sides = {n: s for n, s in sides.items() if n in elbow_names or n not in arm.names}
         if sides:
@@ -319,14 +337,15 @@ class Settings(Parameters):
 
         Args:
             arm: arm to control.
-            goal: goal; None: the one named by `desired`.
-            clock: function that returns the time in s, used to stop a scheme that takes too long.
-            scheme: scheme; None: the one named by `scheme`.
-            differential_ik: inverse kinematics; None: constructed from these parameters.
-            other_cameras: kinematics of the other cameras that the scheme reads, by name.
+            goal: goal; None for the goal that the parameter `desired` names.
+            clock: function that returns the time in s, with which the computation time of the
+                scheme is measured.
+            scheme: scheme; None for the scheme that the parameter `scheme` names.
+            differential_ik: inverse kinematics; None to construct it from these parameters.
+            other_cameras: kinematics of the other cameras that the scheme uses, by name.
 
         Raises:
-            ConfigurationError: naming the parameter that is wrong and what is allowed.
+            ConfigurationError: a parameter is wrong; the message names it and what is allowed.
         """
         limits = self.make_limits(arm)
         shared = (f.name for f in fields(ServoSettings) if hasattr(self, f.name))
@@ -339,12 +358,15 @@ class Settings(Parameters):
             goal = self.load_goal().for_cameras(
                 {self.list_cameras(scheme)[0]: arm, **other_cameras}
             )
-            # Only the corners of the goal's outline can be computed; other points must be taught.
+            # Only the corners of the goal's outline can be computed; other points have to be
+            # taught.
             if self.tracker == OUTLINE_TRACKER:
                 from .loop.teaching import complete_by_geometry
 
                 goal = complete_by_geometry(goal, scheme)
-        if is_free_camera(arm):  # its prismatic joints move the camera: scale with the scene
+        # Its prismatic joints move the camera, so their `lead` and `arrived` are scaled with the
+        # scene.
+        if is_free_camera(arm):
             for name in ("lead", "arrived"):
                 slides = np.where(arm.is_prismatic, goal.scale, 1.0)
                 given = values.get(name, getattr(ServoSettings, name))
@@ -373,8 +395,8 @@ class Settings(Parameters):
         """Construct the cameras that turn images into observations for a scheme.
 
         Args:
-            arms: kinematics of the cameras that the scheme reads, by name, control camera first.
-            scheme: scheme whose needs decide what is measured in the images.
+            arms: kinematics of the scheme's cameras by name, the control camera's first.
+            scheme: scheme that determines what is measured in the images.
             goal: goal of the loop; None while a goal is being taught.
         """
         depth = frozenset((Need.DEPTH,)) if self.depth_image else frozenset()
@@ -391,10 +413,11 @@ class Settings(Parameters):
         )  # fmt: skip
 
     def _make_outline_plane(self) -> Callable[[np.ndarray], Plane] | None:
-        """Return a function that computes the plane of the model's outline from world_T_camera.
+        """Return a function that computes the plane of the model's outline.
 
-        It uses the initial pose of the model. Return None if that pose is not given; a goal can
-        then not be taught by the outline of the model.
+        The argument of the function is world_T_camera. It uses the initial pose of the mesh model.
+        Return None if that pose is not given; then a goal cannot be taught by the outline of the
+        model.
         """
         if not self.model or "pose" not in self.model_start:
             return None
@@ -406,7 +429,11 @@ class Settings(Parameters):
         ).compute_plane
 
     def make_segmentation(self, where: str = "parameter ~") -> Segmentation:
-        """Construct the segmentation of the target; ConfigurationError if it is not valid."""
+        """Construct the segmentation of the target.
+
+        Raises:
+            ConfigurationError: the parameters are not valid; the message starts with `where`.
+        """
         where = f"{where}segmentation"
         try:
             options = self.segmentation
@@ -417,16 +444,18 @@ class Settings(Parameters):
             raise ConfigurationError(f"{where}: {error}") from error
         if found.component == "mask":
             raise ConfigurationError(
-                f"{where}.component 'mask' is for the camera node, which has the mask image: give "
+                f"{where}.component 'mask' is for the camera node, which has the mask image: set "
                 "all, largest or nearest"
             )
         return found
 
     def make_tracker(self, marker: str = "") -> Tracker | None:
-        """Construct the tracker that finds the points of the target; None: use outline corners.
+        """Construct the tracker that finds the points of the target.
+
+        Return None if the corners of the outline are used.
 
         Args:
-            marker: marker with which the goal was taught, used if no `marker` is set.
+            marker: marker with which the goal was taught, used if the parameter `marker` is empty.
         """
         name = self.tracker
         if self.model or "model" in re.split(r"[+@]", self.scheme):

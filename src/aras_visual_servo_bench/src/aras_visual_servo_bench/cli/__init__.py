@@ -33,7 +33,7 @@ COMPILED_PACKAGES = ("aras_visual_servo_base", "aras_sim_bridge", "aras_visual_s
 
 
 def _compile_loops() -> None:
-    """Compile the missing functions on all cores, as ./setup.sh does, and print messages."""
+    """Compile all functions that are not compiled yet, on all cores, and print messages."""
     missing = compile_packages.find_missing(COMPILED_PACKAGES)
     if missing:
         start = time.monotonic()
@@ -43,7 +43,7 @@ def _compile_loops() -> None:
 
 
 def make_parser() -> argparse.ArgumentParser:
-    """Create the parser of all commands; the modules of the commands add their arguments.
+    """Create the parser of all commands. The module of each command adds its arguments.
 
     Raises:
         BenchError: a library is missing, for example after a setup for the demo only.
@@ -73,7 +73,7 @@ def make_parser() -> argparse.ArgumentParser:
 def main(argv: list[str] | None = None) -> int:
     """Run a command, and return its exit status.
 
-    It is 0 for success, 1 after an error message, 2 for invalid arguments, 130 after ^C.
+    The status is 0 for success, 1 after an error message, 2 for invalid arguments, 130 after ^C.
     """
     if find_program_name() != "bench":
         _compile_loops()

@@ -1,4 +1,4 @@
-"""`bench analyze RUN... --out DIR` reports on runs; `bench convert BAG` writes an MCAP file."""
+"""`bench analyze RUN... --out DIR` writes a report; `bench convert BAG` makes an MCAP file."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def carry_out(options: argparse.Namespace) -> int:
-    """Read the runs, write their report, and print the path of its page."""
+    """Read runs, write their report, and print the path of the report's page."""
     from ..plots.style import FILE_FORMATS
 
     kinds = [kind.strip() for kind in options.formats.split(",") if kind.strip()]
@@ -72,7 +72,7 @@ def carry_out(options: argparse.Namespace) -> int:
 def write_reports(
     runs: list[Run], out: Path | None, kinds: Sequence[str] = ("png",), paper: bool = False
 ) -> None:
-    """Write the runs' report into `out`, unless that is None, and print their summaries."""
+    """Print the summaries of runs and, if `out` is not None, write their report into `out`."""
     from ..metrics.summary import describe_run, summarise
     from ..web.report.write import write_report
 
@@ -94,7 +94,7 @@ def write_reports(
 
 
 def _number_equal_names(runs: list[Run]) -> None:
-    """Append a number to the names of runs with equal names."""
+    """Append a number to the names of runs that have the same name."""
     names = [run.name for run in runs]
     for i, run in enumerate(runs):
         if names.count(run.name) > 1:
@@ -102,7 +102,7 @@ def _number_equal_names(runs: list[Run]) -> None:
 
 
 def _convert(options: argparse.Namespace) -> int:
-    """Convert a bag, and print the number of its messages."""
+    """Convert a bag to an MCAP file, and print the number of its messages."""
     if not options.bag.is_file():
         raise BenchError(f"there is no file {options.bag}")
     try:

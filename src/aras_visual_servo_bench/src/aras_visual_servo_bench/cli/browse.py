@@ -1,4 +1,4 @@
-"""`bench browse DIR...` serves a page with the runs of studies."""
+"""`bench browse DIR...` serves a web page that shows the runs of studies."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def _print_start(server: BrowseServer, is_quiet: bool) -> None:
 
 
 def _open_browser(address: str) -> bool:
-    """Open a graphical browser, and return whether this worked; text browsers are not used."""
+    """Open the page in a graphical browser, not in a text browser; return whether this worked."""
     if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         return False
     try:

@@ -1,4 +1,4 @@
-"""`bench dataset STUDY --out DIR` writes a data set for machine learning from a study's runs."""
+"""`bench dataset STUDY --out DIR` writes the runs of a study as a data set for learning."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""`bench protocol NAME --out DIR` runs a published protocol, a shipped study.
+"""`bench protocol NAME --out DIR` runs a published protocol, which is one of the shipped studies.
 
-In addition to the files of the study it writes table.csv with a row for each run.
+In addition to the files of the study, it writes table.csv with a row for each run.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def _carry_out(options: argparse.Namespace) -> int:
 
 
 def _select_cases(study: Study, options: argparse.Namespace) -> Study:
-    """Apply the options to the study.
+    """Return the study with the cases that the options select.
 
     Raises:
         StudyError: an option names an unknown case.

@@ -58,7 +58,7 @@ def _print_table(options: argparse.Namespace) -> int:
 
 
 def _draw_plots(options: argparse.Namespace) -> int:
-    from ..plots import study_figures  # slow import (0.5 s), only needed here
+    from ..plots import study_figures  # this import takes 0.5 s and is needed only here
 
     found = [Results.read(folder) for folder in options.folders]
     out = options.out or options.folders[0] / "plots"

@@ -28,7 +28,7 @@ from ..studies.results import Results
 from ..studies.study import Study
 from ..studies.study_folder import StudyFolder, count_stored_runs
 
-SCREEN_ROWS = 40  # longer tables are not printed
+SCREEN_ROWS = 40  # a table with more rows is not printed
 SCREEN_METRICS = ("settled", "final_distance", "image_excursion")
 
 
@@ -70,7 +70,9 @@ def add_workers(one: argparse.ArgumentParser) -> None:
 
 
 def find_study_file(name: Path) -> Path:
-    """Return the path of a study's file, given as a path or as the name of a shipped study.
+    """Return the path of the file of a study.
+
+    name: path of the file, or name of a shipped study.
 
     Raises:
         StudyError: there is neither a file nor a shipped study with this name.
@@ -88,7 +90,7 @@ def find_study_file(name: Path) -> Path:
 
 
 def _run(options: argparse.Namespace) -> int:
-    # Only overrides are given: they change the experiment of the demo.
+    # The first argument is an override, not a file: change the experiment of the demo.
     if "=" in str(options.study or "") and not options.study.exists():
         options.overrides.insert(0, str(options.study))
         options.study = None
@@ -116,9 +118,9 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _read_experiment(name: Path | None, changes: dict[str, Any]) -> Experiment | None:
-    """Read an experiment with changed settings from a file; None for a study.
+    """Return the experiment in a file, with changed settings; return None if it is a study.
 
-    Without a file it is the experiment of the demo.
+    If no file is given, it is the experiment of the demo.
     """
     values: Any = {}
     if name is not None:
@@ -136,7 +138,7 @@ def _read_experiment(name: Path | None, changes: dict[str, Any]) -> Experiment |
 
 def _run_experiment(experiment: Experiment, options: argparse.Namespace) -> int:
     """Run an experiment, print its summary, and write its report into --out."""
-    from ..studies import replay  # slow import (0.5 s) that the workers of a study do not need
+    from ..studies import replay  # this import takes 0.5 s, and the workers do not need it
     from . import analyze
 
     for name in ("dry_run", "workers", "in_process", "scheduler", "cluster", "fail_fast", "mix"):
@@ -160,7 +162,7 @@ def _resume(options: argparse.Namespace) -> int:
 
 
 def carry_out(folder: StudyFolder, options: argparse.Namespace) -> int:
-    """Run the missing runs of a study, write its report, and return the exit status."""
+    """Carry out the missing runs of a study, write its report, and return the exit status."""
     if not options.mix:
         folder.check_code()
     with folder.lock():
@@ -197,7 +199,7 @@ def carry_out(folder: StudyFolder, options: argparse.Namespace) -> int:
 
 
 def _write_report(path: Path) -> None:
-    """Write table and figures into the study folder, and print a short table."""
+    """Write the table and figures into the study's folder, and print a short table."""
     from ..plots import study_figures  # slow import (0.5 s) that the workers do not need
 
     found = [Results.read(path)]

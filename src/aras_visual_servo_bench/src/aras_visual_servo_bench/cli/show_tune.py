@@ -1,4 +1,4 @@
-"""`bench show` repeats a run or prints a bag's experiment; `bench tune` optimizes settings."""
+"""`bench show` repeats a run or prints the experiment of a bag; `bench tune` optimises settings."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def _write_traceback(error: BaseException, out: Path) -> Path:
 
 
 def _show_bag(options: argparse.Namespace) -> int:
-    """Print the experiment of a bag, and write it with its source files into --out."""
+    """Print the experiment of a bag, and write it and the files it needs into the folder --out."""
     from ..ros.bag import read_recorded_experiment
 
     if options.run is not None:
@@ -108,7 +108,7 @@ def _tune(options: argparse.Namespace) -> int:
         run.find_study_file(options.study), overrides.parse_overrides(options.overrides)
     )
     ranges = [SearchRange.parse(text) for text in options.over]
-    keys = {r.key for r in ranges}  # the search replaces the variation of these settings
+    keys = {r.key for r in ranges}  # the study does not vary these settings; the search sets them
     study = dataclasses.replace(
         study, vary={key: values for key, values in study.vary.items() if key not in keys}
     )

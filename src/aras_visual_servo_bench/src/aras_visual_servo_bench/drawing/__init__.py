@@ -1,1 +1,3 @@
-"""3-D drawing of a run for rviz and the web pages: shapes, trajectories and texts, without ROS."""
+"""3-D drawing of a run for rviz and for the web pages, without ROS.
+
+A drawing consists of shapes, such as curves, arrows and texts."""

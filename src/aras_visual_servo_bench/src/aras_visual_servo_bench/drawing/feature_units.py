@@ -1,4 +1,4 @@
-"""Units of the features that a controller reports, from the name of its scheme."""
+"""Units of the features that a controller reports; they are found by the name of its scheme."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from aras_visual_servo_controller.settings import Settings
 
 @lru_cache(maxsize=64)
 def find_feature_units(scheme: str, count: int) -> tuple[str, ...]:
-    """Return the units of the `count` features of a shipped scheme; '' for a feature without unit.
+    """Return the unit of each feature of a scheme; '' for a feature without unit.
 
-    The result is empty if the units are unknown. This is the case for a user's own class, which is
-    not imported for its units, and for a scheme with another number of features.
+    The result is empty if the units are unknown: for a user's own scheme, which is not imported,
+    and for a shipped scheme whose number of features is not `count`.
     """
     if ":" in scheme or not scheme:
         return ()
@@ -21,6 +21,6 @@ def find_feature_units(scheme: str, count: int) -> tuple[str, ...]:
         units = tuple(Settings(scheme=scheme).make_scheme().units or ())
     except (ServoError, ValueError, TypeError):
         return ()
-    if len(set(units)) == 1:  # schemes of points have any number of features
+    if len(set(units)) == 1:  # the number of features of a scheme of points depends on the target
         return units[:1] * count
     return units if len(units) == count else ()

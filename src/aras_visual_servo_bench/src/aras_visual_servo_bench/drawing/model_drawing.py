@@ -1,4 +1,4 @@
-"""Drawing of a model by a few shapes: its faces, and the edges between them."""
+"""Drawing of a model: its faces, and the edges between them."""
 
 from __future__ import annotations
 
@@ -16,26 +16,30 @@ from .shapes import FACES, LINES, Shape, transform_points
 
 # Edges are drawn between faces whose normals differ by at least 30 degrees.
 CREASE_COSINE = np.cos(np.radians(30.0))
-EDGE_COLOUR, EDGE_WIDTH = (0.55, 0.58, 0.64, 1.0), 0.001  # lighter than a dark face; width in m
-MAX_ELEMENTS = 2000  # edges or triangles per colour; larger models are cut off
+EDGE_COLOUR = (0.55, 0.58, 0.64, 1.0)  # lighter than a dark face, so that edges are visible on it
+EDGE_WIDTH = 0.001  # m
+# Largest number of edges, and of triangles of each colour. Further ones are not drawn.
+MAX_ELEMENTS = 2000
 
 
 @dataclass(frozen=True, eq=False)
 class ModelDrawing:
-    """Edges and faces of a model's root link, in m, in the frame of this link.
+    """Edges and faces of a model's root link.
+
+    All points are in the frame of this link, m.
 
     Attributes:
-        edges: (2 n, 3) end points of the edges, in pairs.
-        faces: triangle corners (3 n, 3) by colour.
+        edges: (2 n, 3) both ends of each of n edges.
+        faces: for each colour, the corners (3 m, 3) of its m triangles.
     """
 
     edges: np.ndarray
     faces: Mapping[Colour, np.ndarray]
 
     def make_shapes(self, base_T_link: np.ndarray | None) -> tuple[Shape, ...]:
-        """Return the shapes of a target at a pose (4, 4) of its link.
+        """Return the shapes of a target whose link has the pose base_T_link (4, 4).
 
-        Without a pose, the edges have no points, so nothing is drawn.
+        If the pose is None, the result is one shape without points, so nothing is drawn.
         """
         if base_T_link is None:
             return (Shape("target", LINES, EMPTY_DRAWING.edges, EDGE_COLOUR, EDGE_WIDTH),)
@@ -51,7 +55,11 @@ EMPTY_DRAWING = ModelDrawing(np.empty((0, 3)), {})
 
 
 def draw_model(urdf: str, resolve: ResolvePackage = find_package) -> ModelDrawing:
-    """Return the visible edges and faces of a model's description.
+    """Return the edges and faces of the visuals of a model's root link.
+
+    Args:
+        urdf: description of the model.
+        resolve: finds the folder of a ROS package.
 
     Raises:
         DescriptionError: the description, or one of its meshes, cannot be used.
@@ -69,7 +77,7 @@ def draw_model(urdf: str, resolve: ResolvePackage = find_package) -> ModelDrawin
 
 
 def find_mesh_edges(mesh: Mesh) -> np.ndarray:
-    """Return the end points (2 n, 3) of the edges at which a surface ends or bends."""
+    """Return both ends (2 n, 3) of each edge at which the surface ends or has a crease."""
     places, number = np.unique(mesh.positions.round(6), axis=0, return_inverse=True)
     corners = number.ravel()[mesh.triangles]
     a, b, c = (places[corners[:, k]] for k in range(3))

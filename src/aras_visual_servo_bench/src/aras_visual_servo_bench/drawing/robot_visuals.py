@@ -1,4 +1,4 @@
-"""Visible triangles of a robot with their colours, link by link."""
+"""Triangles and colours of a robot's visuals, link by link."""
 
 from __future__ import annotations
 
@@ -15,11 +15,17 @@ from aras_visual_servo_base.meshes.mesh import Mesh
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 
 Colour = tuple[float, ...]  # red, green, blue, opacity, 0 to 1
-DEFAULT_COLOUR = (0.7, 0.7, 0.72, 1.0)  # for visuals without a colour
+DEFAULT_COLOUR = (0.7, 0.7, 0.72, 1.0)  # colour of visuals whose description has none
 
 
 def collect_visuals(robot: RobotDescription, urdf: str) -> Iterator[tuple[str, Colour, Mesh]]:
-    """Yield the link, colour and triangles (m, in the link's frame) of each visual of a robot.
+    """Yield the link, the colour and the mesh of each visual of a robot.
+
+    The mesh is in the frame of the link, m.
+
+    Args:
+        robot: parsed description of the robot.
+        urdf: text of this description.
 
     Raises:
         DescriptionError: the description, or one of its meshes, cannot be used.
@@ -35,7 +41,7 @@ def collect_visuals(robot: RobotDescription, urdf: str) -> Iterator[tuple[str, C
 
 
 def _compute_mean_colour(texture: str) -> Colour | None:
-    """Return the mean colour of a texture, or None if it cannot be read."""
+    """Return the mean colour of a texture's image file; return None if it cannot be read."""
     image = cv2.imread(texture, cv2.IMREAD_COLOR)
     if image is None:
         return None
@@ -45,14 +51,14 @@ def _compute_mean_colour(texture: str) -> Colour | None:
 
 def _load_meshes(geometry: Geometry) -> tuple[Mesh, ...]:
     if geometry.kind == "mesh" and not Path(geometry.filename).is_file():
-        return ()  # the missing file was reported when the model was spawned
+        return ()  # a message about the missing file was printed when the model was spawned
     return make_meshes(geometry)
 
 
 def _read_colours(urdf: str) -> dict[tuple[str, int], tuple[float, ...]]:
-    """Read the colours of the description's own materials, by link and number of the visual.
+    """Return the colour of each visual's URDF material, by the link and the visual's number.
 
-    The simulator's cameras use Gazebo's materials, but the drawing shows the colours of rviz.
+    These are the colours that rviz shows. The simulated cameras use Gazebo's materials instead.
     """
     root = safe_xml.parse(urdf, "URDF")
     known = {m.get("name"): _read_rgba(m) for m in root.findall("material")}

@@ -1,8 +1,8 @@
 """3-D drawing of a run in progress: camera, goal, paths, twists, features and text.
 
-A RunTrace receives the messages of the graph and returns shapes in the frame of the arm's base. A
-run starts when servoing starts. From then on, the camera's path and the features' trajectories are
-recorded, together with the straight path to the goal.
+A RunTrace receives the values of ROS messages, and returns shapes in the frame of the arm's base.
+It records the camera's path and the trajectories of the features from the start of servoing, and
+draws the straight path from this start to the goal.
 """
 
 from __future__ import annotations
@@ -44,20 +44,22 @@ GOAL, NOW, PATH, IDEAL, FEATURE = (
     to_rgb(LIVE[name]) for name in ("goal", "now", "path", "ideal", "feature")
 )
 
-FRUSTUM_SIZE = 0.16  # m, from the optical centre to a corner of the drawn image
-AXIS_LENGTH = 0.05  # m, axes of a drawn frame
-ARROW_SECONDS = 2.0  # s; a velocity arrow has the length of the path in this time
-TURN_LENGTH = 0.1  # m per rad/s, for arrows of angular velocity
-MAX_ARROW = 0.3  # m, longest arrow
+FRUSTUM_SIZE = 0.16  # m, distance from the optical centre to a corner of the drawn image
+AXIS_LENGTH = 0.05  # m, length of the axes of a drawn frame
+# An arrow of a linear velocity is as long as the path of the camera in this time, s.
+ARROW_SECONDS = 2.0
+TURN_LENGTH = 0.1  # m per rad/s, length of an arrow of an angular velocity
+MAX_ARROW = 0.3  # m, largest length of an arrow
 MIN_ARROW = 2e-3  # m; shorter arrows are not drawn
 IDEAL_PATH_POINTS = 24  # number of points of the straight path to the goal
-MIN_SPACING = 5e-4  # m between two points of the path
-MIN_IMAGE_SPACING = 2e-3  # between two points of a trajectory in the image, normalised
-# Offset of the text from the camera in the base frame, m; it places the text next to the arm.
+MIN_SPACING = 5e-4  # m, smallest distance between two points of the camera's path
+# Smallest distance between two points of a feature's trajectory, normalised coordinates.
+MIN_IMAGE_SPACING = 2e-3
+# Offset of the text from the camera in the base frame, m. The text is then next to the arm.
 TEXT_OFFSET = (-0.29, 0.24, 0.19)
-MAX_ERRORS = 6  # errors that are listed in the text
-LETTER_HEIGHT, LINE_HEIGHT = 0.023, 0.028  # m, height of letters and spacing of lines
-LEGEND = (  # from the lowest line upwards
+MAX_ERRORS = 6  # largest number of errors that the text lists
+LETTER_HEIGHT, LINE_HEIGHT = 0.023, 0.028  # m, height of letters and distance between lines
+LEGEND = (  # text and colour of each line, from the lowest line to the highest
     ("achieved rotation", to_rgb(LIVE["achieved-turn"])),
     ("desired rotation", to_rgb(LIVE["desired-turn"])),
     ("achieved velocity", to_rgb(LIVE["achieved"])), ("desired velocity", to_rgb(LIVE["desired"])),
@@ -74,12 +76,12 @@ class RunTrace:
 
     Attributes:
         arm: kinematics of the robot.
-        camera: calibrated camera; None until it is known.
+        camera: calibration of the camera; None until it is known.
         goal: (4, 4) base_T_camera at the goal; None until it is known.
-        outline: (n, 2) desired outline of the target, normalised.
+        outline: (n, 2) desired outline of the target, normalised; empty until it is known.
         state: latest state of the controller.
-        factor: real-time factor; None until it is known.
-        target: shapes of the target in the frame of the arm's base; empty if unknown.
+        factor: real-time factor of the simulation; None until it is known.
+        target: shapes of the target in the frame of the arm's base; empty if the target is unknown.
     """
 
     def __init__(self, arm: Arm) -> None:
@@ -95,7 +97,7 @@ class RunTrace:
         self.clear()
 
     def clear(self) -> None:
-        """Forget the run but not the robot, e.g. after a reset of the clock."""
+        """Delete the data of the run, for example after a reset of the clock, but not the robot."""
         self.state = NO_STATE
         self.start_pose: np.ndarray | None = None
         self._path = Track(3, MIN_SPACING)
@@ -103,7 +105,7 @@ class RunTrace:
 
     @property
     def pose(self) -> np.ndarray | None:
-        """Pose base_T_camera (4, 4); None before the first joint state."""
+        """Current pose base_T_camera (4, 4); None before the first joint state."""
         return self._pose
 
     @property
@@ -118,7 +120,10 @@ class RunTrace:
         self._pose = self.arm.pose(np.asarray(positions, float))
 
     def add_state(self, state: ServoState, positions: Sequence[float] = ()) -> None:
-        """Add a state of the controller, with its joint positions (n,) if it has any."""
+        """Add a state of the controller.
+
+        positions: (n,) joint positions at the time of this state; empty if they are unknown.
+        """
         last_state, self.state = self.state, state
         is_moving = state.phase in (SERVOING, CONVERGED)
         if not is_moving:
@@ -136,7 +141,7 @@ class RunTrace:
             self.add_image_point(f"point {number}", features[x], features[y])
 
     def add_image_point(self, name: str, x: float, y: float) -> None:
-        """Add a normalised image point to the trajectory `name` of the target."""
+        """Add a point (x, y), normalised, to the trajectory `name` in the image."""
         if self.state.phase not in (SERVOING, CONVERGED):
             return
         if name not in self._trajectories:
@@ -146,7 +151,7 @@ class RunTrace:
     # -- outputs ---------------------------------------------------------------------------
 
     def compute_ideal_path(self) -> np.ndarray:
-        """Return points (n, 3) of the straight path from the start of servoing to the goal."""
+        """Return points (n, 3) of the straight path from the start of servoing to the goal, m."""
         if self.start_pose is None or self.goal is None:
             return np.empty((0, 3))
         along = np.linspace(0.0, 1.0, IDEAL_PATH_POINTS)[:, None]
@@ -174,9 +179,9 @@ class RunTrace:
         return lines
 
     def make_shapes(self) -> list[Shape]:
-        """Return all shapes in the frame of the arm's base.
+        """Return all shapes of the drawing, in the frame of the arm's base.
 
-        Shapes that cannot be drawn at the moment have no points.
+        If a shape is not visible now, such as the arrow of a camera at rest, it has no points.
         """
         shapes = [*self.target, self._make_line("path", self.path, (*PATH, 1.0), 0.006)]
         ideal = self.compute_ideal_path()
@@ -198,10 +203,10 @@ class RunTrace:
         return shapes + self._make_texts()
 
     def _make_texts(self) -> list[Shape]:
-        """Return the text next to the camera, and above it the legend of the colours."""
+        """Return the text next to the camera, and the legend of the colours above this text."""
         words, place = "\n".join(self.make_text_lines()), (self._pose[:3, 3] + TEXT_OFFSET)[None]
         shapes = [Shape("words", TEXT, place, (1.0, 1.0, 1.0, 1.0), LETTER_HEIGHT, words)]
-        above = 0.5 * (words.count("\n") + 1)  # lines; the text is centred on its position
+        above = 0.5 * (words.count("\n") + 1)  # number of lines above the middle of the text
         for line, (text, colour) in enumerate(LEGEND, 1):
             up = (0.0, 0.0, LINE_HEIGHT * (above + line))
             shapes.append(
@@ -217,7 +222,10 @@ class RunTrace:
         return self._image_border[1]
 
     def _make_image_shapes(self, border: np.ndarray) -> list[Shape]:
-        """Return the trajectories and the desired outline on the drawn image."""
+        """Return the features' trajectories and the desired outline, drawn in the camera's image.
+
+        border: (n, 2) border of the image, from `compute_image_border`.
+        """
         shapes = []
         outline = self.outline
         if len(outline):
@@ -252,12 +260,12 @@ class RunTrace:
 
     @staticmethod
     def _make_line(name: str, points: np.ndarray, colour: Rgba, width: float) -> Shape:
-        """Return a curve, which is empty if it has only one point."""
+        """Return a curve through points (n, 3); the curve is empty if there is only one point."""
         return Shape(name, STRIP, points if len(points) > 1 else points[:0], colour, width)
 
 
 def _wrap_text(text: str, width: int = 44) -> str:
-    """Wrap a text to at most three lines."""
+    """Return the first three lines of a text that is wrapped at `width` characters."""
     lines = [""]
     for word in text.split():
         if lines[-1] and len(lines[-1]) + len(word) >= width:

@@ -1,4 +1,4 @@
-"""Shapes of a 3-D drawing for rviz and for the live page."""
+"""Shapes of a 3-D drawing for rviz and for the web pages."""
 
 from __future__ import annotations
 
@@ -12,11 +12,12 @@ from aras_visual_servo_camera.undistortion import CameraModel
 Rgba = tuple[float, float, float, float]
 
 LINES, STRIP, ARROW, TEXT, FACES = "lines", "strip", "arrow", "text", "faces"
-# Largest half angle of view that is drawn. With a larger one, the sides of a fisheye camera's
-# pyramid would lie in a plane or point backwards.
+# Largest half angle of view that is drawn. At a larger angle, such as that of a fisheye lens, the
+# sides of the camera's pyramid would be flat or point backwards.
 MAX_VIEW_ANGLE = np.radians(70.0)
-DIGITS = 5  # decimals of lengths in m; a pixel of the page is about a millimetre
-POINTS_PER_SIDE = 8  # per side of an image, to draw the border bent by a lens
+DIGITS = 5  # number of decimals of lengths in m; a pixel of the page is about a millimetre
+# Number of points on each side of the image's border, which can be curved by lens distortion.
+POINTS_PER_SIDE = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,13 +25,13 @@ class Shape:
     """One shape of a drawing.
 
     Attributes:
-        name: identifier, which is the same in all drawings.
-        kind: LINES (pairs of points), STRIP, ARROW (tail, tip), TEXT (its position) or FACES
-            (triangles, three points each).
+        name: identifier of the shape, which does not change from one drawing to the next.
+        kind: what the points mean. LINES: two ends of each line. STRIP: points of a curve. ARROW:
+            tail and tip. TEXT: position of the text. FACES: three corners of each triangle.
         points: (n, 3) in the frame of the arm's base, m; empty if the shape is not visible.
-        colour: red, green, blue, opacity, 0 to 1.
+        colour: red, green, blue and opacity, 0 to 1.
         width: width of lines or of an arrow's shaft, or height of letters, m.
-        text: text of a TEXT.
+        text: text of a shape of the kind TEXT.
     """
 
     name: str
@@ -41,7 +42,10 @@ class Shape:
     text: str = ""
 
     def to_json(self) -> dict[str, Any]:
-        """Return the shape as the script of the scene reads it, with points rounded to 10 um."""
+        """Return the shape as a JSON object for the script scene.js.
+
+        Coordinates are rounded to 10 um.
+        """
         return {
             "kind": self.kind, "points": np.round(self.points, DIGITS).ravel().tolist(),
             "colour": list(self.colour), "width": self.width,
@@ -56,7 +60,7 @@ def transform_points(a_T_b: np.ndarray, points: np.ndarray) -> np.ndarray:
 def make_axes(
     name: str, base_T_frame: np.ndarray, length: float, opacity: float = 1.0
 ) -> list[Shape]:
-    """Return the axes of a frame as shapes: x red, y green, z blue."""
+    """Return the axes of a frame as shapes; x is red, y is green, z is blue."""
     shapes = []
     for i, letter in enumerate("xyz"):
         colour = tuple(0.95 if i == j else 0.25 for j in range(3))
@@ -68,7 +72,10 @@ def make_axes(
 
 
 def compute_image_border(camera: CameraModel) -> np.ndarray:
-    """Return normalised points (n, 2) along the image border, limited to MAX_VIEW_ANGLE."""
+    """Return points (n, 2) on the border of the camera's image, normalised.
+
+    Their angle to the optical axis is limited to MAX_VIEW_ANGLE.
+    """
     right, low = camera.width - 0.5, camera.height - 0.5
     corners = np.array([[-0.5, -0.5], [right, -0.5], [right, low], [-0.5, low]])
     along = np.linspace(0.0, 1.0, POINTS_PER_SIDE, endpoint=False)[:, None]
@@ -84,12 +91,12 @@ def compute_image_border(camera: CameraModel) -> np.ndarray:
 
 
 def place_on_image_plane(border: np.ndarray, points: np.ndarray, size: float) -> np.ndarray:
-    """Place normalised points (n, 2) on the image that is drawn in front of the camera.
+    """Place points on the image that is drawn in front of the camera.
 
     Args:
-        border: border of the image, from `compute_image_border`.
-        points: normalised points.
-        size: distance from the optical centre to the farthest corner of the image, m.
+        border: (m, 2) border of the image, from `compute_image_border`.
+        points: (n, 2) points, normalised.
+        size: distance from the optical centre to the farthest corner of the drawn image, m.
 
     Returns:
         Points (n, 3) in the camera's frame, m.
@@ -100,14 +107,26 @@ def place_on_image_plane(border: np.ndarray, points: np.ndarray, size: float) ->
 
 
 def compute_image_depth(border: np.ndarray, size: float) -> float:
-    """Return the depth (m) of the image whose farthest corner has the distance `size`."""
+    """Return the depth, m, of the drawn image.
+
+    The distance of its farthest corner from the optical centre is `size`, m. `border` is the border
+    of the image, from `compute_image_border`.
+    """
     return size / float(np.sqrt(1.0 + (border**2).sum(axis=1).max()))
 
 
 def make_frustum(
     name: str, base_T_camera: np.ndarray, border: np.ndarray, size: float, colour: Rgba
 ) -> list[Shape]:
-    """Return the pyramid of a camera as shapes: four edges and the border of the image."""
+    """Return a camera as shapes: a pyramid whose base is the border of the image.
+
+    Args:
+        name: start of the shapes' names.
+        base_T_camera: (4, 4) pose of the camera.
+        border: (n, 2) border of the image, from `compute_image_border`.
+        size: distance from the optical centre to the farthest corner of the image, m.
+        colour: red, green, blue and opacity, 0 to 1.
+    """
     image_border = place_on_image_plane(border, border, size)
     edges = np.zeros((8, 3))
     edges[1::2] = image_border[::POINTS_PER_SIDE]

@@ -1,4 +1,4 @@
-"""Growing curve of a moving point, and measurement of the real-time factor."""
+"""Curve of a moving point, and measurement of the real-time factor."""
 
 from __future__ import annotations
 
@@ -6,18 +6,18 @@ from collections import deque
 
 import numpy as np
 
-MAX_POINTS = 600  # with more points, every other point of a track is removed
+MAX_POINTS = 600  # if a track has more points, every other point is removed
 
 
 class Track:
-    """Curve of points in order; if there are many, they are thinned uniformly."""
+    """Curve of a moving point. The number of its points is limited to MAX_POINTS."""
 
     def __init__(self, width: int, spacing: float) -> None:
         """Create an empty track.
 
         Args:
             width: number of coordinates of a point.
-            spacing: minimum distance of a new point from the last one.
+            spacing: smallest distance between a new point and the last point.
         """
         self._width, self._min_spacing = width, spacing
         self.clear()
@@ -28,7 +28,7 @@ class Track:
         self._spacing = self._min_spacing
 
     def add(self, point: np.ndarray) -> None:
-        """Add a point, unless it is not finite or too near to the last one."""
+        """Add a point (width,). It is ignored if it is not finite or too near to the last point."""
         point = np.array(point, float)
         if point.shape != (self._width,) or not np.isfinite(point).all():
             return
@@ -42,23 +42,23 @@ class Track:
 
     @property
     def points(self) -> np.ndarray:
-        """The points (n, width)."""
+        """Points (n, width) of the curve."""
         return np.array(self._points).reshape(-1, self._width)
 
 
 class RealTimeFactor:
-    """Ratio of simulated time to wall time over the last seconds."""
+    """Ratio of simulated time to wall time, measured over the last seconds."""
 
-    WINDOW = 2.0  # s of wall time
-    MIN_TIME = 0.3  # s of wall time before the factor is known
+    WINDOW = 2.0  # duration of the measurement, s of wall time
+    MIN_TIME = 0.3  # s of wall time after which the factor is known
 
     def __init__(self) -> None:
         self._samples: deque[tuple[float, float]] = deque()
 
     def add(self, wall_time: float, simulated_time: float) -> None:
-        """Add one instant of both clocks, s.
+        """Add the times of both clocks at one instant, s.
 
-        If the simulated clock jumps back, the measurement restarts.
+        If the simulated time jumps back, the measurement restarts.
         """
         if self._samples and simulated_time < self._samples[-1][1]:
             self._samples.clear()
@@ -68,7 +68,7 @@ class RealTimeFactor:
 
     @property
     def factor(self) -> float | None:
-        """The real-time factor; None until it is known."""
+        """Real-time factor; None until it is known."""
         if not self._samples:
             return None
         (wall_0, simulated_0), (wall, simulated) = self._samples[0], self._samples[-1]

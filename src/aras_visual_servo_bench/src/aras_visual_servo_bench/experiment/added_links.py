@@ -18,7 +18,9 @@ from ..errors import ExperimentError
 class MountedTarget:
     """Target on a link of a robot.
 
-    link: link that carries the target. pose: link_T_target (4, 4). urdf: file with its visuals.
+    link: link that carries the target.
+    pose: link_T_target (4, 4).
+    urdf: file with the visuals of the target.
     """
 
     link: str
@@ -55,11 +57,11 @@ def with_target(urdf: str, name: str, target: MountedTarget, where: str) -> str:
 
     Args:
         urdf: text of the robot description.
-        name: of the new link.
-        where: name of the description for the error message.
+        name: name of the new link.
+        where: name of the robot description, for the error message.
 
     Raises:
-        ExperimentError: the robot has no link of this name.
+        ExperimentError: the robot does not have the link `target.link`.
     """
     robot, target_model = ElementTree.fromstring(urdf), ElementTree.parse(target.urdf).getroot()
     links = {link.get("name") for link in robot.iter("link")}

@@ -18,11 +18,11 @@ from .robots import Robot
 
 
 def with_fixed_cameras(experiment: Experiment, packages: PackagePath) -> Experiment:
-    """Return the experiment with the pose of each fixed camera that has a hand-eye calibration.
+    """Return the experiment with the hand-eye calibrations of fixed cameras replaced by poses.
 
     Raises:
-        ExperimentError: a file cannot be used, or the calibration is of a camera in the hand and
-            the plant has no arm.
+        ExperimentError: a file cannot be used, or a file is for a camera in the hand and the plant
+            has no arm.
     """
     cameras = dict(experiment.cameras)
     for name, spec in experiment.cameras.items():
@@ -41,10 +41,10 @@ def with_fixed_cameras(experiment: Experiment, packages: PackagePath) -> Experim
 
 
 def with_calibration_offsets(experiment: Experiment, robot: Robot) -> Experiment:
-    """Return the experiment with its calibration offsets as xyz and rpy.
+    """Return the experiment with every calibration offset given by `xyz` and `rpy`.
 
-    A `calibration_offset.hand_eye` file gives the calibrated pose of a camera; it is replaced by
-    the offset of this pose from the true pose.
+    If `calibration_offset.hand_eye` names a file with the calibrated pose of a camera, it is
+    replaced by the offset of the calibrated pose from the true pose.
 
     Raises:
         ExperimentError: a file cannot be used, or a link does not carry the camera.
@@ -80,9 +80,9 @@ def _read_calibration_offset(
     where: str,
     name: str,
 ) -> CalibrationOffset:
-    """Return the calibration offset of camera `name` with its hand-eye file read.
+    """Return the calibration offset of camera `name`, with `hand_eye` replaced by `xyz` and `rpy`.
 
-    where: key of the file, for error messages.
+    where: dotted key of the hand-eye file, for error messages.
     """
     file = offset.hand_eye
     if file is None:
@@ -109,7 +109,7 @@ def _read_calibration_offset(
 
 
 def _read_pose(spec: HandEyeSpec, packages: PackagePath, where: str) -> np.ndarray:
-    """Read the pose (4, 4) of the camera's optical frame in the world from a calibration."""
+    """Read world_T_camera (4, 4) of a fixed camera from its hand-eye calibration."""
     try:
         calibration = spec.read(packages)
         check_optical(calibration)

@@ -30,14 +30,14 @@ from .packages import PackagePath
 if TYPE_CHECKING:
     from aras_visual_servo_base.hand_eye import HandEyeCalibration
 
-HALF_TURN = 3.142  # rad; pi as rounded up in files
+HALF_TURN = 3.142  # rad; slightly more than pi, because files often contain rounded values
 MAX_DELAY = 10.0  # s
 PRESET_FOLDER = "config/cameras"
-# Key that names a preset, and the preset that is used by default.
-PRESET_KEY, DEFAULT_PRESET = "preset", "original"
+PRESET_KEY = "preset"  # key that names a preset
+DEFAULT_PRESET = "original"  # preset that is used by default
 NO_SETTINGS: Mapping[str, Any] = MappingProxyType({})
-WORLD = "world"  # the link of a hand-eye calibration of a fixed camera
-# Grey levels of table and target, the same as in rendered images.
+WORLD = "world"  # value of HandEyeSpec.link if the camera is fixed
+# Grey levels of the table and of the target, equal to those in rendered images.
 WHITE_LEVEL, DARK_LEVEL = 255, 0
 
 
@@ -45,9 +45,10 @@ WHITE_LEVEL, DARK_LEVEL = 255, 0
 class HandEyeSpec:
     """File with the result of a hand-eye calibration; see aras_visual_servo_base.hand_eye.
 
-    file: path of the file. units: m, cm or mm, of the lengths in the file; '': as the file says,
-        else metres.
-    link: link that carries the camera; '': the link that the file names. 'world': the camera is
+    file: path of the file.
+    units: unit of the lengths in the file: m, cm or mm; '': the unit that the file states, or m if
+        it states none.
+    link: link that carries the camera; '': the link that the file names; 'world': the camera is
         fixed, and the file gives its pose in the world (the arm's base).
     """
 
@@ -62,7 +63,7 @@ class HandEyeSpec:
         """Read the file.
 
         Raises:
-            HandEyeError: the file holds no calibration.
+            HandEyeError: the file does not contain a calibration.
             ExperimentError: there is no such file.
         """
         from aras_visual_servo_base.hand_eye import read_hand_eye
@@ -74,13 +75,14 @@ class HandEyeSpec:
 class CalibrationOffset:
     """Difference between the camera that the controller assumes and the true camera.
 
-    focal: factor on the focal length. centre: offset of the principal point, px (right, down).
-    distortion: coefficients that the controller uses; None: the true ones.
+    focal: factor on the true focal length.
+        centre: offset of the principal point, px (right, down).
+        distortion: distortion coefficients that the controller uses; None: the true coefficients.
     xyz, rpy: offset of the assumed camera pose from the true one, m and rad, in the true optical
         frame (z forward, x right, y down), on every plant.
     hand_eye: file of a hand-eye calibration that gives the assumed camera pose, instead of xyz and
         rpy.
-    depth: factor on the depths that the controller uses.
+    depth: factor on the true depths.
     """
 
     focal: float = parameter(1.0, ", the factor on the true focal length", above=0.0, most=10.0)
@@ -107,7 +109,7 @@ class CalibrationOffset:
         """Return the intrinsics that the controller uses.
 
         Raises:
-            ExperimentError: the result is no valid camera.
+            ExperimentError: the resulting intrinsics are invalid.
         """
         K = np.array(true_camera.K).reshape(3, 3)
         K[[0, 1], [0, 1]] *= self.focal
@@ -130,7 +132,7 @@ class CameraSpec:
     """One of several cameras of an experiment.
 
     model: the true camera: name of a preset, path of a YAML file or of a calibration, or settings.
-    rate: images per second; None: the rate of the model.
+    rate: number of images per second; None: the rate in the settings of the model.
     xyz, rpy: pose of a camera in the hand relative to the robot's own camera, in camera_link
         (x forward, y left, z up), m and rad.
     pose: pose of the optical frame of a fixed camera in the world (the arm's base): x, y, z (m),
@@ -141,8 +143,8 @@ class CameraSpec:
     delay: time from an exposure until the control loop receives the image, s.
     calibration_offset: errors of the controller's calibration; see CalibrationOffset.
     target: target that this camera observes instead of the experiment's: shape, size, pose, motion.
-    target_frame: link that carries this camera's target if the arm moves that: the poses of target
-        and camera are then in this link's frame; '': robot.target_frame.
+    target_frame: link that carries the target of this camera, if the arm moves this target; the
+        poses of target and camera are then in the frame of this link. '': robot.target_frame.
     """
 
     renamed_keys = {"believed": "calibration_offset"}
@@ -173,14 +175,15 @@ class CameraSpec:
 
     @property
     def is_in_description(self) -> bool:
-        """True if the robot description gives the pose: of the robot's camera, or of `frame`."""
+        """True if the robot description gives the pose of the camera."""
         has_pose = self.pose is not None or self.hand_eye is not None
         return not has_pose and not (any(self.xyz) or any(self.rpy))
 
     def compute_pose(self) -> np.ndarray:
-        """Return the pose (4, 4) of the optical frame.
+        """Return the pose (4, 4) of the camera's optical frame.
 
-        It is in the world if `pose` is set, else in the optical frame of the robot's own camera.
+        The reference frame is the world if `pose` is set, else the optical frame of the robot's own
+        camera.
         """
         if self.pose is not None:
             return matrix_from_xyz_rpy(self.pose[:3], self.pose[3:])
@@ -190,11 +193,11 @@ class CameraSpec:
 
 @dataclass(frozen=True, eq=False)
 class CameraSetup:
-    """Camera of an experiment, with its files read.
+    """Camera of an experiment, after its files have been read.
 
-    overrides: keys that the experiment sets, itself or by a preset.
-    settings: `overrides` merged over the settings in the robot description.
-    config: configuration made of `settings`.
+    overrides: settings that the experiment or its preset gives.
+    settings: settings in the robot description, with `overrides` applied.
+    config: configuration of the simulated camera, made from `settings`.
     true_camera: intrinsics of the simulated camera.
     calibrated_camera: intrinsics that the controller uses.
     """
@@ -216,8 +219,8 @@ class CameraSetup:
 
         Args:
             robot: package that holds the presets; see `read_preset`.
-            description_settings: settings of the camera in the robot description, which those of
-                `spec` override.
+            description_settings: settings of the camera in the robot description; the settings in
+                `spec` override them.
         """
         overrides = read_preset(spec.model, packages, robot)
         if spec.rate is not None:
@@ -225,7 +228,7 @@ class CameraSetup:
         settings = merge(description_settings, overrides)
         config = make_camera_config(settings)
         published = true = read_camera_model(config.make_intrinsics())
-        if config.legacy_camera_info:  # CameraInfo then has the values of Gazebo's formulas
+        if config.legacy_camera_info:  # published intrinsics follow Gazebo's formulas, not the lens
             true = make_camera_model({**settings, "legacy_camera_info": False})
         return cls(
             name,
@@ -239,14 +242,14 @@ class CameraSetup:
 
     @property
     def rate(self) -> float:
-        """Images per second."""
+        """Number of images per second."""
         return self.config.update_rate
 
     @property
     def delay(self) -> float:
         """Time from an exposure until the control loop receives the image, s.
 
-        It is the sum of the camera's latency and of the `delay` of the experiment.
+        The value is the sum of the camera's latency and of `delay` in the experiment.
         """
         return self.spec.delay + self.config.latency
 
@@ -256,11 +259,12 @@ def check_simultaneous_images(cameras: Sequence[CameraSetup], duration: float) -
 
     Args:
         cameras: the cameras that the scheme reads, the control camera first.
-        duration: of the run, s.
+        duration: duration of the run, s.
 
     Raises:
-        ExperimentError: a camera delivers its first image too late, or the delays of two cameras
-            differ by more than the stored images cover.
+        ExperimentError: a camera delivers its first image after the end of the run; or the delays
+            of two cameras differ so much that the image of one camera is discarded before the image
+            of the other arrives.
     """
     control, *others = cameras
     for other in others:
@@ -287,12 +291,16 @@ def check_simultaneous_images(cameras: Sequence[CameraSetup], duration: float) -
 def read_preset(
     camera: str | Mapping[str, Any], packages: PackagePath, robot: str
 ) -> dict[str, Any]:
-    """Return the camera settings that an experiment gives, as keys of the simulator.
+    """Return the camera settings that an experiment gives, with the key names of the simulator.
 
     Args:
-        camera: name of a preset of the package `robot`; path of a YAML file or of a calibration
-            (`path#name` for one of its cameras); or keys, which override those of the preset or
-            file that their key `preset` names.
+        camera: one of
+            name of a preset of the package `robot`;
+            path of a YAML file or of a calibration (`path#name` selects one of its cameras);
+            mapping of settings; its key `preset` can name a preset or file, whose settings are
+            used for all other keys.
+        packages: search path for packages and files.
+        robot: package that contains the presets.
 
     Raises:
         ExperimentError: there is no such preset, or a file cannot be used.
@@ -323,7 +331,7 @@ def read_preset(
 
 
 def _resolve_file(name: str, packages: PackagePath) -> str:
-    """Return the absolute path of a camera's file, followed by the camera's `#name` if any."""
+    """Return a path of a camera file as an absolute path; a suffix `#name` is retained."""
     path, hash_, camera = name, "", ""
     if "#" in name and not Path(name).expanduser().is_file():
         path, hash_, camera = name.rpartition("#")
@@ -358,11 +366,11 @@ def read_camera_model(info: Any) -> CameraModel:
 
 
 def is_in_view(outline: np.ndarray, camera: CameraModel, margin: float = 2.0) -> bool:
-    """Return True if an outline lies wholly inside the image.
+    """Return True if an outline is completely inside the image.
 
     Args:
         outline: corners (n, 2) in normalised coordinates.
-        margin: least distance of the outline from the image border, px.
+        margin: minimum distance of the outline from the image border, px.
     """
     u, v = camera.project(*subdivide(outline).T)
     return bool(
@@ -376,8 +384,8 @@ def is_in_view(outline: np.ndarray, camera: CameraModel, margin: float = 2.0) ->
 def draw_outline(outline: np.ndarray | None, camera: CameraModel) -> np.ndarray:
     """Draw a dark polygon on a white background.
 
-    The grey level of a pixel is proportional to the part of it that the polygon covers. Edges are
-    curved by the distortion of the lens.
+    The grey level of a pixel is proportional to the fraction of its area that the polygon
+    covers. The distortion of the lens bends the edges.
 
     Args:
         outline: corners (n, 2) of the polygon in normalised coordinates; None: no polygon.
@@ -401,14 +409,17 @@ def draw_outline(outline: np.ndarray | None, camera: CameraModel) -> np.ndarray:
 
 
 def _coverage(polygon: np.ndarray, width: int, height: int) -> np.ndarray:
-    """Compute the exact part (height, width) of each pixel that a polygon covers.
+    """Compute the fraction of the area of each pixel that a polygon covers, exactly.
 
-    Each edge adds the area of the pixel to its left, with the sign of its vertical direction.
-    Along the piece of an edge within one row of pixels, the covered width changes linearly
-    between 0 and 1.
+    For each edge and each pixel, the area of the pixel on the left of the edge is added, with a
+    sign that depends on whether the edge goes up or down. Along an edge within one row of pixels,
+    the covered width of a pixel changes linearly between 0 and 1.
 
     Args:
         polygon: corners (n, 2), px; pixel centres have integer coordinates.
+
+    Returns:
+        Fractions (height, width).
     """
     ends = np.roll(polygon, -1, axis=0)
     rising = ends[:, 1] != polygon[:, 1]

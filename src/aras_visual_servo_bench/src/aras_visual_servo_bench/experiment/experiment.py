@@ -26,13 +26,13 @@ PLANTS = ("bullet", "chain", "free", "ideal")
 FREE_CAMERA_PLANTS = ("free", "ideal")
 FEATURES = ("auto", "images", "exact")
 COMMANDS = ("joint_states", "images")
-# Keys and values of earlier versions, with their new names, for the error messages.
+# Keys of earlier versions and their new names, for error messages.
 RENAMED_KEYS = {
     "believed": "calibration_offset", "linger": "time_after_convergence",
     "options": "controller_parameters", "traced": "record_peak_speeds",
 }  # fmt: skip
 RENAMED_FEATURES = {"pictures": "images"}
-# Controller parameters that are keys of the experiment itself.
+# Controller parameters that are set by keys of the experiment, not by controller_parameters.
 SHARED_PARAMETERS = ("scheme", "law", "gain", "duration")
 CLASS_HINT = "a name, a class, or 'package.module:Class'"
 
@@ -41,13 +41,13 @@ CLASS_HINT = "a name, a class, or 'package.module:Class'"
 class SunSpec:
     """The sun over the Bullet arm's table: a white directional light in addition to ambient light.
 
-    direction: from the sun to the ground, in the world frame.
+    direction: direction of the sunlight (from the sun to the ground), in the world frame.
     diffuse: brightness that the sun gives to a white face perpendicular to its light, 0 to 1;
         ambient light adds 0.4.
     exposure: 'unclipped' scales both lights so that their sum is at most 1; 'gazebo' clips
         brightness above 1 to white, which shifts edges.
-    shines: intervals (start, end) in which the sun shines, s of simulated time; ambient light is
-        always on, and the goal is taught in the light of the start. None: always.
+    shines: intervals (start, end) in which the sun shines, s of simulated time; None: always.
+        Ambient light is always on. The goal is taught in the light at the start.
     """
 
     direction: tuple[float, float, float] = SUN.direction
@@ -69,9 +69,12 @@ class IdealSpec:
         them. None: no limit.
     stop: sum of the squared feature errors at which the run has converged; None: the control
         loop's usual criterion.
-    unbounded: features outside the image are visible; only those behind the camera are lost.
-    enough: fraction of the initial true distance and angle from the goal below which the run has
-        converged and ends. farthest: multiple of the initial distance at which the run has failed.
+    unbounded: whether features outside the image are measured, too; only features behind the camera
+        are then lost.
+    enough: the run has converged when the true distance and angle to the goal are at most this
+        fraction of their initial values; None: not used.
+    farthest: the run has failed when the true distance to the goal is larger than this multiple of
+        its initial value; None: not used.
     """
 
     speed: Vector2 | None = parameter(None, above=0.0)
@@ -89,52 +92,60 @@ class Experiment(KeywordSettings):
     """Settings that determine a run completely: equal experiments give equal runs.
 
     An experiment is immutable. `with_changes(gain=2.0)` returns a copy with other values,
-    `from_yaml(path)` reads a file, and `run(experiment)` runs it. Values may be those of a YAML
-    file or Python objects: paths, NumPy arrays and numbers, classes. For `target`, `robot` and the
-    entries of `cameras`, a value that is no mapping sets `target.shape`, `robot.urdf` or the
-    camera's `model`. A wrong key or value raises an ExperimentError that suggests a correct one.
-    Lengths are in m, angles in rad, times in s.
+    `from_yaml(path)` reads a file, and `run(experiment)` runs an experiment. Values can have the
+    types of a YAML file or be Python objects: paths, NumPy arrays and numbers, classes. If the
+    value of `target`, `robot` or an entry of `cameras` is not a mapping, it sets `target.shape`,
+    `robot.urdf` or the `model` of the camera. A wrong key or value raises an ExperimentError that
+    suggests a correct one. Lengths are in m, angles in rad, times in s. A plant in brackets means
+    that the setting acts only on this plant.
 
     plant: 'bullet' (simulated arm), 'chain' (arm without dynamics), 'free' (free-flying camera
         with the control loop's rate, limits and delay) or 'ideal' (camera that executes the
         scheme's twist exactly, one motion per image, as simulations in papers do).
     ideal: settings of the plant 'ideal'; see IdealSpec.
-    robot: see RobotSpec. friction: whether its joints have friction (bullet). lag: time constant
-        of each joint (chain, free), s.
-    target: see TargetSpec; 'aras' is part of the Bullet arm's robot description, and other targets
-        are placed in the world instead of it.
-    sun: see SunSpec (bullet). world: path of an SDF world file around the arm, or the name of a
-        shipped one such as 'workbench'; its models, lights and scene replace the sun and the plain
-        ground (bullet).
+    robot: settings of the robot; see RobotSpec.
+    friction: whether the joints of the robot have friction (bullet).
+    lag: time constant of each joint, s (chain, free).
+    target: settings of the target; see TargetSpec. The target 'aras' is part of the shipped robot
+        description; another target is placed in the world instead.
+    sun: settings of the sun; see SunSpec (bullet).
+    world: path of an SDF world file around the arm, or name of a shipped world such as 'workbench';
+        its models, lights and scene replace the sun and the ground plane (bullet).
     camera: the true camera: name of a preset, path of a YAML file or of a calibration (ROS, OpenCV,
         Kalibr, ViSP), or settings.
-    camera_xyz, camera_rpy: displacement of the camera in its link, m and rad; links that the camera
-        link carries move with it.
+    camera_xyz, camera_rpy: displacement of the camera in its link, m and rad; links that are fixed
+        to the camera link move, too.
     hand_eye: file of a hand-eye calibration that gives the pose of the camera on the arm, instead
         of the robot description; see HandEyeSpec.
     calibration_offset: errors of the controller's camera calibration; see CalibrationOffset.
     cameras: several cameras by name, instead of camera, hand_eye and calibration_offset; see
-        CameraSpec. The scheme selects the cameras that it uses ('points@left+points@right', by
-        default the first one); the others only record.
+        CameraSpec. The scheme names the cameras that it uses ('points@left+points@right'); by
+        default, it uses the first camera. Other cameras only record images.
     features: 'images' measures features in images; 'exact' computes them from the true poses,
-        without image, tracker and noise; 'auto' is 'images' for the Bullet arm and else 'exact'.
-    noise: standard deviation of the image noise, grey levels. jitter: of exact features, px.
-    delay: time from an exposure until the resulting command takes effect, with computing time, s.
+        without image, tracker and noise; 'auto' is 'images' on the Bullet arm, otherwise 'exact'.
+    noise: standard deviation of the image noise, grey levels.
+    jitter: standard deviation of the noise of exact features, px.
+    delay: time from an exposure until the resulting command takes effect, including computing
+        time, s.
     commands: 'joint_states' sends a command with each joint state, as a ROS graph does in real
-        time; 'images' sends one command per image, as a ROS graph in lockstep: a command takes
-        effect at the first image after the delay, which rounds the delay up to image periods.
+        time; 'images' sends one command per image, as a ROS graph does in lockstep: a command takes
+        effect at the first image after the delay, so the delay is rounded up to whole image
+        periods.
     start: name of a pose, joints (rad, m), a CameraPose, a Sampler, or a RelativeStart.
     goal: name or path of a goal file; or joints or a CameraPose at which the goal is taught.
-    scheme: name, class, or 'package.module:Class'. law: name of the control law. gain: 1/s; None:
-        the default of the law.
-    controller_parameters: further parameters of the controller node, by name.
-    duration: run time after the first image, s. time_after_convergence: time for which the run
-        continues after it has converged, s; None: until `duration` is over.
-    reached: distance (m) and angle (rad) within which the goal counts as reached; None: 0.15 % of
-        the target's depth at the goal and 0.3 degrees, the accuracy of the outcome 'converged'.
-    seed: seed of all random numbers. renderer: accepted for compatibility; all names select the
-        same renderer.
-    record_peak_speeds: record each joint's peak speed over the physics steps (bullet).
+    scheme: name, class, or 'package.module:Class' of the scheme.
+    law: name of the control law.
+    gain: gain of the control law, 1/s; None: the default of the law.
+    controller_parameters: other parameters of the controller node, by name.
+    duration: run time after the first image, s.
+    time_after_convergence: time for which the run continues after it has converged, s; None: until
+        `duration` is over.
+    reached: maximum distance (m) and angle (rad) at which the goal is reached; None: 0.15 % of the
+        target's depth at the goal and 0.3 degrees, the accuracy of the outcome 'converged'.
+    seed: seed of all random numbers.
+    renderer: accepted for compatibility; all names select the same renderer.
+    record_peak_speeds: whether to record the maximum speed of each joint over all physics steps
+        (bullet).
     """
 
     fault = ExperimentError
@@ -239,7 +250,7 @@ class Experiment(KeywordSettings):
         """Check that the target fits on the table of the shipped robot.
 
         Raises:
-            ExperimentError: the target is larger.
+            ExperimentError: the target is larger than the table.
         """
         if self.world or self.robot.urdf != RobotSpec().urdf:
             return
@@ -298,19 +309,19 @@ class Experiment(KeywordSettings):
 
     @property
     def camera_specs(self) -> Mapping[str, CameraSpec]:
-        """The cameras by name; without `cameras`, the one that `camera` describes."""
+        """The cameras by name; if `cameras` is empty, the single camera that `camera` describes."""
         if self.cameras:
             return self.cameras
         return {CAMERA: CameraSpec(self.camera, calibration_offset=self.calibration_offset)}
 
     @property
     def has_images(self) -> bool:
-        """True if features are measured in images, False if they are exact."""
+        """True if features are measured in images, False if they are computed from true poses."""
         return self.features == "images" or (self.features == "auto" and self.plant == "bullet")
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any]) -> Experiment:
-        """Make an experiment from keys and values; other keys have their defaults.
+        """Make an experiment from keys and values; missing keys have their default values.
 
         Raises:
             ExperimentError: a key or value is wrong; the message suggests a correct one.
@@ -341,7 +352,7 @@ class Experiment(KeywordSettings):
         if isinstance(source, str | Path):
             return cls.from_yaml(source)
         raise ExperimentError(
-            f"{format_value(source)} is no experiment: give Experiment(...), keys with values, or "
+            f"{format_value(source)} is not an experiment: give Experiment(...), a mapping, or "
             "the path of a YAML file; for several experiments use a Study"
         )
 
@@ -351,10 +362,10 @@ class Experiment(KeywordSettings):
 
     @property
     def with_absolute_start(self) -> Experiment:
-        """This experiment with a start relative to the goal replaced by a camera pose.
+        """Return the experiment with a RelativeStart replaced by the camera pose that it describes.
 
         Raises:
-            ExperimentError: the start is relative to the goal, and the goal is no CameraPose.
+            ExperimentError: the start is a RelativeStart, and the goal is not a CameraPose.
         """
         if not isinstance(self.start, RelativeStart):
             return self
@@ -368,10 +379,10 @@ class Experiment(KeywordSettings):
         return self.with_changes(start=CameraPose(self.start.compute_pose(*poses, self.seed)))
 
     def with_changes(self, **changes: Any) -> Experiment:
-        """Return this experiment with some values changed, and nothing else.
+        """Return a copy of this experiment with some values changed.
 
         A mapping changes only the keys that it names: `with_changes(target={"size": [0.1, 0.1]})`
-        keeps the target's shape. Keys may be dotted paths:
+        does not change the target's shape. Keys can be dotted paths:
         `with_changes(**{"camera.effects.gain": 2.0})`. To replace a whole value, give an object,
         such as `TargetSpec(shape="square")`.
 

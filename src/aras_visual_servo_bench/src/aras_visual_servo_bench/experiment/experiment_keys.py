@@ -18,14 +18,14 @@ from .experiment import Experiment
 def find_unit(key: str) -> str:
     """Return the unit of the value of a dotted key, such as `start.side`.
 
-    It is '' if the value has no unit, if there is no such key, or if the unit depends on other
+    Return '' if the value has no unit, if the key does not exist, or if the unit depends on other
     keys: start.turn is in rad for a random start, in degrees for a relative one.
     """
     head, _, rest = key.partition(".")
     kind, path = (Settings, rest) if head == "controller_parameters" and rest else (Experiment, key)
     try:
         found = _find_fields(path, kind)
-    except StudyError:  # the name of a study's cases, for example
+    except StudyError:  # `key` can be the name of a study's cases, which is not a setting
         return ""
     units = {field.metadata.get("unit", "") for field in found}
     return units.pop().partition(", the")[0].replace(", ", " or ") if len(units) == 1 else ""
@@ -35,7 +35,7 @@ def check_key(key: str) -> None:
     """Check that an experiment has this dotted key.
 
     Raises:
-        StudyError: it has no such key; the message names the most similar one.
+        StudyError: there is no such key; the message suggests the most similar one.
     """
     _find_fields(key, Experiment)
 
@@ -43,7 +43,8 @@ def check_key(key: str) -> None:
 def _find_fields(key: str, kind: type) -> list[dataclasses.Field]:
     """Return the fields of dataclass `kind` that a dotted key can refer to.
 
-    The list is empty if the key lies below a mapping whose keys are not fixed.
+    The list is empty if a part of the key names a mapping that accepts any keys, such as
+    `controller_parameters`.
     """
     kinds: tuple[type, ...] = (kind,)
     so_far = ""
@@ -63,7 +64,7 @@ def _find_fields(key: str, kind: type) -> list[dataclasses.Field]:
         hint = next(h[part] for h in hints if part in h)
         options = _split_union(hint)
         if any(_has_free_keys(option) for option in options):
-            return found if so_far == f"{key}." else []  # checked where they are used
+            return found if so_far == f"{key}." else []  # the code that uses these keys checks them
         kinds = tuple(option for option in options if dataclasses.is_dataclass(option))
         if not kinds and so_far != f"{key}.":
             raise StudyError(f"an experiment has no '{key}': {so_far[:-1]} has no keys below it")

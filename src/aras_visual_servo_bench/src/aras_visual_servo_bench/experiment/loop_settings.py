@@ -20,10 +20,10 @@ from .experiment import FREE_CAMERA_PLANTS, Experiment
 from .packages import PackagePath
 from .robots import ROBOT, Robot
 
-# A camera without an arm has no joint limits and no elbow.
+# A camera without an arm has no joint limits that have to be avoided.
 FREE_CAMERA_SETTINGS: dict[str, Any] = {"limit_avoidance": False, "output": "velocity"}
-# The ideal camera executes each command without delay, and commands are not limited to stay
-# close to its measured coordinates (lead).
+# The ideal camera executes each command without delay. `lead`, which limits how far commands may
+# be ahead of the measured coordinates, is so large that it has no effect.
 IDEAL_CAMERA_SETTINGS: dict[str, Any] = {
     "delay": 0.0,
     "lockstep": False,
@@ -35,10 +35,10 @@ IDEAL_CAMERA_SETTINGS: dict[str, Any] = {
 def make_loop_settings(experiment: Experiment, robot: Robot | None = None) -> Settings:
     """Return the parameters of the controller node for an experiment.
 
-    The plant is created at its start, so the loop's own `start` is 'none'.
+    The parameter `start` is 'none', because the plant already is at its start.
 
     Args:
-        robot: robot of the experiment; None if only scheme and law are needed.
+        robot: robot of the experiment; None if only the scheme and the law are needed.
 
     Raises:
         ExperimentError: a parameter is wrong; the message names it.
@@ -103,7 +103,7 @@ def _check_tracker(name: str, target: TargetSpec, other: TargetSpec) -> None:
 
 
 def _make_tracker_settings(target: TargetSpec) -> dict[str, Any]:
-    """Return the tracker settings of a solid target: its mesh and initial pose."""
+    """Return the tracker settings for a solid target: its mesh and its initial pose."""
     if not is_solid(target.shape):
         return {}
     # The search starts at the true pose unless controller_parameters set another one.

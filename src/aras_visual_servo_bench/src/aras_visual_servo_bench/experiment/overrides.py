@@ -14,7 +14,7 @@ from .cameras import DEFAULT_PRESET, PRESET_KEY
 from .starts import CameraPose, RelativeStart, Sampler
 
 CAMERAS_KEY = "cameras"
-PLACE_KEYS = ("start", "goal")  # keys of an experiment whose values have several types
+PLACE_KEYS = ("start", "goal")  # keys of an experiment whose value can have different types
 PLACE_TYPES = (CameraPose, Sampler, RelativeStart)
 
 
@@ -22,13 +22,13 @@ def parse_overrides(arguments: Iterable[str]) -> dict[str, Any]:
     """Parse the overrides of a command line: `key=value`, with the value in YAML.
 
     Raises:
-        StudyError: an argument has no '=', or its value is no YAML.
+        StudyError: an argument has no '=', or its value is not valid YAML.
     """
     found = {}
     for word in arguments:
         key, equals, text = word.partition("=")
         if not (equals and key.strip()):
-            raise StudyError(f"'{word}' is no override: write key=value, as in gain=2.0")
+            raise StudyError(f"'{word}' is not an override: write key=value, as in gain=2.0")
         found[key.strip()] = parse_yaml(text, f"the value of '{key.strip()}'", StudyError)
     return found
 
@@ -36,13 +36,13 @@ def parse_overrides(arguments: Iterable[str]) -> dict[str, Any]:
 def with_override(values: Mapping[str, Any], key: str, value: Any) -> dict[str, Any]:
     """Return a copy of an experiment's keys with the value of one dotted key changed.
 
-    All other keys stay as they are. A mapping is merged with the present value. A key below
-    `camera` or below a camera's `model` is merged with the preset that these name. There are two
-    exceptions: a `start` or `goal` of another type replaces the present one, and `cameras` replaces
-    all cameras.
+    If the new value is a mapping, its keys are merged into the current value. A key below `camera`
+    or below a camera's `model` changes the preset that is named there. There are two exceptions:
+    a `start` or `goal` of another type replaces the current one, and `cameras` replaces all
+    cameras.
 
     Raises:
-        StudyError: the dotted key leads through a value that has no keys.
+        StudyError: a value on the path of the dotted key has no keys.
     """
     changes, base, path = value, dict(values), key.split(".")
     for part in reversed(path):
@@ -55,8 +55,8 @@ def with_override(values: Mapping[str, Any], key: str, value: Any) -> dict[str, 
 def with_overrides(values: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str, Any]:
     """Return a copy of an experiment's keys with the values of several dotted keys changed.
 
-    Shorter paths are applied first, so that `start` precedes `start.side`; otherwise the order of
-    `settings` counts.
+    Shorter paths are applied first, for example `start` before `start.side`. Paths of equal length
+    are applied in the order of `settings`.
     """
     changed = dict(values)
     for key, value in sorted(settings.items(), key=lambda item: item[0].count(".")):
@@ -67,11 +67,11 @@ def with_overrides(values: Mapping[str, Any], settings: Mapping[str, Any]) -> di
 def _expand_presets(
     base: Mapping[str, Any], changes: Mapping[str, Any], key: str, above: str = ""
 ) -> dict[str, Any]:
-    """Return `base` with names of camera presets replaced by mappings where `changes` adds keys.
+    """Return `base` with the name of a camera preset replaced by a mapping if `changes` adds keys.
 
     Args:
         key: the dotted key that is changed, for the error message.
-        above: dotted path of `base`, with a final dot; '' at the root.
+        above: dotted path of `base` in the experiment, with a final dot; '' for the experiment.
     """
     found = dict(base)
     for name, value in changes.items():
@@ -98,7 +98,7 @@ def is_camera_key(key: str) -> bool:
 
 
 def _is_same_kind(current: Any, value: Any) -> bool:
-    """Return True if the keys of a new start or goal fit the type of the current one."""
+    """Return True if a new start or goal is of the same type as the current one, by its keys."""
     if not (isinstance(current, Mapping) and isinstance(value, Mapping)):
         return False
     if "kind" in value and value["kind"] != current.get("kind"):

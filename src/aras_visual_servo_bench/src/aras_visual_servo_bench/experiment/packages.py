@@ -1,4 +1,4 @@
-"""Search for ROS packages without ROS: in given folders, next to this package, then as ROS does."""
+"""Find ROS packages without ROS: in given folders, next to this package, then on ROS's path."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from aras_visual_servo_base.setting_values import format_value
 
 from ..errors import ExperimentError
 
-_SOURCES = Path(__file__).resolve().parents[4]  # src/ of this workspace, where it is not installed
+_SOURCES = Path(__file__).resolve().parents[4]  # src/ if the package is not installed
 _SHARE = Path(os.sys.prefix) / "share"
 
 
 class PackagePath:
     """Search path for ROS packages: given folders, the folder of this package, then ROS's own path.
 
-    search: folders that contain packages, or package folders themselves.
+    search: folders that contain packages, or folders of packages.
     """
 
     def __init__(self, search: Sequence[str | Path] = ()) -> None:
@@ -29,7 +29,7 @@ class PackagePath:
         """Return the folder of the package `name`.
 
         Raises:
-            ExperimentError: there is no package of that name.
+            ExperimentError: there is no package with this name.
         """
         for folder in (*self._search, _SOURCES, _SHARE):
             for place in (folder / name, folder):
@@ -47,7 +47,7 @@ class PackagePath:
             ) from error
 
     def resolve(self, text: str) -> Path:
-        """Return the file that `package://name/path` or a path refers to.
+        """Return the path of the file that `text` names: `package://name/path` or a path.
 
         Raises:
             ExperimentError: there is no such package or file.
@@ -59,7 +59,7 @@ class PackagePath:
             path = Path(text).expanduser()
         if "\n" in text or "\0" in text:
             raise ExperimentError(
-                f"{format_value(text)} is no path: write the text to a file, and give "
+                f"{format_value(text)} is not a path: write the text to a file, and give "
                 "the file's path"
             )
         if not path.is_file():

@@ -1,4 +1,4 @@
-"""Robot of an experiment: description, settings of its controllers, and frames, without ROS."""
+"""Robot of an experiment: its description, the settings of its controllers, and its frames."""
 
 from __future__ import annotations
 
@@ -43,13 +43,15 @@ if TYPE_CHECKING:
 ROBOT = "robot"  # name of the robot's model in the simulated world
 # Prefix of the optical frame of a camera that the robot description does not contain.
 CAMERA_FRAME_PREFIX = "camera_frame_of_"
-# Prefixes of the frames of a displaced camera and of a camera at its calibrated pose.
-MOVED_FRAME_PREFIX, CALIBRATED_FRAME_PREFIX = "moved_", "believed_"
-CAMERA_LINK = "camera_link"  # the link that the launch files move
+# Prefix of the optical frame of the robot's camera after camera_xyz and camera_rpy displaced it.
+MOVED_FRAME_PREFIX = "moved_"
+# Prefix of the optical frame of a camera at its calibrated pose.
+CALIBRATED_FRAME_PREFIX = "believed_"
+CAMERA_LINK = "camera_link"  # link of the camera that camera_xyz and camera_rpy displace
 TARGET_LINK_PREFIX = "target_of_"  # prefix of the link of a camera's own target
 NO_CAMERAS: Mapping[str, CameraSpec] = {}
-# Keys of a camera in a robot description that affect its images; the others concern its pose and
-# its topics.
+# Settings of a camera in a robot description that affect its images. The other settings concern its
+# pose and its topics.
 IMAGING_SETTINGS = frozenset((
     "width", "height", "horizontal_fov", "update_rate", "format", "near", "far", "lens",
     "camera_matrix", "cutoff_angle", "distortion_model", "distortion_coefficients", "effects",
@@ -61,13 +63,15 @@ NO_TARGETS: Mapping[str, MountedTarget] = {}
 class RobotSpec:
     """Settings of the robot; the defaults describe the shipped one.
 
-    urdf: path or package:// URL of the robot description. config: of the controllers' YAML file.
-    namespace: namespace of the robot, below which the YAML file may have its controllers.
-    camera_frame: optical frame of the robot's camera. camera: name of this camera in the
-        description; '': the first camera.
-    target_frame: link that carries the target (eye-to-hand): the poses of target and goal are then
-        in this link's frame; '': the target is fixed in the world.
-    controllers: names of the joint controllers to use; empty: all controllers of a single joint.
+    urdf: path or package:// URL of the robot description.
+    config: path or package:// URL of the YAML file with the controllers.
+    namespace: namespace of the robot; the YAML file may contain the controllers below it.
+    camera_frame: optical frame of the robot's camera.
+    camera: name of this camera in the robot description; '': the first camera.
+    target_frame: link that carries the target (eye-to-hand); the poses of target and goal are then
+        in the frame of this link. '': the target is in the world.
+    controllers: names of the joint controllers to use; empty: all controllers that control a single
+        joint.
     joint_states: name of the controller that publishes the joint states.
     cameras: package whose folder config/cameras contains the camera presets.
     search: folders that contain packages, for package:// URLs.
@@ -90,20 +94,22 @@ class RobotSpec:
         check(self, ExperimentError, "robot")
 
     def find_carrier(self, camera: CameraSpec | None) -> str:
-        """Return the link that carries the target of a camera; '' if the world does.
+        """Return the link that carries the target of a camera; '' if the target is in the world.
 
-        camera: None for the robot's own camera.
+        camera: settings of the camera; None for the robot's own camera.
         """
         own = "" if camera is None else camera.target_frame
         return own or self.target_frame
 
 
 class Robot:
-    """Robot with its files read.
+    """Robot of an experiment, after its files have been read.
 
     Attributes:
-        spec: settings of the robot. packages: search path for its packages. urdf: text of the robot
-            description, with added cameras and targets. parameters: of its controllers, by name.
+        spec: settings of the robot.
+        packages: search path for ROS packages.
+        urdf: text of the robot description, with added cameras and targets.
+        parameters: parameters of the robot's controllers, by the controller's name.
     """
 
     def __init__(
@@ -116,14 +122,16 @@ class Robot:
         mounted_targets: Mapping[str, MountedTarget] = NO_TARGETS,
         hand_eye: HandEyeSpec | None = None,
     ) -> None:
-        """Read the files.
+        """Read the files of the robot.
 
         Args:
+            spec: settings of the robot.
             xyz, rpy: displacement of the camera in its link, m and rad.
-            friction: False removes the joints' dry friction from the description.
-            cameras: the cameras by name; a camera that is missing in the description is added.
-            mounted_targets: targets on links of the robot, by the names of their new links.
-            hand_eye: calibration with the camera's pose; None: the pose in the description.
+            friction: whether the joints have dry friction.
+            cameras: the cameras by name; a camera that the description lacks is added to it.
+            mounted_targets: targets to add to links of the robot, by the name of the new link.
+            hand_eye: calibration that gives the pose of the robot's camera; None: the pose in the
+                description is used.
 
         Raises:
             ExperimentError: a file is missing or cannot be used.
@@ -163,7 +171,7 @@ class Robot:
             raise ExperimentError(f"{self.spec.urdf}: {error}") from None
 
     def read_camera_settings(self) -> dict[str, Any]:
-        """Return the imaging settings of the robot's camera in the description, {} without one.
+        """Return the settings that affect images of the robot's camera; {} if it has no camera.
 
         Raises:
             ExperimentError: the description has invalid settings of the camera.
@@ -184,7 +192,7 @@ class Robot:
         return f"{CAMERA_FRAME_PREFIX}{camera}"
 
     def has_camera_on(self, link: str) -> bool:
-        """Return True if the optical frame of the robot's camera is this link or fixed to it."""
+        """Return True if the optical frame of the robot's camera is `link` or is fixed to it."""
         for joint in reversed(_find_joint_path(self.urdf, self._own_frame, self.spec.urdf)):
             if joint.child == link or joint.kind == "fixed" and joint.parent == link:
                 return True
@@ -199,17 +207,18 @@ class Robot:
     def find_fixed_pose(self, camera: str) -> np.ndarray | None:
         """Return the pose (4, 4) of a fixed camera in the world.
 
-        None means that a joint moves the camera or its target.
+        Return None if a joint moves the camera or its target.
         """
         if self.find_target_frame(camera):
             return None
         return Arm.find_fixed_pose(self.urdf, self.find_optical_frame(camera))
 
     def compute_mounting(self, link: str, camera: str = "") -> np.ndarray:
-        """Return the pose (4, 4) of a camera's optical frame in a link that carries the camera.
+        """Return link_T_camera (4, 4), the pose of a camera's optical frame in the frame of a link.
 
         Raises:
-            ExperimentError: the link does not carry the camera, or a joint between them moves.
+            ExperimentError: the link does not carry the camera, or a joint between link and camera
+                is movable.
         """
         pose = None
         for joint in _find_joint_path(self.urdf, self.find_optical_frame(camera), self.spec.urdf):
@@ -228,21 +237,22 @@ class Robot:
         return pose
 
     def make_arm(self, camera: str = "") -> Arm:
-        """Return the true kinematics of the arm up to a camera; '' for the robot's own camera."""
+        """Return the true kinematics of the arm up to a camera; '' is the robot's own camera."""
         return self._read_arm(self.urdf, camera)
 
     def make_camera_kinematics(
         self, camera: str, control: Arm, is_calibrated: bool = False
     ) -> CameraKinematics:
-        """Return the kinematics of a camera other than the control camera.
+        """Return the kinematics of one of the other cameras (not of the control camera).
 
         Args:
             control: kinematics of the control camera.
-            is_calibrated: include the offset of the controller's calibration.
+            is_calibrated: True returns the kinematics that the controller uses, with the
+                calibration offset; False returns the true kinematics.
 
         Raises:
-            ConfigurationError: the joints that move both cameras do not fit together, see
-                `camera_rig.make_camera_kinematics`.
+            ConfigurationError: one scheme cannot use both cameras, because different joints move
+                them; see `camera_rig.make_camera_kinematics`.
         """
         offset, pose = self._cameras[camera].calibration_offset, self.find_fixed_pose(camera)
         if pose is not None:
@@ -256,12 +266,12 @@ class Robot:
     def make_calibrated_arm(
         self, xyz: Sequence[float], rpy: Sequence[float], camera: str = ""
     ) -> Arm:
-        """Return the kinematics of the arm up to a camera with a calibration error.
+        """Return the kinematics of the arm from the base to the calibrated pose of a camera.
 
         Args:
             xyz, rpy: offset of the calibrated camera pose in the true optical frame (z forward,
                 x right, y down), m and rad.
-            camera: name of the camera; '' for the robot's own.
+            camera: name of the camera; '' for the robot's own camera.
         """
         urdf, frame = self._add_calibrated_frame(xyz, rpy, camera)
         return self._read_arm(urdf, camera, frame)
@@ -269,7 +279,7 @@ class Robot:
     def _add_calibrated_frame(
         self, xyz: Sequence[float], rpy: Sequence[float], camera: str
     ) -> tuple[str, str]:
-        """Return the description with a camera at its calibrated pose, and its optical frame."""
+        """Add a frame at a camera's calibrated pose; return the description and the frame name."""
         frame = self.find_optical_frame(camera)
         if not (any(xyz) or any(rpy)):
             return self.urdf, frame
@@ -278,7 +288,7 @@ class Robot:
         return urdf, calibrated
 
     def _add_camera_frames(self, urdf: str) -> str:
-        """Return the description with an optical frame for each camera that it does not contain."""
+        """Add the missing optical frames of the cameras to a description, and return it."""
         if self._cameras:
             from .added_links import with_link
         for name, camera in self._cameras.items():
@@ -301,7 +311,7 @@ class Robot:
         """Find the controller of each joint.
 
         Returns:
-            The controllers by joint, and the kind of command that they receive.
+            The names of the controllers by joint, and the kind of command that they receive.
 
         Raises:
             ExperimentError: a joint has no controller, or the controllers are of different kinds.
@@ -351,10 +361,10 @@ class Robot:
     def _with_frame(
         self, urdf: str, name: str, frame: str, frame_T_child: np.ndarray
     ) -> str:
-        """Return the description with one more link, fixed to an optical frame.
+        """Add a link that is fixed to an optical frame to the description, and return it.
 
-        The description need not contain the link of the optical frame: the new link is then fixed
-        to the parent of that link.
+        If the description has no link for the optical frame, the new link is fixed to the parent
+        of the optical frame.
         """
         last = _find_joint_path(urdf, frame, self.spec.urdf)[-1]
         if last.child not in parse_tree(urdf).links:
@@ -364,7 +374,7 @@ class Robot:
         return with_link(urdf, name, frame, frame_T_child)
 
     def _read_calibrated_mounting(self, urdf: str, name: str) -> tuple[str, np.ndarray]:
-        """Read a camera's hand-eye calibration: the link that carries it, and link_T_camera."""
+        """Return the link that carries a camera, and link_T_camera, from a hand-eye calibration."""
         from aras_visual_servo_base.camera_mounting import check_optical, find_camera_link
 
         camera = self._cameras[name]
@@ -391,14 +401,14 @@ class Robot:
     def _move_camera(self, link_T_link: np.ndarray) -> str:
         """Return the description with the robot's camera displaced in its link.
 
-        If camera_link carries the optical frame, camera_link is moved as in the launch files;
-        otherwise a new frame is added.
+        If camera_link carries the optical frame, camera_link is displaced, as the launch files do;
+        otherwise a new optical frame is added.
         """
         if np.array_equal(link_T_link, np.eye(4)):
             return self._original_urdf
         path = _find_joint_path(self._original_urdf, self._own_frame, self.spec.urdf)
         if not any(joint.child == CAMERA_LINK for joint in path):
-            link = optical_pose(np.eye(4))  # the axes of a camera's link: x forward, y left, z up
+            link = optical_pose(np.eye(4))  # pose of a camera's link: x forward, y left, z up
             frame, self._own_frame = self._own_frame, f"{MOVED_FRAME_PREFIX}{self._own_frame}"
             moved = inverse(link) @ link_T_link @ link
             return self._with_frame(self._original_urdf, self._own_frame, frame, moved)
@@ -409,7 +419,7 @@ class Robot:
             raise ExperimentError(f"{self.spec.urdf}: camera cannot be moved: {error}") from None
 
     def _adapt(self, function: str, *texts: str) -> str:
-        """Return the description after a function of the script that the launch files use."""
+        """Call a function of the script adapt_description, which the launch files use, too."""
         script = self.packages.resolve("package://aras_visual_servo_gazebo/scripts/adapt_description")
         return _load_functions(script)[function](*texts)
 
@@ -431,19 +441,19 @@ _load_functions = functools.cache(runpy.run_path)
 
 @functools.lru_cache(maxsize=32)
 def read_arm(urdf: str, camera_frame: str, target_frame: str) -> Arm:
-    """Return the kinematics of an arm, cached because all runs of a study share it."""
+    """Return the kinematics of an arm; the result is cached, because all runs of a study use it."""
     return Arm.from_urdf(urdf, camera_frame, target_frame=target_frame)
 
 
 def find_camera_name(camera: CameraDescription) -> str:
-    """Return the name of a camera in the robot description, which is its topics' namespace."""
+    """Return the name of a camera in the robot description; the name is its topics' namespace."""
     plugin_name = camera.plugin.camera_name if camera.plugin is not None else ""
     return (plugin_name or camera.name).strip("/")
 
 
 @functools.lru_cache(maxsize=32)
 def parse_camera_descriptions(urdf: str) -> tuple[CameraDescription, ...]:
-    """Parse the cameras of a robot description, cached because the runs of a study share it."""
+    """Parse the cameras of a robot description; cached, because all runs of a study use them."""
     from aras_sim_bridge.description import parse_cameras
 
     return parse_cameras(urdf)
@@ -451,7 +461,7 @@ def parse_camera_descriptions(urdf: str) -> tuple[CameraDescription, ...]:
 
 @functools.lru_cache(maxsize=8)
 def parse_robot_description(urdf: str, search: tuple[str, ...]) -> RobotDescription:
-    """Parse a robot description, cached because the runs of a study share it."""
+    """Parse a robot description; the result is cached, because all runs of a study use it."""
     from aras_sim_bridge.description import parse_urdf
 
     return parse_urdf(urdf, PackagePath(search).find)

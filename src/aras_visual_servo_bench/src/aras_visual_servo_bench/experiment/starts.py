@@ -1,4 +1,4 @@
-"""Start of a run: a camera pose, a random camera pose, or one relative to the goal."""
+"""Start of a run: a camera pose, a random camera pose, or a camera pose relative to the goal."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ Vector3 = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Sampler:
-    """Random start from which the whole target is in view, drawn with the experiment's seed.
+    """Random start with the complete target in view, drawn with the seed of the experiment.
 
     height: minimum and maximum height of the camera above the target, m.
     side: maximum offset along the world's x and y, m.
     turn: maximum rotation about the vertical, from the camera's orientation at the goal, rad.
     tilt: maximum tilt from the camera's orientation at the goal, rad.
     margin: minimum distance of the target from the image border, px.
-    attempts: number of draws after which the search fails.
+    attempts: maximum number of draws; without a valid start among them, an error is raised.
     """
 
     height: Vector2 = parameter((0.15, 0.5), "m")
@@ -72,12 +72,16 @@ class RelativeStart:
     kind: 'turned' (rotated about an axis of the camera frame), 'back' (moved back along the optical
         axis), 'plane' (rotated about the x axis of the target) or 'looking' (random position in a
         box, with the camera pointed at a random point near the target).
-    angle: rotation, for 'turned' and 'plane'. axis: in the camera frame, for 'turned'.
-    distance: for 'back'.
-    box, radii, turn: for 'looking': maximum offset of the camera; radii of the circles around the
-        target that contain the fixation point; maximum rotation about the optical axis, which
-        varies linearly from -turn to turn over `of` consecutive seeds.
-    scatter: maximum additional random offset (m) and rotation about each axis (degrees).
+    angle: angle of the rotation, for 'turned' and 'plane'.
+    axis: axis of the rotation in the camera frame, for 'turned'.
+    distance: distance by which the camera is moved back, for 'back'.
+    box: maximum offset of the camera along each axis of the camera frame, for 'looking'.
+    radii: radii of circles around the target, for 'looking'; the optical axis goes through a random
+        point on one of them.
+    turn: maximum rotation about the optical axis, for 'looking'; the rotation increases linearly
+        from -turn to turn over `of` consecutive seeds.
+    of: number of seeds over which the rotation goes from -turn to turn, for 'looking'.
+    scatter: maximum additional random offset (m) and rotation (degrees), along and about each axis.
     """
 
     kind: str = parameter(choices=KINDS)
@@ -109,7 +113,7 @@ class RelativeStart:
         Args:
             goal: world_T_camera (4, 4) at the goal.
             target: world_T_target (4, 4).
-            seed: of the random numbers.
+            seed: seed of the random numbers.
         """
         random = np.random.default_rng((seed, 7919))
         angle = np.radians(self.angle)
@@ -134,10 +138,11 @@ class RelativeStart:
     def _draw_looking_pose(
         self, goal: np.ndarray, target: np.ndarray, seed: int, random: np.random.Generator
     ) -> np.ndarray:
-        """Draw world_T_camera (4, 4) of a camera in a box around the goal that fixates the target.
+        """Draw world_T_camera (4, 4) for the start 'looking', in a box around the goal.
 
-        The protocol follows Felton et al.: the fixation point lies on one of the circles around
-        the target's origin, and the rotation about the optical axis varies linearly with the seed.
+        The method is that of Felton et al.: the optical axis goes through a random point on one of
+        the circles around the target's origin, and the rotation about the optical axis increases
+        linearly with the seed.
         """
         offset = random.uniform(-1.0, 1.0, 3) * self.box
         radius = random.choice(self.radii)

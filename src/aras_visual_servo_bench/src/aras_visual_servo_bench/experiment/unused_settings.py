@@ -1,4 +1,4 @@
-"""Check that every setting of an experiment has an effect; others raise a one-line error."""
+"""Check that every setting of an experiment has an effect; a setting without effect is an error."""
 
 from __future__ import annotations
 
@@ -14,26 +14,26 @@ from ..errors import ExperimentError, require
 from .cameras import CameraSetup
 from .experiment import FREE_CAMERA_PLANTS, Experiment, IdealSpec
 
-# Keys of an experiment, each with the plants on which it acts, the value that is also accepted on
-# other plants, and its meaning.
+# Keys that act only on some plants: (key, plants, value that is also accepted on the other plants,
+# meaning for the error message).
 PLANT_SETTINGS = (
     ("friction", ("bullet",), True, "the friction of simulated joints"),
     ("lag", ("chain", "free"), 0.0, "the lag of joints without dynamics"),
     ("delay", ("bullet", "chain", "free"), 0.0, "the time until a command takes effect, and plant "
-     "ideal executes commands at once"),
+    "ideal executes commands immediately"),
     ("commands", ("bullet", "chain", "free"), "images", "how commands are sent, and plant ideal "
      "executes one twist per image"),
     ("target.box", ("bullet",), None, "a body in the simulated world"),
     ("ideal", ("ideal",), IdealSpec(), "how the ideal camera moves, and when its run ends"),
 )  # fmt: skip
-# Settings that change images but not exact features.
+# Settings that change images but have no effect on exact features.
 IMAGE_SETTINGS = ("target.perturbed", "target.occluder", "target.marker", "sun")
-# Camera effects that also act on exact features: exposure times of the rows and lost images. All
-# other effects change grey levels.
+# Camera effects that also act on exact features: the exposure times of the image rows and the loss
+# of images. All other effects only change grey levels.
 FEATURE_EFFECTS = {"row_time", "rows_together", "drop_probability"}
-# Keys of a robot that give the folders of presets and packages, also for a camera without an arm.
+# Keys of a robot that only say where to find files. They also act on plants without an arm.
 FILE_SETTINGS = ("cameras", "search")
-# Effects that the ideal camera, which exposes its image at one instant, cannot have.
+# Effects that the plant 'ideal' does not have, because it exposes an image at a single instant.
 TIMED_EFFECTS = ("row_time", "exposure_time")
 LINK_OFFSETS = ("xyz", "rpy")
 GRAPH_SETTINGS = ("link", "trigger_topic")
@@ -94,8 +94,8 @@ def check_camera(camera: CameraSetup, experiment: Experiment) -> None:
     for key in TIMED_EFFECTS:
         if plant == "ideal" and (time := getattr(camera.config.effects, key)):
             raise ExperimentError(
-                f"{where}has a {key} of {time:g} s, and plant ideal exposes all rows at the same "
-                f"instant: use plant free, or leave {key} out"
+                f"{where}has a {key} of {time:g} s, and plant ideal exposes all image rows at "
+                f"the same instant: use plant free, or leave {key} out"
             )
     require(
         plant != "ideal" or "latency" not in changed,
@@ -128,8 +128,7 @@ def _read_value(experiment: Experiment, key: str) -> Any:
 
 
 def _find_changed_keys(overrides: Mapping[str, Any]) -> set[str]:
-    """Return the camera keys that differ from their defaults; effects have the form 'effects.KEY'.
-    """
+    """Return the camera keys that differ from their defaults; an effect is named 'effects.KEY'."""
     effects = overrides.get("effects", {})
     found = {f.name for f in fields(CameraConfig)
              if f.name != "effects" and f.name in overrides

@@ -1,4 +1,4 @@
-"""World around the arm: world files, the sun, and targets that are links of models."""
+"""Surroundings of the arm: world files, the sun, and targets that are links of models."""
 
 from __future__ import annotations
 
@@ -36,7 +36,8 @@ def read_surroundings(
     """Read the world file of an experiment; without one, return the sun over Gazebo's ground plane.
 
     Args:
-        is_teaching: keep all lights in their initial state, because a goal is taught with it.
+        is_teaching: whether the world is for teaching a goal; all lights then retain their initial
+            state.
 
     Raises:
         ExperimentError: the world file is invalid.
@@ -74,11 +75,11 @@ def _warn(path: str, text: str) -> None:
 
 
 def with_target_link(experiment: Experiment, packages: PackagePath) -> Experiment:
-    """Return the experiment with the mesh and pose of the link that is its target.
+    """Return an experiment whose target is a link, with the mesh and pose of this link filled in.
 
     Raises:
-        ExperimentError: there is no such model or link, its visuals are no closed solid, or it is
-            a link of the robot that moves.
+        ExperimentError: the model or the link does not exist, the visuals of the link are not a
+            closed solid, or a joint of the robot moves the link.
     """
     target = experiment.target
     if not target.model:
@@ -96,14 +97,17 @@ def find_world_link(
     """Find a link of a model in a world file.
 
     Args:
-        path: of the world file. name: of the model. link_name: of the link; '': the only link with
-            visuals.
+        path: path of the world file.
+        packages: search path for ROS packages.
+        name: name of the model.
+        link_name: name of the link; '': the only link of the model with visuals.
 
     Returns:
-        Path of the mesh of the link's visuals, its initial pose (m, rad) and its name.
+        Path of a mesh of the link's visuals, initial pose of the link (m, rad), link name.
 
     Raises:
-        ExperimentError: there is no such model or link, or its visuals are no closed solid.
+        ExperimentError: the model or the link does not exist, or the visuals of the link are not a
+            closed solid.
     """
     models = {model.name: model for model in read_world(path, packages).models}
     require(name in models, f"target.model: there is no model '{name}' in world '{path}': "
@@ -123,7 +127,7 @@ def find_world_path(experiment: Experiment, packages: PackagePath) -> str:
 
 
 def _find_link_name(model: RobotDescription, link_name: str) -> str:
-    """Check the name of a link with visuals; for '', return the only such link of the model."""
+    """Return `link_name`, a link with visuals; for '', return the only such link of the model."""
     visible = [name for name, link in model.links.items() if link.visuals]
     if not link_name:
         require(len(visible) == 1, f"target.link: model '{model.name}' has {len(visible)} links "
@@ -141,7 +145,7 @@ def _find_link_name(model: RobotDescription, link_name: str) -> str:
 def _read_world_link(
     world: str, packages: PackagePath, model: str, link: str
 ) -> tuple[str, tuple[float, ...]]:
-    """Return the path of the mesh of a world link's visuals, and its initial pose (m, rad)."""
+    """Return the path of a mesh of a world link's visuals, and the link's initial pose (m, rad)."""
     try:
         content = world_file.load_world(world, packages.find)
         simulation = Simulation(SimulationConfig(ground_plane=content.ground_plane))
@@ -161,7 +165,7 @@ def _read_world_link(
 def _read_robot_link(
     urdf: str, packages: PackagePath, link: str
 ) -> tuple[str, tuple[float, ...]]:
-    """Return the path of the mesh of a robot link's visuals, and its pose in the world (m, rad)."""
+    """Return the path of a mesh of a robot link's visuals, and the link's world pose (m, rad)."""
     try:
         robot = parse_urdf(urdf, packages.find)
         link = _find_link_name(robot, link)
@@ -174,7 +178,7 @@ def _read_robot_link(
 
 
 def _write_solid(corners: np.ndarray, pose: np.ndarray, name: str) -> tuple[str, tuple[float, ...]]:
-    """Write a mesh of triangles (n, 3, 3), m; return its path, and `pose` (4, 4) as m and rad."""
+    """Write triangles (n, 3, 3), in m, to a mesh file; return its path and the pose (m, rad)."""
     from ..targets.solids import make_solid
 
     path = make_solid(corners, name).path

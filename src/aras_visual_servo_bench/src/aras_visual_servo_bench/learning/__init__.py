@@ -1,1 +1,1 @@
-"""Schemes and features that are learned from simulated data."""
+"""Schemes and features with neural networks that are trained on simulated data."""

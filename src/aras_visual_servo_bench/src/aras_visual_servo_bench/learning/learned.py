@@ -2,11 +2,13 @@
 
     python3 -m aras_visual_servo_bench.learning.learned [--pictures 4000] [--out FILE]
 
-From the scale-free moments of an image, a small network predicts the position of the goal in the
-camera's frame and its rotation about the optical axis. The camera moves there. The prediction for
-the goal's own image is subtracted, so there is no bias at the goal. Reference for the idea: A.
-Saxena and others, Exploring convolutional networks for end-to-end visual servoing, IEEE ICRA 2017.
-This network uses moments instead of images and is trained in a minute.
+A small network predicts the pose of the goal from the moments of an image: its position in the
+camera's frame and its rotation about the optical axis. The scheme moves the camera to this pose.
+The network's prediction for the image at the goal is subtracted, so there is no bias at the goal.
+
+The idea is from A. Saxena and others, Exploring convolutional networks for end-to-end visual
+servoing, IEEE ICRA 2017. Their network uses images. This network uses moments and is trained in a
+minute.
 """
 
 from __future__ import annotations
@@ -35,7 +37,10 @@ HIDDEN_LAYERS = (64, 64)
 
 
 def make_inputs(moments: Moments) -> np.ndarray:
-    """Compute the inputs (10,) of the network from moments: position, size, and scale-free shape.
+    """Compute the inputs (10,) of the network from moments.
+
+    They are the position xg, yg; the logarithm of the size sqrt(m00); and the centred moments of
+    order 2 and 3, divided by powers of the size such that they do not depend on the scale.
     """
     m00 = moments.m00
     size = np.sqrt(m00)
@@ -47,19 +52,24 @@ def make_inputs(moments: Moments) -> np.ndarray:
 
 
 class GoalPoseNetwork(Regressor):
-    """Network with tanh layers; Regressor describes its arrays."""
+    """Network with tanh layers that predicts the pose of the goal in the camera's frame."""
 
     user, module = "the learned scheme", "learned"
     activation = np.tanh
 
     def __call__(self, x: np.ndarray) -> np.ndarray:
-        """Predict the goal's position in the camera's frame, m, and rotation, rad: (4,)."""
+        """Predict the pose of the goal from inputs (k,).
+
+        Returns:
+            (4,): the goal's position x, y, z in the camera's frame, m, and its rotation about the
+            optical axis, rad.
+        """
         tx, ty, tz, c, s = self.predict(x)
         return np.array([tx, ty, tz, np.arctan2(s, c)])
 
 
 class LearnedScheme(Scheme):
-    """Scheme that moves the camera to the goal's pose as predicted by a network."""
+    """Scheme that moves the camera to the pose of the goal, which a network predicts."""
 
     needs = frozenset((Need.MOMENTS,))
     names = ("tx", "ty", "tz", "psi")
@@ -72,7 +82,7 @@ class LearnedScheme(Scheme):
         self._goal: Goal | None = None
 
     def predict(self, observation: Observation) -> np.ndarray:
-        """Return the prediction (4,) of the network for an observation.
+        """Return the network's prediction (4,) of the goal's pose for an observation.
 
         Raises:
             MeasurementError: the target is not visible.
@@ -82,17 +92,17 @@ class LearnedScheme(Scheme):
         return self._network(make_inputs(observation.moments))
 
     def predict_goal(self, goal: Goal) -> np.ndarray:
-        """Return the prediction (4,) of the network for the goal's own image.
+        """Return the network's prediction (4,) for the image at the goal.
 
         Raises:
             ConfigurationError: the goal has no moments.
         """
         if goal.moments is None:
-            raise ConfigurationError(f"{goal.name} holds no moments: teach it again")
+            raise ConfigurationError(f"{goal.name} contains no moments: teach it again")
         return self._network(make_inputs(goal.moments))
 
     def check(self, goal: Goal) -> None:
-        """Check the goal and store its prediction, as `Scheme.check` requires."""
+        """Check a goal and store the prediction for its image, as `Scheme.check` requires."""
         self._goal, self._goal_prediction = goal, self.predict_goal(goal)
 
     def compute(self, observation: Observation, goal: Goal, t: float) -> SchemeOutput:
@@ -100,7 +110,8 @@ class LearnedScheme(Scheme):
         if self._goal is not goal:
             self.check(goal)
         prediction = self.predict(observation)
-        # The error of the camera's position is minus that of the goal's position in its frame.
+        # The prediction is the goal's pose in the camera's frame. The error of the camera's pose
+        # has the opposite sign.
         error = self._goal_prediction - prediction
         error[3] = wrap(error[3])
         L = np.eye(6)[[0, 1, 2, 5]]
@@ -117,15 +128,20 @@ class LearnedScheme(Scheme):
         )
 
 
-# At the goal of 2015 the arm is stretched, so the camera cannot be nearer to the target.
+# Distribution of the camera's poses in the training images.
 TRAINING_STARTS = Sampler(height=(0.15, 0.5), side=0.1)
 
 
 def make_training_data(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """Make training inputs (n, 10) and outputs (n, 5) from images of the demo's target.
+    """Make training data from images of the demo's target at random poses of the camera.
 
-    The camera poses are random. An output is the position of the goal in the camera's frame, m, and
-    the cosine and sine of its rotation.
+    Args:
+        count: number n of images.
+        seed: seed of the poses and of the noise in the images.
+
+    Returns:
+        Inputs (n, 10), from `make_inputs`; and outputs (n, 5): the goal's position in the camera's
+        frame, m, and the cosine and sine of its rotation about the optical axis.
     """
     from ..experiment.cameras import is_in_view
     from ..experiment.experiment import Experiment
@@ -158,7 +174,12 @@ def make_training_data(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarra
 
 
 def train(x: np.ndarray, y: np.ndarray, seed: int = 0) -> dict[str, np.ndarray]:
-    """Train the network on outputs y (n, 5) for inputs x (n, 10); return its arrays.
+    """Train the network and return its arrays.
+
+    Args:
+        x: (n, 10) inputs.
+        y: (n, 5) outputs.
+        seed: seed of the initial weights.
 
     Raises:
         ExperimentError: scikit-learn is not installed.
@@ -170,17 +191,21 @@ def train(x: np.ndarray, y: np.ndarray, seed: int = 0) -> dict[str, np.ndarray]:
 
 
 def compute_errors(predicted: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Compute the errors of predictions (n, 4) with respect to outputs (n, 5).
+    """Compute the errors of predictions.
+
+    Args:
+        predicted: (n, 4) predictions of the network: position, m, and rotation, rad.
+        y: (n, 5) true outputs, as in `make_training_data`.
 
     Returns:
-        Distances (n,), m, and angles (n,), rad.
+        Position errors (n,), m, and rotation errors (n,), rad.
     """
     turn = wrap(predicted[:, 3] - np.arctan2(y[:, 4], y[:, 3]))
     return np.linalg.norm(predicted[:, :3] - y[:, :3], axis=1), np.abs(turn)
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Train the network; return the exit status."""
+    """Run the training command and return its exit status."""
     return run_training(
         GoalPoseNetwork,
         argv,

@@ -1,14 +1,17 @@
-"""Feature with the camera's pose as predicted by a network from an image, and its training command.
+"""Feature whose value is the camera's pose predicted by a network, and its training command.
 
     python3 -m aras_visual_servo_bench.learning.learned_pose [--pictures 24000] [--out FILE]
 
-The image is reduced in size and normalised in brightness and contrast. A small network predicts the
-camera's pose from it. It is trained on simulated images of the poster, with and without the
-perturbations of the convergence domain. The prediction for the current image is compared with that
-for the goal's image, so there is no bias at the goal. References: Q. Bateux and others, Training
-deep neural networks for visual servoing, IEEE ICRA 2018; S. Felton and others, Siame-se(3), IEEE
-ICRA 2021, whose convergence domain is used for training. This network is smaller by a factor of a
-thousand and is trained in minutes on a processor.
+The image is reduced in size, and its brightness and contrast are normalised. A small network
+predicts the camera's pose from it. The feature is the pose of the current image relative to that of
+the image at the goal, both as predicted by the network, so there is no bias at the goal. The
+network is trained on simulated images of the poster of the study convergence_domain, with and
+without the perturbations of this study.
+
+References: Q. Bateux and others, Training deep neural networks for visual servoing, IEEE ICRA 2018;
+S. Felton and others, Siame-se(3), IEEE ICRA 2021, whose starts of the convergence domain are used
+for training. This network is a thousand times smaller than theirs, and is trained in minutes
+without a graphics card.
 """
 
 from __future__ import annotations
@@ -39,46 +42,55 @@ from aras_visual_servo_controller.observation.observation import Need, Observati
 
 from .regressor import Regressor, fit_network, run_training
 
-COLUMNS, ROWS = 28, 21  # of the network's input image
+COLUMNS, ROWS = 28, 21  # size of the network's input image
 HIDDEN_LAYERS = (160, 96)
 PROTOCOL, EPOCHS = "convergence_domain", 60
-TEXTURE_COUNT, PLACES_BETWEEN = 120, 3  # perturbed posters, and poses on the path from each start
+TEXTURE_COUNT = 120  # number of perturbed posters
+PLACES_BETWEEN = 3  # number of poses on the path from each start to the goal
 # Standard deviation of these poses from the straight path, m and degrees.
 PATH_DEVIATION = (0.02, 2.0)
 
 
 def make_inputs(grey: np.ndarray) -> np.ndarray:
-    """Return an image (rows, columns) uint8 as ROWS * COLUMNS values of mean 0 and deviation 1."""
+    """Compute the inputs (ROWS * COLUMNS,) of the network from a grey image, as `shrink_image`."""
     return shrink_image(grey, COLUMNS, ROWS)
 
 
 def shrink_image(grey: np.ndarray, columns: int, rows: int) -> np.ndarray:
-    """Return an image uint8 as rows * columns values of mean 0 and deviation 1."""
+    """Reduce the size of a grey image (uint8) and normalise its brightness and contrast.
+
+    Returns:
+        (rows * columns,) values with the mean 0 and the standard deviation 1.
+    """
     small = cv2.resize(grey, (columns, rows), interpolation=cv2.INTER_AREA).astype(float).ravel()
     return (small - small.mean()) / max(float(small.std()), 1.0)
 
 
 def relu(values: np.ndarray) -> np.ndarray:
-    """Return max(x, 0) of each value."""
+    """Return max(x, 0) for each value x."""
     return np.maximum(values, 0.0)
 
 
 class PoseNetwork(Regressor):
-    """Network with ReLU layers; Regressor describes its arrays."""
+    """Network with ReLU layers that predicts the camera's pose."""
 
     user, module = "the learned feature", "learned_pose"
     activation = staticmethod(relu)
 
     def __call__(self, x: np.ndarray) -> np.ndarray:
-        """Predict the logarithm (6,) of the pose for an input, m and rad; see `make_training_data`.
+        """Predict the logarithm (6,), m and rad, of the camera's pose from inputs (k,).
+
+        The pose is relative to the goal of the training data.
         """
         return self.predict(x)
 
 
 class LearnedPose(Feature):
-    """The pose (g_t_c, theta u) of the camera in the goal's frame, m and rad, from a network.
+    """Pose of the camera in the goal's frame, which a network predicts from the image.
 
-    L = diag(g_R_c, J), as in position-based servoing.
+    The feature is s = (g_t_c, theta u), the translation, m, and the rotation vector, rad. Its
+    interaction matrix is L = diag(g_R_c, J), as in position-based servoing, where J maps the
+    angular velocity to the rate of theta u.
     """
 
     name, is_geometric = "learned_pose", False
@@ -91,14 +103,17 @@ class LearnedPose(Feature):
         self._goal: Goal | None = None
 
     def teach(self, observation: Observation) -> Mapping[str, Any]:
-        """Return the prediction for the goal's image, as `Feature.teach` requires."""
+        """Return the network's prediction for the image at the goal, as `Feature.teach` requires.
+        """
         return {"pose": self._network(make_inputs(get_grey_image(observation))).tolist()}
 
     def check(self, goal: Goal) -> None:
-        """Check the goal and read its stored prediction, as `Feature.check` requires."""
+        """Check a goal and read the prediction stored in it, as `Feature.check` requires."""
         prediction = np.array(dict(goal.features.get(self.name, {})).get("pose", ()), float)
         if prediction.shape != (6,) or not np.isfinite(prediction).all():
-            raise ConfigurationError(f"{goal.name} holds no {self.name}: teach it again")
+            raise ConfigurationError(
+                f"{goal.name} contains no {self.name}: teach it again with this feature"
+            )
         self._goal, self._goal_T_reference = goal, inverse(exponential(prediction))
 
     def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
@@ -114,11 +129,18 @@ class LearnedPose(Feature):
 
 
 def make_training_data(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """Make training inputs (n, ROWS * COLUMNS) and outputs (n, 6) from images of the poster.
+    """Make training data from images of the poster of the study convergence_domain.
 
-    An output is the logarithm of the camera's pose relative to the goal of the convergence domain.
-    Poses are the domain's starts and other poses on the paths to the goal. Every other image is
-    perturbed.
+    The poses of the camera are starts of this study, and poses near the straight paths from these
+    starts to the goal. Every other image shows a perturbed poster.
+
+    Args:
+        count: number n of images.
+        seed: seed of the poses and of the perturbations.
+
+    Returns:
+        Inputs (n, ROWS * COLUMNS), and outputs (n, 6): the logarithm of the camera's pose relative
+        to the goal, m and rad.
     """
     from ..cli.run import find_study_file
     from ..experiment.experiment import Experiment
@@ -136,7 +158,7 @@ def make_training_data(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarra
     textures = [poster.perturb(100_000 * (seed + 1) + i) for i in range(TEXTURE_COUNT)]
     x, y = [], []
     for number in range(-(-count // (1 + PLACES_BETWEEN))):
-        # Use other seeds than the runs of the protocol.
+        # The seeds differ from those of the study's runs.
         pose = base.with_changes(
             seed=1_000_000 * (seed + 1) + number
         ).with_absolute_start.start.pose
@@ -159,7 +181,12 @@ def make_training_data(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarra
 
 
 def train(x: np.ndarray, y: np.ndarray, seed: int = 0) -> dict[str, np.ndarray]:
-    """Train a PoseNetwork on outputs y (n, 6) for inputs x (n, k); return its arrays.
+    """Train a PoseNetwork and return its arrays.
+
+    Args:
+        x: (n, k) inputs.
+        y: (n, 6) outputs.
+        seed: seed of the initial weights.
 
     Raises:
         ExperimentError: scikit-learn is not installed.
@@ -172,17 +199,21 @@ def train(x: np.ndarray, y: np.ndarray, seed: int = 0) -> dict[str, np.ndarray]:
 
 
 def _reduce_camera(camera: CameraModel) -> CameraModel:
-    """Return a camera with the same view and a quarter of the columns and rows."""
+    """Return a camera with the same field of view and a quarter of the columns and of the rows."""
     fx, _, cx, _, fy, cy, *_ = camera.K
     K = (fx / 4, 0.0, (cx + 0.5) / 4 - 0.5, 0.0, fy / 4, (cy + 0.5) / 4 - 0.5, 0.0, 0.0, 1.0)
     return CameraModel(camera.width // 4, camera.height // 4, K)
 
 
 def compute_errors(predicted: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Compute the errors of predictions (n, 6) with respect to outputs (n, 6).
+    """Compute the errors of predictions.
+
+    Args:
+        predicted: (n, 6) predictions of the network.
+        y: (n, 6) true outputs, as in `make_training_data`.
 
     Returns:
-        Distances (n,), m, and angles (n,), rad.
+        Norms of the translational differences (n,), m, and of the rotational differences (n,), rad.
     """
     return tuple(
         np.linalg.norm((predicted - y)[:, part], axis=1) for part in (np.s_[:3], np.s_[3:])
@@ -190,7 +221,7 @@ def compute_errors(predicted: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Train the network; return the exit status."""
+    """Run the training command and return its exit status."""
     return run_training(
         PoseNetwork,
         argv,

@@ -1,13 +1,16 @@
-"""Policy with images as input, and its training command, which uses the Gymnasium environment.
+"""Policy that computes the camera's motion from images, and its training command.
 
     python3 -m aras_visual_servo_bench.learning.policy [--steps 12000] [--out FILE]
 
-The image is reduced in size and normalised in brightness and contrast. A small network predicts the
-pose of the goal in the camera's frame from it, and the camera moves there. The network imitates an
-expert that knows the true pose. The expert controls the camera in the first round, the policy in
-the following rounds. In every image, the true pose of the goal is the label. Reference: S. Ross and
-others, A reduction of imitation learning and structured prediction to no-regret online learning,
-AISTATS 2011 (DAgger).
+The image is reduced in size, and its brightness and contrast are normalised. A small network
+predicts the pose of the goal in the camera's frame from it, and the policy moves the camera to this
+pose. The network is trained in several rounds in the Gymnasium environment. In the first round, an
+expert that knows the true pose of the goal controls the camera. In the following rounds, the policy
+controls it. In all rounds, the network is trained on the images and on the true pose of the goal in
+each of them.
+
+Reference: S. Ross and others, A reduction of imitation learning and structured prediction to
+no-regret online learning, AISTATS 2011 (DAgger).
 """
 
 from __future__ import annotations
@@ -34,43 +37,45 @@ from .learned import GoalPoseNetwork, LearnedScheme, compute_errors
 from .learned_pose import relu, shrink_image
 from .regressor import fit_network
 
-COLUMNS, ROWS = 40, 30  # of the network's input image
+COLUMNS, ROWS = 40, 30  # size of the network's input image
 HIDDEN_LAYERS = (192, 96)
 TRAINING_STARTS = Sampler(height=(0.15, 0.4), side=0.1, turn=np.radians(45.0))
-# The arm in front of the demo's target, as in the ROS graph, in episodes of up to 4 s.
+# The simulated arm in front of the demo's target, in episodes of up to 4 s.
 TRAINING_EXPERIMENT = Experiment(
     plant="bullet", start=TRAINING_STARTS, duration=4.0, time_after_convergence=None, delay=0.0
 )
-DAGGER_ROUNDS = 4  # the expert controls the first one, the policy the others
-GAIN = 1.5  # 1/s, of expert and policy
-# Standard deviation of the noise that is added to actions, so that the data include poor paths.
+DAGGER_ROUNDS = 4  # number of rounds; the expert controls the camera in the first round
+GAIN = 1.5  # 1/s, gain of the expert and of the policy
+# Standard deviation of the noise that is added to the actions, so that the images are not only from
+# good paths to the goal.
 PERTURBATION = 0.3
-MAX_PERTURBATION_STEPS = 30  # longest duration of such noise, steps
-# Epochs at a learning rate of 1e-3, and (rate, epochs) of the refinements.
-EPOCHS, REFINEMENTS = 30, ((1e-4, 15), (1e-5, 5))
+MAX_PERTURBATION_STEPS = 30  # largest number of steps in which the noise is constant
+EPOCHS = 30  # number of epochs at a learning rate of 1e-3
+REFINEMENTS = ((1e-4, 15), (1e-5, 5))  # learning rate and number of epochs of further training
 
 
 def make_inputs(grey: np.ndarray) -> np.ndarray:
-    """Return an image (rows, columns) uint8 as ROWS * COLUMNS values of mean 0 and deviation 1."""
+    """Compute the inputs (ROWS * COLUMNS,) of the network from a grey image, as `shrink_image`."""
     return shrink_image(grey, COLUMNS, ROWS)
 
 
 class PolicyNetwork(GoalPoseNetwork):
-    """Network with ReLU layers; Regressor describes its arrays."""
+    """Network with ReLU layers that predicts the pose of the goal in the camera's frame."""
 
     user, module = "the policy", "policy"
     activation = staticmethod(relu)
 
 
 class Policy(LearnedScheme):
-    """Scheme that moves the camera to the goal's pose as predicted from an image."""
+    """Scheme that moves the camera to the pose of the goal, which a network predicts from images.
+    """
 
     needs = frozenset((Need.IMAGE,))
     tolerances = (0.0005, 0.0005, 0.0005, 0.002)
     network = PolicyNetwork
 
     def predict(self, observation: Observation) -> np.ndarray:
-        """Return the prediction (4,) of the network for an observation.
+        """Return the network's prediction (4,) of the goal's pose for an observation.
 
         Raises:
             MeasurementError: the observation is not valid.
@@ -80,11 +85,11 @@ class Policy(LearnedScheme):
         return self._network(make_inputs(get_grey_image(observation)))
 
     def teach(self, observation: Observation) -> Mapping[str, Mapping[str, Any]]:
-        """Return the prediction for the goal's image, as `Scheme.teach` requires."""
+        """Return the network's prediction for the image at the goal, as `Scheme.teach` requires."""
         return {PolicyNetwork.module: {"told": self.predict(observation).tolist()}}
 
     def predict_goal(self, goal: Goal) -> np.ndarray:
-        """Return the stored prediction (4,) for the goal's image.
+        """Return the prediction (4,) for the image at the goal, which is stored in the goal.
 
         Raises:
             ConfigurationError: the goal was not taught with the policy.
@@ -94,7 +99,7 @@ class Policy(LearnedScheme):
         )
         if prediction.shape != (4,) or not np.isfinite(prediction).all():
             raise ConfigurationError(
-                f"{goal.name} was not taught with the policy: teach it again"
+                f"{goal.name} was not taught with the policy: teach it again with this scheme"
             )
         return prediction
 
@@ -102,7 +107,7 @@ class Policy(LearnedScheme):
 def collect_demonstrations(
     policy: PolicyNetwork | None, steps: int, seed: int, environments: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Collect images in the environment, and the true pose of the goal in each.
+    """Collect images in the environment, and the true pose of the goal for each image.
 
     Args:
         policy: policy that controls the camera; None for the expert.
@@ -111,8 +116,8 @@ def collect_demonstrations(
         environments: number of environments that run in parallel, each in its own process.
 
     Returns:
-        Inputs (n, ROWS * COLUMNS) and outputs (n, 5): the goal's position in the camera's frame, m,
-        and the cosine and sine of its rotation.
+        Inputs (n, ROWS * COLUMNS), from `make_inputs`; and outputs (n, 5): the goal's position in
+        the camera's frame, m, and the cosine and sine of its rotation about the optical axis.
     """
     random = np.random.default_rng(seed)
     vector_environment = gymnasium.make_vec(
@@ -150,7 +155,12 @@ def collect_demonstrations(
 
 
 def train(x: np.ndarray, y: np.ndarray, seed: int = 0) -> dict[str, np.ndarray]:
-    """Train a PolicyNetwork on outputs y (n, 5) for inputs x (n, k); return its arrays.
+    """Train a PolicyNetwork and return its arrays.
+
+    Args:
+        x: (n, k) inputs.
+        y: (n, 5) outputs.
+        seed: seed of the initial weights.
 
     Raises:
         ExperimentError: scikit-learn is not installed.
@@ -164,7 +174,7 @@ def train(x: np.ndarray, y: np.ndarray, seed: int = 0) -> dict[str, np.ndarray]:
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Train the policy; return the exit status."""
+    """Run the training command and return its exit status."""
     parser = argparse.ArgumentParser(
         description=__doc__.splitlines()[0],
         epilog="example: python3 -m aras_visual_servo_bench.learning.policy --out policy.npz",

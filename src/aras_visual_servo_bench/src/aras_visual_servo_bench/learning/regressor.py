@@ -1,4 +1,4 @@
-"""Base class of small neural networks, with their training and their file of weights."""
+"""Base class of small neural networks: training, prediction, and the file of weights."""
 
 from __future__ import annotations
 
@@ -19,11 +19,13 @@ from ..experiment.packages import PackagePath
 
 
 class Regressor:
-    """Network with a linear last layer between scaled inputs (k,) and outputs (m,).
+    """Feedforward network that computes outputs (m,) from inputs (k,).
+
+    Inputs and outputs are scaled, and the last layer is linear.
 
     Attributes:
-        user: user of the weights, for messages.
-        module: module of this package that trains the network.
+        user: name of the scheme or feature that uses the network, for messages.
+        module: module of this package with the training command of the network.
         activation: activation function of the hidden layers.
     """
 
@@ -35,7 +37,8 @@ class Regressor:
         """Create a network from its arrays.
 
         Args:
-            arrays: mean, scale, out_mean, out_scale, and w0, b0, w1, ... of the layers.
+            arrays: `mean` and `scale` of the inputs, `out_mean` and `out_scale` of the outputs, and
+                the weights w0, w1, ... and biases b0, b1, ... of the layers.
         """
         values = {name: np.asarray(array, float) for name, array in arrays.items()}
         self._mean, self._scale = values["mean"], values["scale"]
@@ -45,33 +48,37 @@ class Regressor:
 
     @classmethod
     def find_weights(cls) -> Path:
-        """Return the path of the shipped weights."""
+        """Return the path of the weights that are part of this package."""
         return Path(PackagePath().find("aras_visual_servo_bench")) / "config" / f"{cls.module}.npz"
 
     @classmethod
     def load(cls, path: Path | None = None) -> Self:
         """Load a network from a file.
 
-        The default is the file in the environment variable ARAS_<MODULE>_WEIGHTS, or else the
-        shipped one.
+        By default, it is the file in the environment variable ARAS_<MODULE>_WEIGHTS. If this
+        variable is not set, it is the file of this package.
 
         Raises:
-            ConfigurationError: the file does not exist or contains no network.
+            ConfigurationError: the file does not exist, or does not contain a network.
         """
         if path is None:
             variable = f"ARAS_{cls.module.upper()}_WEIGHTS"
             path = Path(os.environ.get(variable, cls.find_weights()))
-        make = f"make it: python3 -m aras_visual_servo_bench.learning.{cls.module}"
+        make = f"to train it, run: python3 -m aras_visual_servo_bench.learning.{cls.module}"
         if not path.is_file():
-            raise ConfigurationError(f"{cls.user} has no weights at {path}: {make}")
+            raise ConfigurationError(
+                f"the network of {cls.user} is missing: there is no file {path}; {make}"
+            )
         try:
             with np.load(path, allow_pickle=False) as file:
                 return cls(dict(file))
         except (OSError, ValueError, KeyError) as error:
-            raise ConfigurationError(f"{path} holds no network ({error}): {make}") from None
+            raise ConfigurationError(
+                f"{path} does not contain a network ({error}); {make}"
+            ) from None
 
     def predict(self, x: np.ndarray) -> np.ndarray:
-        """Compute the outputs (m,) for inputs (k,)."""
+        """Compute the outputs (m,) from inputs (k,)."""
         values = (x - self._mean) / self._scale
         for w, b in self._layers[:-1]:
             values = type(self).activation(values @ w + b)
@@ -85,18 +92,21 @@ def run_training(
     train: Callable[[np.ndarray, np.ndarray], dict[str, np.ndarray]],
     compute_errors: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]],
 ) -> int:  # fmt: skip
-    """Run a training command: make images, train, write the weights, and report the test errors.
+    """Run a training command.
+
+    It makes images, trains a network, writes the weights, and prints the errors for test images.
 
     Args:
         kind: class of the network.
-        argv: arguments of the command; None for those of the process.
+        argv: arguments of the command; None for the arguments of the process.
         description: help text of the command.
         count: default number of training images.
         test_count: number of test images.
-        make_data: function that returns inputs and outputs for a number of images and a seed.
-        train: function that returns the arrays of the network for inputs and outputs.
-        compute_errors: function that returns the distances (n,), m, and angles (n,), rad, between
-            predictions (n, m) and outputs.
+        make_data: function that returns inputs and outputs. Its arguments are the number of images
+            and a seed.
+        train: function that trains the network on inputs and outputs, and returns its arrays.
+        compute_errors: function that returns the position errors (n,), m, and the rotation errors
+            (n,), rad. Its arguments are n predictions and the true outputs.
 
     Returns:
         The exit status.
@@ -133,13 +143,14 @@ def fit_network(
     x: np.ndarray, y: np.ndarray, min_scale: float, dtype: type,
     refinements: Sequence[tuple[float, int]] = (), **options: Any,
 ) -> dict[str, np.ndarray]:
-    """Train a Regressor on outputs y (n, m) for inputs x (n, k); return its arrays.
+    """Train a Regressor and return its arrays.
 
     Args:
-        x, y: inputs and outputs.
-        min_scale: smallest scale of an input.
-        dtype: type of the stored weights.
-        refinements: (learning rate, epochs) of further training with smaller steps.
+        x: (n, k) inputs.
+        y: (n, m) outputs.
+        min_scale: smallest scale of an input; inputs are divided by their scale.
+        dtype: data type of the stored weights.
+        refinements: learning rate and number of epochs of each further training.
         options: options of scikit-learn's MLPRegressor.
 
     Raises:
@@ -150,13 +161,14 @@ def fit_network(
         from sklearn.neural_network import MLPRegressor
     except ImportError:
         raise ExperimentError(
-            "training needs scikit-learn: pip install -r requirements/bench.txt"
+            "training needs scikit-learn, which is not installed; run: pip install -r "
+            "requirements/bench.txt"
         ) from None
     mean, scale = x.mean(axis=0), np.maximum(x.std(axis=0), min_scale)
     out_mean, out_scale = y.mean(axis=0), y.std(axis=0)
     network = MLPRegressor(**options)
     with warnings.catch_warnings():
-        # The number of iterations is limited on purpose.
+        # The number of iterations is limited on purpose, so this warning is not helpful.
         warnings.simplefilter("ignore", ConvergenceWarning)
         network.fit(x := (x - mean) / scale, y := (y - out_mean) / out_scale)
         for rate, epochs in refinements:

@@ -1,1 +1,1 @@
-"""Quantities of a run: metrics, statistics, summaries."""
+"""Numbers that describe runs: metrics, statistics and summaries."""

@@ -1,13 +1,18 @@
 """Predicted decay rate of a feature from the gain and the delay of the loop.
 
-The velocity -lambda s of an exposure is applied from tau after the exposure for one image period T.
-With tau = n T + rho, the feature changes from image to image by
+From an image with the feature s, the law computes the velocity -lambda s. This velocity takes
+effect after a delay tau from the exposure, and lasts for one image period T. If tau = n T + rho
+with an integer n and 0 <= rho < T, the feature at image k + 1 is
 
     s[k+1] = s[k] - lambda ((T - rho) s[k-n] + rho s[k-n-1])
 
-The root z with the largest magnitude gives the decay rate -ln(z) / T in 1/s. tau is the sum of the
-experiment's delay, the mean wait for the next joint state, and the smoothing of the controllers'
-set point.
+Inserting s[k] = z^k gives the characteristic equation
+
+    z^(n+2) - z^(n+1) + lambda ((T - rho) z + rho) = 0
+
+Its root z with the largest magnitude determines the decay rate -ln|z| / T, in 1/s. The delay tau is
+the sum of the experiment's delay, the mean wait for the next joint state, and the delay of the
+joints: the smoothing of the set points (bullet) or the lag (other plants).
 """
 
 from __future__ import annotations
@@ -16,8 +21,9 @@ import numpy as np
 
 from ..experiment.experiment import Experiment
 
-IMAGE_PERIOD, TICK = 1.0 / 30.0, 0.01  # s, between two images and between two joint states
-ROUNDING = 0.003  # s, delay due to the bridge's interpolation of set points
+IMAGE_PERIOD = 1.0 / 30.0  # s; time between two images
+TICK = 0.01  # s; time between two joint states
+ROUNDING = 0.003  # s; delay of a joint, because the bridge interpolates set points
 
 
 def compute_delay(experiment: Experiment) -> float:
@@ -29,8 +35,8 @@ def compute_delay(experiment: Experiment) -> float:
 def predict_decay_rate(gain: float, tau: float, period: float = IMAGE_PERIOD) -> float:
     """Predict the rate (1/s) at which a feature s decays under the velocity -gain s.
 
-    The rate is that of the slowest root of the sampled, delayed loop; this module's docstring gives
-    the equation. Without delay and for short periods the rate equals the gain.
+    The docstring of this module gives the equation. Without delay and with a short image period,
+    the rate equals the gain.
 
     Args:
         gain: gain of a proportional law, 1/s.
@@ -39,7 +45,7 @@ def predict_decay_rate(gain: float, tau: float, period: float = IMAGE_PERIOD) ->
     """
     whole_periods, rho = divmod(tau, period)
     n = int(whole_periods)
-    polynomial = np.zeros(n + 3)  # z^(n+2) - z^(n+1) + gain ((T - rho) z + rho)
+    polynomial = np.zeros(n + 3)  # coefficients of z^(n+2) - z^(n+1) + gain ((T - rho) z + rho)
     polynomial[0], polynomial[1] = 1.0, -1.0
     polynomial[-2] += gain * (period - rho)
     polynomial[-1] += gain * rho

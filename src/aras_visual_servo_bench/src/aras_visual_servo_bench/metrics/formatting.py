@@ -8,23 +8,25 @@ from collections.abc import Callable, Iterable, Mapping
 
 NO_NUMBER = "–"  # text for NaN
 DIGITS = 3
-MAX_LINE = 120  # characters of a line of a description
-# Range of the largest number of a group that is printed without powers of ten.
+MAX_LINE = 120  # maximum number of characters in a line of a description
+# A group of numbers is printed without powers of ten if its largest number is in this range and its
+# smallest number is at least MIN_FIXED_POINT.
 MIN_PLAIN, MAX_PLAIN = 1e-3, 1e5
-MIN_FIXED_POINT = 1e-5  # smallest number of such a group; below it there are too many zeros
-NEARLY_ZERO = "≈0"  # negligible compared with the largest number; "0" is exactly 0
-NEGLIGIBLE_DECADES = 6  # numbers this many decades below the largest are negligible
+MIN_FIXED_POINT = 1e-5
+NEARLY_ZERO = "≈0"  # text of a number that is negligible compared with the largest of its group
+# A number is negligible if it is this many decades smaller than the largest number of its group.
+NEGLIGIBLE_DECADES = 6
 
 
 def make_printable(text: object) -> str:
-    """Return a text that can be encoded; characters of file names that are not UTF-8 become '?'."""
+    """Return a text that can be encoded as UTF-8; invalid characters of file names become '?'."""
     return str(text).encode("utf-8", "replace").decode()
 
 
 def make_number_format(values: Iterable[float], digits: int = DIGITS) -> Callable[[float], str]:
-    """Return a function that formats the numbers of a group uniformly.
+    """Return a function that gives all numbers of a group the same format.
 
-    All numbers are printed with powers of ten, or none of them.
+    Either all numbers or none of them are printed with powers of ten.
 
     Args:
         values: numbers of the group, e.g. of a row or column; values that are not finite are
@@ -63,7 +65,7 @@ def format_number(value: float, digits: int = DIGITS) -> str:
 
 
 def format_value(value: object) -> str:
-    """Format the value of a setting; values other than floats are printed as they are."""
+    """Format the value of a setting; a float is rounded, other values are printed unchanged."""
     return format_number(value) if isinstance(value, float) else str(value)
 
 

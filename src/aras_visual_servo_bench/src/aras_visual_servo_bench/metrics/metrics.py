@@ -1,7 +1,7 @@
-"""Table of all metrics, which describe a run by one number each, with unit and formula.
+"""All metrics; a metric describes a run by one number, with a unit and a formula.
 
-Studies, protocols, reports and the analysis of bags use this table. A user's own metric is named
-'package.module:function' and decorated in the same way:
+Studies, protocols, reports and the analysis of bags use these metrics. The name of a metric that
+you write is 'package.module:function', and it has the same decorator:
 
     @metric(unit="m", better="smaller", source="this paper, equation 3")
     def closest(run: Run) -> float: ...
@@ -22,25 +22,27 @@ from ..recording.run import Run, compute_settling_time, normalize_errors
 from . import decay
 
 SMALLER, GREATER, NEITHER = "smaller", "greater", ""
-LIMIT_MARGIN = 1e-3  # a joint within this fraction of its range from a limit is at the limit
-SETTLING_BAND, DECAY_START, DECAY_END = 0.02, 0.80, 0.15  # relative to the first error
-REDUCTION = 0.1  # largest final distance and angle of a reduced error, relative to the first
-LATE_PERIODS = 1.5  # image periods after which an image is late
+# A joint is at a limit if its distance from the limit is at most this fraction of its range.
+LIMIT_MARGIN = 1e-3
+SETTLING_BAND = 0.02  # an error below this fraction of its first value is settled
+# The decay rate is measured while the error is between these fractions of its first value.
+DECAY_START, DECAY_END = 0.80, 0.15
+REDUCTION = 0.1  # `reduced` is 1 if distance and angle are at most this fraction of the first
+LATE_PERIODS = 1.5  # an image is late if it arrives more than this number of periods after exposure
 
 
 @dataclass(frozen=True)
 class Metric:
     """A function of a run that returns a number, or NaN if the run has no such number.
 
-    name: column in the results.
-    unit: '' for none.
-    better: 'smaller', 'greater' or ''.
-    source: formula, or its reference.
-    measure: the function.
-    is_feature_based: True if it depends on the scheme's features, so that it cannot be compared
-    between
-        schemes.
-    default: True if it is measured in studies that name no metrics.
+    name: name of the metric, and of its column in the results.
+    unit: unit of the number; '' if it has none.
+    better: 'smaller', 'greater', or '' if neither is better.
+    source: formula, or reference of the formula.
+    measure: function that computes the number from a run.
+    is_feature_based: True if the number depends on the features of the scheme, so that it cannot be
+        compared between schemes.
+    default: True if studies without a list of metrics compute this metric.
     """
 
     name: str
@@ -60,35 +62,36 @@ class Metric:
 def metric(
     unit: str, better: str, source: str, is_feature_based: bool = False, default: bool = False
 ) -> Callable[[Callable], Metric]:
-    """Return a decorator that makes a metric of a function from a `Run` to a number.
+    """Return a decorator that makes a Metric of a function that computes a number from a Run.
 
-    The function's name is the column in results, the first line of its docstring the description.
+    The name of the function is the name of the metric and of its column in results. The first line
+    of its docstring is the description.
 
     Args:
         unit: unit of the number; '' if it has none.
         better: 'smaller', 'greater', or '' if neither is better.
-        source: formula, or its reference.
-        is_feature_based: True if it depends on the scheme's features, so that values of different
-            schemes cannot be compared.
-        default: True if it is measured in studies that name no metrics.
+        source: formula, or reference of the formula.
+        is_feature_based: True if the number depends on the features of the scheme, so that it
+            cannot be compared between schemes.
+        default: True if studies without a list of metrics compute this metric.
 
     Raises:
-        StudyError: `better` is none of these.
+        StudyError: `better` has another value.
     """
     if better not in (SMALLER, GREATER, NEITHER):
-        raise StudyError(f"better is '{better}', must be {SMALLER} or {GREATER}")
+        raise StudyError(f"better is '{better}', must be '{SMALLER}', '{GREATER}' or ''")
     return lambda measure: Metric(
         measure.__name__, unit, better, source, measure, is_feature_based, default
     )
 
 
 def list_default_metrics() -> tuple[str, ...]:
-    """Return the names of the metrics of a study that names none."""
+    """Return the names of the metrics that a study computes if it has no list of metrics."""
     return tuple(name for name, one in METRICS.items() if one.default)
 
 
 def find_metric(name: str) -> Metric:
-    """Return the metric of a name, built in or a user's own.
+    """Return the built-in metric with this name, or the metric 'package.module:function'.
 
     Raises:
         StudyError: there is no such metric; the message suggests a similar name.
@@ -99,20 +102,20 @@ def find_metric(name: str) -> Metric:
         return METRICS[name]
     found = import_object("metric", name, StudyError)
     if not isinstance(found, Metric):
-        raise StudyError(f"{name} is no metric: decorate it with @metric(unit, better, source)")
+        raise StudyError(f"{name} is not a metric: decorate it with @metric(unit, better, source)")
     return found
 
 
 # -- result of the run ------------------------------------------------------------------------
 
 
-@metric("", GREATER, "outcome of the loop and verdict of the physics together", default=True)
+@metric("", GREATER, "outcome of the loop and verdict by the true pose", default=True)
 def success(run: Run) -> float:
     """1 if the loop has converged and the camera is truly at its goal."""
     return _score_verdict(run, run.is_success)
 
 
-@metric("", GREATER, "verdict of the physics only, within the experiment's `reached`")
+@metric("", GREATER, "verdict by the true pose, with the tolerance `reached`")
 def reached(run: Run) -> float:
     """1 if the camera is truly at its goal, for any outcome of the loop."""
     return _score_verdict(run, run.verdict.is_reached)
@@ -126,11 +129,12 @@ def reduced(run: Run) -> float:
     return _score_verdict(run, near)
 
 
-@metric("", SMALLER, "outcome of the loop compared with the verdict of the physics", default=True)
+@metric("", SMALLER, "outcome of the loop compared with the verdict by the true pose", default=True)
 def contradicts(run: Run) -> float:
     """1 if the loop reports convergence away from the goal, or no convergence at the goal.
 
-    A loop that has converged up to an undetermined motion makes no statement, and does not count.
+    The result is 0 if the loop has converged up to an undetermined motion, because it then does not
+    state whether the camera is at its goal.
     """
     up_to = run.outcome.startswith("converged up to ")
     return _score_verdict(run, not up_to and run.converged != run.verdict.is_reached)
@@ -144,24 +148,24 @@ def iterations(run: Run) -> float:
 
 @metric("s", SMALLER, "2 % settling time of the camera's true distance", default=True)
 def settled(run: Run) -> float:
-    """Time until the camera stays within 2 % of its first distance from the goal."""
+    """Time after which the camera's distance and angle to its goal stay below 2 % of the first."""
     return _to_finite(run.compute_settling_time())
 
 
 @metric(
     "",
     SMALLER,
-    "overshoot in the sense of control, of the worst feature",
+    "largest error with the opposite sign of the first error, divided by the first error",
     is_feature_based=True,
     default=True,
 )
 def overshoot(run: Run) -> float:
-    """Overshoot of a feature's error beyond its goal, relative to its first error."""
+    """Largest overshoot of a feature beyond its goal, relative to its first error."""
     error = run.error[_find_measured_images(run)]
     if not error.size:
         return np.nan
     size = np.abs(error[0])
-    # A feature that starts at its goal has no first error as reference.
+    # A feature that starts at its goal is ignored, because its first error is 0.
     moving = size > SETTLING_BAND * np.max(size, initial=0.0)
     if not moving.any():
         return 0.0
@@ -172,26 +176,26 @@ def overshoot(run: Run) -> float:
 # -- positions of the camera ------------------------------------------------------------------
 
 
-@metric("m", SMALLER, "true pose of the physics", default=True)
+@metric("m", SMALLER, "true camera pose in the simulation", default=True)
 def final_distance(run: Run) -> float:
     """Distance of the camera from its goal at the end."""
     return run.verdict.distance
 
 
-@metric("rad", SMALLER, "true pose of the physics", default=True)
+@metric("rad", SMALLER, "true camera pose in the simulation", default=True)
 def final_angle(run: Run) -> float:
     """Angle between the camera and its goal at the end."""
     return run.verdict.angle
 
 
-@metric("m", SMALLER, "99.7 % bound of the loop; NaN if it has not converged")
+@metric("m", SMALLER, "bound that the loop computes (99.7 %); NaN if it has not converged")
 def open_distance(run: Run) -> float:
     """Largest distance from the goal that the loop cannot exclude."""
     left = run.states[-1].arrival_status.pose_uncertainty if run.states else None
     return np.nan if left is None else left.distance
 
 
-@metric("rad", SMALLER, "99.7 % bound of the loop; NaN if it has not converged")
+@metric("rad", SMALLER, "bound that the loop computes (99.7 %); NaN if it has not converged")
 def open_angle(run: Run) -> float:
     """Largest angle to the goal that the loop cannot exclude."""
     left = run.states[-1].arrival_status.pose_uncertainty if run.states else None
@@ -228,7 +232,7 @@ def path_ratio(run: Run) -> float:
     return path_length.measure(run) / straight if straight > 1e-6 else np.nan
 
 
-@metric("m", SMALLER, "z of the target's middle in the true camera, largest of all images")
+@metric("m", SMALLER, "largest z of the target's centre in the true camera frame, over all images")
 def largest_depth(run: Run) -> float:
     """Largest depth of the target along the optical axis."""
     if run.target is None or not len(run.stamp):
@@ -255,7 +259,7 @@ def energy(run: Run) -> float:
     return float(np.trapezoid(power, run.joint_stamp[after]))
 
 
-@metric("s", SMALLER, "joint states and limits of the description", default=True)
+@metric("s", SMALLER, "joint states, and limits in the robot description", default=True)
 def limit_time(run: Run) -> float:
     """Time during which a joint is at one of its limits."""
     after = run.servoing
@@ -277,7 +281,7 @@ def limit_time(run: Run) -> float:
 def image_excursion(run: Run) -> float:
     """Largest distance of a corner from the image centre, in half image sizes.
 
-    Above 1 the corner was outside the image.
+    A value above 1 means that a corner was outside the image.
     """
     target, camera = run.target, run.camera
     if target is None or camera is None:
@@ -302,7 +306,7 @@ def image_excursion(run: Run) -> float:
     is_feature_based=True, default=True,
 )  # fmt: skip
 def decay_rate(run: Run) -> float:
-    """Decay rate of the norm of the features' errors, each relative to its first."""
+    """Decay rate of the norm of the errors, each divided by its value at the first image."""
     known = _find_measured_images(run)
     stamp, error = run.stamp[known], run.error[known]
     if not len(stamp):
@@ -321,7 +325,7 @@ def decay_rate(run: Run) -> float:
 
 @metric("1/s", NEITHER, "slowest root of the sampled, delayed loop: metrics/decay.py")
 def decay_predicted(run: Run) -> float:
-    """Decay rate of the errors as predicted from the experiment's gain and delay."""
+    """Decay rate of the errors that is predicted from the gain and the delay of the experiment."""
     if run.experiment is None or run.experiment.gain is None or len(run.stamp) < 2:
         return np.nan
     period = float(np.median(np.diff(run.stamp)))
@@ -335,7 +339,7 @@ def decay_predicted(run: Run) -> float:
     is_feature_based=True,
 )  # fmt: skip
 def error_settled(run: Run) -> float:
-    """Time until the norm of the features' errors stays under 2 % of its first."""
+    """Time after which the norm of the errors stays below 2 % of its value at the first image."""
     known = _find_measured_images(run)
     return _to_finite(
         compute_settling_time(
@@ -361,7 +365,7 @@ def top_speed(run: Run) -> float:
 
 @metric("", GREATER, "L J of each image", is_feature_based=True)
 def smallest_singular_value(run: Run) -> float:
-    """Smallest singular value of the task's Jacobian L J."""
+    """Smallest singular value of the task Jacobian L J over all images."""
     return _to_finite(np.nanmin(run.singular_LJ, initial=np.inf))
 
 
@@ -370,20 +374,20 @@ def smallest_singular_value(run: Run) -> float:
     is_feature_based=True,
 )  # fmt: skip
 def condition_L(run: Run) -> float:
-    """Largest condition number of L in the servoed directions."""
+    """Largest condition number of L over all images, in the directions that the features model."""
     found = condition_number(run.singular_L)
     return float(np.nanmax(found)) if not np.isnan(found).all() else np.nan
 
 
 @metric("", GREATER, "sqrt(det(L J J^T L^T)), smallest of all images", is_feature_based=True)
 def manipulability(run: Run) -> float:
-    """Smallest product of the singular values of L J."""
+    """Smallest product of the singular values of the task Jacobian L J over all images."""
     return _to_finite(np.nanmin(run.manipulability, initial=np.inf))
 
 
 @metric("", GREATER, "scale factor of the differential IK, smallest of all images")
 def scale(run: Run) -> float:
-    """Smallest factor by which limits slowed the task; 1 if they never did."""
+    """Smallest factor by which limits reduced the camera velocity; 1 if they never did."""
     return _to_finite(np.nanmin(run.scale, initial=np.inf))
 
 
@@ -398,12 +402,12 @@ def images(run: Run) -> float:
 
 @metric("Hz", NEITHER, "images per second of simulated time")
 def image_rate(run: Run) -> float:
-    """Images per second of simulated time."""
+    """Number of images per second of simulated time."""
     gaps = np.diff(run.control_record.stamp)
     return float(gaps.size / gaps.sum()) if gaps.size else np.nan
 
 
-@metric("", SMALLER, "a gap of n periods counts as n - 1, an image later than 1.5 periods as 1")
+@metric("", SMALLER, "n - 1 for a gap of n periods, plus 1 for an image later than 1.5 periods")
 def images_late(run: Run) -> float:
     """Number of images that are missing or arrived more than 1.5 periods after their exposure."""
     gaps = np.diff(run.control_record.stamp)
@@ -423,7 +427,7 @@ def images_late(run: Run) -> float:
     "ms", NEITHER, "clock of the recorder; negative if the recorder had not yet received the time"
 )
 def delay(run: Run) -> float:
-    """Mean time from an exposure to the recorder."""
+    """Mean time from an exposure until the recorder received the image."""
     late = 1e3 * (run.control_record.arrival - run.control_record.stamp)
     return float(late.mean()) if late.size else np.nan
 
@@ -444,7 +448,9 @@ def real_time_factor(run: Run) -> float:
 
 
 def condition_number(singular: np.ndarray) -> np.ndarray:
-    """Compute largest over smallest singular value per image, (n, p) -> (n,); NaN if there is none.
+    """Compute the condition number (n,) of the matrix L of each image.
+
+    singular: singular values (n, p), largest first. The result is NaN if an image has none.
     """
     if not singular.shape[1]:
         return np.full(len(singular), np.nan)
@@ -454,13 +460,13 @@ def condition_number(singular: np.ndarray) -> np.ndarray:
 
 
 def _compute_initial_pose_error(run: Run) -> tuple[float, float]:
-    """Compute the distance, m, and angle, rad, from the camera at the first image to its goal."""
+    """Compute distance (m) and angle (rad) between the camera at the first image and its goal."""
     poses = run.true_pose[run.servoing]
     return pose_difference(run.goal_pose, poses[0]) if len(poses) else (np.nan, np.nan)
 
 
 def _score_verdict(run: Run, is_true: bool) -> float:
-    """Return 1 or 0, or NaN if the goal and thus the verdict is unknown."""
+    """Return 1 if `is_true`, else 0; return NaN if the verdict of the run is unknown."""
     return float(is_true) if run.verdict.name else np.nan
 
 

@@ -14,7 +14,11 @@ RESAMPLES = 2000
 
 @dataclass(frozen=True)
 class Estimate:
-    """A value with its confidence interval, NaN if unknown, and the number of samples (`count`)."""
+    """A value with its confidence interval.
+
+    value: estimated value; NaN if unknown.
+    low, high: ends of the confidence interval; NaN if unknown.
+    count: number of samples."""
 
     value: float
     low: float
@@ -23,7 +27,9 @@ class Estimate:
 
 
 def proportion(hits: int, count: int, confidence: float = CONFIDENCE) -> Estimate:
-    """Estimate a rate with Wilson's interval, which is also valid near 0 and 1 and for few runs."""
+    """Estimate the rate hits / count with Wilson's interval.
+
+    This interval is also valid for rates near 0 and 1, and for small counts."""
     if not count:
         return Estimate(np.nan, np.nan, np.nan, 0)
     interval = scipy.stats.binomtest(hits, count).proportion_ci(confidence, method="wilson")
@@ -33,7 +39,7 @@ def proportion(hits: int, count: int, confidence: float = CONFIDENCE) -> Estimat
 def median(values: Sequence[float]) -> Estimate:
     """Estimate the median of the finite values with a percentile bootstrap interval.
 
-    The resampling has a fixed seed, so a table is the same each time it is made.
+    The bootstrap has a fixed seed, so the same values always give the same interval.
     """
     known = np.asarray(values, float)
     known = known[np.isfinite(known)]
@@ -54,10 +60,11 @@ def median(values: Sequence[float]) -> Estimate:
 class Comparison:
     """Comparison of two samples.
 
-    before, after: rates, or medians of the finite values.
-    p: probability of such a difference by chance.
-    paired: True if runs are compared in pairs.
-    count: number of runs or pairs that are compared.
+    before: rate, or median of the finite values, of the first sample.
+    after: rate or median of the second sample.
+    p: p-value: probability that chance alone gives at least such a difference.
+    paired: True if the samples are compared in pairs.
+    count: number of pairs; for samples without pairs, size of the smaller sample.
     """
 
     before: float
@@ -68,9 +75,9 @@ class Comparison:
 
 
 def compare_rates(before: Sequence[float], after: Sequence[float], paired: bool) -> Comparison:
-    """Compare successes (0 and 1) by McNemar's or Fisher's exact test.
+    """Compare successes (0 or 1) with McNemar's test if they are paired, else with Fisher's test.
 
-    The first is for pairs, the second for other samples.
+    Both tests are exact.
     """
     a, b = np.asarray(before, float), np.asarray(after, float)
     if paired:
@@ -86,9 +93,10 @@ def compare_rates(before: Sequence[float], after: Sequence[float], paired: bool)
 
 
 def compare_values(before: Sequence[float], after: Sequence[float], paired: bool) -> Comparison:
-    """Compare values of a metric by the Wilcoxon signed-rank test or the Mann-Whitney U test.
+    """Compare the values of a metric in two samples.
 
-    The first is for pairs, the second for other samples.
+    The test is the Wilcoxon signed-rank test if the samples are paired, and otherwise the
+    Mann-Whitney U test.
     """
     a, b = np.asarray(before, float), np.asarray(after, float)
     if paired:

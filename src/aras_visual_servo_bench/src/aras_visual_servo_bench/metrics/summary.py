@@ -1,4 +1,4 @@
-"""Summary of a run in numbers with units and definitions, and comparison of several runs."""
+"""Summary of a run: numbers with units and definitions; and comparison of several runs."""
 
 from __future__ import annotations
 
@@ -13,21 +13,22 @@ from . import metrics
 from .formatting import NO_NUMBER, make_number_format
 
 COUNT_METRICS = ("iterations", "images", "images_late")
-FINAL_WINDOW, LAST = 1.0, 2.0  # s before the end, for the mean and for the largest error
-DIGITS = 4  # significant digits in a report
+FINAL_WINDOW = 1.0  # s; the mean error at the end is computed over this time before the end
+LAST = 2.0  # s; the largest error at the end is computed over this time before the end
+DIGITS = 4  # number of significant digits in a report
 
 
 @dataclass(frozen=True)
 class Quantity:
     """One entry of a summary.
 
-    key: its name.
-    value: a float (NaN if unknown), an int or a word.
-    unit: '' for none.
-    text: definition.
+    key: name of the quantity.
+    value: number or text; NaN if unknown.
+    unit: unit of the value; '' if it has none.
+    text: definition of the quantity.
     better: 'smaller', 'greater', or '' if neither is better.
-    is_feature_based: True if it depends on the scheme's features, so that it cannot be compared
-        between schemes.
+    is_feature_based: True if the value depends on the features of the scheme, so that it cannot be
+        compared between schemes.
     """
 
     key: str
@@ -39,12 +40,12 @@ class Quantity:
 
     @property
     def value_text(self) -> str:
-        """Printed value; '–' if it is unknown."""
+        """Value as text; '–' if it is unknown."""
         return format_quantities([self])[0]
 
 
 def format_quantities(quantities: Sequence[Quantity | None]) -> list[str]:
-    """Format quantities that are printed side by side; '–' stands for an unknown value."""
+    """Format the values of quantities that are printed side by side; unknown values are '–'."""
     numbers = [q.value for q in quantities if q is not None and isinstance(q.value, float)]
     printed = make_number_format(numbers, DIGITS)
     return [
@@ -55,7 +56,7 @@ def format_quantities(quantities: Sequence[Quantity | None]) -> list[str]:
 
 
 def summarise(run: Run) -> list[Quantity]:
-    """Return all quantities that are known of a run."""
+    """Return all quantities of a run: outcome, verdict, metrics and final errors."""
     found = [
         Quantity("outcome", run.outcome, "", "result of the run according to the servo loop"),
         Quantity(
@@ -75,7 +76,7 @@ def summarise(run: Run) -> list[Quantity]:
 
 
 def _summarize_features(run: Run) -> list[Quantity]:
-    """Return the errors of each feature at the end."""
+    """Return the mean and the largest error of each feature at the end of the run."""
     known = np.isfinite(run.error).all(axis=1)
     stamp, error = run.stamp[known], run.error[known]
     found = []
@@ -91,7 +92,7 @@ def _summarize_features(run: Run) -> list[Quantity]:
 
 
 def make_mapping(run: Run, quantities: Sequence[Quantity]) -> dict[str, object]:
-    """Return the contents of summary.json; unknown numbers are null."""
+    """Return the content of summary.json; an unknown number is null."""
     plain = {
         q.key: None if isinstance(q.value, float) and not math.isfinite(q.value) else q.value
         for q in quantities
@@ -110,7 +111,7 @@ def make_mapping(run: Run, quantities: Sequence[Quantity]) -> dict[str, object]:
 
 
 def describe_run(run: Run, quantities: Sequence[Quantity]) -> str:
-    """Return the summary as text for a terminal."""
+    """Return the summary of a run as text for a terminal."""
     known = {q.key: q for q in quantities}
 
     def format_number(key: str, text: str, factor: float = 1.0, none: str = "unknown") -> str:
@@ -150,10 +151,11 @@ def describe_run(run: Run, quantities: Sequence[Quantity]) -> str:
 def find_best_runs(
     runs: Sequence[Run], columns: Sequence[Sequence[Quantity]], key: str
 ) -> set[int]:
-    """Return the indices of the successful runs that are best in a quantity, to the printed digits.
+    """Return the indices of the successful runs with the best value of a quantity.
 
-    The result is empty if fewer than two runs can be compared, because too few succeeded or because
-    the quantity depends on features that differ between the runs.
+    Values that are printed with the same digits are equal. The result is empty if no runs can be
+    compared: because too few of them succeeded, because all values are equal, or because the
+    quantity depends on features that differ between the runs.
     """
     quantities = [{q.key: q for q in column}.get(key) for column in columns]
     comparable = {i: q for i, q in enumerate(quantities)

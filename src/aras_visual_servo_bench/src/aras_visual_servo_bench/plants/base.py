@@ -29,8 +29,10 @@ def _find_rows(names: tuple[str, ...], selected: tuple[str, ...]) -> tuple[int, 
 class JointReading:
     """Joint state measured at one instant.
 
-    stamp_ns: simulated time, ns. names: of the joints, in any order. positions, velocities: in the
-    order of `names`, rad or m, and rad/s or m/s.
+    stamp_ns: simulated time of the measurement, ns.
+    names: names of the joints, in any order.
+    positions: position of each joint in the order of `names`, rad or m.
+    velocities: velocity of each joint in the order of `names`, rad/s or m/s.
     """
 
     stamp_ns: int
@@ -40,11 +42,11 @@ class JointReading:
 
     @property
     def stamp(self) -> float:
-        """Simulated time, s."""
+        """Simulated time of the measurement, s."""
         return to_seconds(self.stamp_ns)
 
     def select(self, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
-        """Return positions and velocities (n,) of the named joints."""
+        """Return the positions (n,) and velocities (n,) of the joints `names`, in this order."""
         rows = _find_rows(self.names, tuple(names))
         return (
             np.array([self.positions[i] for i in rows]),
@@ -59,14 +61,14 @@ Reading = JointReading | Frame
 class CameraPlacement:
     """Placement of another camera relative to the control camera.
 
-    The pose of a camera is given in its target frame: the world, or the link that carries its
-    target.
+    The target frame of a camera is the link that carries its target, or the world.
 
-    pose: (4, 4) of the optical frame: in the control camera's optical frame if both cameras move
-        together, else in the control camera's target frame, in which this camera is fixed.
-    is_fixed: the camera is fixed in the control camera's target frame.
-    target_T_control: (4, 4) of the control camera in this camera's target frame, if that target
-        moves with the control camera; None: both cameras have the same target frame.
+    pose: pose (4, 4) of this camera's optical frame. If both cameras move together, it is given in
+        the control camera's optical frame, else in the control camera's target frame.
+    is_fixed: whether this camera is fixed in the control camera's target frame.
+    target_T_control: pose (4, 4) of the control camera in this camera's target frame, if this
+        camera's target moves with the control camera; None: both cameras have the same target
+        frame.
     """
 
     pose: np.ndarray
@@ -74,7 +76,7 @@ class CameraPlacement:
     target_T_control: np.ndarray | None = None
 
     def compute_pose(self, control_pose: np.ndarray) -> np.ndarray:
-        """Return the pose (4, 4) of this camera for a pose (4, 4) of the control camera."""
+        """Return the pose (4, 4) of this camera when the control camera is at `control_pose`."""
         if self.target_T_control is not None:
             return self.target_T_control @ inverse(control_pose) @ self.pose
         return self.pose if self.is_fixed else control_pose @ self.pose
@@ -87,7 +89,9 @@ class JointListener(Protocol):
         """Receive a joint command (n,)."""
 
     def on_joints(self, stamp: float, positions: np.ndarray, velocities: np.ndarray) -> None:
-        """Receive a joint state (n,), (n,); its command, if any, has been received before."""
+        """Receive the positions (n,) and velocities (n,) of the joints.
+
+        If this joint state leads to a command, `on_command` is called before."""
 
 
 class Plant(ABC):
@@ -95,10 +99,11 @@ class Plant(ABC):
 
     Attributes:
         camera: true intrinsics of the control camera.
-        joint_names: joints that can be commanded.
+        joint_names: names of the joints that can be commanded.
         outputs: kinds of command that the plant accepts: position, velocity, effort or twist.
-        control_camera_name: name of the control camera. vibrations: of shaking cameras, by name.
-        has_exact_plane: whether the plane of the target counts as measured, without error.
+        control_camera_name: name of the control camera.
+        vibrations: vibration of each camera that shakes, by name.
+        has_exact_plane: whether the controller is given the exact plane of the target.
     """
 
     camera: CameraModel
@@ -115,9 +120,9 @@ class Plant(ABC):
 
     @abstractmethod
     def advance(self, until_ns: int) -> list[Reading]:
-        """Advance the simulated time to the next measurement, or to `until_ns` if none comes first.
+        """Advance the simulated time to the next measurement, but not beyond `until_ns`.
 
-        With physics, time advances in steps and may end up to one step after `until_ns`.
+        A plant with physics advances in steps, so its time can be up to one step after `until_ns`.
 
         Returns:
             The measurements at the new time.
@@ -125,63 +130,76 @@ class Plant(ABC):
 
     @abstractmethod
     def command(self, kind: str, values: Sequence[float]) -> None:
-        """Command all joints, in the order of `joint_names`, from the next step.
+        """Command all joints; the command takes effect at the next step.
 
-        kind: 'position' (rad, m), 'velocity' (rad/s, m/s) or 'effort' (N m, N).
+        Args:
+            kind: 'position' (rad, m), 'velocity' (rad/s, m/s), 'effort' (N m, N) or 'twist'.
+            values: command of each joint, in the order of `joint_names`.
         """
 
     def read_pose(self) -> np.ndarray:
-        """Return the true world_T_camera (4, 4) of the control camera's optical frame now."""
+        """Return the true world_T_camera (4, 4) of the control camera at the current time."""
         pose = self.read_rest_pose()
         return self.apply_vibration(pose, self.time_ns) if self.vibrations else pose
 
     @abstractmethod
     def read_rest_pose(self) -> np.ndarray:
-        """Return the true world_T_camera (4, 4) of the control camera now, without vibration."""
+        """Return the current true world_T_camera (4, 4) of the control camera at rest.
+
+        The pose does not contain vibration."""
 
     @abstractmethod
     def compute_rest_poses(self, positions: np.ndarray) -> np.ndarray:
-        """Compute world_T_camera (m, 4, 4) without vibration at joint positions (m, n)."""
+        """Compute world_T_camera (m, 4, 4) of the control camera, without vibration.
+
+        positions: joint positions (m, n)."""
 
     def apply_vibration(self, pose: np.ndarray, time_ns: int, camera: str = "") -> np.ndarray:
-        """Add a camera's vibration at a time (ns) to its pose (4, 4) at rest.
+        """Return the pose (4, 4) of a camera with its vibration.
 
-        camera: name of the camera; '': the control camera.
+        Args:
+            pose: pose (4, 4) of the camera without vibration.
+            time_ns: simulated time, ns.
+            camera: name of the camera; '': the control camera.
         """
         vibration = self.vibrations.get(camera or self.control_camera_name)
         return pose if vibration is None else pose @ vibration.compute_pose(time_ns)
 
     def joint_origins(self, positions: np.ndarray) -> np.ndarray:
-        """Compute the origins (m, l, 3) of the arm's joint frames in the world, m.
+        """Compute the origins of the arm's joint frames in the world.
 
-        positions: (m, n), m joint states. Without an arm, l is 0.
+        positions: joint positions (m, n) of m joint states.
+
+        Returns:
+            Origins (m, l, 3) of l joint frames, m; a plant without an arm has l = 0.
         """
         return np.zeros((len(positions), 0, 3))
 
     @abstractmethod
     def read_joints(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the true positions and velocities (n,), in the order of `joint_names`."""
+        """Return the true positions (n,) and velocities (n,), in the order of `joint_names`."""
 
     def find_collision(self) -> tuple[str, str] | None:
-        """Return a link of the arm in collision and the other model.
+        """Return a link of the arm that is in collision, and the model that it collides with.
 
-        None means that there is no collision, or that the plant cannot detect one.
+        Return None if there is no collision, or if the plant cannot detect collisions.
         """
         return None
 
     def attach_loop(
         self, driver: LoopRunner, listener: JointListener, read_end_ns: Callable[[], float]
     ) -> None:
-        """Allow the plant to process joint states itself, in compiled code.
+        """Allow the plant to update the control loop itself, in compiled code.
 
-        `advance` need not return the joint states that the plant has processed.
+        `advance` then need not return the joint states with which the plant has updated the loop.
 
         Args:
-            driver: loop whose update the plant performs for each joint state.
-            listener: receives these joint states and the commands.
-            read_end_ns: returns the time (ns) until which the plant may process joint states.
+            driver: control loop that the plant updates with each joint state.
+            listener: object that receives these joint states and the resulting commands.
+            read_end_ns: function that returns the time (ns) until which the plant may update the
+                loop.
         """
 
     def close(self) -> None:
-        """Release the resources of the plant; safe to call twice."""
+        """Release the resources of the plant; a second call has no effect."""
         return

@@ -1,4 +1,4 @@
-"""Compiled control of the simulated arm between two images: control cycles and loop updates."""
+"""Compiled control of the simulated arm between two images."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ if TYPE_CHECKING:
 
 
 class CompiledArmController:
-    """Control loop of an arm, run inside the compiled cycles of the simulation.
+    """Control loop of an arm that runs inside the compiled control cycles of the simulation.
 
-    It implements `simulation.CompiledController`.
+    This class implements the interface `simulation.CompiledController`.
     """
 
     def __init__(
@@ -45,9 +45,13 @@ class CompiledArmController:
         """Prepare the compiled updates of a loop.
 
         Args:
-            sampler: name of the joint state controller. joints: n names, in the order of commands.
+            driver: control loop.
+            listener: object that receives the joint states and the commands.
+            robot: simulated robot with its controllers.
+            sampler: name of the joint state controller.
+            joints: names of the n joints, in the order of the commands.
             send: function that sends a command (n,) to the controllers.
-            last_ns: returns the end of the run as known at that time, ns.
+            last_ns: function that returns the currently known end of the run, ns.
         """
         self._listener, self._robot, self._send = listener, robot, send
         self._last_ns, self._sampler = last_ns, robot.manager.get(sampler)
@@ -59,9 +63,9 @@ class CompiledArmController:
         self._joints = {name: k for k, name in enumerate(joints)}
 
     def start_cycles(self, time_ns: int, until_ns: int) -> JointStateController | None:
-        """Return the joint state controller if the loop's next updates can be compiled.
+        """Return the joint state controller if compiled code can make the next loop updates.
 
-        None means that Python has to process the next joint states.
+        Return None if Python code has to process the next joint states.
         """
         due = self._updates is not None and -inf < self._sampler.idle_until(time_ns) < until_ns
         self._state = self._updates.make_arguments() if due else None
@@ -71,9 +75,9 @@ class CompiledArmController:
         self, count: int, time_ns: int, step_ns: int, loops: np.ndarray, handles: np.ndarray,
         drives: np.ndarray, *physics: np.ndarray | float,
     ) -> tuple[int, int, int]:
-        """Run up to `count` control cycles, with the loop's updates at the joint states.
+        """Run up to `count` control cycles, and update the loop at each joint state.
 
-        Arguments and result are those of `cycle.run_cycles`.
+        The arguments and the result are those of `cycle.run_cycles`.
         """
         ends_ns, last_ns, n = time_ns + count * step_ns, self._last_ns(), len(self._joints)
         due = self._sampler.list_due_cycles(time_ns + step_ns, ends_ns, step_ns)

@@ -56,12 +56,13 @@ NO_CAMERAS: Mapping[str, Mapping[str, Any]] = {}
 
 @dataclass(frozen=True, eq=False)
 class TargetModel:
-    """Target, or occluder on a target, as a separate model in the simulated world.
+    """Model in the simulated world for a target, or for an occluder on a target.
 
-    target: the target with its motion. urdf: file with the visuals.
-    offset: x, y, z (m) of the model's origin in the target frame.
+    target: the target with its motion.
+    urdf: file with the visuals of the model.
+    offset: position x, y, z (m) of the model's origin in the target frame.
     visible_times: intervals (start, end) in which the model is visible, s; None: always.
-    name: of the model.
+    name: name of the model.
     """
 
     target: PlacedTarget
@@ -76,8 +77,7 @@ class TargetModel:
         return self.visible_times is None and self.target.motion.is_static
 
     def compute_pose(self, time: float) -> Pose:
-        """Compute the pose of the model in the world at `time` (s), far away while it is invisible.
-        """
+        """Compute the world pose of the model at `time` (s); an invisible model is far away."""
         if not is_present(self.visible_times, time):
             return HIDDEN_POSE
         world_T_target = self.target.world_T_target(time)
@@ -86,7 +86,7 @@ class TargetModel:
 
 @dataclass(frozen=True, eq=False)
 class TrackedLink:
-    """Link of a model in the world that is the target; its poses are added to `pose_history`."""
+    """Target that is a link of a model in the world; the plant adds its poses to `pose_history`."""
 
     model: str
     link: str
@@ -116,18 +116,21 @@ class DynamicArm(Plant):
         """Spawn the robot and start its controllers and cameras.
 
         Args:
-            camera: settings of the control camera, which override those in the description.
-            joints: initial positions by name, rad or m.
-            record_peak_speeds: record each joint's maximum speed over the steps, for `peak_speed`.
-            target_models: targets and occluders that are spawned in the world.
-            imaging_settings: exact features that replace the rendered images, for the control
-                camera first; empty: images are rendered.
+            robot: robot of the experiment.
+            camera: settings of the control camera; they override those in the description.
+            joints: initial position of each joint, by name, rad or m.
+            seed: seed of all random numbers.
+            renderer: renderer of the camera images.
+            record_peak_speeds: whether to record each joint's maximum speed, for `peak_speed`.
+            target_models: targets and occluders to spawn in the world.
+            imaging_settings: settings of each camera, the control camera first, if features are
+                exact; empty: images are rendered.
             surroundings: world around the robot: models, lights and scene.
-            name: of the control camera; '': the only camera of the robot description.
-            other_cameras: settings of the other cameras, by name; `robot` has their frames.
+            name: name of the control camera; '': the only camera of the robot description.
+            other_cameras: settings of the other cameras, by name; `robot` gives their frames.
             exposure: conversion of light into grey levels, one of EXPOSURES.
-            labelled_link: model, or 'model::link', that label images mark as the target; '': none.
-            tracked_link: the target, if it is a link of a model in the world.
+            labelled_link: model or 'model::link' that label images mark as the target; '': none.
+            tracked_link: the target, if it is a link of a model in the world; else None.
 
         Raises:
             ExperimentError: the robot, its cameras or the world cannot be simulated.
@@ -143,14 +146,14 @@ class DynamicArm(Plant):
         self.control_camera_name = self._name
         first = mounted[0] if mounted else _make_default_camera(robot.find_optical_frame(""))
         if not (name or mounted and robot.has_camera_on(first.link)):
-            name = CAMERA  # the description has no sensor at the optical frame
+            name = CAMERA  # the description has no camera sensor at the optical frame, so add one
         self._link = first.link
         own: dict[str, Any] = {}
         for part in reversed(find_camera_name(first).split("/")):
             own = {part: own or dict(camera)}
         for settings in (camera, *other_cameras.values()):
-            # Raise an error for invalid settings, with which the simulator only leaves the camera
-            # out.
+            # The simulator would silently omit a camera with invalid settings. This raises an error
+            # instead.
             cameras.make_camera_model(settings)
         if name:
             described = [_rename_camera(first, new, robot) for new in (name, *other_cameras)]
@@ -209,9 +212,9 @@ class DynamicArm(Plant):
         self._model = self._robot.model
         self._rows = [self._model.joint_names.index(name) for name in self.joint_names]
         self._robot.start([spec.joint_states, *self._controllers])
-        # Switch the controllers before the first step, as the switching service does at time 0:
-        # they then accept commands from the first step, and joint states have the same stamps as
-        # on a ROS graph.
+        # Switch the controllers on before the first step, as the ROS service does at time 0. They
+        # then accept commands from the first step, and joint states have the same stamps as on a
+        # ROS graph.
         self._robot.hardware.read()
         self._robot.manager.carry_out_switches(simulation.time_ns)
         self._joint_states, self._compiled_controller = spec.joint_states, None
@@ -229,7 +232,7 @@ class DynamicArm(Plant):
         self.camera = cameras.read_camera_model(mounted.sensor.info)
 
     def _place_target(self, target: TargetModel) -> None:
-        """Spawn a target; the pose of a moving one is set at every step."""
+        """Spawn a target; if it moves, `advance` sets its pose at every step."""
         described = _parse_target(target.urdf)
         model = self._simulation.spawn(described, target.name, target.compute_pose(0.0))
         if not target.is_static:
@@ -242,8 +245,7 @@ class DynamicArm(Plant):
 
     @property
     def simulation(self) -> Simulation:
-        """The simulation, with the models `robot` and `target`, for grippers and other extensions.
-        """
+        """The simulation, with the models `robot` and `target`; extensions can use it."""
         return self._simulation
 
     def advance(self, until_ns: int) -> list[Reading]:
@@ -285,9 +287,9 @@ class DynamicArm(Plant):
         )  # fmt: skip
 
     def read_rest_pose(self) -> np.ndarray:
-        """Return world_T_camera (4, 4) from the physics, without vibration.
+        """Return world_T_camera (4, 4) from the simulated link poses, without vibration.
 
-        If the arm carries the target, the pose is in the link that carries it.
+        If the arm carries the target, the pose is given in the frame of the link that carries it.
         """
         pose = self._model.link_pose(self._link).matrix() @ self._link_T_camera
         if not self._carrier:
@@ -304,12 +306,12 @@ class DynamicArm(Plant):
         return self._arm.joint_origins(positions) @ world_T_base[:3, :3].T + world_T_base[:3, 3]
 
     def read_joints(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return positions and velocities (n,) from the physics."""
+        """Return the simulated positions (n,) and velocities (n,); see Plant.read_joints."""
         positions, velocities = self._model.read_joints()[:2]
         return np.array(positions)[self._rows], np.array(velocities)[self._rows]
 
     def find_collision(self) -> tuple[str, str] | None:
-        """Return a link of the arm in collision at the last step, and the other model."""
+        """Return a link that was in collision at the last step, and the model that it hit."""
         for overlap in find_overlaps(self._simulation.world, self._model):
             return overlap.link, overlap.model
         return None
@@ -324,7 +326,7 @@ class DynamicArm(Plant):
         self._simulation.close()
 
     def _record_target_pose(self) -> None:
-        """Record the pose of a target that is a link of a model in the world."""
+        """Record the current pose of the target if it is a link of a model in the world."""
         if self._tracked_link is None:
             return
         pose = self._simulation.world.models[self._tracked_link.model].link_pose(
@@ -337,7 +339,7 @@ class DynamicArm(Plant):
         np.maximum(self._peak_speed, np.abs(self.read_joints()[1]), out=self._peak_speed)
 
     def _step_moving_targets(self, step: Callable[[int], None], until_ns: int) -> None:
-        """Make a step at whose end moving targets and occluders are at their current poses."""
+        """Set moving targets and occluders to their poses at the end of the step, then step."""
         simulation = self._simulation
         time_ns = simulation.time_ns + simulation.step_ns
         for target, model in self._moving_models:
@@ -345,7 +347,7 @@ class DynamicArm(Plant):
         step(time_ns)
 
     def _step_exposing(self, step: Callable[[int], None], until_ns: int) -> None:
-        """Make a step with exposures of exact features at camera poses interpolated within it."""
+        """Make a step and the exposures that are due in it, at interpolated camera poses."""
         due, simulation = min(e.due_ns for e in self._exposures), self._simulation
         start = simulation.time_ns
         end = start + simulation.step_ns
@@ -383,7 +385,7 @@ def _parse_target(urdf: Path) -> RobotDescription:
 
 
 def _rename_camera(camera: CameraDescription, name: str, robot: Robot) -> CameraDescription:
-    """Copy the robot description's camera under another name, at the optical frame of that name."""
+    """Copy the robot's camera, with the name and at the optical frame of another camera."""
     plugin = None if camera.plugin is None else replace(
         camera.plugin, camera_name=name, robot_namespace="", trigger_topic=""
     )
@@ -402,7 +404,6 @@ def _make_default_camera(frame: str) -> CameraDescription:
 
 
 def _compute_sensor_pose() -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Return the pose of a sensor frame (x forward, z up) in its optical frame: xyz (m), rpy (rad).
-    """
+    """Return the pose of a sensor frame (x forward, z up) in its optical frame, m and rad."""
     xyz, rpy = xyz_rpy_from_matrix(inverse(optical_pose(np.eye(4))))
     return tuple(xyz), tuple(rpy)

@@ -17,11 +17,11 @@ COORDINATE_NAMES = ("x", "y", "z", "rx", "ry", "rz")
 class FreeBody:
     """Kinematics of a free camera, with the interface of `Arm`.
 
-    The coordinates q (6,) are the logarithm of the body's pose relative to an origin. They are
-    unique for rotations of less than pi from the origin. The body is the camera itself, or a frame
-    to which a camera with a calibration error is fixed.
+    The coordinates q (6,) are the logarithm of the pose of a body relative to an origin. They are
+    unique if the rotation from the origin is less than pi. The body is the camera itself, or a
+    frame to which a camera with a calibration error is fixed.
 
-    Attributes: as of `Arm`.
+    The attributes are those of `Arm`.
     """
 
     names = COORDINATE_NAMES
@@ -33,8 +33,8 @@ class FreeBody:
 
         Args:
             origin: world_T_body (4, 4) at q = 0.
-            mounting: body_T_camera (4, 4) of a camera with a calibration error; None: the camera is
-                the body.
+            mounting: body_T_camera (4, 4) of a camera with a calibration error; None: the body is
+                the camera.
         """
         self.origin, self.mounting = np.array(origin, float), mounting
         self.upper = np.full(6, np.inf)
@@ -59,7 +59,7 @@ class FreeBody:
         return logarithm(relative_pose(self.origin, body))
 
     def jacobian(self, q: np.ndarray) -> np.ndarray:
-        """Return J (6, 6): the camera's twist in its own frame is J @ q_dot."""
+        """Return J (6, 6) such that J @ q_dot is the camera's twist, in the camera frame."""
         rates = _compute_right_jacobian(np.asarray(q, float))
         if self.mounting is None:
             return rates
@@ -74,11 +74,15 @@ class FreeBody:
     def inverse_kinematics(
         self, world_T_camera: np.ndarray, q0: np.ndarray | None = None, tolerance: float = 0.0
     ) -> np.ndarray:
-        """Return the coordinates q (6,) of a camera pose (4, 4); `q0` has no effect."""
+        """Return the coordinates q (6,) of a camera pose (4, 4).
+
+        `q0` and `tolerance` have no effect."""
         return self.coordinates(world_T_camera)
 
     def joint_frames(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return origins (6, 3) and axes (6, 3) of three prismatic and three revolute joints."""
+        """Return the origins (6, 3) and axes (6, 3) of the coordinates as joints.
+
+        The first three joints are prismatic, the last three are revolute."""
         return np.zeros((6, 3)), np.vstack([np.eye(3), np.eye(3)])
 
     def check(self, q: np.ndarray, velocities: np.ndarray | None = None) -> None:
@@ -109,8 +113,8 @@ class FreeBody:
 def _compute_right_jacobian(twist):
     """Compute the right Jacobian J (6, 6) of the exponential map of SE(3).
 
-    With a_T_b = exponential(twist), the twist of b in its own frame is J @ d(twist)/dt. J is the
-    sum of (-ad twist)^k / (k + 1)!, summed to machine precision.
+    If a_T_b = exponential(twist), then J @ d(twist)/dt is the twist of b, in the frame of b. J is
+    the sum of (-ad(twist))^k / (k + 1)! over k >= 0, to machine precision.
     """
     vx, vy, vz, x, y, z = twist
     turn, move = np.zeros((3, 3)), np.zeros((3, 3))
@@ -118,8 +122,8 @@ def _compute_right_jacobian(twist):
     move[0, 1], move[0, 2], move[1, 0], move[1, 2], move[2, 0], move[2, 1] = (
         -vz, vy, vz, -vx, -vy, vx
     )  # fmt: skip
-    # Only the upper three rows are summed. The lower right block equals the upper left one, and
-    # the lower left block is zero.
+    # Only the upper three rows of J are summed. Its lower right block equals its upper left block,
+    # and its lower left block is zero.
     rate, term, following, k = np.zeros((3, 6)), np.zeros((3, 6)), np.empty((3, 6)), 1
     for i in range(3):
         rate[i, i] = term[i, i] = 1.0

@@ -1,7 +1,7 @@
 """Ideal plant: a free camera that executes the scheme's twist exactly until the next image.
 
-It has no arm, no joint limits and no delay, as simulations in papers and tutorials. The exponential
-of the twist gives the motion of the camera.
+Like simulations in papers and tutorials, it has no arm, no joint limits and no delay. The motion
+of the camera is the exponential of the twist.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ ZERO_TWIST = np.zeros(6)
 
 
 class IdealCamera(FreeCamera):
-    """Free camera that is commanded by the twist (6,) of the calibrated camera.
+    """Free camera whose command is the twist (6,) of the camera at its calibrated pose.
 
-    The first image is at 0 s.
+    The first image is taken at 0 s.
     """
 
     outputs = frozenset(("twist",))
@@ -42,7 +42,12 @@ class IdealCamera(FreeCamera):
     ) -> None:
         """Place the camera at coordinates q (6,).
 
-        calibrated_body: the body with the camera pose that the controller assumes.
+        Args:
+            arm: true kinematics of the camera.
+            calibrated_body: kinematics of the camera that the controller assumes.
+            q: initial coordinates (6,).
+            imaging: settings of the camera.
+            seed: seed of the noise.
         """
         super().__init__(arm, q, imaging, seed=seed)
         self._calibrated_body, self._twist = calibrated_body, ZERO_TWIST
@@ -68,7 +73,7 @@ class IdealCamera(FreeCamera):
         ]
 
     def read_joints(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the coordinates and their rates."""
+        """Return the coordinates (6,) and their rates (6,)."""
         q = self.arm.coordinates(self._pose)
         return q, np.linalg.solve(self._calibrated_body.jacobian(q), self._twist)
 
@@ -77,9 +82,9 @@ class IdealCamera(FreeCamera):
 
 
 class ExactIK(DifferentialIK):
-    """Inverse kinematics of the ideal camera: the task's twist, scaled to the speed limits.
+    """Inverse kinematics of the ideal camera; the twist of the task is scaled to the speed limits.
 
-    The velocities of the coordinates lead to the pose that the twist reaches at the next image.
+    The velocities of the coordinates are those that lead to the camera pose at the next image.
     """
 
     def __init__(
@@ -88,8 +93,10 @@ class ExactIK(DifferentialIK):
         """Set the limits.
 
         Args:
-            rate: images per second.
-            max_speed: limits of each component, m/s and rad/s; None: no limits.
+            body: kinematics of the camera that the controller assumes.
+            rate: number of images per second.
+            max_speed: maximum absolute value of each translational (m/s) and of each rotational
+                (rad/s) component of the twist; None: no limits.
         """
         super().__init__(body)
         self._period = 1.0 / rate

@@ -25,8 +25,8 @@ from ..targets.geometry import PlacedTarget, Target, project
 from .base import CAMERA, CameraPlacement
 
 NS = 1_000_000_000
-OCCLUSION_LEVEL = 128  # grey level below which a pixel counts as covered by a dark outline
-MAX_TRIES = 100  # draws of the noise of an outline without crossing edges
+OCCLUSION_LEVEL = 128  # a pixel with a grey level below this belongs to a dark shape
+MAX_TRIES = 100  # maximum number of noise draws for an outline whose edges do not cross
 
 
 @dataclass(frozen=True)
@@ -35,22 +35,27 @@ class ImagingSettings:
 
     `ExposureSchedule` applies camera effects and drops frames.
 
-    camera: the true intrinsics. target: in the world. rate: images per second.
-    has_images: draw images; otherwise outlines and corners are exact.
-    effects: of the camera; those that change grey levels do not act on exact features.
-    seed: of the random effects.
-    encoding: of drawn images, which are grey: mono8, mono16 or a Bayer pattern.
+    camera: true intrinsics.
+    target: target with its pose in the world.
+    rate: number of images per second.
+    has_images: whether images are drawn; False: outlines and corners are exact.
+    effects: camera effects; those that change grey levels do not act on exact features.
+    seed: seed of the random camera effects.
+    encoding: encoding of drawn images, which are grey: mono8, mono16 or a Bayer pattern.
     jitter: standard deviation of the noise of exact points, px.
-    has_depth: also deliver a depth image. has_labels: also deliver a mask of the target.
-    occluder: corners (x, y), m, of a white rectangle on the target. occlusion_times: intervals
-        (start, end) in which it is present, s; None: always.
-    is_unbounded: exact features are visible outside the image; only those behind the camera are
-        lost.
-    name: of the camera. placement: relative to the control camera; None: it is that camera.
+    has_depth: whether the camera also delivers a depth image.
+    has_labels: whether the camera also delivers a mask of the target.
+    occluder: lower and upper corner (x, y), m, of a white rectangle on the target.
+    occlusion_times: intervals (start, end) in which the occluder is present, s; None: always.
+    is_unbounded: whether exact features outside the image are measured, too; only features behind
+        the camera are then lost.
+    name: name of the camera.
+    placement: pose relative to the control camera; None: this is the control camera.
     row_bands: exposures of an image with a rolling shutter or motion blur, in the order of time;
-        empty: the whole image is exposed at its stamp.
-    vibration: of the camera about its pose; None: it does not shake.
-    blind_mask: (rows, columns) True outside the lens's image circle; None: nowhere.
+        empty: all rows are exposed at the stamp of the image.
+    vibration: vibration of the camera about its pose; None: the camera does not shake.
+    blind_mask: array (rows, columns), True outside the image circle of the lens; None: the image
+        circle covers the image.
     depth_range: minimum and maximum depth, m, at which the target is visible; None: no limits.
     """
 
@@ -76,12 +81,12 @@ class ImagingSettings:
 
     @cached_property
     def exposure_bands(self) -> tuple[RowBand, ...]:
-        """The exposures of an image, at least one."""
+        """The exposures of an image; there is at least one."""
         return self.row_bands or (RowBand(0, 0, self.camera.height),)
 
     @cached_property
     def band_settings(self) -> tuple[ImagingSettings, ...]:
-        """Copies of these settings with cameras that are cropped to the rows of each exposure."""
+        """One copy of these settings for each exposure, with the camera cropped to its rows."""
         return tuple(self.crop_rows(part) for part in self.exposure_bands)
 
     def make_pipeline(self) -> ImagePipeline:
@@ -103,11 +108,14 @@ class ImagingSettings:
     def compute_exact_features(
         self, pose: np.ndarray, stamp_ns: int
     ) -> tuple[np.ndarray, np.ndarray] | None:
-        """Project outline (n, 2) and points (m, 2) of the target at one instant, px.
+        """Project the outline and the points of the target at one instant.
 
-        The result is None if the target is not in view.
+        Args:
+            pose: world_T_camera (4, 4) of the control camera, without vibration.
+            stamp_ns: simulated time, ns.
 
-        pose: world_T_camera (4, 4) of the control camera without vibration.
+        Returns:
+            Outline (n, 2) and points (m, 2), px; None if the target is not in view.
         """
         target_T_camera = self.target_T_camera(pose, stamp_ns)
         try:
@@ -126,7 +134,9 @@ class ImagingSettings:
         return pixels, self.to_pixels(points)
 
     def is_clipped(self, outline: np.ndarray, target_T_camera: np.ndarray) -> bool:
-        """Return True if a point of the outline (n, 2), normalised, is outside `depth_range`."""
+        """Return True if the depth of a point of the outline is outside `depth_range`.
+
+        outline: points (n, 2) in normalised coordinates."""
         if self.depth_range is None:
             return False
         a, b, c = self.target.shape.plane(target_T_camera)
@@ -134,7 +144,7 @@ class ImagingSettings:
         return bool(depth.min() < self.depth_range[0] or depth.max() > self.depth_range[1])
 
     def is_blind_at(self, pixels: np.ndarray) -> bool:
-        """Return True if one of the pixels (n, 2) is outside the lens's image circle."""
+        """Return True if one of the pixels (n, 2) is outside the image circle of the lens."""
         if self.blind_mask is None:
             return False
         last = np.array([self.camera.width, self.camera.height]) - 1
@@ -142,9 +152,9 @@ class ImagingSettings:
         return bool(self.blind_mask[v, u].any())
 
     def draw_image(self, pose: np.ndarray, stamp_ns: int) -> np.ndarray:
-        """Draw the image (rows, columns), uint8, at one instant, before camera effects.
+        """Draw the image (rows, columns), uint8, at one instant, without camera effects.
 
-        pose: world_T_camera (4, 4) of the control camera without vibration.
+        pose: world_T_camera (4, 4) of the control camera, without vibration.
         """
         target_T_camera = self.target_T_camera(pose, stamp_ns)
         try:
@@ -165,10 +175,10 @@ class ImagingSettings:
     def add_jitter(
         self, pixels: np.ndarray | None, random: np.random.Generator, is_closed: bool = False
     ) -> np.ndarray | None:
-        """Add noise to pixels (n, 2).
+        """Add noise to points (n, 2), px.
 
-        is_closed: the pixels are a closed outline. Its noise is drawn again if edges cross, because
-            outlines detected in images never cross.
+        is_closed: whether the points are a closed outline. If edges of the noisy outline cross, the
+            noise is drawn again, because the edges of outlines detected in images never cross.
         """
         if pixels is None:
             return None
@@ -181,7 +191,7 @@ class ImagingSettings:
     def target_T_camera(self, pose: np.ndarray, stamp_ns: int) -> np.ndarray:
         """Compute target_T_camera (4, 4) of this camera at one instant, with vibration.
 
-        pose: world_T_camera (4, 4) of the control camera without vibration.
+        pose: world_T_camera (4, 4) of the control camera, without vibration.
         """
         camera_pose = pose if self.placement is None else self.placement.compute_pose(pose)
         if self.vibration is not None:
@@ -195,7 +205,7 @@ class ImagingSettings:
     def _draw_outline(
         self, outline: np.ndarray | None, target_T_camera: np.ndarray, is_occluded: bool
     ) -> np.ndarray:
-        """Draw the image (rows, columns), uint8, of the target, with its occluder if occluded."""
+        """Draw the image (rows, columns), uint8, of the target, with the occluder if present."""
         shape, occluder = self.target.shape, self.occluder if is_occluded else None
         if shape.is_textured or shape.is_solid:
             from ..targets.rendering import render_target
@@ -212,11 +222,11 @@ class ImagingSettings:
         return image
 
     def draw_labels(self, pose: np.ndarray, stamp_ns: int) -> np.ndarray | None:
-        """Draw the mask (rows, columns) of a solid target at one instant, 255 on the target.
+        """Draw the mask (rows, columns) of a solid target at one instant; it is 255 on the target.
 
-        The result is None for a flat target, whose mask follows from the dark pixels of its image.
+        Return None for a flat target, because its mask consists of the dark pixels of its image.
 
-        pose: world_T_camera (4, 4) of the control camera without vibration.
+        pose: world_T_camera (4, 4) of the control camera, without vibration.
         """
         if not self.target.shape.is_solid:
             return None
@@ -227,9 +237,9 @@ class ImagingSettings:
     def draw_depth_image(self, pose: np.ndarray, stamp_ns: int) -> np.ndarray:
         """Draw the depth image (rows, columns), m, of the target's plane at one instant.
 
-        Pixels whose ray does not meet the plane in front of the camera are inf.
+        The depth is inf at pixels whose ray does not meet the plane in front of the camera.
 
-        pose: world_T_camera (4, 4) of the control camera without vibration.
+        pose: world_T_camera (4, 4) of the control camera, without vibration.
         """
         a, b, c = self.target.shape.plane(self.target_T_camera(pose, stamp_ns))
         u, v = np.meshgrid(np.arange(self.camera.width), np.arange(self.camera.height))
@@ -252,14 +262,15 @@ def capture(
 
     Args:
         imaging: settings of the camera and its target.
-        world_T_camera: (4, 4) of the control camera without vibration; one for each exposure of
-            the image, or one for all.
-        stamp_ns: of the exposure, ns.
-        random: generator of the noise of exact features; None: one with seed 0.
-        pipeline: camera effects with the state of earlier images; None: this is the first image.
+        world_T_camera: pose (4, 4) of the control camera, without vibration, or a sequence with one
+            pose for each exposure of the image.
+        stamp_ns: stamp of the image, ns.
+        random: random generator of the noise of exact features; None: a generator with seed 0.
+        pipeline: camera effects with their state after earlier images; None: this is the first
+            image.
 
     Returns:
-        The frame, without features if the target is not in view.
+        The frame; exact features are missing if the target is not in view.
     """
     bands = imaging.exposure_bands
     poses = [world_T_camera] * len(bands) if np.ndim(world_T_camera) == 2 else world_T_camera
@@ -296,7 +307,7 @@ def _draw_image(
     light = pipeline.exposure.take()
     mask = depth = None
     if imaging.has_labels:
-        # A pixel belongs to a solid that covers it for more than half of the exposure.
+        # A pixel belongs to the target if the target covers it for more than half of the exposure.
         on_target = labels.take() >= OCCLUSION_LEVEL if is_solid else light < OCCLUSION_LEVEL
         mask = on_target.view(np.uint8) * 255
     if imaging.has_depth:
@@ -309,13 +320,16 @@ def _draw_image(
 def _project_rolling_shutter(
     imaging: ImagingSettings, poses: Sequence[np.ndarray], stamp_ns: int, middle: int
 ) -> tuple[np.ndarray, np.ndarray | None] | None:
-    """Project outline (n, 2) and points (m, 2) of the target with a rolling shutter, px.
-
-    The result is None if the target is not in view.
+    """Project the outline and the points of the target with a rolling shutter.
 
     Args:
-        poses: world_T_camera (4, 4) of the control camera without vibration, for each exposure.
+        poses: world_T_camera (4, 4) of the control camera, without vibration, for each exposure.
+        stamp_ns: stamp of the image, ns.
         middle: index of the exposure in the middle of the image.
+
+    Returns:
+        Outline (n, 2) and points (m, 2), px; None if the target is not in view. The points are None
+        if the target has no points.
     """
     bands, shape = imaging.exposure_bands, imaging.target.shape
     views = [imaging.target_T_camera(pose, stamp_ns + band.offset_ns)
@@ -346,7 +360,7 @@ class ExposureSchedule:
     """Exposure times and frames of one camera.
 
     Attributes:
-        due_ns: simulated time of the next call of `expose`, at the next exposure.
+        due_ns: simulated time of the next exposure, ns; `expose` has to be called at this time.
     """
 
     def __init__(
@@ -355,7 +369,8 @@ class ExposureSchedule:
         """Schedule the exposures of a camera.
 
         Args:
-            random: generator of the noise of exact features.
+            imaging: settings of the camera.
+            random: random generator of the noise of exact features.
             first: index of the first image; image k has the stamp k / rate.
         """
         self._imaging, self._random, self._count = imaging, random, first
@@ -366,11 +381,11 @@ class ExposureSchedule:
         self.due_ns = self._stamp_ns + imaging.exposure_bands[0].offset_ns
 
     def expose(self, pose: np.ndarray) -> Frame | None:
-        """Make the exposure that is due; return the frame after the last exposure of an image.
+        """Make the exposure that is due; after the last exposure of an image, return its frame.
 
-        The result is None before the last exposure, and for a dropped image.
+        Return None if the image is not complete, or if it is dropped.
 
-        pose: world_T_camera (4, 4) of the control camera without vibration.
+        pose: world_T_camera (4, 4) of the control camera, without vibration.
         """
         stamp_ns, poses, bands = self._stamp_ns, [*self._poses, pose], self._imaging.exposure_bands
         is_complete = len(poses) == len(bands)
@@ -388,12 +403,16 @@ def make_exposure_schedules(
     random: np.random.Generator,
     seed: int,
 ) -> list[ExposureSchedule]:
-    """Make the exposure schedules of the control camera, which comes first, and other cameras.
+    """Make the exposure schedules of all cameras, the control camera first.
 
-    random: generator of the control camera's noise; `seed` seeds those of the other cameras.
+    Args:
+        imaging: settings of the control camera.
+        other_imaging: settings of the other cameras.
+        random: random generator of the control camera's noise.
+        seed: seed from which the random generators of the other cameras are made.
     """
-    # The other cameras count from 1, because (seed, 0) gives the same numbers as `seed`, which the
-    # control camera uses.
+    # The other cameras are counted from 1, because the seed (seed, 0) gives the same random numbers
+    # as `seed`, which the control camera uses.
     return [ExposureSchedule(imaging, random)] + [
         ExposureSchedule(other, np.random.default_rng((seed, i)))
         for i, other in enumerate(other_imaging, 1)
@@ -401,7 +420,7 @@ def make_exposure_schedules(
 
 
 def collect_vibrations(*settings: ImagingSettings) -> dict[str, Vibration]:
-    """Return the vibrations of the cameras that shake, by name of the camera."""
+    """Return the vibration of each camera that shakes, by the name of the camera."""
     return {one.name: one.vibration for one in settings if one.vibration is not None}
 
 
@@ -410,14 +429,17 @@ def _project_outlines(
 ) -> list[np.ndarray]:
     """Project the outline of a target at several camera poses.
 
-    All results have the corners of the outline that is visible at `poses[middle]`, as points in the
-    plane of the target, because the outline of a solid may have other corners at other poses.
+    The outline of a solid can have different corners at different poses. Therefore the corners that
+    are visible at `poses[middle]`, as points in the plane of the target, are projected at all
+    poses.
 
     Args:
-        poses: target_T_camera (4, 4).
+        shape: geometry of the target.
+        poses: target_T_camera (4, 4) at each instant.
+        middle: index of the pose that determines the corners.
 
     Returns:
-        Corners (n, 2), normalised, for each pose.
+        Corners (n, 2) in normalised coordinates, for each pose.
 
     Raises:
         ViewError: the target is behind the camera.
@@ -430,15 +452,20 @@ def _project_outlines(
 
 
 def _interpolate_rolling_shutter(pixels: np.ndarray, bands: Sequence[RowBand]) -> np.ndarray:
-    """Compute the pixels (n, 2) of points at the time when their own row is exposed.
+    """Compute the pixel of each point at the time when the row of this pixel is exposed.
 
-    Between two exposures a point moves at constant velocity. Points above or below the image have
-    the time of its first or last rows.
+    Between two exposures, a point moves at constant velocity. A point above the image is computed
+    for the time of the first exposure, a point below it for the time of the last exposure.
 
-    pixels: (b, n, 2), px, of the n points at the times of the b exposures.
+    Args:
+        pixels: pixels (b, n, 2) of n points at the times of b exposures.
+        bands: rows of each exposure.
+
+    Returns:
+        Pixels (n, 2) of the points.
     """
     rows = np.array([0.5 * (band.first + band.last - 1) for band in bands])
-    ahead = pixels[..., 1] - rows[:, None]  # number of rows until the shutter reaches the point
+    ahead = pixels[..., 1] - rows[:, None]  # rows between the exposed row and the point
     after = np.maximum(np.argmax(ahead <= 0.0, axis=0), 1)
     after = np.where((ahead > 0.0).all(axis=0), len(bands) - 1, after)
     n = np.arange(pixels.shape[1])

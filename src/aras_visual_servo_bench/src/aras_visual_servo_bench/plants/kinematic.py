@@ -1,6 +1,6 @@
 """Plants without physics: an arm whose joints lag behind their commands, and a free camera.
 
-One exact step leads from one measurement to the next, independent of its duration.
+The motion between two measurements is computed exactly, in a single step.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from .base import JointReading, Plant, Reading
 from .free_body import FreeBody
 from .imaging import NS, ImagingSettings, collect_vibrations, make_exposure_schedules
 
-# Joint states have stamps 1 ms after each period, the same as in the simulation with physics.
+# Joint states have a stamp 1 ms after the start of each period, as in the simulation with physics.
 JOINT_PHASE_NS = 1_000_000
 
 
@@ -41,8 +41,13 @@ class KinematicPlant(Plant):
         """Place the arm or camera at coordinates q (n,).
 
         Args:
-            imaging: settings of the control camera. other_imaging: of the other cameras.
-            joint_rate: joint states per second. lag: time constant of every joint, s.
+            arm: true kinematics of the control camera.
+            q: initial coordinates (n,).
+            imaging: settings of the control camera.
+            joint_rate: number of joint states per second.
+            lag: time constant of every joint, s.
+            seed: seed of the noise.
+            other_imaging: settings of the other cameras.
         """
         self.arm, self.imaging, self.camera = arm, imaging, imaging.camera
         self.joint_names = tuple(arm.names)
@@ -61,8 +66,7 @@ class KinematicPlant(Plant):
         self._joint_period, self._samples = NS / joint_rate, 0
 
     def advance(self, until_ns: int) -> list[Reading]:
-        """Advance to the next measurement, or to `until_ns` if that is earlier; see Plant.advance.
-        """
+        """Advance to the next measurement, but not beyond `until_ns`; see Plant.advance."""
         joints_ns = JOINT_PHASE_NS + round(self._samples * self._joint_period)
         time_ns = min(joints_ns, self._image_ns, until_ns)
         if time_ns > self.time_ns:
@@ -92,16 +96,16 @@ class KinematicPlant(Plant):
             )
         if values.shape != self._q.shape or not np.isfinite(values).all():
             raise ExperimentError(
-                f"a command of {len(self._q)} finite numbers is needed, got {values}"
+                f"a command must be {len(self._q)} finite numbers, got {values}"
             )
         self._set_command(kind, values)
 
     def read_rest_pose(self) -> np.ndarray:
-        """Return world_T_camera (4, 4) without vibration."""
+        """Return world_T_camera (4, 4) of the control camera, without vibration."""
         return self.arm.pose(self._q)
 
     def compute_rest_poses(self, positions: np.ndarray) -> np.ndarray:
-        """Compute world_T_camera (m, 4, 4) at joint positions (m, n)."""
+        """Compute world_T_camera (m, 4, 4) for m joint states (m, n)."""
         return np.array([self.arm.pose(q) for q in positions]).reshape(-1, 4, 4)
 
     def joint_origins(self, positions: np.ndarray) -> np.ndarray:
@@ -114,11 +118,11 @@ class KinematicPlant(Plant):
         )
 
     def read_joints(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the current positions and velocities (n,)."""
+        """Return the current positions (n,) and velocities (n,)."""
         return self._q.copy(), self._speed.copy()
 
     def _set_command(self, kind: str, values: np.ndarray) -> None:
-        """Set the command (n,) to follow."""
+        """Store the command (n,) that the coordinates follow."""
         self._kind, self._command = kind, values if kind == "position" else self._to_motion(values)
 
     def _move(self, dt: float) -> None:
@@ -134,20 +138,22 @@ class KinematicPlant(Plant):
         self._displace(motion)
 
     def _to_motion(self, rates: np.ndarray) -> np.ndarray:
-        """Convert coordinate rates (n,) into the velocity on which the lag acts."""
+        """Convert the rates of the coordinates (n,) into the velocity to which the lag applies."""
         return rates
 
     @abstractmethod
     def _clamp(self, q: np.ndarray) -> np.ndarray:
-        """Limit coordinates q (n,) to those that the plant can reach."""
+        """Clip the coordinates q (n,) to the range that the plant can reach."""
 
     @abstractmethod
     def _displace(self, motion: np.ndarray) -> None:
-        """Move the coordinates by a motion: a velocity as of `_to_motion` times a duration."""
+        """Move the coordinates by a motion (n,).
+
+        The motion is the integral of a velocity as returned by `_to_motion`."""
 
 
 class KinematicArm(KinematicPlant):
-    """Arm without dynamics: each joint lags behind its command, within its limits."""
+    """Arm without dynamics; each joint lags behind its command and stays within its limits."""
 
     arm: Arm
 
@@ -161,9 +167,9 @@ class KinematicArm(KinematicPlant):
 
 
 class FreeCamera(KinematicPlant):
-    """Free camera whose velocity command is a twist, which moves it by its exponential.
+    """Free camera that moves along the exponential of its twist.
 
-    A constant twist leads to the same pose in one step as in a thousand.
+    With a constant twist, the final pose does not depend on the number of steps.
     """
 
     arm: FreeBody
@@ -171,16 +177,18 @@ class FreeCamera(KinematicPlant):
     def __init__(
         self, arm: FreeBody, q: np.ndarray, imaging: ImagingSettings, **further: float | int
     ) -> None:
-        """Place the camera at coordinates q (6,); `further`: see KinematicPlant."""
+        """Place the camera at coordinates q (6,).
+
+        `further`: other arguments of KinematicPlant."""
         super().__init__(arm, q, imaging, **further)
         self._pose = arm.pose(self._q)
 
     def read_rest_pose(self) -> np.ndarray:
-        """Return world_T_camera (4, 4) without vibration."""
+        """Return world_T_camera (4, 4) of the control camera, without vibration."""
         return self._pose.copy()
 
     def read_joints(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the current coordinates and their rates (6,)."""
+        """Return the current coordinates (6,) and their rates (6,)."""
         return self._q.copy(), np.linalg.solve(self.arm.jacobian(self._q), self._speed)
 
     def _to_motion(self, rates: np.ndarray) -> np.ndarray:

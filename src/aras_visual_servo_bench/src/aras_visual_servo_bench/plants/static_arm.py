@@ -1,4 +1,4 @@
-"""Occlusion of the target and collisions of an arm at given postures."""
+"""Arm at a given posture: occlusion of the target and collisions."""
 
 from __future__ import annotations
 
@@ -19,19 +19,20 @@ from aras_visual_servo_base.poses import relative_pose, skew
 from ..errors import ViewError
 from ..targets.geometry import PlacedTarget, Target
 
-VIEW_SIZE = 32  # px, side of the square view that the target fills
-# m; surfaces within this distance in front of the target's face belong to the target
+VIEW_SIZE = 32  # px; side of the square image in which the hidden pixels of the target are counted
+# m; a surface that is less than this in front of the target's face is part of the target
 FACE_MARGIN = 5e-3
-DEFAULT_NEAR = 0.1  # m, near clipping distance if the description has no camera
-# m; a smaller penetration is no collision, because Bullet's shapes have a margin of this size
+DEFAULT_NEAR = 0.1  # m; near clipping distance if the description has no camera
+# m; a smaller penetration is not reported as a collision, because Bullet's shapes have a margin of
+# this size
 MIN_PENETRATION = 1e-3
-PLATE_THICKNESS = 1e-3  # m, minimum thickness of a flat target as a collision shape
+PLATE_THICKNESS = 1e-3  # m; minimum thickness of the collision shape of a flat target
 
 
 class StaticArm:
-    """Robot in a static world, to compute occlusions of the target and collisions of its links.
+    """Robot in a static world, for computing occlusions of the target and collisions of the robot.
 
-    The surroundings have collision shapes only, so that just the robot hides the target.
+    The surroundings have collision shapes but no visuals, so only the robot can hide the target.
     """
 
     def __init__(
@@ -44,10 +45,11 @@ class StaticArm:
         """Spawn the robot and its surroundings.
 
         Args:
+            description: robot description.
             carrier: link that carries the target; '': the target is in the world.
-            surroundings: world around the robot; None: an empty one.
-            target: target as an obstacle at its initial pose; None if the robot or the world
-                contains it.
+            surroundings: world around the robot; None: the world is empty.
+            target: target to add as an obstacle at its initial pose; None if the robot or the world
+                already contains the target.
 
         Raises:
             SimError: the robot or its surroundings cannot be simulated.
@@ -68,12 +70,14 @@ class StaticArm:
         self._renderer = create_renderer("auto", self._world)
 
     def close(self) -> None:
-        """Close the world; safe to call twice."""
+        """Close the world; a second call has no effect."""
         self._renderer.close()
         self._world.close()
 
     def find_collision(self, joints: Mapping[str, float]) -> str:
-        """Describe a collision at joint positions (rad or m, by name); '' if there is none."""
+        """Describe a collision of the robot; return '' if there is none.
+
+        joints: position of each joint, by name, rad or m."""
         self._model.set_joint_positions(joints)
         for overlap in find_overlaps(self._world, self._model, before_step=True):
             if overlap.depth > MIN_PENETRATION:
@@ -84,15 +88,16 @@ class StaticArm:
         self, joints: Mapping[str, float], pose: np.ndarray, target: Target,
         target_pose: np.ndarray, near: float | None = None,
     ) -> float:
-        """Compute the part of a target, 0 to 1, that the arm hides from a camera.
+        """Compute the fraction of a target, 0 to 1, that the arm hides from a camera.
 
-        The result is 0 if the target is behind the camera.
+        Return 0 if the target is behind the camera.
 
         Args:
-            joints: positions by name, rad or m.
-            pose: of the camera (4, 4), in the world, or in the link that carries the target.
-            target_pose: of the target (4, 4), in the same frame.
-            near: near clipping distance of the camera, m; None: the one in the description.
+            joints: position of each joint, by name, rad or m.
+            pose: pose (4, 4) of the camera, in the world or in the link that carries the target.
+            target: geometry of the target.
+            target_pose: pose (4, 4) of the target, in the same frame as `pose`.
+            near: near clipping distance of the camera, m; None: the distance in the description.
         """
         aimed = self._aim_at_target(pose, target, target_pose)
         if aimed is None:
@@ -119,9 +124,9 @@ class StaticArm:
         """Point a virtual camera at the target, from the position of the real camera.
 
         Returns:
-            Pose (4, 4) of the virtual camera, outline (n, 2) of the target in its normalised image,
-            and the camera matrix K (3, 3) with which the target fills the view. None if the target
-            is behind the camera.
+            Pose (4, 4) of the virtual camera; outline (n, 2) of the target in normalised
+            coordinates of this camera; camera matrix K (3, 3) with which the target fills the
+            image. None if the target is behind the camera.
         """
         try:
             outline = target.outline(relative_pose(target_pose, pose))
@@ -145,21 +150,21 @@ class StaticArm:
 def _make_invisible_model(
     name: str, shape: Geometry, xyz: tuple[float, float, float] = (0.0, 0.0, 0.0)
 ) -> RobotDescription:
-    """Make a fixed model with one collision shape and no visuals; xyz: centre of the shape, m."""
+    """Make a fixed model with one collision shape, whose centre is at `xyz` (m), and no visuals."""
     link = Link("link", None, (), (Collision("collision", xyz, (0.0, 0.0, 0.0), shape),))
     return RobotDescription(name, "link", {"link": link}, {})
 
 
 def without_visuals(model: RobotDescription, *links: str) -> RobotDescription:
-    """Return a copy of a model without the visuals of some links."""
+    """Return a copy of a model without the visuals of the links `links`."""
     changed = {name: replace(model.links[name], visuals=()) for name in links}
     return replace(model, links={**model.links, **changed})
 
 
 def _make_collision_shape(target: Target) -> tuple[Geometry, tuple[float, float, float]]:
-    """Return the collision shape of a target, and its centre in the target frame, m.
+    """Return the collision shape of a target, and the centre of this shape in the target frame, m.
 
-    The collision shape of a flat target is a thin box around it.
+    For a flat target, the collision shape is a thin box around it.
     """
     if target.is_solid:
         return Geometry("mesh", filename=str(target.path)), (0.0, 0.0, 0.0)

@@ -1,22 +1,22 @@
-"""Colours of figures, reports, the live page and rviz, as #rrggbb.
+"""Colours of figures, reports, the live page and rviz, in the form #rrggbb.
 
-Curves use the palette of Okabe and Ito, which colour-blind readers can distinguish. Text has a
-contrast of at least 4.5 to 1 with its background.
+Curves have the colours of Okabe and Ito, which colour-blind readers can distinguish. The contrast
+between text and its background is at least 4.5 to 1.
 """
 
 BLUE, VERMILION, GREEN, PURPLE = "#0072b2", "#d55e00", "#009e73", "#cc79a7"
 ORANGE, SKY, YELLOW = "#e69f00", "#56b4e9", "#f0e442"
 
 # -- colours on a white background ---------------------------------------------------------------
-COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)  # curves, in this order
+COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)  # colours of the first, second, ... curve
 START, GOAL, PALE_BLUE = VERMILION, GREEN, "#cfe3f1"
 INK, SOFT_INK, GOOD, BAD, WARN = "#202124", "#5f6368", "#00734f", "#b3261e", "#8a5a00"  # of text
 FAINT, GRID, GROUND = "#9aa0a6", "#e6e8ea", "#f6f7f8"
-# Colour map for values from 0 to 1: nine colours of Matplotlib's viridis.
+# Colour map of values from 0 to 1: nine colours of Matplotlib's viridis.
 COLOUR_MAP = ("#440154", "#472d7b", "#3b528b", "#2c728e", "#21918c", "#28ae80", "#5ec962",
     "#addc30",
          "#fde725")  # fmt: skip
-CURVE_COLOURS = (*COLOURS, "#6b4fbb", "#7a5c00")  # curves of the report page
+CURVE_COLOURS = (*COLOURS, "#6b4fbb", "#7a5c00")  # colours of the curves on the report page
 REPORT = {
     "ink": INK, "soft": SOFT_INK, "line": GRID, "ground": GROUND, "good": GOOD, "bad": BAD,
     "warn": WARN, "mark": BLUE, "bad-ground": "#fdf3f2", "warn-ground": "#fff8e6",
@@ -28,7 +28,7 @@ REPORT = {
 # -- colours on the dark background of the live page and of rviz ---------------------------------
 LIVE_CURVES = (SKY, ORANGE, "#00bf8c", PURPLE, YELLOW, "#ff7b5a", "#b4a7ff", "#c8d0dc")
 LIVE = {
-    # drawing; the goal is blue, as in the camera's overlay
+    # 3-D drawing; the goal is blue, as in the overlay of the camera image
     "goal": "#3c78ff", "now": "#f2f2f2", "path": ORANGE, "ideal": "#bfc7d9", "feature": YELLOW,
     "desired": VERMILION, "achieved": "#00bf8c", "desired-turn": PURPLE, "achieved-turn": SKY,
     # letters
@@ -43,7 +43,7 @@ LIVE = {
     **{f"curve-{i}": colour for i, colour in enumerate(LIVE_CURVES)},
 }  # fmt: skip
 
-REPORT_DARK = {  # the same names as in REPORT
+REPORT_DARK = {  # colours of the dark report page, with the names of REPORT
     "ink": LIVE["text"], "soft": LIVE["quiet"], "line": LIVE["line"], "ground": LIVE["back"],
     "good": "#4cd6a8", "bad": "#ff8a80", "warn": "#e6b450", "mark": LIVE["address"],
     "bad-ground": "#33201f", "warn-ground": "#2e2818", "box": LIVE["box"], "badge": LIVE["back"],
@@ -56,13 +56,13 @@ SCENE = {"start": ORANGE, "goal": "#00bf8c", "ideal": LIVE["ideal"], "face": "#6
 
 
 def to_rgb(colour: str) -> tuple[float, float, float]:
-    """Return red, green and blue, 0 to 1."""
+    """Return the components red, green and blue, 0 to 1, of a colour #rrggbb."""
     red, green, blue = (int(colour[i : i + 2], 16) / 255.0 for i in (1, 3, 5))
     return red, green, blue
 
 
 def make_css(colours: dict[str, str], selector: str = ":root") -> str:
-    """Return a CSS rule that defines the colours as variables of the elements of `selector`."""
+    """Return a CSS rule that defines a variable for each colour, for the elements of `selector`."""
     return (
         f"{selector} {{ {' '.join(f'--{name}: {value};' for name, value in colours.items())} }}\n"
     )
@@ -78,7 +78,10 @@ def contrast_ratio(first: tuple[float, ...], second: tuple[float, ...]) -> float
 
 
 def choose_text_colour(colour: tuple[float, ...]) -> str:
-    """Return black or white, whichever has more contrast with a colour (components 0 to 1)."""
+    """Return black or white, whichever has the higher contrast with a colour.
+
+    colour: red, green and blue, 0 to 1.
+    """
     return max(("#000000", "#ffffff"), key=lambda text: contrast_ratio(to_rgb(text), colour))
 
 

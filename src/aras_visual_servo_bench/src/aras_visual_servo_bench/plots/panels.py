@@ -1,4 +1,4 @@
-"""Panels of curves over time, which a report shows on its page and in its figures."""
+"""Panels of curves over time, for the page and the figures of a report."""
 
 from __future__ import annotations
 
@@ -10,15 +10,18 @@ import numpy as np
 from ..metrics.metrics import condition_number, error_settled, settled
 from ..recording.run import Run, normalize_errors
 
-MAX_CURVES = 24  # per panel; a reader cannot distinguish more curves
-MAX_FEATURES = 6  # with more features, runs are compared only by the norm of the errors
+MAX_CURVES = 24  # largest number of curves in a panel; a reader cannot distinguish more
+# If there are more features, the panels of several runs contain only the norm of the errors.
+MAX_FEATURES = 6
 SETTLING_BAND = 0.02
-FLOOR = 1e-6  # lower end of logarithmic axes, relative to the first value
-UNLIMITED = 100.0  # rad or m; larger limits are ignored
-# A curve is interrupted at time steps that exceed both limits (in s, and in median steps).
+FLOOR = 1e-6  # lower end of the logarithmic axis of the norm, as a fraction of the first norm
+UNLIMITED = 100.0  # rad or m; a larger joint limit is ignored
+# A curve is interrupted at a time step that is longer than both: MAX_GAP_TIME, s, and
+# MAX_GAP_PERIODS times the median step.
 MAX_GAP_TIME, MAX_GAP_PERIODS = 0.3, 5.0
-MIN_POSE_ERROR = 1e-4  # lower end of logarithmic axes, mm and degrees
-TIME_BEFORE_START = -0.1  # s; joints are shown from this time relative to the start of servoing
+MIN_POSE_ERROR = 1e-4  # lower end of the logarithmic axes of the pose error, mm and degrees
+# Curves of the joints start at this time relative to the start of servoing, s.
+TIME_BEFORE_START = -0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,12 +30,12 @@ class Curve:
 
     Attributes:
         name: name of the quantity or of the run.
-        time: (n,) s since servoing started.
-        values: (n,), NaN where unknown.
+        time: (n,) times since servoing started, s.
+        values: (n,) values at these times; NaN if unknown.
         run: index of the run.
         colour_index: index of the colour.
-        dashed: True for a desired value, next to the achieved one.
-        is_pale: True for a measured value, next to the filtered one.
+        dashed: True for a curve of desired values in a panel with achieved values.
+        is_pale: True for a curve of measured values in a panel with filtered values.
     """
 
     name: str
@@ -44,7 +47,9 @@ class Curve:
     is_pale: bool = False
 
     def insert_gaps(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return time and values with a NaN inside each step that is much longer than the others.
+        """Return the times and values, with the value NaN in the middle of each long time step.
+
+        The NaN interrupts the drawn curve.
         """
         steps = np.diff(self.time)
         if not len(steps):
@@ -58,7 +63,7 @@ class Curve:
         )
 
 
-Texts = tuple[tuple[float, str], ...]  # values with their labels
+Texts = tuple[tuple[float, str], ...]  # pairs of a value and its label
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,19 +71,19 @@ class Panel:
     """Curves over time that share an axis.
 
     Attributes:
-        title: title of the quantity, without its unit.
+        title: name of the quantity, without its unit.
         axis: short label of the axis in figures.
         unit: unit of the values.
-        curves: the curves.
-        is_logarithmic: True for a logarithmic axis.
-        is_dotted: True if the values are drawn as dots without lines.
+        curves: curves of the panel.
+        is_logarithmic: True for a logarithmic axis of the values.
+        is_dotted: True if the values are drawn as dots that are not connected.
         dashed: meaning of the dashed curves.
-        band: half width of the band about 0 that counts as reached.
-        levels: values for comparison.
-        limits: values that must not be exceeded.
-        marks: instants, s.
-        span: lower and upper value that the axis includes at least; None for the curves' own.
-        omitted_curves: number of curves that are not shown.
+        band: tolerance of the values about 0, which is drawn as a band; None for no band.
+        levels: values for comparison, with their labels.
+        limits: limits of the values, with their labels.
+        marks: times that are marked, s, with their labels.
+        span: lower and upper value that the axis must contain; None if the curves determine it.
+        omitted_curves: number of curves that are not shown because there are too many.
     """
 
     title: str
@@ -99,9 +104,10 @@ class Panel:
 def make_panel(
     title: str, axis: str, unit: str, curves: Iterable[Curve], **more: object
 ) -> list[Panel]:
-    """Return a panel of the curves that have values, or an empty list if there are none.
+    """Return a list with one panel; return an empty list if no curve has values.
 
-    Of more than MAX_CURVES curves, those with the largest range are shown.
+    The panel contains the curves that have values. If there are more than MAX_CURVES, it contains
+    those with the largest range of values. `more` are further attributes of the panel.
     """
     known = [curve for curve in curves if np.isfinite(curve.values).any()]
     if not known:
@@ -114,7 +120,7 @@ def make_panel(
 
 
 def group_by_unit(run: Run) -> list[tuple[str, list[int]]]:
-    """Group the features that share an axis, as (unit, indices)."""
+    """Group the features of a run by unit; return each unit with the indices of its features."""
     groups: dict[str, list[int]] = {}
     for index, unit in enumerate(run.units):
         groups.setdefault(unit, []).append(index)
@@ -125,7 +131,15 @@ def _make_curves(
     run: Run, names: Sequence[str], table: np.ndarray, members: Iterable[int], more: str = "",
     **look: bool,
 ) -> list[Curve]:  # fmt: skip
-    """Return curves of columns of an array (n, k) at the images; `more` is appended to their names.
+    """Return a curve for some columns of a table.
+
+    Args:
+        run: run whose images define the times.
+        names: names of the columns.
+        table: (n, k) values at the run's n images.
+        members: indices of the columns.
+        more: text that is appended to the name of each curve.
+        look: further attributes of the curves.
     """
     return [Curve(names[i] + more, run.time, table[:, i], colour_index=shade, **look)
             for shade, i in enumerate(members)]  # fmt: skip
@@ -135,7 +149,15 @@ def _make_run_curves(
     runs: Sequence[Run], what: str, values: Callable[[Run], np.ndarray],
     time: Callable[[Run], np.ndarray] = lambda run: run.time,
 ) -> list[Curve]:  # fmt: skip
-    """Return one curve per run; the curve of a single run is named after the quantity."""
+    """Return one curve for each run.
+
+    Args:
+        runs: one or several runs.
+        what: name of the quantity, which is the name of the curve if there is one run. If there are
+            several, each curve has the name of its run.
+        values: function that returns the values (n,) of a run.
+        time: function that returns the times (n,) of a run, s.
+    """
     return [Curve(run.name if len(runs) > 1 else what, time(run), values(run), number, number)
             for number, run in enumerate(runs)]  # fmt: skip
 
@@ -143,7 +165,7 @@ def _make_run_curves(
 def make_error_panels(runs: Sequence[Run]) -> list[Panel]:
     """Return panels of the error s - s* and of its norm.
 
-    A single run has a panel per unit; several runs have a panel per feature.
+    A single run has one panel of errors for each unit. Several runs have one for each feature.
     """
     found: list[Panel] = []
     run = runs[0]
@@ -169,9 +191,9 @@ def make_error_panels(runs: Sequence[Run]) -> list[Panel]:
 
 
 def _compute_error_norm(run: Run) -> np.ndarray:
-    """Compute the norm (n,) of the normalised errors, relative to the first norm.
+    """Compute the norm (n,) of the errors at each image, divided by the norm at the first image.
 
-    Each error is divided by its largest value.
+    Before, the error of each feature is divided by its largest value.
     """
     size = np.linalg.norm(normalize_errors(run.error), axis=1)
     known = size[np.isfinite(size)]
@@ -181,13 +203,16 @@ def _compute_error_norm(run: Run) -> np.ndarray:
 def _mark_settling(
     runs: Sequence[Run], when: Callable[[Run], float]
 ) -> tuple[tuple[float, str], ...]:
-    """Return a mark at the settling time if there is a single run that settles."""
+    """Return a mark at the settling time of a single run; return no mark for several runs.
+
+    when: function that returns the settling time of a run, NaN if it does not settle.
+    """
     time = when(runs[0]) if len(runs) == 1 else np.nan
     return ((float(time), "settled"),) if np.isfinite(time) else ()
 
 
 def make_pose_panels(runs: Sequence[Run]) -> list[Panel]:
-    """Return panels of the distance and angle between the true camera and its goal."""
+    """Return panels of the distance and the angle between the camera's true pose and its goal."""
     errors = {id(run): run.pose_error_history() for run in runs}
     found: list[Panel] = []
     for k, (title, unit, factor) in enumerate((("distance", "mm", 1e3),
@@ -204,7 +229,10 @@ def make_pose_panels(runs: Sequence[Run]) -> list[Panel]:
 
 
 def make_feature_panels(runs: Sequence[Run]) -> list[Panel]:
-    """Return panels of s and s* of one run, one per unit."""
+    """Return panels of the features s and s* of a single run, one for each unit.
+
+    For several runs, the result is empty.
+    """
     run = runs[0]
     found: list[Panel] = []
     for unit, members in group_by_unit(run) if len(runs) == 1 else ():
@@ -215,10 +243,10 @@ def make_feature_panels(runs: Sequence[Run]) -> list[Panel]:
 
 
 def make_twist_panels(runs: Sequence[Run]) -> list[Panel]:
-    """Return panels of the camera's velocity.
+    """Return panels of the camera's linear and angular velocity.
 
-    A single run has the desired and the achieved twist by axis; several runs have the achieved
-    speed.
+    For a single run, they contain the desired and the achieved velocity along each axis. For
+    several runs, they contain the norm of the achieved velocity.
     """
     found: list[Panel] = []
     several = len(runs) > 1
@@ -243,7 +271,10 @@ def make_twist_panels(runs: Sequence[Run]) -> list[Panel]:
 
 
 def make_joint_panels(runs: Sequence[Run]) -> list[Panel]:
-    """Return panels of each joint's position, with command and limits, and of its speed."""
+    """Return panels of the position and the velocity of each joint, with their limits.
+
+    For a single run, the panels of the positions also contain the commands.
+    """
     found: list[Panel] = []
     first, is_single = runs[0], len(runs) == 1
     for j, name in enumerate(first.joint_names):
@@ -276,15 +307,14 @@ def make_joint_panels(runs: Sequence[Run]) -> list[Panel]:
 
 
 def _select_limits(lines: Iterable[tuple[float, str]]) -> tuple[tuple[float, str], ...]:
-    """Return the limits that are smaller than UNLIMITED."""
+    """Return the limits whose absolute value is smaller than UNLIMITED."""
     return tuple((float(value), text) for value, text in lines if abs(value) < UNLIMITED)
 
 
 def make_conditioning_panels(runs: Sequence[Run]) -> list[Panel]:
-    """Return panels of condition numbers, manipulability and scale factor.
+    """Return panels of the condition numbers of L and L J, the manipulability and the scale factor.
 
-    The condition numbers are those of L and L J. The scale factor is that by which limits slow the
-    task.
+    The scale factor is the factor by which joint limits slow the task, 1 if they do not.
     """
     ratios = [
         _make_run_curves(runs, name, lambda run, key=key: condition_number(getattr(run, key)))
@@ -312,9 +342,9 @@ def make_conditioning_panels(runs: Sequence[Run]) -> list[Panel]:
 
 
 def make_timing_panels(runs: Sequence[Run]) -> list[Panel]:
-    """Return panels of image intervals, delays and the real-time factor, as far as recorded.
+    """Return panels of the intervals between images, the delays and the real-time factor.
 
-    If several runs are compared, each quantity has its own panel.
+    Quantities that were not recorded are omitted. For several runs, each delay has its own panel.
     """
     found: list[Panel] = []
     end = find_last_time(runs)
@@ -341,11 +371,11 @@ def make_timing_panels(runs: Sequence[Run]) -> list[Panel]:
 
 
 def find_last_time(runs: Sequence[Run]) -> float:
-    """Return the time of the last image of all runs, s since servoing started."""
+    """Return the time of the last image in any run, s since servoing started."""
     return max([1e-3, *(float(run.time[-1]) for run in runs if len(run.time))])
 
 
-Dots = list[tuple[str, np.ndarray, np.ndarray]]  # name, time, values
+Dots = list[tuple[str, np.ndarray, np.ndarray]]  # name, times (n,) and values (n,) of each series
 
 
 def _compute_intervals(run: Run) -> Dots:

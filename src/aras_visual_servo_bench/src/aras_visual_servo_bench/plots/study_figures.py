@@ -23,11 +23,11 @@ from ..studies.study_folder import StudyFolder
 from .palette import BLUE, COLOURS, INK, PALE_BLUE, SOFT_INK, VERMILION, choose_text_colour
 from .style import FILE_FORMATS, apply_style, escape_math, make_axes
 
-MAX_GROUPS = 24  # boxes per panel; more boxes are not legible
-MAX_NAME = 40  # letters of a group on one line
-MAX_CURVES = 8  # per panel
-MAX_TRACES = 200  # runs per study in the figure of trajectories
-MAX_COLUMNS, PANEL_WIDTH = 3, 3.8  # panels in a row, and their width, inches
+MAX_GROUPS = 24  # largest number of boxes in a panel; more boxes are not legible
+MAX_NAME = 40  # a longer name of a group is written on several lines, letters
+MAX_CURVES = 8  # largest number of curves in a panel
+MAX_TRACES = 200  # approximate number of runs of a study in the figure of trajectories
+MAX_COLUMNS, PANEL_WIDTH = 3, 3.8  # largest number of panels side by side; their width, inches
 
 
 def write_figures(
@@ -39,9 +39,9 @@ def write_figures(
     Args:
         all_results: results of one or several studies.
         folder: folder for the files; it is created.
-        kinds: file formats, of png, svg and pdf.
-        metrics: names of metrics; empty for all that vary.
-        paths: study folders, for the trajectories.
+        kinds: file formats: png, svg, pdf.
+        metrics: names of metrics; empty for all metrics that differ between runs.
+        paths: folders of studies whose trajectories are drawn.
 
     Raises:
         StudyError: a file format is unknown, or the folder cannot be written.
@@ -73,16 +73,17 @@ def write_figures(
 
 
 def _varies(metric: Metric, all_results: Sequence[Results]) -> bool:
-    """Check that a metric is not the same in all runs."""
+    """Return whether the values of a metric differ between runs."""
     values = np.concatenate([r.read_numbers(metric.name) for r in all_results])
     known = values[np.isfinite(values)]
     return known.size > 0 and bool(np.ptp(known) > 0.0)
 
 
 def draw_success(all_results: Sequence[Results]) -> Figure | None:
-    """Draw the success rate: a map over two keys, or bars over one key or over the studies.
+    """Draw the success rate.
 
-    Only keys with several values count.
+    The figure is a map if at least two settings have several values; its axes are the last two of
+    them. Otherwise, it has a bar for each value of the setting, or for each study.
     """
     keys = [
         k for k in all_results[0].parameters if len(set(map(str, _find_values(all_results, k)))) > 1
@@ -93,7 +94,7 @@ def draw_success(all_results: Sequence[Results]) -> Figure | None:
 
 
 def _find_values(all_results: Iterable[Results], key: str) -> list:
-    """Return the distinct values of a column in order of appearance."""
+    """Return the distinct values of a column, in the order in which they first appear."""
     return list(dict.fromkeys(v for r in all_results for v in r.read_column(key)))
 
 
@@ -154,7 +155,13 @@ def _draw_success_maps(all_results: Sequence[Results], down: str, across: str) -
 def _group_rows(
     all_results: Sequence[Results], max_groups: int = MAX_GROUPS
 ) -> list[tuple[str, Results, np.ndarray]]:
-    """Return name, results and rows of at most `max_groups` groups, by as many keys as possible."""
+    """Group the runs of each study by the settings with several values.
+
+    If there would be more than `max_groups` groups, the last settings are not used.
+
+    Returns:
+        For each group its name, the results of its study, and the indices of its runs.
+    """
     keys = [
         k for k in all_results[0].parameters if len(set(map(str, _find_values(all_results, k)))) > 1
     ]
@@ -174,7 +181,7 @@ def _group_rows(
 
 
 def draw_distributions(all_results: Sequence[Results], metrics: Sequence[Metric]) -> Figure | None:
-    """Draw the cumulative distribution of each metric, with a curve per group."""
+    """Draw the cumulative distribution of each metric, with a curve for each group of runs."""
     if not metrics:
         return None
     groups = _group_rows(all_results, MAX_CURVES)
@@ -185,7 +192,7 @@ def draw_distributions(all_results: Sequence[Results], metrics: Sequence[Metric]
             known = np.sort(values[np.isfinite(values)])
             if not known.size:
                 continue
-            # Runs without a value, e.g. runs that never settle, keep the curve below 100 %.
+            # If some runs have no value (they never settle), the curve ends below 100 %.
             fraction = np.arange(known.size + 1) / values.size
             style = {"color": COLOURS[i % len(COLOURS)], "ls": "-" if i < len(COLOURS) else "--"}
             axis.step(
@@ -198,12 +205,12 @@ def draw_distributions(all_results: Sequence[Results], metrics: Sequence[Metric]
 
 
 def draw_boxes(all_results: Sequence[Results], metrics: Sequence[Metric]) -> Figure | None:
-    """Draw box plots of each metric, with a box per group."""
+    """Draw box plots of each metric, with a box for each group of runs."""
     groups = _group_rows(all_results)
     if not metrics or len(groups) < 2:
         return None
     columns = min(len(metrics), MAX_COLUMNS)
-    # Long names would leave no width for the boxes, so that each setting gets its own line.
+    # Long names would take the width of the boxes, so each setting of a name has its own line.
     names = [_split_lines(name) for name, *_ in groups]
     lines = max(1 + name.count("\n") for name in names)
     height = max(0.3, 0.18 * lines) * len(groups) + 1.4
@@ -227,12 +234,12 @@ def draw_boxes(all_results: Sequence[Results], metrics: Sequence[Metric]) -> Fig
 
 
 def _split_lines(name: str) -> str:
-    """Put each setting of a long group name on its own line; lists in brackets stay whole."""
+    """Put each setting in a long name of a group on its own line; a list [...] is not divided."""
     return re.sub(r", (?![^\[]*\])", ",\n", name) if len(name) > MAX_NAME else name
 
 
 def draw_sensitivity(results: Results, metrics: Sequence[Metric]) -> Figure | None:
-    """Draw Spearman's rank correlation between each metric and each number that varies."""
+    """Draw Spearman's rank correlation between each metric and each numeric setting that varies."""
     keys = []
     for key in results.study.keys:
         values = results.read_column(key) if key in results.table.column_names else []
@@ -264,7 +271,10 @@ def draw_sensitivity(results: Results, metrics: Sequence[Metric]) -> Figure | No
 
 
 def draw_trajectories(paths: Sequence[Path]) -> Figure | None:
-    """Draw the errors of all runs, and the camera's paths in top view and side view."""
+    """Draw the error norms and the camera's paths (top view and side view) of recorded runs.
+
+    Return None if no study has recorded trajectories.
+    """
     traced = [folder for folder in map(StudyFolder.open, paths) if folder.study.traces]
     if not traced:
         return None
@@ -306,7 +316,7 @@ def _add_legend(figure: Figure, axis: Axes, count: int) -> Figure:
 
 
 def _set_scale(axis: Axes, side: str, values: Sequence[np.ndarray]) -> None:
-    """Use a logarithmic axis if the values span more than two decades."""
+    """Make an axis logarithmic if all values are positive and span more than two decades."""
     known = np.concatenate([v[np.isfinite(v)] for v in values])
     if known.size and known.min() > 0.0 and known.max() > 100.0 * known.min():
         getattr(axis, f"set_{side}scale")("log")

@@ -21,7 +21,7 @@ from matplotlib.transforms import ScaledTranslation
 from .palette import COLOURS, FAINT, GRID, INK, SOFT_INK
 
 STYLE = {
-    "figure.figsize": (7.2, 4.5),  # inches; wide figures use WIDE_FIGURE
+    "figure.figsize": (7.2, 4.5),  # inches; the width of wide figures is WIDE_FIGURE
     "figure.dpi": 110,
     "savefig.dpi": 150,
     "figure.facecolor": "white",
@@ -36,7 +36,7 @@ STYLE = {
     "axes.spines.right": False,
     "axes.grid": True,
     "axes.formatter.limits": (-3, 4),
-    "axes.formatter.use_mathtext": False,  # would typeset all ticks as formulas, which is slow
+    "axes.formatter.use_mathtext": False,  # it is slow: all numbers on the axes become formulas
     "grid.color": GRID,
     "grid.linewidth": 0.7,
     "axes.axisbelow": True,
@@ -49,8 +49,8 @@ STYLE = {
     "axes.prop_cycle": matplotlib.cycler(color=COLOURS),
     "svg.hashsalt": "aras",
 }
-# A column of a two-column paper is 3.5 inches wide, and captions have 8 points. Figures have no
-# titles, because the captions replace them. Most publishers do not accept Type 3 fonts.
+# Style of figures for a two-column paper, whose columns are 3.5 inches wide and whose captions have
+# letters of 8 points. Type 42 fonts are used, because most publishers do not accept Type 3 fonts.
 PAPER = {
     **STYLE,
     "figure.figsize": (3.5, 2.4),
@@ -71,26 +71,29 @@ PAPER = {
     "pdf.fonttype": 42,
 }
 FILE_FORMATS = ("png", "svg", "pdf")
-WIDE_FIGURE = 12.0  # inches; figures of the whole page width with letters of the usual size
-EDGE_MARGIN = 3.0  # px between a legend and the edge of its figure
+WIDE_FIGURE = 12.0  # width of a figure that extends over the whole page, inches
+EDGE_MARGIN = 3.0  # smallest distance between a legend and the edge of its figure, px
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 TIME_LABEL = "time since servoing began (s)"
 
 
 @contextmanager
 def apply_style(is_paper: bool = False) -> Iterator[None]:
-    """Apply the common style to all figures that are made in this context."""
+    """Apply the common style to all figures made in this context.
+
+    is_paper: True for the style of a paper.
+    """
     with plt.rc_context(PAPER if is_paper else STYLE):
         yield
 
 
 def is_paper() -> bool:
-    """Check if figures are made for a paper."""
+    """Return whether figures are made in the style of a paper."""
     return plt.rcParams["font.family"] == ["serif"]
 
 
 def find_figure_width(is_wide: bool = False) -> float:
-    """Return the width of figures, inches; a paper's column has no wide figures."""
+    """Return the width of a figure, inches; in a paper, wide figures have the usual width."""
     return WIDE_FIGURE if is_wide and not is_paper() else plt.rcParams["figure.figsize"][0]
 
 
@@ -114,7 +117,7 @@ class ReportFigure(Figure):
 
 
 class Margins(NamedTuple):
-    """Margins around and between axes, inches, for the screen; those of a paper are smaller."""
+    """Margins around and between axes for the screen, inches. In a paper, they are smaller."""
 
     left: float = 0.0
     right: float = 0.0
@@ -138,17 +141,18 @@ def make_axes(
 ) -> tuple[Figure, list[Axes]]:
     """Make a figure with `count` axes of equal size, row by row.
 
-    The figure has the width of the style and fixed margins. An automatic layout takes as long as
-    drawing the figure, and moves the axes from one report to the next. It is used only if `width`
-    is given, for labels of arbitrary length.
+    By default, the figure has the width of the style and fixed margins. If `width` is given,
+    Matplotlib computes the layout, so that labels of any length fit. This takes as long as drawing
+    the figure, and the positions of the axes differ between reports.
 
     Args:
         count: number of axes.
         panel_height: height of a row, inches.
         columns: number of columns.
-        is_wide: True for a figure of the whole page width.
-        width: width of each column with its labels, inches.
-        margins: TIME_MARGINS also give the axes a common time axis and aligned labels.
+        is_wide: True for a figure that extends over the whole page.
+        width: width of each column with its labels, inches; None for fixed margins.
+        margins: margins around and between the axes. With TIME_MARGINS, the axes also share their
+            time axis, and the labels are aligned.
         options: options of Figure.subplots.
     """
     rows, part = -(-count // columns), 0.66 if is_paper() else 1.0
@@ -177,10 +181,10 @@ def make_axes(
 
 
 def equalize_heights(figures: Sequence[Figure]) -> None:
-    """Give figures that are shown side by side the same height.
+    """Change the heights of figures that are shown side by side to the largest of them.
 
-    The rows of shorter figures over time grow, and their margins do not change. Images and 3-D
-    views keep their shape and are not changed.
+    The panels of a figure become higher, but its margins do not change. Figures with images or 3-D
+    views are not changed, because their proportions are fixed.
     """
     height = max(figure.get_figheight() for figure in figures)
     for figure in figures:
@@ -196,40 +200,41 @@ def equalize_heights(figures: Sequence[Figure]) -> None:
 
 
 def escape_math(text: str) -> str:
-    """Escape the $ signs of a user's text, so that figures do not typeset formulas."""
+    """Escape the $ signs in a user's text, so that figures do not show it as a formula."""
     return text.replace("$", r"\$")
 
 
 def add_title(axis: Axes, text: str) -> None:
-    """Add a title, unless the figure is for a paper, where the caption replaces it."""
+    """Add a title to the axes. A figure for a paper has no title, because it has a caption."""
     if not is_paper():
         axis.set_title(text)
 
 
 def format_log_axis(axis: Axes) -> None:
-    """Label a logarithmic axis with 1, 2, 5, 10 for a small range, otherwise with powers of ten."""
+    """Label a logarithmic axis with powers of ten, and for a small range also with 2 and 5."""
     low, high = axis.get_ylim()
     if high < 1e3 * low:
         between = (1.0, 2.0, 5.0) if high < 50.0 * low else (1.0,)
         axis.yaxis.set_major_locator(LogLocator(subs=between))
         axis.yaxis.set_major_formatter("{x:g}")
-    elif not is_paper():  # the fonts of papers have no superscript minus
+    elif not is_paper():  # the font of a paper has no superscript minus sign
         axis.yaxis.set_major_formatter(FuncFormatter(_format_power))
     axis.yaxis.set_minor_formatter(NullFormatter())
 
 
 def _format_power(value: float, _position: int) -> str:
-    """Format a power of ten such as 10⁻³ in plain text.
+    """Format a power of ten as plain text, such as 10⁻³.
 
-    Typesetting it as a formula takes a fifth of the time of a report.
+    If the labels were formulas, typesetting them would take a fifth of the time of a report.
     """
     return "10" + str(round(math.log10(value))).translate(SUPERSCRIPTS) if value > 0.0 else ""
 
 
 def add_legend(axis: Axes, columns: int = 4, **options: object) -> None:
-    """Add a legend above the data at the right, clear of titles and tick labels.
+    """Add a legend above the axes at the right, where it does not overlap titles and labels.
 
-    It has as many columns as fit into the figure. The figure grows by the height of the legend.
+    It has as many columns as fit into the figure, at most `columns`. If the top margin of the
+    figure is too small for the legend, it is enlarged.
     """
     handles, labels = axis.get_legend_handles_labels()
     if not labels:
@@ -246,9 +251,9 @@ def add_legend(axis: Axes, columns: int = 4, **options: object) -> None:
 
     found, count = _fit_legend(make_legend, min(columns, len(labels)), right - EDGE_MARGIN)
     titles = [a.title if a.get_title() else a._left_title for a in figure.axes]
-    box, up = found.get_window_extent(), 0.0  # up is in points
+    box, up = found.get_window_extent(), 0.0  # up: upward shift of the legend, points
     if box.x0 < axis.get_window_extent().x0:
-        # Leave space for half of the label at the top of the axis.
+        # Leave space for the upper half of the number at the top of the axis.
         up = 0.6 * axis.yaxis.get_ticklabels()[0].get_fontsize()
     if any(t.get_text() and box.overlaps(t.get_window_extent()) for t in titles):
         up = plt.rcParams["axes.titlepad"] + 1.2 * titles[0].get_fontsize()
@@ -260,7 +265,15 @@ def add_legend(axis: Axes, columns: int = 4, **options: object) -> None:
 
 
 def add_legend_below(figure: Figure, columns: int, handles: Sequence[Artist] | None = None) -> None:
-    """Add a centred legend below all axes; the figure grows by its lines after the first."""
+    """Add a legend at the centre below all axes.
+
+    The bottom margin of the figure is enlarged by the height of all lines but the first.
+
+    Args:
+        figure: figure of the axes.
+        columns: largest number of columns.
+        handles: entries of the legend; by default those of all axes.
+    """
     if handles is None:
         handles = [handle for axis in figure.axes for handle in axis.get_legend_handles_labels()[0]]
     max_width = figure.get_figwidth() * figure.dpi - 2.0 * EDGE_MARGIN
@@ -278,7 +291,13 @@ def add_legend_below(figure: Figure, columns: int, handles: Sequence[Artist] | N
 def _fit_legend(
     make_legend: Callable[[int], Legend], columns: int, max_width: float
 ) -> tuple[Legend, int]:
-    """Return the legend with the most columns that fit into `max_width` px, and this number."""
+    """Make a legend with as many columns as fit into `max_width` px, at most `columns`.
+
+    make_legend: function that makes a legend with a number of columns.
+
+    Returns:
+        The legend and its number of columns.
+    """
     for count in range(columns, 0, -1):
         found = make_legend(count)
         if found.get_window_extent().width <= max_width:
@@ -288,7 +307,7 @@ def _fit_legend(
 
 
 def _shorten_legend(legend: Legend, max_width: float) -> None:
-    """Shorten the texts of a legend that is wider than `max_width` px."""
+    """Shorten the texts of a legend if it is wider than `max_width` px."""
     width = legend.get_window_extent().width
     longest = max(len(text.get_text()) for text in legend.get_texts())
     if width > max_width:
@@ -299,7 +318,7 @@ def _shorten_legend(legend: Legend, max_width: float) -> None:
 
 
 def _grow_margins(figure: Figure, above: float = 0.0, below: float = 0.0) -> None:
-    """Enlarge the margins of a figure by inches; its axes keep their sizes."""
+    """Enlarge the top and bottom margins of a figure, inches, without changing its axes."""
     old_height, grid = figure.get_figheight(), figure.axes[0].get_gridspec()
     top, bottom = (1.0 - grid.top) * old_height + above, grid.bottom * old_height + below
     height = old_height + above + below

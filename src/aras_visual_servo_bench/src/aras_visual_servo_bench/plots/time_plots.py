@@ -1,4 +1,4 @@
-"""Figures of panels over time, with one style per curve or run, limits, levels and marks."""
+"""Figures of panels of curves over time."""
 
 from __future__ import annotations
 
@@ -25,27 +25,30 @@ SYMBOLS = {
     **{f"v{axis}": f"$v_{axis}$" for axis in "xyz"},
     **{f"ω{axis}": rf"$\omega_{axis}$" for axis in "xyz"},
 }  # fmt: skip
-UNITLESS = ("error", "feature")  # axes that are labelled "no unit" if they have none
-MAX_NAMES = 12  # in a legend
+UNITLESS = ("error", "feature")  # axes that are labelled "no unit" if their values have no unit
+MAX_NAMES = 12  # largest number of names in a legend
 NARROW_LEGEND = {"handlelength": 1.2, "columnspacing": 0.8}
-MIN_AXIS_RANGE = 0.004  # rad or m, smallest range of an axis with limits
-HEADROOM = 0.15  # space above the curves, relative to the axis, if its lower end is fixed
-MIN_LINE_POINTS = 3  # with fewer points, a curve is drawn as dots
+MIN_AXIS_RANGE = 0.004  # rad or m, smallest range of an axis of joint positions or velocities
+# Space above the curves, as a fraction of the axis, if the panel defines its lower end.
+HEADROOM = 0.15
+MIN_LINE_POINTS = 3  # a curve with fewer points is drawn as dots
 DASHES = ("-", (0, (4, 1.5)), (0, (1, 1.2)))
-MARKERS = ("o", "s", "^", "D", "v", "P")  # one per run, along its curves
-MARKER_SPACING = 0.125  # relative to the size of the axes, along a curve
-EXTRA_WIDTH = 0.7  # the first of several curves is thicker than the last by this fraction
-TEXT_SIDE_SWITCH = 0.75  # fraction of the time axis after which text is left of its line
+MARKERS = ("o", "s", "^", "D", "v", "P")  # markers on the curves of the first, second, ... run
+MARKER_SPACING = 0.125  # distance between markers on a curve, as a fraction of the size of the axes
+EXTRA_WIDTH = 0.7  # the first of several curves is wider than the last by this fraction
+# The text of a mark is to the left of its line if the mark is after this fraction of the time axis.
+TEXT_SIDE_SWITCH = 0.75
 
 
 @dataclass(frozen=True)
 class Layout:
     """Layout of a figure.
 
-    panel_height: height of a panel, inches.
-    columns: number of columns of panels.
-    second_column: title of the second column.
-    legend_columns: number of columns of a legend.
+    Attributes:
+        panel_height: height of a panel, inches.
+        columns: number of columns of panels.
+        second_column: title of the second column.
+        legend_columns: number of columns of a legend.
     """
 
     panel_height: float = 1.75
@@ -55,7 +58,7 @@ class Layout:
 
 
 def find_symbol(name: str) -> str:
-    """Return the mathematical symbol of a quantity, or its name if there is none."""
+    """Return the mathematical symbol of a quantity, or its name if it has no symbol."""
     stem = name.rstrip("0123456789").rstrip("_")
     number = name[len(stem) :].lstrip("_")
     if number and stem.isalpha() and len(stem) == 1:
@@ -64,10 +67,11 @@ def find_symbol(name: str) -> str:
 
 
 def make_curve_styles(count: int) -> list[dict[str, object]]:
-    """Return the style of each run's curves; a single run needs neither colour nor marker.
+    """Return the style of the curves of each of `count` runs.
 
-    Markers distinguish runs without colour. Earlier curves are thicker, and the markers of
-    different curves have different positions, so that coinciding curves are all visible.
+    Markers distinguish the runs in print without colours. Curves of earlier runs are wider, and
+    different curves have markers at different positions, so that all curves are visible if they
+    coincide. The curves of a single run need no markers.
     """
     if count == 1:
         return [{"color": INK}]
@@ -86,9 +90,13 @@ def make_curve_styles(count: int) -> list[dict[str, object]]:
 def draw_panels(
     panels: Sequence[Panel], runs: Sequence[Run], title: str, layout: Layout
 ) -> Figure | None:
-    """Draw panels as a figure; return None if there are none.
+    """Draw panels as a figure; return None if there are no panels.
 
-    If there are several runs, one legend names them all.
+    Args:
+        panels: panels of the figure.
+        runs: runs in the panels. If there are several, the figure has one legend with their names.
+        title: title of the figure.
+        layout: layout of the figure.
     """
     if not panels:
         return None
@@ -99,7 +107,7 @@ def draw_panels(
         _draw_panel(axis, panel, styles, columns > 1)
     if is_single:
         add_title(axes[0], title + _make_hints(panels))
-    else:  # with a second title there is no space for the names of the runs
+    else:  # a second title would leave no space for the legend with the names of the runs
         add_title(
             axes[0],
             f"{title} and {layout.second_column.lower()}" if layout.second_column else title,
@@ -123,12 +131,12 @@ def draw_panels(
 
 
 def _make_hints(panels: Sequence[Panel]) -> str:
-    """Return the explanation of pale and dashed curves and of the band, for the title."""
+    """Return a text that explains pale curves, dashed curves and bands, for the title."""
     curves = [curve for panel in panels for curve in panel.curves]
     dashed = next((panel.dashed for panel in panels if panel.dashed), "")
     hints = ["pale: as measured, full: filtered"] if any(c.is_pale for c in curves) else []
     hints += [f"dashed: {dashed}"] if any(c.dashed for c in curves) else []
-    hints += ["band: counts as reached"] if any(p.band is not None for p in panels) else []
+    hints += ["band: tolerance"] if any(p.band is not None for p in panels) else []
     return f"  ({'; '.join(hints)})" if hints else ""
 
 
@@ -137,8 +145,11 @@ def _draw_panel(
 ) -> None:
     """Draw one panel.
 
-    `styles` are those of the runs, empty for a single run. With `all_named`, dashed curves are in
-    the legend, too.
+    Args:
+        axis: axes of the panel.
+        panel: panel to draw.
+        styles: style of the curves of each run; empty for a single run.
+        all_named: True if the legend contains dashed curves, too.
     """
     if panel.is_logarithmic:
         axis.set_yscale("log")
@@ -188,7 +199,7 @@ def _draw_panel(
 
 
 def _draw_mark(axis: Axes, time: float, text: str, end: float) -> None:
-    """Mark an instant (s) with a text on an axis that ends at `end`."""
+    """Draw a vertical line with a text at a time, s; the time axis ends at `end`, s."""
     left = time > TEXT_SIDE_SWITCH * end
     axis.axvline(time, color=GOAL, ls=":", lw=1.2)
     axis.annotate(
@@ -199,11 +210,11 @@ def _draw_mark(axis: Axes, time: float, text: str, end: float) -> None:
 
 
 def _draw_limits(axis: Axes, limits: Texts) -> None:
-    """Draw limits near the curves as lines, and name those far from the curves as numbers."""
+    """Draw limits near the curves as lines; if all limits are far away, write their numbers."""
     if not limits:
         return
     low, high = axis.get_ylim()
-    if high - low < MIN_AXIS_RANGE:  # show a joint at rest as a straight line
+    if high - low < MIN_AXIS_RANGE:  # otherwise, a joint at rest would look like a moving joint
         middle = 0.5 * (low + high)
         low, high = middle - 0.5 * MIN_AXIS_RANGE, middle + 0.5 * MIN_AXIS_RANGE
     room, far_limits = 0.6 * (high - low), []
@@ -217,7 +228,7 @@ def _draw_limits(axis: Axes, limits: Texts) -> None:
             far_limits.append(f"{bound:.3g}")
     axis.set_ylim(low, high)
     if len(far_limits) == len(limits) and not is_paper():
-        # Place the text on the side that the curve leaves free in its second half.
+        # Place the text above or below the second half of the curve, where there is more space.
         last_half = np.concatenate([y[len(y) // 2 :] for line in axis.lines
                                     if len(y := line.get_ydata()) > 2] or [[low]])  # fmt: skip
         below = np.nanmean(last_half) > 0.5 * (low + high)

@@ -1,4 +1,4 @@
-"""Figures of the image plane, strips of images, and the camera's path in space."""
+"""Figures of the image plane, of images at some times, and of the camera's path in space."""
 
 from __future__ import annotations
 
@@ -28,18 +28,24 @@ from .style import (
 )
 from .time_plots import make_curve_styles
 
-IMAGE_CONTRAST = 0.35  # factor on the contrast of an image behind curves
-MIN_AXIS_RATIO = 0.35  # smallest extent of an axis, relative to the largest
-MAX_HEIGHT_RATIO = 1.5  # height of the scene over the larger of its other sides
-FRUSTUM_SIZE = 0.12  # length of a drawn camera, relative to the scene
-LEGEND_HEIGHT = 0.5  # inches, for the camera's path
-GOAL_FRUSTUM_SCALE = 1.5  # the goal's camera is larger, so that the final camera does not hide it
-# Inches around all images, above each image, and between two images.
-IMAGE_MARGIN, TITLE_HEIGHT, IMAGE_GAP = 0.03, 0.3, 0.07
+IMAGE_CONTRAST = 0.35  # the contrast of an image behind curves is multiplied by this factor
+MIN_AXIS_RATIO = 0.35  # smallest length of an axis, as a fraction of the scene's size
+# A scene is tall if its height, divided by the larger of its other sides, is above this value.
+MAX_HEIGHT_RATIO = 1.5
+FRUSTUM_SIZE = 0.12  # length of a drawn camera, as a fraction of the scene's size
+LEGEND_HEIGHT = 0.5  # height of the legend of the camera's path, inches
+# The camera at the goal is drawn larger by this factor, so that the final camera does not hide it.
+GOAL_FRUSTUM_SCALE = 1.5
+IMAGE_MARGIN = 0.03  # margin around all images, inches
+TITLE_HEIGHT = 0.3  # height of the title above each image, inches
+IMAGE_GAP = 0.07  # distance between two images, inches
 
 
 def draw_image_trajectory(runs: Sequence[Run]) -> Figure | None:
-    """Draw the paths of the target's points in the image, over the first run's last image."""
+    """Draw the paths of the target's points in the image.
+
+    The background is the last image of the first run. Return None if no run has such paths.
+    """
     found = [(run, tracks_of(run)) for run in runs]
     found = [(run, tracks) for run, tracks in found if tracks is not None]
     if not found:
@@ -84,7 +90,10 @@ def draw_image_trajectory(runs: Sequence[Run]) -> Figure | None:
 
 
 def _choose_colour(tracks: ImageTracks, i: int) -> str:
-    """Return the colour of a track; if there are corners and a centre, the centre stands out."""
+    """Return the colour of the path of the point with the index i.
+
+    If the points are the target's corners and centre, only the path of the centre is coloured.
+    """
     if not tracks.is_measured:
         return COLOURS[0] if tracks.names[i].startswith("centre") else FAINT
     return COLOURS[i % len(COLOURS)]
@@ -114,7 +123,10 @@ def _draw_tracks(
 
 
 def draw_filmstrip(runs: Sequence[Run]) -> Figure | None:
-    """Draw images at milestones of the decreasing error, each with the desired outline."""
+    """Draw images at which the error has decreased to certain fractions, with the desired outline.
+
+    Return None if no run has images.
+    """
     runs = [r for r in runs if r.control_record.images]
     if not runs:
         return None
@@ -154,7 +166,10 @@ def draw_filmstrip(runs: Sequence[Run]) -> Figure | None:
 
 
 def draw_camera_path(runs: Sequence[Run]) -> Figure | None:
-    """Draw the camera's path in the world, the straight path, and the target."""
+    """Draw the camera's path in the world, the straight path to the goal, and the target.
+
+    Return None if no run has a path.
+    """
     runs = [r for r in runs if len(select_servoing_poses(r))]
     if not runs:
         return None
@@ -193,15 +208,15 @@ def draw_camera_path(runs: Sequence[Run]) -> Figure | None:
                     "goal" if number == 0 else None, "--")  # fmt: skip
         _draw_camera(axis, poses[-1], FRUSTUM_SIZE * size, colour, "end" if single else None)
     room = 0.5 * FRUSTUM_SIZE * size
-    # The axes of a planar path get some thickness, so that the box is not flat.
+    # If the path is planar, the third axis is extended, so that the box is not flat.
     padding = np.maximum(0.5 * (MIN_AXIS_RATIO * size - (high - low)), room)
     low, high = low - padding, high + padding
     axis.set(xlabel="x (m)", ylabel="y (m)", zlabel="z (m)",
              xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))  # fmt: skip
     extent = high - low
-    # The lower end of a tall scene would overlap the legend.
+    # A tall scene is drawn smaller, because its lower end would overlap the legend.
     is_tall = extent[2] > MAX_HEIGHT_RATIO * extent[:2].max()
-    paper_scale = 0.82 if is_paper() else 1.0  # space for the letters, which are large in a paper
+    paper_scale = 0.82 if is_paper() else 1.0  # leaves space for the large letters of a paper
     axis.set_box_aspect(extent, zoom=paper_scale * (0.82 if is_tall else 0.97))
     axis.view_init(elev=20, azim=-58)
     for pane in (axis.xaxis, axis.yaxis, axis.zaxis):
@@ -216,15 +231,15 @@ def draw_camera_path(runs: Sequence[Run]) -> Figure | None:
 
 
 def select_servoing_poses(run: Run) -> np.ndarray:
-    """Return the known poses of the camera while servoing, (m, 4, 4)."""
+    """Return the known true poses (m, 4, 4) of the camera during servoing."""
     poses = run.true_pose[run.servoing]
     return poses[np.isfinite(poses).all(axis=(1, 2))]
 
 
 def interpolate_poses(start: np.ndarray, goal: np.ndarray, count: int = 40) -> np.ndarray:
-    """Interpolate poses (count, 4, 4) on the shortest path.
+    """Return poses (count, 4, 4) on the shortest path from `start` to `goal`, (4, 4) each.
 
-    The position moves on a line, and the orientation rotates about a fixed axis.
+    The positions are on a straight line, and the orientation rotates about a fixed axis.
     """
     turn = rotation_vector(start[:3, :3].T @ goal[:3, :3])
     poses = np.tile(np.eye(4), (count, 1, 1))
@@ -235,7 +250,10 @@ def interpolate_poses(start: np.ndarray, goal: np.ndarray, count: int = 40) -> n
 
 
 def _draw_target(axis: Axes, run: Run) -> np.ndarray | None:
-    """Draw the target's face; return its corners (c, 3) in the world."""
+    """Draw the target's face at the start of servoing; return its corners (c, 3) in the world.
+
+    Return None if the run has no target.
+    """
     if run.target is None:
         return None
     world_T_target = run.target.world_T_target(run.start_stamp)
@@ -247,7 +265,8 @@ def _draw_target(axis: Axes, run: Run) -> np.ndarray | None:
 
 def _draw_camera(axis: Axes, pose: np.ndarray, size: float, colour: str, label: str | None,
             line: str = "-") -> None:  # fmt: skip
-    """Draw a frustum with its tip at the camera, open along the optical axis."""
+    """Draw a camera at a pose (4, 4) as a pyramid, from the optical centre along the optical axis.
+    """
     rim = size * np.array([[-0.4, -0.3, 1.0], [0.4, -0.3, 1.0], [0.4, 0.3, 1.0], [-0.4, 0.3, 1.0]])
     rim = rim * [1.0, 1.0, 0.7] @ pose[:3, :3].T + pose[:3, 3]
     tip = pose[:3, 3]

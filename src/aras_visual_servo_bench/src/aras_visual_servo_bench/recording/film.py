@@ -1,4 +1,4 @@
-"""Images of a run and its film for a page: up to 600 JPEG images within 8 MB."""
+"""Images of a run, and its film: up to 600 JPEG images with a total size of at most 8 MB."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from aras_visual_servo_controller.observation.observation import CAMERA
 from ..experiment import cameras
 from .run import Film, Run
 
-MAX_FRAMES = 600  # of a film; a minute at 10 Hz
-MAX_BYTES = 8_000_000  # of all frames of a film; on a page they need a third more (base64)
-# Longest side (pixels) and JPEG quality, in the order in which they are tried until a film fits.
+MAX_FRAMES = 600  # maximum number of frames of a film
+MAX_BYTES = 8_000_000  # maximum size of all frames of a film; base64 makes them a third larger
+# Longest side (px) and JPEG quality. Each pair is tried in turn until the film is small enough.
 SIZES_AND_QUALITIES = ((640, 85), (480, 75), (400, 65), (320, 50), (240, 40), (160, 30))
 SMALL_SIZE_AND_QUALITY = (320, 65)
 
@@ -25,9 +25,15 @@ SMALL_SIZE_AND_QUALITY = (320, 65)
 def select_frames(
     stamps: np.ndarray, start_stamp: float, max_frames: int = MAX_FRAMES
 ) -> np.ndarray:
-    """Select the stamps of a film's frames from the stamps (n,) of images.
+    """Select the images of a film, evenly spaced from `start_stamp` to the last image.
 
-    They are evenly spaced from `start_stamp` to the last image.
+    Args:
+        stamps: stamps (n,) of all images, s.
+        start_stamp: stamp of the first image of the film, s.
+        max_frames: maximum number of images of the film.
+
+    Returns:
+        Stamps of the selected images, s.
     """
     after = stamps[stamps >= start_stamp - 1e-6]
     if not len(after):
@@ -37,9 +43,11 @@ def select_frames(
 
 
 def encode_film(images: Iterable[tuple[float, np.ndarray]], count: int) -> Film:
-    """Encode images (stamp, rgb) as JPEG, in the best size and quality that MAX_BYTES allows.
+    """Encode images as JPEG, with the best size and quality for a film of at most MAX_BYTES.
 
-    count: number of images.
+    Args:
+        images: stamp (s) and rgb image of each frame.
+        count: number of images.
     """
     remaining, level, frames = MAX_BYTES, 0, []
     for number, (stamp, image) in enumerate(images):
@@ -48,7 +56,7 @@ def encode_film(images: Iterable[tuple[float, np.ndarray]], count: int) -> Film:
             len(frame := _encode_jpeg(image, *SIZES_AND_QUALITIES[level])) > share
             and level < len(SIZES_AND_QUALITIES) - 1
         ):
-            level += 1  # also for all following images
+            level += 1  # use the next lower quality for this and all following images
         remaining -= len(frame)
         frames.append((stamp, frame))
     return tuple(frames)
@@ -70,7 +78,7 @@ def decode_frame(frame: bytes) -> np.ndarray:
 
 
 def shot(reading: Frame, model: CameraModel) -> bytes:
-    """Encode the image of a frame as JPEG; exact features are drawn first."""
+    """Encode the image of a frame as JPEG; if the frame has exact features, draw them first."""
     return encode_frame(make_image(reading, model))
 
 
@@ -83,7 +91,7 @@ def _encode_jpeg(image: np.ndarray, max_side: int, quality: int) -> bytes:
 
 
 def make_image(reading: Frame, model: CameraModel) -> np.ndarray:
-    """Return the image (rows, columns, 3), rgb, of a frame; exact features are drawn."""
+    """Return the rgb image (rows, columns, 3) of a frame; if it has exact features, draw them."""
     image = reading.image
     if image is None:
         outline = reading.outline
@@ -98,7 +106,12 @@ def make_image(reading: Frame, model: CameraModel) -> np.ndarray:
 def with_images(
     run: Run, images: Sequence[tuple[float, np.ndarray]], film: Film = ()
 ) -> Run:
-    """Return a copy of the run with images (stamp, rgb) and a film of the control camera."""
+    """Return a copy of the run with these images and this film of the control camera.
+
+    Args:
+        run: record of a run.
+        images: stamp (s) and rgb image (rows, columns, 3) of each image.
+        film: stamp (s) and JPEG of each frame."""
     record = replace(run.control_record, images=tuple(images), film=film)
     name = next(iter(run.cameras), CAMERA)
     return replace(run, cameras={**run.cameras, name: record})

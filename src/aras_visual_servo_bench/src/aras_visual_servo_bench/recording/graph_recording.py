@@ -1,4 +1,4 @@
-"""Messages of a run from a ROS graph or a bag, from which a MessageRunBuilder builds a Run."""
+"""Messages of a run from a ROS graph or a bag; a MessageRunBuilder builds a Run from them."""
 
 from __future__ import annotations
 
@@ -13,14 +13,18 @@ class GraphRecording:
     """Messages of one run, in the order of arrival.
 
     Attributes:
-        path: of the bag, for messages.
-        states, joints: state messages of the loop, and joint states.
-        reports, moments: reports of the loop and measured moments, by stamp (ns).
-        info: last CameraInfo, or None.
-        real_time_factors: stamp (s) and real-time factor.
-        stamps: exposure and arrival of each image (s), and where the bag has it.
-        poses: stamp (s) and base_T_optical (4, 4) from tf.
-        experiment_text: description of the experiment. notes: problems of the recording.
+        path: path of the bag, for error messages.
+        states: state messages of the loop.
+        joints: joint state messages.
+        reports: reports of the loop, by stamp (ns).
+        moments: measured moments, by stamp (ns).
+        info: last CameraInfo message; None if there was none.
+        real_time_factors: pairs of stamp (s) and real-time factor.
+        stamps: for each image, stamp of the exposure (s), time of arrival (s), and position of the
+            message in the bag.
+        poses: pairs of stamp (s) and base_T_optical (4, 4), from tf.
+        experiment_text: description of the experiment, as JSON text.
+        notes: problems of the recording.
     """
 
     def __init__(self, path: Path) -> None:
@@ -46,5 +50,5 @@ class GraphRecording:
             self.moments[message.header.stamp.to_nsec()] = message
 
     def read_images(self, stamps: Iterable[float]) -> Iterator[tuple[float, np.ndarray]]:
-        """Read the images nearest to these stamps (s), as rgb; here there are none."""
+        """Read the rgb images nearest to these stamps (s); this base class has no images."""
         yield from ()

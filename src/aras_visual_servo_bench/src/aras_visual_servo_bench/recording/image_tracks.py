@@ -15,9 +15,11 @@ from ..targets.geometry import PlacedTarget
 from .run import Run, normalize_errors
 
 POINT_NAME = re.compile(r"([xy])_?(\d+)$")
-# Maximum number of corners whose tracks are drawn; the polygon of a disc has more corners.
+# Tracks of corners are drawn only for targets with at most this number of corners. A disc, which is
+# approximated by a polygon, has more.
 MAX_CORNERS = 16
-# Fractions of the initial error at which a report shows an image.
+# A report shows an image when the error has decreased to each of these fractions of its initial
+# value.
 MILESTONES = (1.0, 0.7, 0.4, 0.2, 0.08)
 
 
@@ -26,9 +28,11 @@ class ImageTracks:
     """Tracks of points of the target in the image.
 
     Attributes:
-        names: of c points. stamp: (n,) s. pixels: (n, c, 2) column, row; NaN where unknown.
-        desired: (c, 2) pixels, NaN where unknown.
-        is_measured: True if the scheme measured the points, False if they are projected from true
+        names: names of the c points.
+        stamp: stamps (n,) of the images, s.
+        pixels: position (n, c, 2) of each point in each image (column, row), px; NaN if unknown.
+        desired: desired position (c, 2) of each point, px; NaN if unknown.
+        is_measured: True if the scheme measured the points, False if they are computed from true
             poses.
     """
 
@@ -40,9 +44,10 @@ class ImageTracks:
 
 
 def compute_tracks(run: Run) -> ImageTracks | None:
-    """Compute the tracks of the scheme's points, or else of the target's corners and its centre.
+    """Compute the tracks of the points that the scheme measures.
 
-    The result is None if the camera or the images of the run are unknown.
+    For a scheme without points, compute the tracks of the target's corners and centre. Return None
+    if the camera or the images of the run are unknown.
     """
     if run.camera is None or not len(run.stamp):
         return None
@@ -50,7 +55,9 @@ def compute_tracks(run: Run) -> ImageTracks | None:
 
 
 def _read_point_tracks(run: Run) -> ImageTracks | None:
-    """Read the tracks of features that are image points (x0, y0, x1, ...); None for others."""
+    """Return the tracks of the features x0, y0, x1, ..., which are image points.
+
+    Return None if the run has other features."""
     points = number_points(run.names)
     if not points or 2 * len(points) != len(run.names):
         return None
@@ -66,10 +73,10 @@ def _read_point_tracks(run: Run) -> ImageTracks | None:
 
 
 def number_points(names: Sequence[str]) -> dict[int, tuple[int, int]]:
-    """Find features that are image points: x0, y0, x1, ...
+    """Find the features x0, y0, x1, ..., which are image points.
 
     Returns:
-        Indices of x and y, by the number of the point.
+        For each point number, the indices of its x and y in `names`.
     """
     found: dict[int, dict[str, int]] = {}
     for i, name in enumerate(names):
@@ -79,7 +86,7 @@ def number_points(names: Sequence[str]) -> dict[int, tuple[int, int]]:
 
 
 def _compute_corner_tracks(run: Run) -> ImageTracks | None:
-    """Compute the tracks of the target's true corners and of its centre of gravity, if known."""
+    """Compute the tracks of the target's true corners and centre of gravity; None if unknown."""
     stamps, poses = run.stamp, run.pose
     names: list[str] = []
     pixels: list[np.ndarray] = []
@@ -116,7 +123,9 @@ def _compute_corner_tracks(run: Run) -> ImageTracks | None:
 
 
 def _compute_centre(target: PlacedTarget, pose: np.ndarray, stamp: float) -> np.ndarray:
-    """Compute the centre of gravity (2,) of the silhouette, normalised; NaN behind the camera."""
+    """Compute the centre of gravity (2,) of the target's silhouette in normalised coordinates.
+
+    Return NaN if the target is behind the camera."""
     rim = target.project(target.shape.outline, pose, stamp)
     if rim is None:
         return np.full(2, np.nan)
@@ -125,7 +134,9 @@ def _compute_centre(target: PlacedTarget, pose: np.ndarray, stamp: float) -> np.
 
 
 def _to_pixels(camera: CameraModel, points: np.ndarray) -> np.ndarray:
-    """Convert normalised points (n, 2) to pixels (column, row); NaN stays NaN."""
+    """Convert points (n, 2) from normalised coordinates to pixels (column, row).
+
+    The pixels of a point that is NaN are NaN."""
     pixels = np.full(points.shape, np.nan)
     known = np.isfinite(points).all(axis=1)
     if known.any():
@@ -134,10 +145,10 @@ def _to_pixels(camera: CameraModel, points: np.ndarray) -> np.ndarray:
 
 
 def find_milestones(run: Run) -> list[float]:
-    """Find the stamps (s) of the images at which the error first fell below each of MILESTONES.
+    """Return the stamps (s) of the images in which the error first fell below each of MILESTONES.
 
-    The first and the last image are included. The error selects the images rather than the time,
-    because during most of a run hardly anything changes.
+    The first and the last image are included. Images are selected by their error and not by their
+    time, because little changes during most of a run.
     """
     known = np.isfinite(run.error).all(axis=1)
     if not run.names or not known.any():
@@ -150,7 +161,7 @@ def find_milestones(run: Run) -> list[float]:
 
 
 def find_nearest(sorted_stamps: np.ndarray, stamps: np.ndarray) -> np.ndarray:
-    """Return the indices of the entries of `sorted_stamps` that are nearest to `stamps`."""
+    """For each of `stamps`, return the index of the nearest entry of `sorted_stamps`."""
     after = np.searchsorted(sorted_stamps, stamps).clip(1, max(len(sorted_stamps) - 1, 1))
     after = after.clip(max=len(sorted_stamps) - 1)
     before = (after - 1).clip(0)

@@ -51,7 +51,8 @@ class MessageRunBuilder:
             raise BenchError(
                 f"{recording.path} has no image that the controller processed: "
                 + (f"its last phase is {all_states[-1].phase}: {all_states[-1].reason}".rstrip(": ")
-                   if all_states else "there are no messages of the controller")
+                   if all_states else
+                   "there are no messages of the controller; start it and record again")
             )  # fmt: skip
         states = runs[-1]
         recorded = RecordedExperiment.from_text(recording.experiment_text)
@@ -100,9 +101,11 @@ class MessageRunBuilder:
         return self._with_images(run, exposed)
 
     def _with_images(self, run: Run, exposure_stamps: np.ndarray) -> Run:
-        """Return the run with its milestone images and its film, read in one pass over the bag.
+        """Return a copy of the run with its milestone images and its film.
 
-        exposure_stamps: (p,) of all images, s.
+        Both are read in one pass over the bag.
+
+        exposure_stamps: stamps (p,) of all images, s.
         """
         if not len(exposure_stamps):
             return run
@@ -127,7 +130,7 @@ class MessageRunBuilder:
         return with_images(run, images, frames)
 
     def _find_camera(self) -> CameraModel | None:
-        with contextlib.suppress(CalibrationError):  # the camera node has reported this error
+        with contextlib.suppress(CalibrationError):  # the camera node reports this error
             return (
                 None
                 if self._recording.info is None
@@ -138,14 +141,14 @@ class MessageRunBuilder:
     def _read_joint_states(
         self, names: tuple[str, ...]
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Read the joint states that contain all of these joints.
+        """Read the joint states that contain all joints in `names`.
 
         Returns:
-            Stamps (m,), s; positions and velocities (m, j).
+            Stamps (m,), s; positions (m, j), rad or m; velocities (m, j), rad/s or m/s.
         """
         stamps, positions, velocities = [], [], []
         for message in self._recording.joints:
-            if not message.header.stamp:  # from a node that had not received the clock yet
+            if not message.header.stamp:  # the sender had not yet received the simulated time
                 continue
             indices = {name: i for i, name in enumerate(message.name)}
             if not all(n in indices and indices[n] < len(message.position) for n in names):
@@ -166,9 +169,10 @@ class MessageRunBuilder:
         self, stamp: np.ndarray, joints: np.ndarray, arm: Arm | None, names: tuple[str, ...],
         notes: list[str],
     ) -> np.ndarray:  # fmt: skip
-        """Compute the camera poses (m, 4, 4) at the joint states.
+        """Compute the camera pose (m, 4, 4) at each joint state.
 
-        They come from the kinematics of the recorded arm, or else from tf.
+        The poses are computed with the kinematics of the recorded arm; if it is unknown, they are
+        taken from tf.
         """
         if arm is not None and arm.names == names and len(stamp):
             return np.array([arm.pose(q) for q in joints])
@@ -179,7 +183,9 @@ class MessageRunBuilder:
         return np.array([self._recording.poses[i][1] for i in find_nearest(times, stamp)])
 
     def _read_centres(self, stamp: np.ndarray) -> np.ndarray:
-        """Read the measured centres of gravity (n, 2), normalised, at the stamps (n,); NaN: none.
+        """Return the measured centre of gravity (n, 2) at each stamp; NaN if there is none.
+
+        stamp: stamps (n,) of the images, s.
         """
         centres = np.full((len(stamp), 2), np.nan)
         for key, message in self._recording.moments.items():
@@ -193,8 +199,8 @@ class MessageRunBuilder:
 def _split_runs(states: Sequence[ServoState]) -> list[list[ServoState]]:
     """Split the states of the loop into runs.
 
-    A run starts with the first measured error, and ends with a motion to the start or a change of
-    the features. Other states are left out.
+    A run starts with the first measured error. It ends when the arm moves to a start or when the
+    features change. States outside the runs are omitted.
     """
     runs: list[list[ServoState]] = [[]]
     for state in states:
@@ -208,7 +214,9 @@ def _split_runs(states: Sequence[ServoState]) -> list[list[ServoState]]:
 
 
 def _find_commands(states: Sequence[ServoState], stamps: np.ndarray, joints: int) -> np.ndarray:
-    """Return the latest command (m, joints) at each stamp (m,); NaN before the first one."""
+    """Return the latest joint command (m, joints) at each stamp; NaN before the first command.
+
+    stamps: stamps (m,) of the joint states, s."""
     none = np.full(joints, np.nan)
     commands = np.array([none if s.command is None else s.command for s in states])
     latest = np.searchsorted([state.stamp for state in states], stamps, "right") - 1

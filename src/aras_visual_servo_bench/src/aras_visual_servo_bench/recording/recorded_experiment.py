@@ -1,4 +1,4 @@
-"""Description of a recorded run in a bag: settings, goal, limits, and the experiment itself."""
+"""Description of a recorded run in a bag: settings, goal, limits, and the experiment."""
 
 from __future__ import annotations
 
@@ -28,18 +28,19 @@ from ..experiment.robots import RobotSpec
 from .parameters import find_branch
 from .run_recorder import describe_settings
 
-# Parameters of the controller node that an experiment has under another key, or not at all.
+# Parameters of the controller node that are not copied to `controller_parameters` of an experiment,
+# because an experiment has another key for them, or does not have them.
 OWN_KEYS = {
     "scheme", "law", "gain", "start", "desired", "listeners", "package", "namespace",
     "camera_namespace", "description", "lockstep", "autostart", "dry", "duration", "command_topic",
     "controllers", "gains", "delay",
 }  # fmt: skip
 GOAL_FILE = re.compile(r"\w[\w .-]*\.ya?ml")  # a file name without a path to another folder
-DEFAULT_DURATION = 8.0  # s; the default of an experiment, for a graph without a duration
+DEFAULT_DURATION = 8.0  # s; used if the controller node had no duration
 
 
 def find_preset(settings: Mapping[str, Any]) -> str | dict[str, Any]:
-    """Return the name of the shipped camera preset with these settings, else the settings."""
+    """Return the name of the camera preset that has these settings; without one, the settings."""
     folder = Path(PackagePath().find(RobotSpec().cameras)) / "config" / "cameras"
     for file in sorted(folder.glob("*.yaml")):
         if read_yaml(file, ExperimentError) == dict(settings):
@@ -49,11 +50,11 @@ def find_preset(settings: Mapping[str, Any]) -> str | dict[str, Any]:
 
 @dataclass
 class RecordedExperiment:
-    """Recorded description of a run; properties whose data cannot be read are None or empty.
+    """Recorded description of a run; a property is None or empty if its data cannot be read.
 
     Attributes:
-        content: of the message; empty if the bag has none. notes: errors of the parts that cannot
-            be read.
+        content: content of the recorded message; empty if the bag has no such message.
+        notes: reasons why data cannot be read.
     """
 
     content: Mapping[str, Any] = field(default_factory=dict)
@@ -61,7 +62,7 @@ class RecordedExperiment:
 
     @classmethod
     def from_text(cls, text: str) -> RecordedExperiment:
-        """Read the text of the message; '' if the bag has none."""
+        """Read the JSON text of the recorded message; '' if the bag has no such message."""
         if not text:
             return cls({}, [
                 "the bag is from an older version or from another recorder: its goal, limits and "
@@ -72,10 +73,11 @@ class RecordedExperiment:
             if not isinstance(content, Mapping) or not isinstance(
                 content.get("parameters"), Mapping
             ):
-                raise ValueError("it has no parameters")
+                raise ValueError("it has no parameters of the ROS graph; record the run again")
             for key, kind in (("goals", dict), ("versions", dict), ("launch", list)):
                 if not isinstance(content.get(key, kind()), kind):
-                    raise ValueError(f"its '{key}' is no {'list' if kind is list else 'mapping'}")
+                    kind_name = "list" if kind is list else "mapping"
+                    raise ValueError(f"its '{key}' is not a {kind_name}")
         except ValueError as error:
             return cls({}, [f"the bag's description of its run cannot be read: {error}"])
         return cls(content)
@@ -86,18 +88,18 @@ class RecordedExperiment:
         parameters = find_branch(
             self.content.get("parameters", {}), self.content.get("controller", "")
         )
-        parameters.pop("gains", None)  # added by dynamic_reconfigure
+        parameters.pop("gains", None)  # dynamic_reconfigure adds this key
         return parameters
 
     @cached_property
     def urdf(self) -> str:
-        """Robot description; '' if none was recorded."""
+        """Robot description as text; '' if it was not recorded."""
         name = str(self.controller.get("description", "robot_description"))
         return str(self.content.get("parameters", {}).get(name, ""))
 
     @cached_property
     def settings(self) -> Settings | None:
-        """Settings of the control loop, as in the controller node."""
+        """Settings of the control loop in the recorded controller node."""
         if not self.content:
             return None
         from aras_visual_servo_base.urdf import read_robot_name
@@ -119,7 +121,7 @@ class RecordedExperiment:
 
     @cached_property
     def goal(self) -> Goal | None:
-        """Goal of the control loop, completed with the kinematics of the arm."""
+        """Goal of the control loop; missing joints or pose are computed with the kinematics."""
         if self.settings is None:
             return None
         name = self.settings.find_goal_file().name
@@ -133,7 +135,9 @@ class RecordedExperiment:
         return None
 
     def read_limits(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return lower and upper joint limits (rad or m) and speed limits; empty if unknown."""
+        """Return the lower, upper and speed limits of the joints (rad or m; rad/s or m/s).
+
+        The arrays are empty if the limits are unknown."""
         if self.arm is None:
             return (np.zeros(0),) * 3
         with self._note_errors("the recorded limits cannot be used"):
@@ -142,7 +146,11 @@ class RecordedExperiment:
         return (np.zeros(0),) * 3
 
     def read_features(self, scheme: str, count: int) -> tuple[tuple[str, ...], tuple[float, ...]]:
-        """Return units and tolerances of the `count` features of a scheme; empty if unknown."""
+        """Return the units and the tolerances of the features of a scheme; empty if unknown.
+
+        Args:
+            scheme: name of the scheme.
+            count: number of features in the bag."""
         settings = self.settings or Settings()
         with self._note_errors("units of the features are unknown"):
             instance = settings.make_scheme() if settings.scheme == scheme else \
@@ -159,7 +167,7 @@ class RecordedExperiment:
 
     @contextlib.contextmanager
     def _note_errors(self, what: str):
-        """Convert an error of the `with` block into a note that starts with `what`."""
+        """Add a note that starts with `what` if the `with` block raises an error."""
         try:
             yield
         except (ServoError, BenchError, ValueError, TypeError) as error:
@@ -169,12 +177,12 @@ class RecordedExperiment:
 
     @property
     def arguments(self) -> dict[str, str]:
-        """Launch arguments of all roslaunch commands; later ones override earlier ones."""
+        """Launch arguments of all roslaunch commands; a later command overrides earlier ones."""
         words = [word for launch in self.content.get("launch", []) for word in launch]
         return dict(word.split(":=", 1) for word in words if ":=" in word)
 
     def make_experiment(self) -> Experiment:
-        """Make the experiment that repeats the run without a ROS graph.
+        """Make an experiment that repeats the recorded run without a ROS graph.
 
         Raises:
             BenchError: the bag has no description, or the run cannot be repeated.
@@ -192,15 +200,16 @@ class RecordedExperiment:
         """Return the checked keys of the experiment.
 
         Raises:
-            BenchError: as of `make_experiment`.
+            BenchError: the bag has no description, or the run cannot be repeated.
         """
         self.make_experiment()
         return self._make_keys()
 
     def collect_files(self) -> dict[str, str]:
-        """Return the files of the run by name: goals, parameters, robot and launch commands.
+        """Return the content of the run's files, by file name.
 
-        Goals whose names are no file names are left out with a note.
+        The files are the goals, the parameters, the robot description, the launch commands and the
+        software versions. A goal whose name is not a file name is omitted, and a note is added.
         """
         launch = "".join(f"roslaunch {' '.join(map(str, words))}\n"
                          for words in self.content.get("launch", []))  # fmt: skip
@@ -210,7 +219,7 @@ class RecordedExperiment:
             if GOAL_FILE.fullmatch(name):
                 goals[name] = str(text)
             else:
-                self.notes.append(f"the goal {name[:80]!r} is left out: that is no file name")
+                self.notes.append(f"the goal {name[:80]!r} is omitted: it is not a file name")
         return {
             **goals,
             "parameters.yaml": yaml.safe_dump(parameters, sort_keys=False),
@@ -220,7 +229,7 @@ class RecordedExperiment:
         }
 
     def _make_keys(self) -> dict[str, Any]:
-        """Return the keys of the experiment that differ from its defaults."""
+        """Return the keys and values of the experiment that are known from the recording."""
         loop, launch, simulator = self.controller, self.arguments, find_branch(
             self.content["parameters"], "/gazebo")  # fmt: skip
         keys: dict[str, Any] = {"scheme": loop.get("scheme", "moments")}

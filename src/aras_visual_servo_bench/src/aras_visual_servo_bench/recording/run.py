@@ -21,17 +21,19 @@ from ..experiment.experiment import Experiment
 from ..targets.geometry import PlacedTarget
 from .run_presentation import RunPresentation
 
-Film = tuple[tuple[float, bytes], ...]  # stamp, s, and JPEG
+Film = tuple[tuple[float, bytes], ...]  # stamp (s) and JPEG of each frame
 
 REACHED, MISSED = "goal_reached", "goal_missed"
-SETTLING_BAND = 0.02  # fraction of the initial distance
+SETTLING_BAND = 0.02  # an error below this fraction of its initial value is settled
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """Result of a run by the true poses: distance (m) and angle (rad) of the camera from its goal.
+    """Result of a run according to the true poses.
 
     name: 'goal_reached' or 'goal_missed'; '' if the poses are unknown.
+    distance: distance of the camera from its goal, m.
+    angle: angle between the orientations of the camera and of its goal, rad.
     """
 
     name: str
@@ -51,8 +53,8 @@ class Verdict:
         """Compare the pose of the camera with the goal pose, both world_T_camera (4, 4).
 
         Args:
-            depth: of the target at the goal, m.
-            tolerance: distance (m) and angle (rad) within which the goal is reached; None: the
+            depth: depth of the target at the goal, m.
+            tolerance: maximum distance (m) and angle (rad) at which the goal is reached; None: the
                 accuracy of the outcome 'converged', whose distance is proportional to the depth.
         """
         distance, angle = pose_difference(goal, pose)
@@ -70,12 +72,13 @@ class CameraRecord:
     """Images and poses of one camera during a run.
 
     Attributes:
-        model: true intrinsics; None: unknown.
-        stamp: (p,) exposure times, s. arrival: (p,) arrival at the recorder, s of the same clock.
-        pose: (p, 4, 4) true world_T_camera of each image; empty: unknown.
-        images: some of the images: stamp and (rows, columns, 3) rgb, in the order of time.
-        film: more, smaller images: stamp and JPEG, in the order of time; empty: a film is made of
-            `images`.
+        model: true intrinsics; None if unknown.
+        stamp: (p,) time of exposure of each image, s.
+        arrival: (p,) time at which the recorder received each image, s, by the same clock.
+        pose: (p, 4, 4) true world_T_camera of each image; empty if unknown.
+        images: some of the images, in the order of time: stamp (s) and rgb (rows, columns, 3).
+        film: film with more and smaller images, in the order of time: stamp (s) and JPEG; empty: a
+            film is made of `images`.
     """
 
     model: CameraModel | None = None
@@ -91,7 +94,7 @@ class CameraRecord:
                 f"stored, {len(self.film)} frames of a film)")  # fmt: skip
 
     def find_nearest_image(self, stamp: float) -> np.ndarray | None:
-        """Return the image nearest to a stamp (s); None without images."""
+        """Return the image that is nearest to a stamp (s); None if there are no images."""
         if not self.images:
             return None
         return min(self.images, key=lambda one: abs(one[0] - stamp))[1]
@@ -101,39 +104,50 @@ class CameraRecord:
 class Run(RunPresentation):
     """Record of one run: measurements and commands of the loop, true camera poses, and the result.
 
-    It is made by `run`, by `load_run` from a bag, or by `Loop.make_run`. `plot`, `report` and
-    `to_pandas` of its base class RunPresentation show it. The loop has processed n
-    images with k features, and there are m joint states of j joints. Unknown values are None, NaN
-    or empty. Poses are world_T_camera (4, 4); lengths are in m, angles in rad, times in s.
+    The functions `run` and `load_run` and the method `Loop.make_run` return a Run. The methods
+    `plot`, `report` and `to_pandas` of its base class RunPresentation show it. In the shapes of
+    arrays, n is the number of images that the loop has processed, k the number of features, m the
+    number of joint states, and j the number of joints. Unknown values are None, NaN or empty. Poses
+    are world_T_camera (4, 4); lengths are in m, angles in rad, times in s.
 
     Attributes:
-        states: n states of the loop, one per image.
-        pose: (n, 4, 4) true world_T_camera when the loop had processed each image.
-        joint_names: j names.
-        joint_stamp: (m,) of the joint states, s.
-        measured_positions, measured_velocities: (m, j) of the joint states, rad or m, per s.
-        joint_commands: (m, j) latest command at each joint state; NaN before the first one.
-        true_pose: (m, 4, 4) world_T_camera at each joint state, by the true kinematics at
-            `measured_positions`; a bag gives the same poses. Metrics of the camera path use them.
-            They do not contain vibration, which `pose` does.
-        joint_origins: (m, l, 3) of the arm's joint frames in the world at each joint state; l = 0
-            without an arm, or if they were not computed.
+        states: state of the loop after each of the n images.
+        pose: (n, 4, 4) true world_T_camera at the time when the loop has processed each image, with
+            vibration.
+        joint_names: names of the j joints.
+        joint_stamp: (m,) stamp of each joint state, s.
+        measured_positions: (m, j) joint positions of each joint state, rad or m.
+        measured_velocities: (m, j) joint velocities of each joint state, rad/s or m/s.
+        joint_commands: (m, j) latest command at each joint state; NaN before the first command.
+        true_pose: (m, 4, 4) world_T_camera at each joint state, without vibration, computed from
+            `measured_positions` with the true kinematics. The metrics of the camera path use it.
+        joint_origins: (m, l, 3) origins of the arm's l joint frames in the world at each joint
+            state, m; l = 0 without an arm, or if they were not computed.
         goal_pose: (4, 4) desired pose of the camera at the end.
-        outcome, reason, remedy: of the whole run, as the loop reports them.
-        verdict: result by the true pose at the end, without vibration; from a bag, by the last
-            `true_pose`.
-        peak_speed: (j,) maximum speed at any physics step; None if it was not recorded.
-        name: of the run, for legends. source: bag, file or study of the run, as text.
-        units, tolerances: (k,) of the features.
-        position_limits: lower and upper limits (j,), rad or m. speed_limits: (j,), rad/s or m/s.
-        joint_units: (j,) 'rad' or 'm'.
+        outcome: outcome of the run, as the loop reports it.
+        reason: reason of the outcome.
+        remedy: remedy for a failure.
+        verdict: result according to the true pose at the end, without vibration; for a run from a
+            bag, according to the last `true_pose`.
+        peak_speed: (j,) maximum speed of each joint over all physics steps; None if it was not
+            recorded.
+        name: name of the run, for legends.
+        source: bag, file or study from which the run comes, as text.
+        units: (k,) unit of each feature.
+        tolerances: (k,) tolerance of each feature.
+        position_limits: lower limits (j,) and upper limits (j,) of the joints, rad or m.
+        speed_limits: (j,) speed limit of each joint, rad/s or m/s.
+        joint_units: (j,) unit of each joint, 'rad' or 'm'.
         cameras: record of each camera, by name; the first is the control camera.
-        target: of the control camera, in the world. goal: of the loop.
-        centres: (n, 2) measured centre of gravity of the target, normalised.
-        real_time_factors: (p, 2) stamp (s) and real-time factor.
-        settings: of the run, as text, by name. versions: of the software that affects the results.
+        target: target of the control camera, with its pose in the world.
+        goal: goal of the control loop.
+        centres: (n, 2) measured centre of gravity of the target, in normalised coordinates.
+        real_time_factors: (p, 2) pairs of stamp (s) and real-time factor.
+        settings: settings of the run as text, by name.
+        versions: versions of the software that affects the results.
         notes: warnings that limit the meaning of the results.
-        experiment: the experiment, if known. yaml: YAML text that repeats the run; '': unknown.
+        experiment: settings from which the run was made; None if unknown.
+        yaml: YAML text of an experiment that repeats the run; '' if unknown.
     """
 
     states: tuple[ServoState, ...]
@@ -177,7 +191,7 @@ class Run(RunPresentation):
 
     @property
     def run(self) -> Run:
-        """This run, for user metrics that were written for an object with a run as its part."""
+        """This run; user metrics can be written for an object that has a run as attribute."""
         return self
 
     # -- images ----------------------------------------------------------------------------
@@ -199,7 +213,7 @@ class Run(RunPresentation):
         return self.states[0].scheme if self.states else ""
 
     def _collect_outputs(self, field_name: str) -> np.ndarray:
-        """Collect a field (n, k) of the scheme outputs with these features; NaN without one."""
+        """Collect a field (n, k) of the scheme's outputs; NaN for images without an output."""
         return _make_table(
             [getattr(state.scheme_output, field_name)
              if state.scheme_output is not None
@@ -210,7 +224,7 @@ class Run(RunPresentation):
 
     @cached_property
     def features(self) -> np.ndarray:
-        """Measured features s (n, k); NaN without a measurement."""
+        """Measured features s (n, k); NaN for images without a measurement."""
         return self._collect_outputs("features")
 
     @cached_property
@@ -225,13 +239,13 @@ class Run(RunPresentation):
 
     @cached_property
     def filtered_error(self) -> np.ndarray:
-        """Errors (n, k) after the scheme's filter; without a filter the measured errors."""
+        """Errors (n, k) after the filter of the scheme; without a filter, the measured errors."""
         filtered = self._collect_outputs("filtered_error")
         return np.where(np.isnan(filtered), self.error, filtered)
 
     @cached_property
     def desired_twist(self) -> np.ndarray:
-        """Desired camera twists (n, 6) in the camera frame, m/s and rad/s."""
+        """Camera twists (n, 6) that the scheme desires, in the camera frame, m/s and rad/s."""
         return _make_table([state.desired_twist for state in self.states], 6)
 
     @cached_property
@@ -241,7 +255,7 @@ class Run(RunPresentation):
 
     @cached_property
     def joints(self) -> np.ndarray:
-        """Joint positions (n, j) that the controller used for the images."""
+        """Joint positions (n, j) that the controller used for each image, rad or m."""
         positions = [None if s.joints is None else s.joints.positions for s in self.states]
         return _make_table(positions, len(self.joint_names))
 
@@ -252,7 +266,7 @@ class Run(RunPresentation):
 
     @property
     def outcomes(self) -> tuple[str, ...]:
-        """Outcome by the loop at each of the n images."""
+        """Outcome that the loop reported at each of the n images."""
         return tuple(state.outcome for state in self.states)
 
     @property
@@ -262,29 +276,31 @@ class Run(RunPresentation):
 
     @cached_property
     def rank(self) -> np.ndarray:
-        """Rank (n,) of L in its modelled directions."""
+        """Rank (n,) of the interaction matrix L, for the directions that the features model."""
         return np.array([state.rank for state in self.states], int)
 
     @cached_property
     def singular_L(self) -> np.ndarray:
-        """Singular values (n, p) of L in its modelled directions, largest first."""
+        """Singular values (n, p) of the interaction matrix L, largest first.
+
+        Only the directions that the features model are included."""
         return pad_rows(state.singular_values_L for state in self.states)
 
     @cached_property
     def singular_LJ(self) -> np.ndarray:
-        """Singular values (n, q) of the task Jacobian L J."""
+        """Singular values (n, q) of the task Jacobian L J; J is the Jacobian of the camera."""
         return pad_rows(
             None if s.ik_solution is None else s.ik_solution.singular_values for s in self.states
         )
 
     @cached_property
     def manipulability(self) -> np.ndarray:
-        """Product (n,) of the singular values of L J."""
+        """Product (n,) of the singular values of the task Jacobian L J."""
         return self._collect_ik_solutions("manipulability")
 
     @cached_property
     def scale(self) -> np.ndarray:
-        """Factor (n,) by which joint limits scaled the task velocity; 1 without scaling."""
+        """Factor (n,) by which joint limits reduced the desired twist; 1 if they did not."""
         return self._collect_ik_solutions("scale")
 
     def _collect_ik_solutions(self, field_name: str) -> np.ndarray:
@@ -293,7 +309,7 @@ class Run(RunPresentation):
 
     @cached_property
     def computation_time(self) -> np.ndarray:
-        """Computation time (n,) of the scheme, s; NaN if it was not measured."""
+        """Computation time (n,) of the scheme for each image, s; NaN if it was not measured."""
         return np.array([state.computation_time or np.nan for state in self.states], float)
 
     # -- cameras ---------------------------------------------------------------------------
@@ -317,15 +333,15 @@ class Run(RunPresentation):
 
     @property
     def is_success(self) -> bool:
-        """True if the loop has converged and the camera has truly reached its goal.
+        """True if the loop has converged and the true camera pose is at the goal.
 
-        If the true goal pose is unknown, the outcome of the loop decides alone.
+        If the true pose or the goal pose is unknown, only the outcome of the loop is used.
         """
         return self.converged and (self.verdict.is_reached or not self.verdict.name)
 
     @property
     def is_held_at_goal(self) -> bool:
-        """True if the loop was converged at the end, even if its outcome is another one."""
+        """True if the loop was in the converged phase at the end, whatever its outcome."""
         return self.converged or bool(self.states) and self.states[-1].phase == CONVERGED
 
     # -- time ------------------------------------------------------------------------------
@@ -342,7 +358,7 @@ class Run(RunPresentation):
 
     @property
     def end_stamp(self) -> float:
-        """Stamp of the last joint state, s; `goal_pose` refers to this time."""
+        """Stamp of the last joint state, s; `goal_pose` is the goal pose at this time."""
         return float(self.joint_stamp[-1]) if len(self.joint_stamp) else self.start_stamp
 
     @property
@@ -358,18 +374,22 @@ class Run(RunPresentation):
     # -- camera path -----------------------------------------------------------------------
 
     def pose_error_history(self) -> tuple[np.ndarray, np.ndarray]:
-        """Compute distance (m,), m, and angle (m,), rad, of the true camera from its goal."""
+        """Compute the distance and angle between the true camera pose and the goal pose.
+
+        Returns:
+            Distances (m,), m, and angles (m,), rad, at the m joint states."""
         pairs = [pose_difference(self.goal_pose, pose) for pose in self.true_pose]
         distance, angle = np.array(pairs).reshape(-1, 2).T
         return distance, angle
 
     def compute_settling_time(self, floor: tuple[float, float] = (1e-4, 1.745e-3)) -> float:
-        """Compute the time until the camera stays within 2 % of its initial error, s; inf: never.
+        """Compute the time after which the pose error stays below 2 % of its initial value, s.
 
-        Distance and angle must both be within. The time starts at the first joint state after the
-        first image.
+        Both distance and angle must be below. The time starts at the first joint state after the
+        first image. Return inf if the error does not stay below.
 
-        floor: distance (m) and angle (rad) that always count as settled: 0.1 mm and 0.1 degrees.
+        floor: distance (m) and angle (rad); smaller errors are regarded as settled, even if they
+            are above 2 % of the initial error. Default: 0.1 mm and 0.1 degrees.
         """
         after = self.servoing
         if not after.any():
@@ -384,7 +404,11 @@ class Run(RunPresentation):
     # -- outlines in the image -------------------------------------------------------------
 
     def project_outline(self, pose: np.ndarray, stamp: float) -> np.ndarray | None:
-        """Project the target's silhouette for world_T_camera (4, 4): pixels (c, 2); None: unknown.
+        """Return the corners (c, 2) of the target's silhouette in the image, px; None if unknown.
+
+        Args:
+            pose: world_T_camera (4, 4).
+            stamp: time for which the pose of the target is computed, s.
         """
         if self.target is None or self.camera is None:
             return None
@@ -392,14 +416,19 @@ class Run(RunPresentation):
         return None if outline is None else np.column_stack(self.camera.project(*outline.T))
 
     def project_desired_outline(self) -> np.ndarray | None:
-        """Project the target's silhouette at the goal pose: pixels (c, 2); None: unknown."""
+        """Return the corners (c, 2) of the silhouette at the goal pose, px; None if unknown."""
         return self.project_outline(self.goal_pose, self.end_stamp)
 
 
 def compute_settling_time(stamp: np.ndarray, values: np.ndarray, floor: float = 0.0) -> float:
-    """Compute the time until values (n,) stay below 2 % of the first one or `floor`; inf: never.
+    """Compute the time after which the values stay below 2 % of the first value, s.
 
-    stamp: (n,) s; the time starts at stamp[0].
+    Return inf if they do not stay below.
+
+    Args:
+        stamp: stamps (n,), s; the time starts at stamp[0].
+        values: values (n,) of at least 0.
+        floor: limit that is used instead of 2 % of the first value if it is larger.
     """
     known = np.isfinite(values)
     stamp, values = stamp[known], values[known]
@@ -413,19 +442,23 @@ def compute_settling_time(stamp: np.ndarray, values: np.ndarray, floor: float = 
 
 
 def normalize_errors(error: np.ndarray) -> np.ndarray:
-    """Divide errors (n, k) by the largest absolute value of each column, to compare their units."""
+    """Divide each column of errors (n, k) by its largest absolute value.
+
+    Errors with different units then become comparable."""
     largest = np.nanmax(np.abs(error), axis=0, initial=0.0)
     return error / np.where(largest > 0.0, largest, 1.0)
 
 
 def pad_rows(values: Iterable[Sequence[float] | None]) -> np.ndarray:
-    """Combine rows of different lengths into one array (n, longest), padded with NaN."""
+    """Combine n rows into an array; NaN is appended to rows that are shorter than the longest."""
     rows = [np.zeros(0) if row is None else np.asarray(row, float) for row in values]
     return _make_table(rows, max((len(row) for row in rows), default=0))
 
 
 def _make_table(rows: Sequence[Sequence[float] | None], width: int) -> np.ndarray:
-    """Combine rows into one array (n, width); shorter rows and None are padded with NaN."""
+    """Combine n rows into an array (n, width); NaN is appended to shorter rows.
+
+    A row that is None becomes NaN."""
     table = np.full((len(rows), width), np.nan)
     for i, row in enumerate(rows):
         if row is not None:

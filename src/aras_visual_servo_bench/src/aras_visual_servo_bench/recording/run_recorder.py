@@ -24,7 +24,7 @@ class RunRecorder:
     """Recorder of the loop's states, the joint states and the images of a run.
 
     Attributes:
-        records: input of the diagnosis: one record per image, and events between images.
+        records: records for the diagnosis: one for each image, and events between images.
     """
 
     def __init__(self, joint_count: int, records_films: bool = False) -> None:
@@ -32,7 +32,7 @@ class RunRecorder:
 
         Args:
             joint_count: number of joints.
-            records_films: record the images of cameras other than the control camera.
+            records_films: whether to record the images of the other cameras, too.
         """
         self.records: list[Record] = []
         self._states: list[ServoState] = []
@@ -48,16 +48,17 @@ class RunRecorder:
         self._camera_images: dict[str, list[tuple[float, np.ndarray, bytes]]] = {}
 
     def add_state(self, state: ServoState, pose: np.ndarray) -> None:
-        """Add the loop's state after an image, and the true camera pose (4, 4) at that time."""
+        """Add the state of the loop after an image, and the true camera pose (4, 4)."""
         self._states.append(state)
         self._poses.append(pose)
 
     def add_image(self, reading: Frame, pose: np.ndarray, model: CameraModel) -> None:
-        """Add an image of a camera other than the control camera.
+        """Add an image of one of the other cameras (not of the control camera).
 
         Args:
-            pose: true world_T_camera (4, 4) at the exposure.
-            model: true intrinsics.
+            reading: frame of the camera.
+            pose: true world_T_camera (4, 4) of the camera at the exposure.
+            model: true intrinsics of the camera.
         """
         jpeg = b"" if self._shot is None else self._shot(reading, model)
         self._camera_images.setdefault(reading.name, []).append((reading.stamp, pose, jpeg))
@@ -67,20 +68,20 @@ class RunRecorder:
         self._command = values
 
     def on_joints(self, stamp: float, positions: np.ndarray, velocities: np.ndarray) -> None:
-        """Add a joint state, positions and velocities (n,), with the latest command."""
+        """Add a joint state: positions (n,), velocities (n,), and the latest command."""
         self._stamps.append(stamp)
         self._joints.append((positions, velocities, self._command))
 
     def make_run(self, plant: Plant, experiment: Experiment, parts: Assembly, **end: Any) -> Run:
-        """Make the run, with camera poses from the plant.
+        """Make the record of the run; the plant computes the camera poses.
 
-        end: further fields of the Run, such as outcome and verdict.
+        end: other fields of the Run, such as outcome and verdict.
         """
         columns = np.array(self._joints).reshape(len(self._joints), 3, self._count)
         positions, velocities, commands = columns.swapaxes(0, 1)
         scheme: Scheme | JointController = parts.servo.scheme
         arm = parts.servo.arm
-        # The run starts after the motion to the start, if the loop has made one.
+        # If the loop has moved the arm to a start, the run starts after this motion.
         approach = [i for i, state in enumerate(self._states) if state.phase == APPROACHING]
         first = approach[-1] + 1 if approach else 0
         states, poses = self._states[first:], self._poses[first:]
@@ -111,7 +112,10 @@ class RunRecorder:
     ) -> dict[str, CameraRecord]:
         """Make the record of each camera, by name.
 
-        stamp, pose: (p,) and (p, 4, 4) of the control camera's images.
+        Args:
+            parts: objects of the run.
+            stamp: stamps (p,) of the images of the control camera, s.
+            pose: world_T_camera (p, 4, 4) of the images of the control camera.
         """
         records = {}
         for name, camera in parts.cameras.items():
@@ -129,7 +133,7 @@ class RunRecorder:
 
 
 def describe_settings(experiment: Experiment) -> dict[str, str]:
-    """Return the main settings of an experiment as text, by name; numbers are without units."""
+    """Return the main settings of an experiment as text, by name; numbers have no unit."""
     settings = {key: getattr(experiment, key) for key in (
         "plant", "scheme", "law", "gain", "start", "goal", "camera", "delay", "seed",
     )}  # fmt: skip

@@ -1,6 +1,6 @@
 """Reading of recorded runs from bags, including unclosed bags and older message versions.
 
-Topics are found by their types, so that bags with other namespaces, cameras and robots can be read.
+Topics are found by their types, so bags with any namespaces, cameras and robots can be read.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ STATE, REPORT, MOMENTS = (
 JOINTS, INFO, METRICS = (
     "sensor_msgs/JointState", "sensor_msgs/CameraInfo", "gazebo_msgs/PerformanceMetrics",
 )
-# Message fields that a report needs; other versions of the messages may lack some.
+# Fields of each message type that a report needs. Some versions of the messages lack some of them.
 USED_FIELDS = {
     STATE: ("header", "scheme", "phase", "reason", "feature_names", "features", "desired_features",
             "error", "camera_twist", "joint_names", "joint_commands", "singular_values"),
@@ -46,15 +46,15 @@ USED_FIELDS = {
     MOMENTS: ("header", "valid", "order", "m", "mu"),
     METRICS: ("header", "real_time_factor"),
 }  # fmt: skip
-# Old names of fields in messages of earlier versions.
+# For each field that was renamed, its name in earlier versions of the messages.
 OLD_FIELDS = {
     "remedy": "mend", "desired_twist": "asked", "achieved_twist": "achieved",
     "infeasible_twist": "lost", "computation_time": "computing",
 }  # fmt: skip
 IMAGE, COMPRESSED = "sensor_msgs/Image", "sensor_msgs/CompressedImage"
-CLOCK_TOLERANCE_NS = 500_000_000  # a larger step back of the stamps is a clock reset
-EXPERIMENT_TOPIC = "experiment"  # last part of the topic name
-CAMERA_NAMESPACE = "/labrob/camera/"  # preferred if a bag has several cameras
+CLOCK_TOLERANCE_NS = 500_000_000  # the clock was reset if the stamps jump back by more, ns
+EXPERIMENT_TOPIC = "experiment"  # last part of the name of the topic with the experiment
+CAMERA_NAMESPACE = "/labrob/camera/"  # topics of the camera that is used if a bag has several
 OPTICAL, LINK = "camera_optical_frame", "camera_link"
 TF, TF_STATIC = "/tf", "/tf_static"
 
@@ -62,10 +62,11 @@ TF, TF_STATIC = "/tf", "/tf_static"
 def read_bag(
     path: str | Path, progress: Callable[[float], None] = lambda part: None, name: str = ""
 ) -> Run:
-    """Read a bag that record.launch wrote.
+    """Read a bag that record.launch has written.
 
     Args:
-        progress: called with the fraction that has been read.
+        path: path of the bag.
+        progress: function that is called with the fraction that has been read, 0 to 1.
         name: name of the run; if empty, it is derived from the path.
 
     Raises:
@@ -109,13 +110,16 @@ def read_recorded_experiment(path: Path) -> RecordedExperiment:
 
 
 def _find_name(path: Path) -> str:
-    """Return the folder's name for the demo's run.bag, otherwise the file's name."""
+    """Return the file's name without suffix, or the folder's name if the file is named run.bag."""
     stem = path.name.split(".")[0]
     return path.resolve().parent.name if stem == "run" else stem
 
 
 def open_bag(path: Path) -> tuple[rosbag.Bag, str]:
-    """Open a bag, and return it with a note for the report; '' for a closed bag."""
+    """Open a bag, and return it with a note for the report.
+
+    The note explains that the bag was not closed; it is '' if it was.
+    """
     import rosbag
 
     try:
@@ -132,21 +136,25 @@ def _reindex(path: Path) -> rosbag.Bag:
     import rosbag
 
     bag = rosbag.Bag(str(path), allow_unindexed=True)
-    # The connections are in the chunks, and again at the end if closing was interrupted.
+    # The connection records at the end of the file are not read, because they may be incomplete.
+    # The chunks contain them, too.
     bag._reader._read_terminal_connection_records = lambda: None
-    with contextlib.suppress(io.UnsupportedOperation):  # reindex fails to truncate the file
+    # At its end, reindex tries to truncate the file, which fails because it is open for reading.
+    with contextlib.suppress(io.UnsupportedOperation):
         for _ in bag.reindex():
             pass
-    for entries in bag._connection_indexes.values():  # drop those of the incomplete chunk
+    for entries in bag._connection_indexes.values():  # drop the entries of the incomplete chunk
         entries[:] = [entry for entry in entries if entry.chunk_pos in bag._chunk_headers]
     bag._connection_indexes_read = True
     return bag
 
 
 def _find_topics(kinds: Mapping[str, str]) -> SimpleNamespace:
-    """Find the topics of a report by their types; the name of a missing topic is ''.
+    """Find the topics that a report needs by their types; the name of a missing topic is ''.
 
-    `kinds`: type of each topic of the bag. Of several cameras, that of the shipped robot is used.
+    If there are several cameras, the camera of the ARAS robot is preferred.
+
+    kinds: message type of each topic in the bag.
     """
 
     def find_topic(kind: str, ending: str = "", near: str = "") -> str:
@@ -167,7 +175,7 @@ def _find_topics(kinds: Mapping[str, str]) -> SimpleNamespace:
 
 
 class BagReader(GraphRecording):
-    """Reader of a bag: first of all messages except images, later of single images."""
+    """Reader of a bag. `read` reads all messages except images, `read_images` single images."""
 
     def __init__(self, bag: rosbag.Bag, path: Path) -> None:
         super().__init__(path)
@@ -177,8 +185,8 @@ class BagReader(GraphRecording):
         if not self._topics.state:
             topics = ", ".join(sorted(info)) or "none"
             raise BenchError(
-                f"{path} contains no state of a servo controller (a topic of type {STATE}); its "
-                f"topics: {topics}"
+                f"{path} contains no state of a servo controller (a topic of type {STATE}), which "
+                f"a report needs; its topics: {topics}"
             )
         self._counts = {topic: one.message_count for topic, one in info.items()}
         self._transforms: dict[str, tuple[str, np.ndarray]] = {}
@@ -186,17 +194,22 @@ class BagReader(GraphRecording):
     # -- reading ---------------------------------------------------------------------------
 
     def read(self, progress: Callable[[float], None]) -> None:
-        """Read all messages; of the images only the stamps."""
+        """Read all messages except images, and the stamps of the images.
+
+        progress: function that is called with the fraction that has been read, 0 to 1.
+        """
         t = self._topics
         handlers: dict[str, Callable[[Any], None]] = {
             t.state: self.states.append, t.report: self.add_report,
             t.moments: self.add_moments, t.joints: self.joints.append,
             t.info: self._add_info, t.metrics: self._add_metrics,
             t.experiment: self._add_experiment, TF: self._add_tf,
-            # With /tf, static transforms add no poses: their stamps may be older than earlier ones.
+            # If the bag contains /tf, camera poses are computed only from its messages, because
+            # the stamps of static transforms can be older than the stamps before them.
             TF_STATIC: self._add_transforms if TF in self._counts else self._add_tf,
         }  # fmt: skip
-        always = (t.info, t.experiment, TF_STATIC)  # also valid if sent before the clock reset
+        # Messages on these topics remain valid after a clock reset.
+        always = (t.info, t.experiment, TF_STATIC)
         start = self._find_start()
         topics = [topic for topic in (*handlers, t.image) if topic in self._counts]
         total = sum(self._counts[topic] for topic in topics)
@@ -217,7 +230,9 @@ class BagReader(GraphRecording):
                 handlers[topic](unpack(message))
 
     def _has_used_fields(self, topic: str, raw: tuple) -> bool:
-        """Return whether the messages of a topic, in the bag's version, have all fields we use.
+        """Return whether the messages of a topic have all fields that a report needs.
+
+        The bag can contain another version of the messages.
 
         Raises:
             BenchError: the messages of the controller's state lack a field.
@@ -238,7 +253,7 @@ class BagReader(GraphRecording):
         return False
 
     def _find_start(self) -> tuple | None:
-        """Return the file position of the last clock reset; None without a reset."""
+        """Return the file position of the last clock reset; return None if there is none."""
         topic, entries = self._topics.joints or self._topics.state, []
         for _, (_, data, _, position, _), _ in self._bag.read_messages([topic], raw=True):
             entries.append((position, _read_stamp(data)))
@@ -279,7 +294,10 @@ class BagReader(GraphRecording):
             self.poses.append((message.transforms[0].header.stamp.to_sec(), pose))
 
     def _compute_optical_pose(self) -> np.ndarray | None:
-        """Compute base_T_optical from the known transforms; None if the camera is unknown."""
+        """Compute the pose base_T_optical (4, 4) of the camera from the transforms read so far.
+
+        Return None if they do not contain the camera.
+        """
         frame = OPTICAL if OPTICAL in self._transforms else LINK
         if frame not in self._transforms:
             return None
@@ -292,7 +310,7 @@ class BagReader(GraphRecording):
         return pose
 
     def read_images(self, stamps: Iterable[float]) -> Iterator[tuple[float, np.ndarray]]:
-        """Read the images nearest to some stamps (s); yield the stamp and the RGB image of each."""
+        """Read the images nearest to the given stamps, s; yield the stamp and RGB image of each."""
         stamps = np.array(list(stamps))
         exposures = np.array([row[0] for row in self.stamps])
         selected = {self.stamps[i][2].to_nsec(): exposures[i]
@@ -308,7 +326,7 @@ class BagReader(GraphRecording):
 
 
 def unpack(raw: tuple) -> Any:
-    """Deserialize a raw message, a tuple (type, bytes, md5, position, class)."""
+    """Deserialize a raw message of rosbag, a tuple (type, bytes, md5, position, class)."""
     _, data, _, _, kind = raw
     message = kind()
     message.deserialize(data)
@@ -328,7 +346,10 @@ def _to_matrix(transform: Any) -> np.ndarray:
 
 
 def _to_rgb(message: Any) -> np.ndarray | None:
-    """Convert a raw or compressed image message to an RGB array (H, W, 3); None if impossible."""
+    """Convert an image message, compressed or not, to an RGB array (rows, columns, 3).
+
+    Return None if the image cannot be decoded.
+    """
     if hasattr(message, "format"):
         image = cv2.imdecode(np.frombuffer(message.data, np.uint8), cv2.IMREAD_COLOR)
         return None if image is None else image[..., ::-1]

@@ -1,4 +1,4 @@
-"""Observation of the graph by the demo: state of the controller, arrival of joint states."""
+"""Subscribers with which the demo observes a run: state of the controller, joint states."""
 
 import contextlib
 import time
@@ -11,14 +11,14 @@ import rosgraph
 
 @dataclass
 class RunProgress:
-    """Progress of a run, updated by the subscribers; times in s.
+    """Progress of a run. All stamps are in s.
 
     Attributes:
-        phase, reason: latest state of the controller, '' before its first message.
-        start_stamp: stamp at the start of servoing, or None.
-        convergence_stamp: stamp at which the controller converged, or None while it has not.
-        stamp: stamp of the latest state of the controller.
-        has_joint_states: a joint state has been received.
+        phase, reason: phase and reason in the controller's latest state; '' before its first state.
+        start_stamp: stamp at the start of servoing; None before.
+        convergence_stamp: stamp at which the controller converged; None if it is not converged now.
+        stamp: stamp of the controller's latest state.
+        has_joint_states: True after the first joint state.
     """
 
     phase: str = ""
@@ -30,7 +30,8 @@ class RunProgress:
 
 
 class ControllerWatch:
-    """Subscribers of the demo process, which do not use simulated time."""
+    """Subscribers of the demo process, which update a RunProgress; they do not use simulated time.
+    """
 
     def __init__(self) -> None:
         import rospy
@@ -69,7 +70,13 @@ class ControllerWatch:
 
 
 def wait_for_master(uri: str, is_alive, timeout: float) -> bool:
-    """Return whether the master answers within `timeout` (s); give up when is_alive() is false."""
+    """Wait until a ROS master answers, and return whether it does.
+
+    Args:
+        uri: URI of the master.
+        is_alive: function that returns whether its process is running; if not, waiting ends.
+        timeout: longest waiting time, s.
+    """
     deadline = time.monotonic() + timeout
     while time.monotonic() < deadline and is_alive():
         with contextlib.suppress(OSError):
@@ -80,7 +87,7 @@ def wait_for_master(uri: str, is_alive, timeout: float) -> bool:
 
 
 def stop_recorder(uri: str, bag: Path, timeout: float = 15.0) -> bool:
-    """Stop the node `record`, and return whether its bag is closed within `timeout` (s)."""
+    """Stop the node `record`, and return whether its bag is closed within `timeout`, s."""
     active = bag.with_name(bag.name + ".active")
     if not active.exists():
         return bag.exists()

@@ -24,12 +24,14 @@ from .graph_listener import GraphListener, make_listener_settings
 if TYPE_CHECKING:
     from ..web.live.requests import Request
 
-PERIOD = 0.5  # s of wall time between two updates of slowly changing state
+# Time between two updates of values that change rarely, such as the selection lists, s of wall
+# time.
+PERIOD = 0.5
 
 
 @dataclass(frozen=True)
 class PageSettings:
-    """Parameters of the page; its other parameters are those of the controller."""
+    """Parameters of the live page. The node also has the parameters of the controller."""
 
     host: str = "127.0.0.1"
     port: int = parameter(8080, least=1, most=65535)
@@ -41,15 +43,15 @@ class PageSettings:
         if self.token and (len(self.token) < 12 or not self.token.isascii()):
             raise ServoError(
                 "parameter ~token is too easy to guess: use 12 or more ASCII characters, or an "
-                "empty one"
+                "empty text for a random token"
             )
 
 
 class Dashboard:
-    """Host of the live page: connects its server to the topics and services of a graph."""
+    """Connects the server of the live page to the topics and services of a ROS graph."""
 
     def __init__(self, listener: GraphListener, robot: str, directory: Path) -> None:
-        """Create the host of a robot.
+        """Create the dashboard of a robot.
 
         Args:
             listener: subscriber of the robot's topics.
@@ -101,7 +103,7 @@ class Dashboard:
     # -- interface of the server -------------------------------------------------------------
 
     def make_update(self) -> dict[str, Any]:
-        """Return what has changed since the last call."""
+        """Return a message with all values that have changed since the last call."""
         listener = self._listener
         with listener.lock:
             trace = listener.refresh()
@@ -111,7 +113,10 @@ class Dashboard:
             return self.page.make_update(trace, joints, velocities, listener.stamp)
 
     def make_robot_model(self) -> dict[str, Any] | None:
-        """Return the robot model; if it cannot be drawn, log this and return an empty model."""
+        """Return the robot model, or None if there is no robot.
+
+        If the robot cannot be drawn, a warning is logged, and the result is an empty model.
+        """
         from ..web.live.robot_model import make_robot_model
 
         urdf = self._listener.urdf
@@ -127,16 +132,16 @@ class Dashboard:
             return self._model[1]
 
     def take_image(self) -> bytes | None:
-        """Return the newest image as JPEG, or None without a new one since the last call."""
+        """Return the newest image as JPEG; return None if it was returned before."""
         return self._images.take_jpeg()
 
     def set_viewer_count(self, viewers: int) -> None:
-        """Set the number of open pages; without any, no images are subscribed to."""
+        """Set the number of open pages; if it is 0, the node does not subscribe to images."""
         self._viewer_count = viewers
         self._images.set_viewer_count(viewers)
 
     def execute(self, request: Request) -> str:
-        """Execute a request, and return the answer.
+        """Execute a request of the page, and return the answer.
 
         Raises:
             RefusedError: the request cannot be executed.
@@ -147,24 +152,27 @@ class Dashboard:
             raise RefusedError(str(error)) from error
 
     def find_file(self, path: str) -> Path | None:
-        """Return the path of a report file, or None if it does not exist."""
+        """Return the path of a file of a report; return None if it does not exist."""
         return self._session_files.find_file(path)
 
     def _check_time(self) -> None:
-        """Check that a clock or a simulator exists; a recorder would wait for it forever.
+        """Check that joint states arrive or a simulator is running, before a recording starts.
+
+        Otherwise, the recorder could wait for simulated time forever.
 
         Raises:
-            RefusedError: there is neither.
+            RefusedError: no joint states arrive, and no simulator is running.
         """
         trace = self._listener.run_trace
         if trace is None or trace.factor is None:
             self._commands.check_simulator()
 
     def _teach(self, name: str) -> str:
-        """Teach a goal, unless the camera provides no images or detects no target.
+        """Store the current view as a goal, and return the answer.
 
         Raises:
-            RefusedError: the goal cannot be taught.
+            RefusedError: the simulation is paused, the target is not detected, or the tool that
+                stores the goal fails.
         """
         listener, scheme = self._listener, self._commands.read_selection().get("scheme", "moments")
         if listener.run_trace is None or listener.run_trace.factor is None:
@@ -181,7 +189,10 @@ class Dashboard:
     # -- slowly changing state ---------------------------------------------------------------
 
     def refresh(self) -> None:
-        """Update robot, controller, target and selection lists; called every PERIOD."""
+        """Update the robot, the controller, the target and the selection lists.
+
+        It is called every PERIOD.
+        """
         listener, files = self._listener, self._session_files
         trace = listener.update()
         if trace is None or not self._viewer_count:
@@ -214,7 +225,9 @@ class Dashboard:
 
 
 def split_parameters(parameters: dict[str, Any]) -> tuple[PageSettings, dict[str, Any]]:
-    """Split the node's parameters into those of the page, checked, and all others.
+    """Split the node's parameters into those of the page and those of the controller.
+
+    Only the parameters of the page are checked.
 
     Raises:
         ServoError: a parameter of the page has the wrong type or is out of range.
@@ -226,13 +239,16 @@ def split_parameters(parameters: dict[str, Any]) -> tuple[PageSettings, dict[str
 
 
 def main() -> int:
-    """Run the node; returns its exit status."""
+    """Run the node and return its exit status."""
     init_node("aras_visual_servo_dashboard", __doc__, disable_rostime=True)
     accept_in_threads()
     try:
         from ..web.live.server import serve
     except ModuleNotFoundError as error:
-        rospy.logfatal("the live page needs %s: ./setup.sh --for bench installs it", error.name)
+        rospy.logfatal(
+            "the live page needs %s, which is not installed; run: ./setup.sh --for bench",
+            error.name,
+        )
         return 1
     try:
         page, other_parameters = split_parameters(rospy.get_param("~", {}))
@@ -244,7 +260,7 @@ def main() -> int:
     except (BenchError, ServoError) as error:
         rospy.logfatal("%s", error)
         return 1
-    print(f"\n    {server.access.address}\n", flush=True)  # terminals turn this line into a link
+    print(f"\n    {server.access.address}\n", flush=True)  # terminals show this line as a link
     status = 0
     try:
         for _ in iterate_at_period(PERIOD):
@@ -255,10 +271,10 @@ def main() -> int:
     server.close()
     dashboard.close()
     for thread in threading.enumerate():
-        if thread.name == "shutdown":  # it unregisters the node
+        if thread.name == "shutdown":  # this thread of rospy unregisters the node
             thread.join(5.0)
     sys.stdout.flush()
-    os._exit(status)  # a normal exit would wait for tools that still run for the page
+    os._exit(status)  # a normal exit would wait for threads whose tools are still running
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ from aras_visual_servo_ros.shutdown import init_node
 
 
 def decompress(message: CompressedImage) -> Image | None:
-    """Convert a compressed image to rgb8 or mono8; return None if it cannot be decoded."""
+    """Convert a compressed image to an rgb8 or mono8 image; return None if this fails."""
     image = cv2.imdecode(np.frombuffer(message.data, np.uint8), cv2.IMREAD_UNCHANGED)
     if image is None or image.dtype != np.uint8:
         return None
@@ -23,7 +23,11 @@ def decompress(message: CompressedImage) -> Image | None:
 
 
 def main() -> int:
-    """Run the node, which subscribes to ~camera/image_raw/compressed and publishes image_raw."""
+    """Run the node and return its exit status.
+
+    It subscribes to CAMERA/image_raw/compressed and publishes CAMERA/image_raw, where CAMERA is the
+    parameter ~camera.
+    """
     init_node("decompress", __doc__)
     topic = rospy.get_param("~camera", "/labrob/camera").rstrip("/") + "/image_raw"
     publisher = rospy.Publisher(topic, Image, queue_size=2)

@@ -1,7 +1,8 @@
 """The demo: start the simulation and the nodes, servo to the target, stop, and write a report.
 
-The demo uses a separate ROS master on a free port and does not affect other graphs. Exit status: 0
-if the target was reached and held, 1 if not, 2 for invalid arguments, 130 after ^C.
+The demo uses its own ROS master on a free port, so it does not affect other ROS graphs. The exit
+status is 0 if the controller has converged, 1 if not or after an error, 2 for invalid arguments,
+and 130 after ^C.
 """
 
 import argparse
@@ -21,15 +22,17 @@ from ..errors import BenchError
 from .demo_arguments import LAUNCH_FILES, parse
 from .ros_launch import RosLaunch, find_free_port
 
-STARTUP_TIMEOUT = 300.0  # s of wall time for each startup step
-SLOW_START_NOTICE = 20.0  # s of wall time before a message names the pending startup step
-MIN_REAL_TIME_RATIO = 6.0  # limit of wall time per simulated time of a run
-HOLDING_TIMEOUT = 5.0  # s of wall time that the controller may hold before servoing starts
-TIME_AFTER_CONVERGENCE = 0.5  # simulated s recorded after convergence
+STARTUP_TIMEOUT = 300.0  # longest time of each step of the start, s of wall time
+# If a step of the start takes longer, a message says which step it is, s of wall time.
+SLOW_START_NOTICE = 20.0
+MIN_REAL_TIME_RATIO = 6.0  # longest wall time of a run, divided by its limit of simulated time
+# Longest time for which the controller may hold the arm before servoing starts, s of wall time.
+HOLDING_TIMEOUT = 5.0
+TIME_AFTER_CONVERGENCE = 0.5  # time that is recorded after convergence, simulated s
 
 
 class Demo:
-    """One run of the demo, from starting the processes to writing the report."""
+    """One run of the demo, from the start of the processes to the report."""
 
     def __init__(self, arguments: argparse.Namespace) -> None:
         self.arguments = arguments
@@ -42,7 +45,7 @@ class Demo:
         self._hold_start_time: float | None = None
 
     def run(self) -> int:
-        """Run the demo, and return the exit status."""
+        """Run the demo and return its exit status."""
         (self.output_folder / "log").mkdir(parents=True, exist_ok=True)
         for old in (self.bag, self.bag.with_name("run.bag.active")):
             old.unlink(missing_ok=True)
@@ -54,7 +57,7 @@ class Demo:
         return self._report()
 
     def _start(self) -> None:
-        """Start master, simulator, recorder and nodes."""
+        """Start the ROS master, the simulator, the recorder and the nodes."""
         from .controller_watch import ControllerWatch, wait_for_master
 
         _print_status("starting the simulator")
@@ -83,7 +86,8 @@ class Demo:
             STARTUP_TIMEOUT,
             "the simulated robot and the recorder",
         )
-        # Wait for the recorder and this process: rosbag connects to a new topic after a second.
+        # rosbag connects to a new topic only after a second. With `listeners`, the controller waits
+        # until the recorder and this process have subscribed.
         node = "/aras_visual_servo_controller"
         rospy.set_param(f"{node}/listeners", 2)
         for name in ("law", "gain", "tracker"):
@@ -127,7 +131,7 @@ class Demo:
             return
         from .controller_watch import stop_recorder
 
-        # A second ^C must not leave processes behind.
+        # Ignore a second ^C, so that no process is left running.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
         _print_status("stopping")
@@ -160,13 +164,16 @@ class Demo:
         return 0 if record.converged else 1
 
     def _make_world_arguments(self) -> dict[str, str]:
-        """Return the launch arguments of the simulation that the options set."""
+        """Return the arguments of the simulation's launch file that the user has set by options."""
         options = vars(self.arguments)
         names = ("camera", "target", "target_size", "urdf", "camera_xyz", "camera_rpy")
         return {name: str(options[name]) for name in names if options[name]}
 
     def _find_goal(self) -> str:
-        """Return the name or path of the goal; write a taught goal into the output folder."""
+        """Return the name or the path of the goal's file.
+
+        A goal that was computed for another target is written into the output folder.
+        """
         if self.arguments.taught is None:
             return self.arguments.goal
         path = self.output_folder / "goal.yaml"
@@ -233,7 +240,7 @@ def _raise_interrupt(number: int, frame: Any) -> None:
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run the demo; returns its exit status."""
+    """Run the demo and return its exit status."""
     arguments = parse(argv)
     signal.signal(signal.SIGTERM, _raise_interrupt)
     try:

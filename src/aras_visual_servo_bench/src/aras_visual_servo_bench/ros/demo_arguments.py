@@ -1,4 +1,4 @@
-"""Command line of the demo, checked before any process is started."""
+"""Command line of the demo. It is checked before any process is started."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from ..targets.target_factory import find_default_size, find_tracker
 from ..targets.target_spec import TargetSpec
 
 LAUNCH_FOLDER = "package://aras_visual_servo_gazebo/launch/"
-# The launch files, and their arguments that are options of the demo.
+# For each launch file, the arguments that the demo sets itself or by its own options.
 LAUNCH_FILES = {
     "aras_visual_servo.launch": {
         "camera", "camera_xyz", "camera_rpy", "urdf", "target", "target_size", "show_rviz",
@@ -36,7 +36,7 @@ LAUNCH_FILES = {
     "aras_visual_servo_nodes.launch": {"scheme", "law", "gain", "start", "goal", "desired"},
 }  # fmt: skip
 PLATES, NO_TARGET = "aras", "none"
-# x, y, z (m), roll, pitch, yaw (rad); the same pose as target_place of the launch file
+# x, y, z (m), roll, pitch, yaw (rad), equal to the argument target_place of the launch file.
 TARGET_POSE = (0.0, 0.0, 0.591, 0.0, 0.0, 0.0)
 DEFAULT_ROBOT = RobotSpec()
 
@@ -44,8 +44,11 @@ DEFAULT_ROBOT = RobotSpec()
 def parse(argv: list[str] | None) -> argparse.Namespace:
     """Parse and check the command line.
 
-    The result also contains `further`, the further arguments of each launch file; `taught`, the
-    goal for another target than the plates, or None; and `tracker`, the tracker of the target.
+    Returns:
+        The options, and in addition
+            further: the further arguments of each launch file,
+            taught: goal that is computed for a target other than the plates, otherwise None,
+            tracker: name of the tracker of the target.
     """
     parser = argparse.ArgumentParser(
         prog="demo", description="Servo the ARAS robot to its target and write a report.",
@@ -83,7 +86,7 @@ def parse(argv: list[str] | None) -> argparse.Namespace:
 
 
 def _add_loop_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of scheme, law, gain, start and goal."""
+    """Add the options for the scheme, the law, the gain, the start and the goal."""
     parser.add_argument(
         "--scheme", default="moments",
         help="name of a feature or scheme (default moments), several names joined by +, or your "
@@ -109,7 +112,7 @@ def _add_loop_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_world_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of target, robot and camera."""
+    """Add the options for the target, the robot and the camera."""
     parser.add_argument(
         "--target", default=PLATES, help="target on the table: aras (default, the plates of the "
         "laboratory), another name in targets/, an image file, an SVG outline, a URDF, or none; "
@@ -135,7 +138,9 @@ def _add_world_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _check(arguments: argparse.Namespace) -> None:
-    """Check the options that roslaunch or a node would reject later, and complete them.
+    """Check the options, so that roslaunch or a node does not reject them later.
+
+    The attributes `further`, `tracker` and `taught` are added.
 
     Raises:
         ConfigurationError, ExperimentError: an option is invalid.
@@ -164,10 +169,12 @@ def _check(arguments: argparse.Namespace) -> None:
 
 
 def _parse_launch_arguments(arguments: list[str]) -> dict[str, dict[str, str]]:
-    """Return the further arguments of each launch file by name.
+    """Return, for each launch file, the values of its further arguments by name.
+
+    arguments: words NAME:=VALUE of the command line.
 
     Raises:
-        ExperimentError: an argument is malformed, unknown or an option of the demo.
+        ExperimentError: a word has another form, or its name is unknown or set by the demo.
     """
     declared = {
         file: _read_argument_names(file) - options for file, options in LAUNCH_FILES.items()
@@ -179,7 +186,9 @@ def _parse_launch_arguments(arguments: list[str]) -> dict[str, dict[str, str]]:
         if not separator:
             raise ExperimentError(f"'{word}' is not an argument: use NAME:=VALUE, or see --help")
         if any(name in options for options in LAUNCH_FILES.values()):
-            raise ExperimentError(f"{name}:= is set by an option or by the demo itself: see --help")
+            raise ExperimentError(
+                f"{name}:= is set by an option or by the demo itself; see the options in --help"
+            )
         if name not in all_names:
             raise ExperimentError(f"the launch files have no argument '{name}': "
                                   f"{suggest(name, all_names)}")  # fmt: skip
@@ -206,19 +215,25 @@ def _parse_target(text: str) -> str:
     if text in (*SHAPES, NO_TARGET):
         return text
     if not path.suffix:
-        raise ExperimentError(f"--target is '{text}': {suggest(text, (*SHAPES, NO_TARGET))}")
+        raise ExperimentError(
+            f"--target is '{text}', which is not a target: {suggest(text, (*SHAPES, NO_TARGET))}"
+        )
     if not path.is_file():
         raise ExperimentError(f"--target: there is no file {path}")
     return str(path.resolve())
 
 
 def _teach_goal(arguments: argparse.Namespace, goal: Goal) -> Goal:
-    """Return the view of the target from the camera pose of a shipped goal, as a new goal.
+    """Return a goal with the view of the target from the camera's pose in another goal.
+
+    Args:
+        arguments: options of the demo.
+        goal: goal whose pose of the camera is used.
 
     Raises:
         ExperimentError: the scheme cannot servo to this view.
     """
-    from ..setup.assembly import assemble  # slow to import (1 s), and rarely needed
+    from ..setup.assembly import assemble  # this import takes 1 s and is rarely needed
 
     size = find_default_size(arguments.target)
     if arguments.target_size:
@@ -252,7 +267,10 @@ def _teach_goal(arguments: argparse.Namespace, goal: Goal) -> Goal:
 
 
 def _parse_numbers(text: str, count: int, example: str) -> str:
-    """Check that a text contains `count` finite numbers, and return it unchanged."""
+    """Check that a text contains `count` finite numbers, and return it unchanged.
+
+    example: valid text, for the error message.
+    """
     try:
         numbers = [float(word) for word in text.split()]
     except ValueError:
@@ -296,8 +314,8 @@ def _check_start(text: str, other: bool) -> None:
     """Check the option --start.
 
     Args:
-        text: the option's value.
-        other: whether the robot is another one than the ARAS robot.
+        text: value of the option.
+        other: True if the robot is not the ARAS robot.
 
     Raises:
         ConfigurationError: the value is invalid.

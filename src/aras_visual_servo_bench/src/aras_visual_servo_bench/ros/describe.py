@@ -1,11 +1,15 @@
 """Node that publishes a description of the experiment, for recorders.
 
-A latched std_msgs/String contains a JSON object with everything that is needed to repeat a run:
-`parameters`, the parameter server; `controller`, the name of the controller node; `launch`, the
-command lines of all roslaunch processes of this master; `goals`, the texts of the goal files that
-the controller may use; `versions`, of the software. It is published again when the parameters
-change. A second topic, a geometry_msgs/PoseStamped in the arm's base frame, has the pose of the
-target; it is published when the target has moved.
+A latched std_msgs/String contains a JSON object with all data that are needed to repeat a run:
+
+- `parameters`: all parameters of the parameter server,
+- `controller`: name of the controller node,
+- `launch`: arguments of all roslaunch processes with this ROS master,
+- `goals`: texts of the goal files that the controller may use,
+- `versions`: versions of the software.
+
+It is published again when the parameters change. A second topic, a geometry_msgs/PoseStamped, is
+the pose of the target in the base frame of the arm. It is published when the target has moved.
 """
 
 from __future__ import annotations
@@ -22,15 +26,20 @@ from ..recording.parameters import find_branch
 FORMAT_VERSION = 1
 TOPIC = "/aras_visual_servo/experiment"
 CONTROLLER = "/aras_visual_servo_controller"
-PERIOD = 0.2  # s of wall time between two queries of the target pose
-PARAMETER_INTERVAL = 5  # queries of the target pose per query of the parameters
+PERIOD = 0.2  # time between two queries of the target's pose, s of wall time
+PARAMETER_INTERVAL = 5  # the parameters are queried after so many queries of the target's pose
 MAX_GOAL_BYTES = 200_000  # larger goal files are omitted
 
 
 def collect_description(
     parameters: Mapping[str, object], controller: str = CONTROLLER
 ) -> dict[str, object]:
-    """Return the description of an experiment with these parameters, as a JSON object."""
+    """Return the description of an experiment, a JSON object.
+
+    Args:
+        parameters: all parameters of the parameter server.
+        controller: name of the controller node.
+    """
     from ..studies.versions import read_commit, read_versions
 
     return {
@@ -44,7 +53,10 @@ def collect_description(
 
 
 def read_goal_files(controller: Mapping[str, object]) -> dict[str, str]:
-    """Return the texts of the goal files that the parameters may select, by file name."""
+    """Return, by file name, the texts of the goal files that the controller may use.
+
+    controller: parameters of the controller node.
+    """
     import rospkg
 
     with contextlib.suppress(rospkg.ResourceNotFound):
@@ -61,7 +73,10 @@ def read_goal_files(controller: Mapping[str, object]) -> dict[str, str]:
 
 
 def find_launch_commands(proc: Path = Path("/proc")) -> list[list[str]]:
-    """Return the arguments of each roslaunch process on this machine with the same master."""
+    """Return the arguments of each roslaunch process on this machine with the same ROS master.
+
+    proc: folder of the proc file system.
+    """
     master, found = os.environ.get("ROS_MASTER_URI", "").rstrip("/"), []
     for entry in sorted(proc.glob("[0-9]*"), key=lambda one: (len(one.name), one.name)):
         with contextlib.suppress(OSError):
@@ -77,7 +92,11 @@ def find_launch_commands(proc: Path = Path("/proc")) -> list[list[str]]:
 
 
 def main() -> int:
-    """Run the node; it publishes the description and the target pose when they change."""
+    """Run the node, which publishes the description and the target's pose when they change.
+
+    Returns:
+        The exit status.
+    """
     import rospy
     from geometry_msgs.msg import PoseStamped
     from std_msgs.msg import String

@@ -1,4 +1,4 @@
-"""Subscriber of one robot's topics that updates a RunTrace.
+"""Subscribers of one robot's topics, which update the RunTrace of its run.
 
 The trace restarts when another robot is spawned or the clock is reset.
 """
@@ -34,26 +34,32 @@ from aras_visual_servo_controller.settings import Settings
 from ..drawing.run_trace import NO_STATE, RunTrace
 from ..drawing.track import RealTimeFactor
 
-# s of wall time without a joint state after which the real-time factor is unknown
+# The real-time factor is unknown if no joint state has arrived for longer, s of wall time.
 SILENCE_TIMEOUT = 2.0
 
 
 class GraphListener:
-    """Subscribers of one robot's topics, with the trace of its run and the latest values.
+    """Subscribers of one robot's topics, which store the latest values and a trace of the run.
 
     Attributes:
-        on_state: called with each controller state and its joint positions, or None.
-        robot_name, robot_count: name of the robot, and number of robots so far.
-        run_trace: trace of the run; None without a robot.
-        urdf: description of the robot.
-        restart_count: number of new robots and clock resets.
-        positions, velocities: (n,) joint positions and velocities in the order of the arm.
-        stamp: stamp (s) of the latest joint state.
-        no_target_reason: why the latest image has no target; '' if it has one.
+        on_state: function that is called with each state of the controller and its joint positions;
+            None for no function.
+        robot_name: name of the robot.
+        robot_count: number of robots since the start, including the current robot.
+        run_trace: trace of the run; None if there is no robot.
+        urdf: description of the robot; '' if there is no robot.
+        restart_count: number of new robots and of clock resets since the start.
+        positions, velocities: (n,) latest joint positions and velocities in the order of the arm's
+            joints; None before the first joint state.
+        stamp: stamp of the latest joint state, s.
+        no_target_reason: why the target is not detected in the latest image; '' if it is.
     """
 
     def __init__(self, settings: Settings) -> None:
-        """Subscribe to the topics that the controller's `settings` name."""
+        """Subscribe to the robot's topics.
+
+        settings: settings of the controller, which define the names of the topics.
+        """
         self.settings = settings
         self.on_state: Callable[[State, Sequence[float]], None] | None = None
         self.robot_name, self.robot_count = "", 0
@@ -77,7 +83,7 @@ class GraphListener:
         self._camera: CameraModel | None = None
         space = settings.namespace.rstrip("/")
         for topic, kind, callback, queue_size in (
-            # Joint states arrive at 100 Hz; they are deserialized only in `refresh`.
+            # Joint states arrive at 100 Hz. Only the latest is deserialized, by `refresh`.
             (f"{space}/joint_states", rospy.AnyMsg, self._on_joints, 1),
             (f"{space}/controller/state", ServoState, self._on_state, 10),
             (f"{space}/controller/diagnosis", ServoReport, self._on_report, 1),
@@ -89,7 +95,9 @@ class GraphListener:
             rospy.Subscriber(topic, kind, callback, queue_size=queue_size, tcp_nodelay=True)
 
     def update(self) -> RunTrace | None:
-        """Look for another robot, and return the updated trace; None without a robot.
+        """Check whether another robot was spawned, and return the updated trace.
+
+        Return None if there is no robot.
 
         Raises:
             ConfigurationError: the robot description is invalid.
@@ -106,7 +114,7 @@ class GraphListener:
         return self.refresh()
 
     def refresh(self) -> RunTrace | None:
-        """Return the trace, updated with the latest messages; None without a robot."""
+        """Return the trace, updated from the latest messages; return None if there is no robot."""
         trace = self.run_trace
         if trace is None:
             return None
@@ -118,7 +126,7 @@ class GraphListener:
         return trace
 
     def clear_controller(self) -> None:
-        """Forget the last state and diagnosis of a controller that has ended."""
+        """Delete the last state and diagnosis of the controller after its node has ended."""
         with self.lock:
             self.report = None
             if self.run_trace is not None:
@@ -133,7 +141,7 @@ class GraphListener:
             message.deserialize(content)
             sample = run_trace.arm.read_joints(message.name, message.position, message.velocity)
         except (MeasurementError, genpy.MessageException, ValueError):
-            return  # invalid or of another type; the controller reports this
+            return  # the message is invalid, or has another type; the controller reports this
         stamp = message.header.stamp.to_sec()
         if stamp < self.stamp:
             run_trace.clear()
@@ -165,7 +173,7 @@ class GraphListener:
 
     def _on_goal(self, message: PoseStamped) -> None:
         position, orientation = message.pose.position, message.pose.orientation
-        with contextlib.suppress(ZeroDivisionError):  # a zero quaternion
+        with contextlib.suppress(ZeroDivisionError):  # ignore a quaternion of length zero
             quat = normalise((orientation.x, orientation.y, orientation.z, orientation.w))
             pose = Pose((position.x, position.y, position.z), quat).matrix()
             if np.isfinite(pose).all():
@@ -189,7 +197,9 @@ class GraphListener:
 
 
 def make_listener_settings(parameters: dict[str, object]) -> Settings:
-    """Return the controller settings of a node that only listens, from its parameters.
+    """Return the settings of the controller whose topics a node subscribes to.
+
+    parameters: parameters of this node.
 
     Raises:
         ConfigurationError: a parameter is invalid.

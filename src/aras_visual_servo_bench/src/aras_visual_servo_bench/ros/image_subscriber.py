@@ -1,4 +1,4 @@
-"""Subscriber of the camera images for the live page, as JPEG."""
+"""Subscriber of the camera's images, which are converted to JPEG for the live page."""
 
 from __future__ import annotations
 
@@ -13,7 +13,9 @@ from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.images import decode
 
 QUALITY = 80
-BUFFER_BYTES = 2**24  # room for several images, so that old ones do not queue up in the socket
+# Buffer of a subscriber, bytes. It holds several images, so that old images do not wait in the
+# socket.
+BUFFER_BYTES = 2**24
 OVERLAY_NOTE = "green: detected target \u2002 blue: desired view"
 PLAIN_NOTE = "camera image; the camera node is not running"
 
@@ -22,7 +24,7 @@ class ImageSubscriber:
     """Subscriber of the camera node's overlay, or of the raw image if this node is not running.
 
     Attributes:
-        note: text that explains the image.
+        note: text for the page that explains the image.
     """
 
     def __init__(self, space: str, camera: str) -> None:
@@ -39,9 +41,9 @@ class ImageSubscriber:
         self.note = PLAIN_NOTE
 
     def set_viewer_count(self, viewers: int) -> None:
-        """Subscribe for the first viewer, and unsubscribe after the last one.
+        """Subscribe if there are viewers, unsubscribe if there are none.
 
-        Without a subscriber the camera node draws no overlay.
+        The camera node draws the overlay only if it has a subscriber.
         """
         with self._lock:
             if viewers and self._subscribers[0] is None:
@@ -52,7 +54,7 @@ class ImageSubscriber:
                 self._newest = None
 
     def choose_topic(self) -> None:
-        """Switch to the raw image if no overlay is published, and back if it is."""
+        """Use the raw image if no node publishes the overlay, otherwise the overlay."""
         with self._lock:
             if self._subscribers[0] is None:
                 return
@@ -64,7 +66,7 @@ class ImageSubscriber:
                 self._subscribe(1)
 
     def take_jpeg(self) -> bytes | None:
-        """Return the newest image as JPEG; None without a new one since the last call."""
+        """Return the newest image as JPEG; return None if it was returned before."""
         message, self._newest = self._newest, None
         if message is None:
             return None

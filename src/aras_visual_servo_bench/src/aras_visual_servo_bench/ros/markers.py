@@ -14,18 +14,23 @@ from ..drawing.shapes import ARROW, FACES, LINES, STRIP, TEXT, Shape
 from .graph_listener import GraphListener, make_listener_settings
 from .target_watch import TargetWatch
 
-PERIOD = 0.1  # s of wall time between two publications
+PERIOD = 0.1  # time between two publications, s of wall time
 MARKER_TYPES = {
     LINES: Marker.LINE_LIST, STRIP: Marker.LINE_STRIP, ARROW: Marker.ARROW,
     TEXT: Marker.TEXT_VIEW_FACING, FACES: Marker.TRIANGLE_LIST,
 }  # fmt: skip
-HEAD_WIDTH, HEAD_LENGTH = 2.2, 3.0  # size of an arrow's head in shaft widths
+HEAD_WIDTH, HEAD_LENGTH = 2.2, 3.0  # size of an arrow's head, divided by the width of its shaft
 
 
 def make_marker(shape: Shape, frame: str) -> Marker:
-    """Convert a shape to a visualization_msgs/Marker; a shape without points deletes its marker."""
+    """Convert a shape to a visualization_msgs/Marker.
+
+    If the shape has no points, the message deletes the marker in rviz.
+
+    frame: name of the frame of the points.
+    """
     message = Marker(ns=shape.name, type=MARKER_TYPES[shape.kind], action=Marker.ADD)
-    message.header.frame_id = frame  # stamp 0: use the latest transform
+    message.header.frame_id = frame  # with the default stamp 0, rviz uses the latest transform
     message.pose.orientation.w = 1.0
     if not len(shape.points):
         message.action = Marker.DELETE
@@ -38,7 +43,7 @@ def make_marker(shape: Shape, frame: str) -> Marker:
         position.x, position.y, position.z = (float(v) for v in shape.points[0])
         return message
     message.scale.x = width
-    if shape.kind == FACES:  # the scale multiplies the vertices of a triangle list
+    if shape.kind == FACES:  # rviz multiplies the vertices of triangles by the scale
         message.scale.x = message.scale.y = message.scale.z = 1.0
     if shape.kind == ARROW:
         message.scale.y, message.scale.z = HEAD_WIDTH * width, HEAD_LENGTH * width
@@ -47,7 +52,13 @@ def make_marker(shape: Shape, frame: str) -> Marker:
 
 
 def make_markers(shapes: list[Shape], frame: str, previous: set[str]) -> MarkerArray:
-    """Return the markers of all shapes; delete those of `previous` that no longer exist."""
+    """Return the markers of all shapes, and messages that delete obsolete markers.
+
+    Args:
+        shapes: shapes of the drawing.
+        frame: name of the frame of their points.
+        previous: names of the shapes in the last message.
+    """
     array = MarkerArray([make_marker(shape, frame) for shape in shapes])
     for name in sorted(previous - {shape.name for shape in shapes}):
         array.markers.append(Marker(ns=name, action=Marker.DELETE))
@@ -55,14 +66,14 @@ def make_markers(shapes: list[Shape], frame: str, previous: set[str]) -> MarkerA
 
 
 def main() -> int:
-    """Run the node; returns its exit status."""
+    """Run the node and return its exit status."""
     return node_main(
         "aras_visual_servo_markers", __doc__, _publish, ConfigurationError, disable_rostime=True
     )
 
 
 def _publish() -> None:
-    """Publish the markers every PERIOD while they have a subscriber."""
+    """Publish the markers every PERIOD if they have a subscriber."""
     settings = make_listener_settings(rospy.get_param("~", {}))
     listener, target, previous = GraphListener(settings), TargetWatch(), set()
     topic = f"{settings.namespace.rstrip('/')}/markers"

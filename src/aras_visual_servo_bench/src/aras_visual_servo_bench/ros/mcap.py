@@ -19,10 +19,19 @@ from .bag import open_bag
 def convert(
     bag: Path, out: Path, progress: Callable[[float], None] = lambda part: None
 ) -> dict[str, int]:
-    """Convert a bag, closed or not, to an MCAP file; return the message count of each topic.
+    """Convert a bag, which may be unclosed, to an MCAP file.
+
+    Args:
+        bag: path of the bag.
+        out: path of the MCAP file.
+        progress: function that is called with the finished fraction, 0 to 1.
+
+    Returns:
+        The number of messages of each topic.
 
     Raises:
-        BenchError: the bag cannot be read, or the file cannot be written. No file is left behind.
+        BenchError: the bag cannot be read, or the file cannot be written. An incomplete file is
+            deleted.
     """
     part = out.with_name(out.name + ".part")
     try:
@@ -39,7 +48,13 @@ def convert(
 def _copy_messages(
     source: rosbag.Bag, stream: BinaryIO, name: str, progress: Callable[[float], None]
 ) -> dict[str, int]:
-    """Copy all serialized messages into compressed chunks; return the count of each topic."""
+    """Copy all messages of a bag into an MCAP stream without deserializing them.
+
+    name: name of the bag, which is stored in the MCAP file.
+
+    Returns:
+        The number of messages of each topic.
+    """
     writer = Writer(stream)
     writer.start("ros1", "aras_visual_servo_bench")
 

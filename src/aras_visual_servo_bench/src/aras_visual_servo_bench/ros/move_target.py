@@ -4,8 +4,9 @@
     rosrun aras_visual_servo_bench move_target velocity='[0.01, 0, 0, 0, 0, 0.1]' begin=2
     rosrun aras_visual_servo_bench move_target path='[[2, 0.05, 0, 0], [4, 0.05, 0.03, 0]]'
 
-The keys are those of an experiment's `target.motion`. The motion starts at the current pose of the
-target when this program starts. It uses Gazebo's service `set_model_state`.
+The keys are those of an experiment's `target.motion`. The motion starts when this program starts,
+at the pose that the target has at this time. The target is moved by Gazebo's service
+`set_model_state`.
 """
 
 from __future__ import annotations
@@ -20,15 +21,15 @@ from ..errors import ExperimentError, StudyError
 from ..experiment.overrides import parse_overrides
 from ..targets.geometry import Motion
 
-RATE = 60.0  # Hz of simulated time, twice the image rate
-SERVICE_TIMEOUT = 10.0  # s to wait for the simulation
+RATE = 60.0  # updates of the pose, Hz in simulated time; twice the rate of images
+SERVICE_TIMEOUT = 10.0  # longest time to wait for the simulation, s
 
 
 def parse_motion(arguments: list[str]) -> Motion:
-    """Parse a motion from key=value arguments.
+    """Return the motion that arguments of the form key=value describe.
 
     Raises:
-        ExperimentError: an argument is invalid, or nothing moves.
+        ExperimentError: an argument is invalid, or the target would not move.
     """
     try:
         motion = build(Motion, parse_overrides(arguments), "motion", ExperimentError)
@@ -43,7 +44,7 @@ def parse_motion(arguments: list[str]) -> Motion:
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Move the target until the program is stopped; return the exit status."""
+    """Move the target until the program is stopped, and return the exit status."""
     parser = argparse.ArgumentParser(
         prog="move_target", description=__doc__.splitlines()[0],
         epilog="example: rosrun aras_visual_servo_bench move_target circle=0.02 frequency=0.2",
@@ -95,5 +96,5 @@ def _move_target(motion: Motion, model: str) -> int:
             set_state(state)
             rate.sleep()
         except (rospy.ServiceException, rospy.ROSInterruptException):
-            break  # the simulation, or this node, has ended
+            break  # the simulation or this node has ended
     return 0

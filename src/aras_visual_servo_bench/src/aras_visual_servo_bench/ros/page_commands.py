@@ -1,4 +1,4 @@
-"""Commands of the live page on a graph: services, gains, and replacing nodes, robot and target."""
+"""Commands of the live page: call services, set gains, and replace nodes, robot and target."""
 
 from __future__ import annotations
 
@@ -42,17 +42,19 @@ from .target_watch import TARGET_DESCRIPTION
 
 CONTROLLER, CAMERA = "/aras_visual_servo_controller", "/aras_visual_servo_camera"
 CAMERA_PARAMETERS = "/gazebo/cameras/labrob/camera"
-SERVICE_TIMEOUT = 5.0  # s of wall time to wait for a service
-START_TIMEOUT = 60.0  # s of wall time for nodes to start, including just-in-time compilation
+SERVICE_TIMEOUT = 5.0  # longest time to wait for a service, s of wall time
+# Longest time for nodes to start, s of wall time; it includes the compilation of functions.
+START_TIMEOUT = 60.0
 STRICT_SWITCHING = 2
-POSE_TOLERANCE = 1e-5  # m and rad; smaller deviations from the requested pose are not reported
+POSE_TOLERANCE = 1e-5  # m and rad; a smaller deviation from the requested pose is not reported
 DEFAULT_NODES = {"scheme": "moments", "law": "proportional", "start": "2016", "goal": "auto"}
 
 
 class PageCommands:
-    """Commands of a live page.
+    """Commands of the live page.
 
-    Each command returns an answer for the user, or raises RefusedError with the reason.
+    Each command returns an answer for the user. If it fails, it raises RefusedError with the
+    reason.
     """
 
     def __init__(self, listener: GraphListener, settings: Settings, directory: Path,
@@ -76,7 +78,7 @@ class PageCommands:
         rospy.Subscriber(f"{CONTROLLER}/gains/parameter_updates", Config, self._on_gains)
 
     def list_choices(self) -> dict[str, list[str]]:
-        """Return the names for each selection list of the page."""
+        """Return the names in each selection list of the page."""
         gazebo = Path(self._packages.get_path("aras_visual_servo_gazebo"))
         starts = read_yaml(
             self._settings.package / "config" / "starts.yaml", ConfigurationError
@@ -101,7 +103,11 @@ class PageCommands:
         }
 
     def read_selection(self) -> dict[str, str]:
-        """Return the running scheme, law, start, goal and camera; the defaults without nodes."""
+        """Return the names of the current scheme, law, start, goal and camera.
+
+        If the nodes are not running, they are the defaults. If the ROS master does not answer, the
+        result is empty.
+        """
         names = {"scheme": "scheme", "law": "law", "start": "start", "desired": "goal"}
         try:
             parameters = rospy.get_param(CONTROLLER, {})
@@ -114,7 +120,7 @@ class PageCommands:
         return found
 
     def _find_preset_name(self, settings: dict[str, Any]) -> str:
-        """Return the name of the shipped camera preset with these settings, or ''."""
+        """Return the name of the camera preset that has these settings; '' if there is none."""
         if self._camera[0] != settings:
             preset = find_preset(settings)
             self._camera = settings, preset if isinstance(preset, str) else ""
@@ -144,43 +150,45 @@ class PageCommands:
         self._call(name, GetWorldProperties, "is the simulator running?")
 
     def step(self, steps: int) -> str:
-        """Advance the paused simulation by a number of physics steps."""
+        """Advance the paused simulation by a number of time steps."""
         answer = self._call("/gazebo/step_world", StepWorld, "is the simulator running?", steps)
         if not answer.success:
             raise RefusedError(answer.status_message)
         return f"{steps} steps, to {answer.sim_time.to_sec():.3f} s"
 
     def set_gain(self, name: str, value: float) -> str:
-        """Set a gain of the running control law."""
+        """Set a gain of the control law in the running controller."""
         config = Config(doubles=[DoubleParameter(name, value)])
         answer = self._call(f"{CONTROLLER}/gains/set_parameters", Reconfigure,
                             "is the controller node running?", config)  # fmt: skip
         after = {entry.name: entry.value for entry in answer.config.doubles}
         if name not in after:
-            raise RefusedError(f"the running control law has no gain {name}")
+            raise RefusedError(
+                f"the running control law has no gain {name}; its gains: {', '.join(after)}"
+            )
         return f"{name} is {after[name]:.4g}"
 
     # -- restarting the nodes ------------------------------------------------------------------
 
     def restart_nodes(self, scheme: str, law: str, start: str, goal: str) -> str:
-        """Restart the camera and controller nodes with another scheme, law, start and goal."""
+        """Restart the camera node and the controller node with a scheme, law, start and goal."""
         taught_goal = self.directory / "goals" / f"{goal}.yaml"
         if taught_goal.is_file():
             goal = str(taught_goal)
         return self._start_nodes(scheme, law, start, goal)
 
     def move_goal(self, x: float, y: float, z: float, turn: float) -> str:
-        """Servo to the goal with an offset.
+        """Servo to a pose with an offset from the goal.
 
-        If the arm cannot reach the offset pose exactly, the goal is the nearest reachable pose
-        within REACH_TOLERANCE, and the answer contains the deviation.
+        If the arm cannot reach this pose exactly, it servos to the nearest reachable pose within
+        REACH_TOLERANCE, and the answer contains the deviation.
 
         Args:
-            x, y, z: translation in the camera frame of the goal, m.
-            turn: rotation about the optical axis, rad.
+            x, y, z: translation of the camera in its frame at the goal, m.
+            turn: rotation of the camera about its optical axis, rad.
 
         Raises:
-            RefusedError: there is no robot, or no such pose is reachable.
+            RefusedError: there is no robot, or no pose within REACH_TOLERANCE is reachable.
         """
         selection, trace = self.read_selection(), self._listener.run_trace
         if trace is None:
@@ -234,14 +242,17 @@ class PageCommands:
         return f"servoing with {scheme}, law {law}, from {start} to {Path(goal).stem}"
 
     def _is_ready(self) -> bool:
-        """Return whether the controller node offers its services."""
+        """Return whether the controller node of this page offers its services."""
         try:
             return rosservice.get_service_node(f"{self._namespace}/controller/start") == CONTROLLER
         except (rosservice.ROSServiceException, OSError):
             return False
 
     def has_controller(self) -> bool:
-        """Return whether any controller offers its services; true if the master does not answer."""
+        """Return whether a controller, started by any program, offers its services.
+
+        Return True if the ROS master does not answer.
+        """
         try:
             return rosservice.get_service_uri(f"{self._namespace}/controller/start") is not None
         except (rosservice.ROSServiceException, OSError):
@@ -291,7 +302,7 @@ class PageCommands:
         return f"the robot has the camera {preset}"
 
     def change_target(self, name: str) -> str:
-        """Replace the target by another one at the same pose."""
+        """Replace the target by the shipped target `name`, at the same pose."""
         gazebo = Path(self._packages.get_path("aras_visual_servo_gazebo"))
         text = (gazebo / "targets" / f"{name}.urdf").read_text(encoding="utf-8")
         with self._lock:
@@ -311,7 +322,7 @@ class PageCommands:
     # -- shared ------------------------------------------------------------------------------------
 
     def close(self) -> None:
-        """Stop the nodes that were started here."""
+        """Stop the nodes that were started by `restart_nodes` and `move_goal`."""
         if self._launch is not None:
             self._launch.stop()
 
@@ -336,8 +347,14 @@ class PageCommands:
     def _call(name: str, kind: type, hint: str, *arguments: object) -> Any:
         """Call a service, and return its response.
 
+        Args:
+            name: name of the service.
+            kind: type of the service.
+            hint: probable cause of a failure, for the message.
+            arguments: fields of the request.
+
         Raises:
-            RefusedError: the service does not exist or fails; the message contains `hint`.
+            RefusedError: the service does not exist or fails.
         """
         try:
             rospy.wait_for_service(name, SERVICE_TIMEOUT)

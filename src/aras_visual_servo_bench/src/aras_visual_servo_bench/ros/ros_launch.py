@@ -1,4 +1,4 @@
-"""roslaunch as a child process; all its descendants are ended with it."""
+"""roslaunch as a child process that can be stopped together with all processes it has started."""
 
 import contextlib
 import ctypes
@@ -11,7 +11,8 @@ import time
 from pathlib import Path
 
 _PR_SET_PDEATHSIG = 1
-# Loaded here, because between fork and exec a lock of another thread could block forever.
+# The library is loaded here, because loading it between fork and exec could wait forever for a lock
+# that another thread holds.
 _PRCTL = ctypes.CDLL(None).prctl
 
 
@@ -23,10 +24,10 @@ def find_free_port() -> int:
 
 
 class RosLaunch:
-    """A roslaunch process with all processes that it starts.
+    """A roslaunch process and all processes that it starts.
 
-    It runs in a new session: ^C in the terminal then reaches only the demo, which stops everything
-    in order. Remaining processes are found by this session.
+    roslaunch runs in a new session. ^C in the terminal therefore interrupts only this program,
+    which then stops all processes in order. Processes that are left are found by their session.
     """
 
     def __init__(self, arguments: list[str], log: Path, environment: dict[str, str]) -> None:
@@ -44,15 +45,15 @@ class RosLaunch:
 
     @property
     def running(self) -> bool:
-        """Whether the roslaunch process itself is running."""
+        """True if the roslaunch process itself is running."""
         return self._process.poll() is None
 
     def read_log(self) -> str:
-        """Return the log without terminal colour codes."""
+        """Return the text of the log without colour codes."""
         return re.sub("\x1b\\[[0-9;]*m", "", self.log.read_text("utf-8", errors="replace"))
 
     def find_death_message(self) -> str:
-        """Return a message if roslaunch or one of its nodes has died; otherwise ''."""
+        """Return a message if roslaunch has ended or one of its nodes has died, otherwise ''."""
         if not self.running:
             return f"roslaunch ({self.log.stem}) ended"
         for line in self.read_log().splitlines():
@@ -61,15 +62,17 @@ class RosLaunch:
         return ""
 
     def read_last_lines(self, count: int = 6) -> str:
-        """Return the last errors of the log, or its last lines if there are no errors."""
+        """Return the last `count` errors in the log, or its last lines if there are no errors."""
         lines = [line for line in self.read_log().splitlines() if line.strip()]
         errors = [line for line in lines if "ERROR" in line or "FATAL" in line]
         return "\n".join("    " + line for line in (errors or lines)[-count:])
 
     def stop(self, patience: float = 20.0) -> None:
-        """Send SIGINT, then SIGTERM and SIGKILL; return when no process of the session is left.
+        """Stop all processes of the session.
 
-        `patience`: s to wait after SIGINT.
+        roslaunch receives SIGINT. Processes that are then left receive SIGTERM and finally SIGKILL.
+
+        patience: longest time to wait after SIGINT, s.
         """
         if self.running:
             with contextlib.suppress(ProcessLookupError):
@@ -92,11 +95,12 @@ class RosLaunch:
         return bool(members)
 
     def _find_processes(self) -> list[int]:
-        """Return the ids of the running processes of the session."""
+        """Return the ids of the running processes in the session."""
         found = []
         for entry in Path("/proc").glob("[0-9]*"):
             with contextlib.suppress(OSError):
-                # The fields after the command in brackets: state, parent, group, session, ...
+                # The fields after the command, which is in brackets, are: state, parent, group,
+                # session, ...
                 fields = (entry / "stat").read_bytes().rpartition(b")")[2].split()
                 if int(fields[3]) == self._process.pid and fields[0] != b"Z":
                     found.append(int(entry.name))
@@ -104,5 +108,5 @@ class RosLaunch:
 
 
 def _end_with_parent() -> None:
-    """Request SIGINT for this child process when its parent dies, even by SIGKILL."""
+    """Request that this child process receives SIGINT when its parent ends, even by SIGKILL."""
     _PRCTL(_PR_SET_PDEATHSIG, signal.SIGINT)

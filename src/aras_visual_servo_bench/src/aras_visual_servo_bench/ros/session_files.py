@@ -12,24 +12,27 @@ from pathlib import Path
 from ..errors import RefusedError, catch_write_errors
 from .ros_launch import RosLaunch
 
-TEACH_TIMEOUT, REPORT_TIMEOUT, CLOSE_TIMEOUT = 90.0, 180.0, 15.0  # s of wall time
-IMAGE_TIMEOUT = 20.0  # s of wall time for which teaching waits for images
+# Longest times of the tools teach and analyze, and of opening a bag, s of wall time.
+TEACH_TIMEOUT, REPORT_TIMEOUT, CLOSE_TIMEOUT = 90.0, 180.0, 15.0
+IMAGE_TIMEOUT = 20.0  # longest time for which the tool teach waits for images, s of wall time
 REPORT_FOLDER = "report"
-ACTIVE_SUFFIX = ".active"  # rosbag's suffix of an unclosed bag
-LOG_PREFIX = re.compile(r"^\[ ?\w+\] \[[\d., ]+\]: ")  # prefix of a log line
-# log line of report_recorder_end
+ACTIVE_SUFFIX = ".active"  # suffix of a bag that rosbag has not closed
+LOG_PREFIX = re.compile(r"^\[ ?\w+\] \[[\d., ]+\]: ")  # level and time at the start of a log line
+# Log line of the program report_recorder_end.
 RECORDER_ERROR = re.compile(r"^\[ERROR\] (the recorder .*)$", re.MULTILINE)
 
 
 class SessionFiles:
-    """Runs the tools teach, record and analyze, and manages their output files.
+    """Runs the tools teach, record and analyze, and manages the files that they write.
 
     Attributes:
-        check_recording: called before a recording; raises RefusedError if it is impossible.
+        check_recording: function that is called before a recording. It raises RefusedError if
+            recording is impossible.
         directory: folder of all files.
-        open_bag: bag that is being recorded, or None.
-        last_bag: last recorded bag, or None; unclosed if its recorder was killed.
-        report_page: path of the last report's page relative to the folder of reports, or ''.
+        open_bag: bag that is being recorded; None if there is none.
+        last_bag: bag that was recorded last; None before. If its recorder was killed, this bag is
+            not closed.
+        report_page: path of the last report's page relative to the folder of reports; '' before.
     """
 
     def __init__(self, directory: Path) -> None:
@@ -41,7 +44,7 @@ class SessionFiles:
         self._recorder: RosLaunch | None = None
 
     def teach_goal(self, name: str, scheme: str) -> str:
-        """Store the current view of the camera as a goal with this name."""
+        """Store the current view of the camera as the goal `name` of a scheme."""
         path = self._make_folder("goals") / f"{name}.yaml"
         tool = ["rosrun", "aras_visual_servo_controller", "teach"]
         self._run([*tool, str(path), "--scheme", scheme,
@@ -49,7 +52,7 @@ class SessionFiles:
         return f"stored the current view as goal {name}: {path}"
 
     def start_recording(self) -> str:
-        """Record a bag of all relevant topics until `stop_recording`."""
+        """Start to record a bag of all relevant topics; `stop_recording` ends this."""
         if self.open_bag is not None and self._recorder.running:
             raise RefusedError(f"already recording to {self.open_bag}")
         self.check_recording()
@@ -71,27 +74,27 @@ class SessionFiles:
         return f"recording to {bag}"
 
     def stop_recording(self) -> str:
-        """Stop the recorder, which closes the bag."""
+        """Stop the recorder, which then closes the bag."""
         if self.open_bag is None:
             raise RefusedError("nothing is being recorded")
         error = self.find_recording_error()
         self._recorder.stop()
         bag, self.open_bag = self.open_bag, None
         if not bag.exists():
-            # the recorder was killed; a report can read the unclosed bag
+            # The recorder was killed. A report can be created from its unclosed bag.
             bag = bag.with_name(bag.name + ACTIVE_SUFFIX)
         if not bag.exists():
             raise RefusedError(
-                f"the recorder left no bag: {self._recorder.read_last_lines(1).strip()}"
+                f"the recorder has written no bag: {self._recorder.read_last_lines(1).strip()}"
             )
         self.last_bag = bag
         text = f"recorded {bag} ({bag.stat().st_size / 1e6:.1f} MB)"
         if error:
-            raise RefusedError(f"{error}; the bag until then is available: {text}")
+            raise RefusedError(f"{error}; the bag contains the data before this error: {text}")
         return text
 
     def find_recording_error(self) -> str:
-        """Return why the recorder has stopped, such as a full disk; otherwise ''."""
+        """Return why the recorder has stopped, such as a full disk; '' if it has not."""
         if self.open_bag is None:
             return ""
         ended = RECORDER_ERROR.search(self._recorder.read_log())
@@ -106,27 +109,30 @@ class SessionFiles:
         return f"the recorder has stopped: {LOG_PREFIX.sub('', last_line)}"
 
     def make_report(self) -> str:
-        """Create the report of the last bag by `analyze`."""
+        """Create the report of the last bag with the tool analyze."""
         if self.open_bag is not None:
             raise RefusedError("a bag is being recorded: stop the recording first")
         if self.last_bag is None:
             raise RefusedError("nothing has been recorded yet")
         out = self._make_folder(REPORT_FOLDER) / self.last_bag.stem
         self._run(["rosrun", "aras_visual_servo_bench", "analyze", str(self.last_bag), "--out",
-                   str(out), "--formats", ""], REPORT_TIMEOUT)  # only the page, no figure files
+                   str(out), "--formats", ""], REPORT_TIMEOUT)  # write the page, but no figures
         pages = sorted(out.rglob("*.html"))
         if not pages:
-            raise RefusedError(f"analyze wrote no page into {out}")
+            raise RefusedError(f"analyze has written no page into {out}")
         self.report_page = str(pages[0].relative_to(self.directory / REPORT_FOLDER))
         return f"wrote the report into {out}"
 
     def find_file(self, name: str) -> Path | None:
-        """Return the path of a report file; None for any path outside the folder of reports."""
+        """Return the path of a file in the folder of reports.
+
+        Return None if the file does not exist, or if its path is outside this folder.
+        """
         root = (self.directory / REPORT_FOLDER).resolve()
         try:
             path = (root / name).resolve()
             return path if path.is_relative_to(root) and path.is_file() else None
-        except (OSError, ValueError):  # invalid file name: too long, or with a NUL
+        except (OSError, ValueError):  # the name is invalid: it is too long or contains a NUL
             return None
 
     def close(self) -> None:
@@ -142,10 +148,11 @@ class SessionFiles:
 
     @staticmethod
     def _run(command: list[str], seconds: float) -> None:
-        """Run a tool and wait for its end.
+        """Run a tool and wait until it ends.
 
         Raises:
-            RefusedError: the tool fails, with its last line of output, or exceeds `seconds`.
+            RefusedError: the tool fails, or takes longer than `seconds`. If it fails, the message
+                is the last line of its output.
         """
         try:
             done = subprocess.run(command, capture_output=True, text=True, timeout=seconds,

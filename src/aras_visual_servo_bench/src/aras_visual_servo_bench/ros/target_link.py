@@ -1,12 +1,12 @@
-"""Command that prints the mesh or the pose of a link, for use as visual-servoing target.
+"""Command that prints the mesh or the pose of a link that is the target of visual servoing.
 
     rosrun aras_visual_servo_bench target_link crate::body --world /my/crate.world mesh
     rosrun aras_visual_servo_bench target_link crate::body --world /my/crate.world start
 
-`mesh` prints the path of a mesh of the link's visuals. `start` prints the pose of the link in the
-format of the controller's parameter model_start: its current pose in the base frame of the robot,
-or, without a simulation, its pose in the world file. aras_visual_servo_nodes.launch calls both
-(link:=crate::body).
+`mesh` prints the path of a mesh file of the link's visual. `start` prints the pose of the link in
+the format of the controller's parameter model_start. This is the current pose in the base frame of
+the robot or, if no simulation is running, the pose in the world file.
+aras_visual_servo_nodes.launch calls both commands if its argument `link` is set.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ DESCRIPTION = "/robot_description"
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Print the mesh or the pose; return the exit status."""
+    """Print the mesh or the pose, and return the exit status."""
     parser = argparse.ArgumentParser(
         prog="target_link", description=__doc__.splitlines()[0],
         epilog="example: rosrun aras_visual_servo_bench target_link crate --world a.world start",
@@ -62,7 +62,10 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _copy_mesh(mesh: Path, name: str) -> Path:
-    """Copy a mesh to a file that outlives this program, and return its path."""
+    """Copy a mesh into the folder for temporary files, and return the path of the copy.
+
+    name: name of the link, from which the name of the copy is made.
+    """
     text = mesh.read_bytes()
     folder = Path(tempfile.gettempdir()) / "aras_targets" / hashlib.sha256(text).hexdigest()[:16]
     path = folder / f"{name.replace(':', '_').replace('/', '_')}{mesh.suffix}"
@@ -73,9 +76,10 @@ def _copy_mesh(mesh: Path, name: str) -> Path:
 
 
 def _read_pose(link: str) -> tuple[float, ...] | None:
-    """Return x, y, z (m), roll, pitch, yaw (rad) of a link from the simulation, or None.
+    """Return x, y, z (m), roll, pitch, yaw (rad) of a link in the simulation.
 
     The pose is in the base frame of the robot, or in the world frame if the robot is not spawned.
+    Return None if no simulation is running, or if it does not contain the link.
     """
     try:
         models = rospy.ServiceProxy(WORLD, GetWorldProperties)().model_names

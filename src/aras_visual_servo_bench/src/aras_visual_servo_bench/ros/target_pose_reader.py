@@ -1,4 +1,4 @@
-"""Reading of the target's pose from the simulator."""
+"""Reader of the target's pose in the simulator."""
 
 from __future__ import annotations
 
@@ -6,17 +6,18 @@ import rospy
 from gazebo_msgs.srv import GetModelState, GetWorldProperties
 from geometry_msgs.msg import Pose, PoseStamped
 
-TARGET = "target"  # model name of the target in the launch files
+TARGET = "target"  # name of the target's model in the launch files
 STATE, WORLD = "/gazebo/get_model_state", "/gazebo/get_world_properties"
-TOPIC = "/aras_visual_servo/target"  # latched pose of the target, for recorders
-MIN_MOTION = 1e-5  # m, or change of a quaternion component
+TOPIC = "/aras_visual_servo/target"  # topic with the target's pose, latched, for recorders
+# The target has moved if a coordinate (m) or a component of its quaternion has changed by more.
+MIN_MOTION = 1e-5
 
 
 class TargetPoseReader:
-    """Reader of the target's pose by the simulator's services.
+    """Reads the target's pose by calling the simulator's services.
 
     Attributes:
-        has_simulator: whether a simulator answered the last query.
+        has_simulator: True if a simulator has answered the last query.
     """
 
     def __init__(self) -> None:
@@ -25,11 +26,11 @@ class TargetPoseReader:
         self._state = rospy.ServiceProxy(STATE, GetModelState)
 
     def read_pose(self, robot: str) -> PoseStamped | None:
-        """Return the target's pose in the base frame of a robot, or None.
+        """Return the target's pose in the base frame of a robot.
 
-        The pose is in the world frame if there is no such robot. It is None without a target, and
-        without a simulator, as in a replay. Only existing models are queried, because the
-        simulator logs an error for any other.
+        The pose is in the world frame if there is no such robot. Return None if there is no target,
+        or no simulator, as during a replay. Only existing models are queried, because the simulator
+        logs an error for a model that does not exist.
         """
         self.has_simulator = False
         try:
@@ -45,7 +46,7 @@ class TargetPoseReader:
 
 
 def has_moved(before: Pose | None, after: Pose) -> bool:
-    """Return whether a model has moved by more than MIN_MOTION; true without a previous pose."""
+    """Return whether two poses differ by more than MIN_MOTION; True if `before` is None."""
     return before is None or any(
         abs(getattr(getattr(after, part), key) - getattr(getattr(before, part), key)) > MIN_MOTION
         for part, keys in (("position", "xyz"), ("orientation", "xyzw")) for key in keys

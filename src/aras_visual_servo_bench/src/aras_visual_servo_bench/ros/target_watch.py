@@ -1,4 +1,4 @@
-"""Pose and shape of the target, in a simulation or a replay, for drawing."""
+"""Pose and shape of the target for a drawing, from a simulation or from a replayed bag."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from ..drawing.run_trace import RunTrace
 from .target_pose_reader import TARGET, TOPIC, TargetPoseReader
 
 TARGET_DESCRIPTION = "/target_description"
-PERIOD = 0.5  # s of wall time between two queries
+PERIOD = 0.5  # shortest time between two queries of the pose, s of wall time
 
 
 class TargetWatch:
-    """Updates the target in a RunTrace, every PERIOD at most.
+    """Updates the shapes of the target in a RunTrace.
 
     Attributes:
         missing_reason: message if the simulation has no target, otherwise ''.
@@ -33,14 +33,14 @@ class TargetWatch:
         self._cached_drawing: tuple[str, ModelDrawing] = ("", EMPTY_DRAWING)
         self._shapes = EMPTY_DRAWING.make_shapes(None)
         self._pose_reader = TargetPoseReader()
-        self._recorded_pose: PoseStamped | None = None  # used without a simulation
+        self._recorded_pose: PoseStamped | None = None  # used if there is no simulation
         rospy.Subscriber(TOPIC, PoseStamped, self._on_target, queue_size=1)
 
     def update(self, run_trace: RunTrace, robot: str) -> None:
-        """Set the target's shapes of a trace, in the base frame of the robot.
+        """Set the shapes of the target in a trace. The pose is queried at most every PERIOD.
 
-        They are in the world frame if the simulator has no model `robot`. A target that the arm
-        carries has no shapes here.
+        The shapes are in the base frame of the robot, or in the world frame if the simulator has no
+        model `robot`. A target that the arm carries is not drawn.
         """
         if time.monotonic() - self._update_time > PERIOD:
             pose = None if run_trace.arm.target_frame else self._find_pose(robot)
@@ -49,7 +49,7 @@ class TargetWatch:
         run_trace.target = self._shapes
 
     def _read_drawing(self) -> ModelDrawing:
-        """Return the drawing of the target's description; empty without a valid description."""
+        """Return the drawing of the target; it is empty if there is no valid description."""
         try:
             urdf = str(rospy.get_param(TARGET_DESCRIPTION, ""))
             if self._cached_drawing[0] != urdf:
@@ -59,7 +59,7 @@ class TargetWatch:
         return self._cached_drawing[1]
 
     def _find_pose(self, robot: str) -> np.ndarray | None:
-        """Return base_T_target (4, 4), or None if it is unknown."""
+        """Return the pose base_T_target (4, 4); return None if it is unknown."""
         found = self._pose_reader.read_pose(robot)
         is_missing = self._pose_reader.has_simulator and found is None
         self.missing_reason = (

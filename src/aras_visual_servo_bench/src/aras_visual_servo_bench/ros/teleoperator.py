@@ -1,4 +1,4 @@
-"""Jogging of the arm from the live page, by a thread that sends the commands of a Jog."""
+"""Jogging of the arm from the live page. A thread sends the commands that a Jog computes."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from aras_visual_servo_controller.teleop.jog import Jog
 from ..errors import RefusedError
 from .graph_listener import GraphListener
 
-PERIOD = 0.02  # s of wall time between two commands
+PERIOD = 0.02  # time between two commands, s of wall time
 
 
 class Teleoperator:
-    """Jogs one robot for a short time after each request."""
+    """Moves the arm of one robot for a short time after each request of the page."""
 
     def __init__(self, listener: GraphListener, settings: Settings) -> None:
         self._listener, self._settings = listener, settings
@@ -32,7 +32,9 @@ class Teleoperator:
         threading.Thread(target=self._run, name="teleoperator", daemon=True).start()
 
     def move_camera(self, twist: Sequence[float]) -> str:
-        """Move the camera with a twist (6,) in its optical frame, m/s and rad/s, for a short time.
+        """Move the camera for a short time.
+
+        twist: (6,) twist of the camera in its optical frame, m/s and rad/s.
 
         Returns:
             The reason why the motion is limited, or ''.
@@ -46,7 +48,11 @@ class Teleoperator:
         return jog.reason
 
     def move_joint(self, name: str, fraction: float) -> str:
-        """Move one joint with a fraction (-1 to 1) of its maximum speed for a short time.
+        """Move one joint for a short time.
+
+        Args:
+            name: name of the joint.
+            fraction: velocity as a fraction of the largest velocity, -1 to 1.
 
         Returns:
             The reason why the motion is limited, or ''.

@@ -24,16 +24,17 @@ from ..experiment.experiment import Experiment, Sampler
 from ..setup.assembly import assemble
 from .loop import Loop
 
-ENVIRONMENT = "aras/Servo-v0"  # name in Gymnasium's registry
+ENVIRONMENT = "aras/Servo-v0"  # name of the environment in Gymnasium's registry
 OBSERVATIONS = ("features", "image")
-MAX_TWIST = (0.25, 0.25, 0.25, 1.5, 1.5, 1.5)  # camera twist for an action of 1, m/s and rad/s
+MAX_TWIST = (0.25, 0.25, 0.25, 1.5, 1.5, 1.5)  # m/s, rad/s; twist of an action of ones
 
 
 class ExternalTwistScheme(Scheme):
     """Scheme that measures the features of another scheme and commands an external twist.
 
     Attributes:
-        inner: the other scheme. twist: (6,) camera twist to command, m/s and rad/s.
+        inner: the other scheme.
+        twist: camera twist (6,) to command, m/s and rad/s.
     """
 
     def __init__(self, inner: Scheme) -> None:
@@ -62,11 +63,11 @@ class ExternalTwistScheme(Scheme):
         return tuple(self.inner.cameras)
 
     def get_needs(self, *cameras: str) -> frozenset:
-        """Return the data that the inner scheme needs of some cameras."""
+        """Return the data that the inner scheme needs from the cameras `cameras`."""
         return self.inner.get_needs(*cameras)
 
     def teach(self, observation: Observation) -> Mapping[str, Mapping[str, Any]]:
-        """Return the goal that the inner scheme takes from an observation."""
+        """Return the goal that the inner scheme extracts from an observation."""
         return self.inner.teach(observation)
 
     def check(self, goal: Goal) -> None:
@@ -79,30 +80,30 @@ class ExternalTwistScheme(Scheme):
         self.twist = np.zeros(6)
 
     def compute(self, observation: Observation, goal: Goal, t: float) -> SchemeOutput:
-        """Compute the inner scheme's output with the external twist as its task."""
+        """Compute the output of the inner scheme, and replace its task by the external twist."""
         output = self.inner.compute(observation, goal, t)
         modelled = output.task.modelled
         return dataclasses.replace(output, task=Task.from_twist(self.twist, modelled))
 
 
 class ServoEnv(gymnasium.Env):
-    """Gymnasium environment whose episode is a run of an experiment, with one step per image.
+    """Gymnasium environment: an episode is a run of an experiment, and a step is one image.
 
-    Action: (6,) in [-1, 1], the camera twist as a fraction of `max_twist`. Directions that the
-    features do not model are not moved, as with any scheme.
-    Observation: the feature errors (k,) and the joints (n,), or the grey image of the control
-    camera, (rows, columns) uint8.
-    Reward: minus the norm of the feature errors, divided by its initial value, plus 1 while the
-    loop has converged.
+    An action (6,) in [-1, 1] is the camera twist as a fraction of `max_twist`. The camera does not
+    move in directions that the features do not model, as with any scheme.
+    The observation is either the feature errors (k,) followed by the joints (n,), or the grey image
+    (rows, columns), uint8, of the control camera.
+    The reward is -|e| / |e0| with the feature errors e and their initial values e0, plus 1 while
+    the loop is converged.
     An episode is terminated when the loop has converged or has lost its target, and truncated when
-    the experiment's duration is over.
-    `info` contains outcome, verdict, distance and angle to the goal, and the current true pose
-    `camera_T_goal` (4, 4) of the goal, for training from an expert.
+    the duration of the experiment is over.
+    `info` contains the outcome, the verdict, the distance and angle to the goal, and the current
+    true pose `camera_T_goal` (4, 4) of the goal, for example for imitation learning.
 
-    Several environments in parallel: `gymnasium.make_vec(ENVIRONMENT, 8, "async", experiment=...)`.
+    `gymnasium.make_vec(ENVIRONMENT, 8, "async", experiment=...)` runs environments in parallel.
 
     Attributes:
-        loop: the control loop of the episode; None after `close`.
+        loop: run of the current episode; None after `close`.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 30}
@@ -117,13 +118,15 @@ class ServoEnv(gymnasium.Env):
         """Start the first episode.
 
         Args:
-            experiment: None: a free camera with exact features and random starts.
-            max_twist: camera twist for an action of 1, m/s and rad/s.
-            observes: 'features' or 'image'.
+            experiment: settings of the episodes; None: a free camera with exact features and random
+                starts.
+            max_twist: camera twist of an action whose components are all 1, m/s and rad/s.
+            render_mode: None or 'rgb_array'; see `gymnasium.Env`.
+            observes: content of an observation: 'features' or 'image'.
 
         Raises:
             ExperimentError: the experiment cannot be run, its scheme commands joints, or `observes`
-                is 'image' and it has no images.
+                is 'image' but the experiment has no images.
         """
         if experiment is None:
             experiment = Experiment(plant="free", lag=0.0, delay=0.0, start=Sampler())
@@ -152,9 +155,9 @@ class ServoEnv(gymnasium.Env):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Start an episode with a random start and noise.
+        """Start an episode with new random numbers for the start and the noise.
 
-        seed: of Gymnasium's generator, which gives the experiment of each episode its seed.
+        seed: seed of Gymnasium's random generator, which draws the seed of each episode.
         """
         super().reset(seed=seed)
         episode_seed = int(self.np_random.integers(2**31))
@@ -164,10 +167,10 @@ class ServoEnv(gymnasium.Env):
     def step(
         self, action: np.ndarray
     ) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """Command a twist until the next image; see `gymnasium.Env.step`."""
+        """Command a twist and run until the next image; see `gymnasium.Env.step`."""
         action = np.asarray(action, float)
         if action.shape != (6,) or not np.isfinite(action).all():
-            raise ExperimentError(f"an action is six finite numbers, got {action}")
+            raise ExperimentError(f"an action must be six finite numbers, got {action}")
         self._scheme.twist = np.clip(action, -1.0, 1.0) * self._max_twist
         state = self.loop.run_to_image()
         lost = state is not None and state.scheme_output is None

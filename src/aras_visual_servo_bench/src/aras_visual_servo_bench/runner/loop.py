@@ -1,4 +1,4 @@
-"""Run an experiment: the plant advances to its next measurement, and the loop responds to it."""
+"""Run an experiment: advance the plant from measurement to measurement, and update the loop."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from .run_termination import RunTermination
 
 NS = 1_000_000_000
-FINAL_NS = 50_000_000  # time after the experiment's duration, for one more image
+FINAL_NS = 50_000_000  # additional time after the experiment's duration, for one more image
 FIRST_IMAGE_TIMEOUT_NS = 5 * NS
 OCCLUSION_NOTE = (
     "at the end the arm hides {:.0f} % of the target: on plant chain the arm is transparent, on "
@@ -53,7 +53,8 @@ def run(
 ) -> Run:
     """Run an experiment from its start to its end.
 
-    Time is simulated: the same experiment and seed give bit-identical results on every run.
+    Time is simulated. Therefore two runs of an experiment with the same seed give bit-identical
+    results.
 
     Args:
         experiment: an Experiment, a mapping of its keys, or the path of its YAML file; None: the
@@ -62,7 +63,7 @@ def run(
             image with the finished fraction of the experiment's duration, 0 to 1.
 
     Returns:
-        The run: its time series, the `outcome` of the loop, and the `verdict` from the true poses.
+        Record of the run: time series, `outcome` reported by the loop, `verdict` by the true poses.
 
     Raises:
         ExperimentError: the experiment cannot be run; the message names the wrong key and the
@@ -81,7 +82,10 @@ def run(
 
 
 def _run_once(experiment: Experiment, progress: Callable[[float], None] | None) -> Run:
-    """Run an experiment in a function of its own, so that loop and plant are freed at its end."""
+    """Run an experiment and return its record.
+
+    This is a separate function so that loop and plant are freed when it returns.
+    """
     loop = Loop(experiment, assemble(experiment), records_films=experiment.has_images)
     try:
         loop.run_to_end(progress)
@@ -94,12 +98,16 @@ class Loop:
     """Run of an experiment that can be advanced image by image.
 
     `run_to_image` continues to the next image, `run_to_end` to the end, and `make_run` returns the
-    run up to the current time. Call `close` at the end. `run(experiment)` does all this at once.
-    A LoopRunner drives the control loop, as in the controller node.
+    record of the run up to the current time. Call `close` at the end. `run(experiment)` calls all
+    these methods. As in the controller node, a LoopRunner updates the control loop.
 
     Attributes:
-        experiment, parts: the experiment and its parts. servo: the control loop.
-        reading, state: the last image and the loop's state after processing it, or None.
+        experiment: settings of the run.
+        parts: objects that make up the run.
+        plant: arm or free camera.
+        servo: control loop.
+        reading: last image of the control camera; None before the first image.
+        state: state of the loop after the last processed image; None before the first image.
     """
 
     def __init__(
@@ -109,8 +117,11 @@ class Loop:
         """Prepare the run.
 
         Args:
-            records_films: record the images of cameras other than the control camera.
-            on_frame: called with this loop and every frame of every camera at its exposure.
+            experiment: settings of the run.
+            parts: objects that make up the run, from `assemble`.
+            records_films: whether to record the images of the other cameras, too.
+            on_frame: function that is called with this Loop and a frame, when any camera exposes a
+                frame.
         """
         self.experiment, self.parts = experiment, parts
         self.plant, self.servo = parts.plant, parts.servo
@@ -124,14 +135,14 @@ class Loop:
             from .run_termination import RunTermination
 
             self._termination = RunTermination(experiment, parts)
-        # The wall clock is constant: delays are those of simulated time.
+        # The wall clock is constant, so computing time does not count as a delay.
         self._driver = LoopRunner(
             parts.servo, parts.rig, parts.settings, self,
             clock=lambda: to_seconds(self.plant.time_ns), wall_clock=lambda: 0.0,
         )  # fmt: skip
         self._on_frame = on_frame
         self._has_new_state = False
-        # Heap of frames: time of arrival (ns), order of exposure, frame.
+        # Heap of the frames that the loop has not received: (time of arrival (ns), number, frame).
         self._pending: list[tuple[int, int, Frame]] = []
         self._delayed_count = 0
         self._delays_ns = {name: round(cam.delay * NS) for name, cam in parts.cameras.items()}
@@ -143,13 +154,15 @@ class Loop:
     # -- LoopListener ----------------------------------------------------------------------
 
     def send(self, command: Command) -> None:
-        """Send a command to the plant's joints; the ideal camera receives its twist in `report`."""
+        """Send a command to the joints of the plant.
+
+        The ideal camera has no joints; `report` sends it a twist instead."""
         if command.values is not None and not self._has_free_camera:
             self.plant.command(command.kind, command.values)
             self._recorder.on_command(command.values)
 
     def report(self, state: ServoState) -> None:
-        """Record the state of the loop after an image; ignore the states between images."""
+        """Record the state of the loop after an image; ignore states between two images."""
         if not state.has_processed_image:
             return
         self._has_new_state = True
@@ -173,7 +186,7 @@ class Loop:
 
     @property
     def records(self) -> tuple[Record, ...]:
-        """Input of the diagnosis so far, for `diagnose(servo.diagnosis.run, records)`."""
+        """Records of the run up to now, as input of `diagnose(servo.diagnosis.run, records)`."""
         return tuple(self._recorder.records)
 
     @property
@@ -190,11 +203,11 @@ class Loop:
 
     @property
     def _last_ns(self) -> float:
-        """End of the run as known now, ns of simulated time."""
+        """Currently expected end of the run, ns of simulated time; it can change on convergence."""
         time_after_convergence = self.experiment.time_after_convergence
         if self._start_ns is None:
             return FIRST_IMAGE_TIMEOUT_NS - 1
-        # With one more image the loop detects that its time is over.
+        # The loop needs one more image to detect that the duration is over.
         last_ns = self._start_ns + self.experiment.duration * NS + FINAL_NS
         if time_after_convergence is None or self._convergence_ns is None or self._has_free_camera:
             return last_ns
@@ -215,7 +228,7 @@ class Loop:
         """Continue until the loop has processed an image.
 
         Returns:
-            The state of the loop after the image; None if the run has ended before.
+            The state of the loop after the image; None if the run ends before the next image.
         """
         driver, observe = self._driver, self.parts.observe
         self._has_new_state = False
@@ -247,7 +260,7 @@ class Loop:
             if reading.name not in self.parts.rig.observers:
                 continue
             if delay_ns := self._delays_ns[reading.name]:
-                self._delayed_count += 1  # orders frames that arrive at the same time
+                self._delayed_count += 1  # order of frames that arrive at the same time
                 heapq.heappush(pending, (reading.stamp_ns + delay_ns, self._delayed_count, reading))
             else:
                 yield reading
@@ -255,7 +268,7 @@ class Loop:
             yield heapq.heappop(pending)[2]
 
     def _note_exposure(self, frame: Frame) -> None:
-        """Record a frame at its exposure, also of cameras that the loop does not read."""
+        """Record a frame at its exposure, even if the loop does not read the camera."""
         if self._on_frame is not None:
             self._on_frame(self, frame)
         if frame.name != self.parts.rig.control.name:
@@ -267,7 +280,7 @@ class Loop:
             self._start_ns = frame.stamp_ns
 
     def compute_goal_pose(self) -> np.ndarray:
-        """Compute the desired world_T_camera (4, 4) now, which moves with the target."""
+        """Compute the current desired world_T_camera (4, 4); it moves with the target."""
         target = self.parts.target
         motion = target.world_T_target(self.plant.time_ns / NS) @ inverse(
             target.world_T_target(0.0)
@@ -275,7 +288,7 @@ class Loop:
         return motion @ self.parts.goal_pose
 
     def compute_verdict(self) -> Verdict:
-        """Compare the true camera pose, without vibration, with the desired one."""
+        """Compare the true camera pose, without vibration, with the desired camera pose."""
         offset = self.parts.cameras[self.parts.rig.control.name].spec.calibration_offset
         depth = self.parts.goal.distance / offset.depth
         return Verdict.compare(
@@ -283,10 +296,10 @@ class Loop:
         )
 
     def make_run(self) -> Run:
-        """Return the run up to the current time."""
+        """Return the record of the run up to the current time."""
         if self.is_over and self.servo.outcome.kind == "running":
-            # The loop ends by itself only at an image with a measurement. Here the target has been
-            # missing at the end, but not long enough for an outcome of its own.
+            # The loop only ends at an image with a measurement. In this case, the target was not
+            # visible at the end, but not long enough for the outcome that it is lost.
             self.servo.time_out(self.experiment.duration)
         outcome = self.servo.outcome
         if self._termination is not None:

@@ -1,4 +1,4 @@
-"""End of a run on plant 'ideal', by the criteria of published protocols."""
+"""End of a run on the plant 'ideal', by criteria from publications."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from aras_visual_servo_controller.records.state import CONVERGED, ServoState
 from ..experiment.experiment import Experiment
 from ..setup.assembly import Assembly
 
-# Images in a row without a measurement after which the target is lost: the camera is at rest, so
-# the next images would be the same.
+# Number of successive images without a measurement after which the target is lost. The camera does
+# not move without a measurement, so further images would not show the target, either.
 MAX_BLIND_IMAGES = 5
-# A failed run is a camera retreat if its largest depth exceeds this multiple of both the initial
-# and the desired depth.
+# A failed run is a camera retreat if the depth of the target exceeded this multiple of both the
+# initial and the desired depth.
 MAX_RETREAT = 3.0
 
 
 class RunTermination:
-    """Decision when a run of the ideal camera ends, and with which outcome.
+    """Decides when a run of the ideal camera ends, and with which outcome.
 
     Attributes:
         is_over: whether the run has ended.
-        outcome: outcome by these criteria; None: the outcome of the loop holds.
+        outcome: outcome that this class has decided; None: the outcome is that of the loop.
     """
 
     def __init__(self, experiment: Experiment, parts: Assembly) -> None:
@@ -44,9 +44,12 @@ class RunTermination:
         self.is_over, self.outcome = False, None
 
     def add_image(self, state: ServoState, pose: np.ndarray) -> None:
-        """Add the loop's state after an image, and the true world_T_camera (4, 4)."""
+        """Add the state of the loop after an image, and decide whether the run has ended.
+
+        pose: true world_T_camera (4, 4) of the control camera."""
         output = state.scheme_output
-        time = round(state.stamp / self._period) * self._period  # images may be dropped
+        # The time is not derived from the number of images, because images may be dropped.
+        time = round(state.stamp / self._period) * self._period
         self._blind_images = self._blind_images + 1 if output is None else 0
         if state.phase != CONVERGED:
             self._convergence_time = None
@@ -76,7 +79,8 @@ class RunTermination:
     def decide_outcome(self, loop_outcome: Outcome) -> Outcome:
         """Return the outcome of the run.
 
-        The outcome of these criteria precedes the loop's; a failed run may become a camera retreat.
+        The outcome of this class has precedence over the outcome of the loop. A failed run can be
+        reported as a camera retreat.
         """
         loop_outcome = self.outcome or loop_outcome
         if (
@@ -89,7 +93,10 @@ class RunTermination:
         )
 
     def _check_true_pose(self, pose: np.ndarray) -> Outcome | None:
-        """Return the outcome by the true pose, if the experiment sets `enough` or `farthest`."""
+        """Return the outcome by `ideal.enough` and `ideal.farthest`; None if there is none.
+
+        pose: true world_T_camera (4, 4) of the control camera.
+        """
         enough, farthest = self._ideal.enough, self._ideal.farthest
         if enough is None and farthest is None:
             return None
@@ -106,5 +113,5 @@ class RunTermination:
         return None
 
     def _compute_depth(self, pose: np.ndarray, time: float) -> float:
-        """Compute the depth of the target's origin in the camera, m."""
+        """Compute the depth of the target's origin in the camera frame, m."""
         return float((inverse(pose) @ self._target.world_T_target(time))[2, 3])

@@ -1,6 +1,6 @@
 """Build a run from an experiment: robot, cameras, loop, goal, start and plant.
 
-The functions are in the order in which `assemble` calls them, after `read_context`.
+The functions below `assemble` are in the order in which it calls them.
 """
 
 from __future__ import annotations
@@ -48,16 +48,19 @@ if TYPE_CHECKING:
 
 @dataclass
 class Assembly:
-    """Parts of a run, made by `assemble`.
+    """Objects that make up a run; `assemble` makes them.
 
     Attributes:
-        plant: arm or free camera, at its start. settings: of the control loop. servo: the loop.
+        plant: arm or free camera, at its start.
+        settings: settings of the control loop.
+        servo: control loop.
         rig: computes the observations of the cameras.
-        cameras: the cameras by name, the control camera first. goal: of the loop.
-        goal_pose: world_T_camera (4, 4) of the true camera at the goal.
-        target: of the control camera, in the world.
-        placements: of the other cameras relative to the control camera, by name.
-        postures: of the arm; None for a free camera.
+        cameras: cameras by name, the control camera first.
+        goal: goal of the control loop.
+        goal_pose: world_T_camera (4, 4) of the true control camera at the goal.
+        target: target of the control camera, with its pose in the world.
+        placements: pose of each other camera relative to the control camera, by name.
+        postures: search for postures of the arm; None for a free camera.
         notes: warnings about occlusions and collisions of the arm at start and goal.
     """
 
@@ -75,7 +78,7 @@ class Assembly:
 
     @property
     def calibrated_camera(self) -> CameraModel:
-        """Intrinsics of the control camera that the controller uses."""
+        """Intrinsics that the controller uses for the control camera."""
         return self.cameras[self.rig.control.name].calibrated_camera
 
     @property
@@ -86,7 +89,8 @@ class Assembly:
     def observe(self, frame: Frame, joints: Any, commands: tuple = ()) -> Observation:
         """Compute the observation of a frame as the controller does.
 
-        The kinematics of the ideal camera are exact, so the plane of its target counts as measured.
+        On the plant 'ideal', the plane of the target is computed from the exact camera pose and is
+        used as if it were measured.
         """
         plane = None
         if self.plant.has_exact_plane:
@@ -101,17 +105,17 @@ def assemble(
     has_unread_cameras: bool = True,
     has_depth: bool = False,
 ) -> Assembly:
-    """Make the parts of an experiment, at its start: plant, control loop, cameras, goal.
+    """Make the plant, control loop, cameras and goal of an experiment, with the plant at its start.
 
     Args:
         experiment: settings of the run.
-        wrap_scheme: function that replaces the scheme of the experiment by another one, such as
-            one that records it; None: the scheme is used unchanged.
-        has_unread_cameras: whether cameras that the scheme does not read exist.
-        has_depth: whether every camera delivers depth images, needed or not.
+        wrap_scheme: function that returns another scheme for the scheme of the experiment, for
+            example a scheme that records the original one; None: the scheme is used unchanged.
+        has_unread_cameras: whether to make the cameras that the scheme does not read, too.
+        has_depth: whether every camera delivers depth images, even if the scheme needs none.
 
     Returns:
-        The parts, as input of `Loop`.
+        The objects of the run, for `Loop`.
 
     Raises:
         ExperimentError: the experiment cannot be run; the message names the wrong key and the
@@ -168,8 +172,9 @@ def check(experiment: Experiment) -> None:
 class GoalLocation:
     """Camera pose and joints at the goal.
 
-    pose: world_T_camera (4, 4) of the true control camera. joints: positions of the arm at the
-    goal, by name; empty if not given. loaded_goal: goal of a file; None: the goal is taught.
+    pose: world_T_camera (4, 4) of the true control camera.
+    joints: position of each joint at the goal, by name; empty if the experiment gives none.
+    loaded_goal: goal that was read from a file; None: the goal is taught.
     """
 
     pose: np.ndarray
@@ -181,7 +186,7 @@ def read_goal(context: SetupContext) -> GoalLocation:
     """Return the camera pose and joints at the goal of an experiment.
 
     Raises:
-        ExperimentError: the goal file gives neither.
+        ExperimentError: the goal file contains neither joints nor a camera pose.
     """
     setting, arm = context.experiment.goal, context.arm
     if isinstance(setting, CameraPose):
@@ -206,7 +211,7 @@ def _read_goal_joints(context: SetupContext) -> np.ndarray:
     """Return the joints (n,) of a goal that the experiment gives as joints."""
     try:
         joints = find_start_joints(context.experiment.goal, context.arm, context.settings.package)
-    except ConfigurationError as error:  # the function names the parameter ~start
+    except ConfigurationError as error:  # its message starts with "parameter ~start"
         raise ExperimentError(str(error).replace("parameter ~start", "goal", 1)) from error
     check_within_limits(joints, context.arm, "goal")
     return joints
@@ -215,7 +220,7 @@ def _read_goal_joints(context: SetupContext) -> np.ndarray:
 def make_arms(context: SetupContext, pose: np.ndarray) -> tuple[Arm | FreeBody, Arm | FreeBody]:
     """Return the true arm and the arm with the camera calibration that the controller uses.
 
-    pose: world_T_camera (4, 4) at the goal, the origin of a free camera's coordinates.
+    pose: world_T_camera (4, 4) at the goal; a free camera has coordinates 0 there.
     """
     offset = context.control_camera.spec.calibration_offset
     if not context.has_free_camera:
@@ -253,7 +258,7 @@ def make_calibrated_kinematics(
 
 
 def make_postures(context: SetupContext) -> Postures:
-    """Make the search for postures of the arm that put the control camera at a given pose."""
+    """Make the object that finds postures of the arm for a given pose of the control camera."""
     from ..experiment.worlds import find_world_path
     from .postures import Postures
 
@@ -271,8 +276,8 @@ def find_goal_joints(
 ) -> np.ndarray | None:
     """Return the joints (n,) of the arm at the goal.
 
-    The result is None for a free camera, and if the arm cannot reach the goal; the run then
-    reports that as its outcome.
+    Return None for a free camera, and if the arm cannot reach the goal; in the second case, the run
+    reports an unreachable goal as its outcome.
     """
     if location.joints and postures is not None:
         return np.array([location.joints[name] for name in context.arm.names])
@@ -280,7 +285,9 @@ def find_goal_joints(
 
 
 def find_joints(postures: Postures | None, pose: np.ndarray) -> np.ndarray | None:
-    """Return joints (n,) with the camera at world_T_camera (4, 4); None if there are none."""
+    """Return joints (n,) that put the camera at a pose; None without an arm or without a solution.
+
+    pose: world_T_camera (4, 4) of the control camera."""
     if postures is None:
         return None
     try:
@@ -298,12 +305,17 @@ def make_goal(
     calibrated_arm: Arm | FreeBody,
     calibrated_others: Mapping[str, CameraKinematics | FreeBody],
 ) -> tuple[Goal, np.ndarray]:
-    """Return the goal of the loop, computed from a file or taught, and its world_T_camera (4, 4).
+    """Return the goal of the loop, and world_T_camera (4, 4) at the goal.
+
+    The goal is computed from a goal file if possible; otherwise it is taught.
 
     Args:
-        joints: (n,) of the arm at the goal; None: not known. postures: of the arm, if any.
-        arm: true kinematics of the control camera. calibrated_arm: with the controller's
-            calibration. calibrated_others: likewise of the other cameras, by name.
+        location: camera pose and joints at the goal.
+        joints: joints (n,) of the arm at the goal; None: not known.
+        postures: search for postures of the arm; None for a free camera.
+        arm: true kinematics of the control camera.
+        calibrated_arm: kinematics of the control camera that the controller uses.
+        calibrated_others: kinematics of the other cameras that the controller uses, by name.
     """
     control, loaded = context.control_camera.name, location.loaded_goal
     goal = (
@@ -331,9 +343,9 @@ def compute_goal(
 ) -> Goal | None:
     """Compute the goal of the calibrated cameras from a goal file.
 
-    The result is None if the file lacks data that the scheme needs, or if it was taught with
-    another target: the demo's plates instead of a solid, or the control camera's target instead of
-    a camera's own.
+    Return None if the file lacks data that the scheme needs, or if its goal was taught with another
+    target: with the plates of the demo, but the target is a solid; or with the target of the
+    control camera, but another camera has its own target.
     """
     goal = loaded_goal.for_cameras(arms)
     if any(context.has_own_target(n) and n not in loaded_goal.cameras for n in context.needs):
@@ -358,7 +370,7 @@ def with_calibrated_depths(context: SetupContext, goal: Goal) -> Goal:
 
 
 def _scale_depth(goal: Goal, factor: float) -> Goal:
-    """Return the goal with its depth and the depths of its plane multiplied by a factor."""
+    """Return a goal with its depth and the depths of the points on its plane times a factor."""
     if factor == 1.0:
         return goal
     depth = None if goal.depth is None else goal.depth * factor
@@ -414,11 +426,12 @@ def check_postures(
     context: SetupContext, postures: Postures | None, goal: np.ndarray | None, start: np.ndarray,
     is_given: bool,
 ) -> tuple[str, ...]:
-    """Return warnings about occlusions and collisions of the arm at goal and start; log them once.
+    """Log warnings about occlusions and collisions of the arm at goal and start, and return them.
 
     Args:
-        goal, start: joints (n,); goal None: not known.
-        is_given: whether the experiment gives the goal as joints.
+        goal: joints (n,) at the goal; None: not known.
+        start: joints (n,) at the start.
+        is_given: whether the experiment gives the joints at the goal.
     """
     if postures is None or goal is None:
         return ()
@@ -432,7 +445,7 @@ def check_postures(
 
 
 def make_servo(context: SetupContext, calibrated_arm: Arm | FreeBody, goal: Goal) -> Servo:
-    """Make the control loop, with the exact kinematics on plant 'ideal'."""
+    """Make the control loop; on the plant 'ideal', it executes the scheme's twist exactly."""
     differential_ik = None
     if context.experiment.plant == "ideal":
         from ..plants.ideal import ExactIK
@@ -446,7 +459,7 @@ def make_servo(context: SetupContext, calibrated_arm: Arm | FreeBody, goal: Goal
 
 
 def make_plant(context: SetupContext, arm: Arm | FreeBody, start: np.ndarray) -> Plant:
-    """Make the plant at joints (n,)."""
+    """Make the plant, with the arm at the joints `start` (n,)."""
     experiment = context.experiment
     if experiment.plant == "bullet":
         from .dynamic_arm_setup import make_dynamic_arm

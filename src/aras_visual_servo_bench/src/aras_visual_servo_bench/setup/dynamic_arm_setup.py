@@ -17,17 +17,15 @@ from ..targets.files import OCCLUDER_HEIGHT, write_description, write_occluder
 from .imaging_setup import make_imaging_settings, make_rendered_settings
 from .setup_context import SetupContext
 
-FIRST_IMAGE_TIMEOUT_NS = 1_000_000_000  # for the image with which a goal is taught
-# The demo's target as a model for the world, and the position (m) of the model's origin in the
-# target frame.
-PLATES_FILE = "package://aras_visual_servo_gazebo/targets/aras.urdf"
-PLATES_OFFSET = (0.0, 0.0, 0.591)
+FIRST_IMAGE_TIMEOUT_NS = 1_000_000_000  # timeout for the image with which a goal is taught
+PLATES_FILE = "package://aras_visual_servo_gazebo/targets/aras.urdf"  # target of the demo
+PLATES_OFFSET = (0.0, 0.0, 0.591)  # m; origin of the model in PLATES_FILE, in the target frame
 
 
 def find_mounted_targets(experiment: Experiment) -> dict[str, MountedTarget]:
-    """Return the targets to add to links of the Bullet arm, by the names of their new links.
+    """Return the targets to add to links of the Bullet arm, by the name of the new link.
 
-    Targets that the robot description already contains are left out.
+    Targets that are already in the robot description are omitted.
     """
     targets = {TARGET: (experiment.target, experiment.robot.target_frame)}
     for name, camera in experiment.cameras.items():
@@ -51,9 +49,10 @@ def find_mounted_targets(experiment: Experiment) -> dict[str, MountedTarget]:
 def make_dynamic_arm(
     context: SetupContext, start: np.ndarray, is_teaching: bool = False
 ) -> DynamicArm:
-    """Make the simulated arm at joints (n,), rad or m.
+    """Make the simulated arm at the joints `start` (n,), rad or m.
 
-    is_teaching: for teaching a goal: without noise, occluder and changes of the light.
+    is_teaching: whether the arm is for teaching a goal: noise, occluder and changes of the light
+        are then omitted.
     """
     experiment, spec, control = (
         context.experiment,
@@ -79,17 +78,17 @@ def make_dynamic_arm(
 
 
 def take_first_images(context: SetupContext, joints: np.ndarray) -> dict[str, Frame]:
-    """Take the first image of each camera that the loop reads, with the arm at joints (n,).
+    """Take one image with each camera that the loop reads, with the arm at `joints` (n,).
 
     Returns:
-        The images by name of the camera.
+        The images, by the name of the camera.
 
     Raises:
         ExperimentError: a camera delivers no image within 1 s.
     """
     plant = make_dynamic_arm(context, joints, is_teaching=True)
-    # With effort controllers, gravity would move the arm in the hundredths of a second before the
-    # first image.
+    # With effort controllers, gravity would move the arm before the first image is taken, which
+    # takes a few hundredths of a second.
     plant.simulation.world.set_physics(gravity=(0.0, 0.0, 0.0))
     found: dict[str, Frame] = {}
     try:
@@ -102,14 +101,15 @@ def take_first_images(context: SetupContext, joints: np.ndarray) -> dict[str, Fr
     finally:
         plant.close()
     raise ExperimentError(
-        "goal: the camera delivers no image within 1 s to teach it with: check the camera's rate"
+        "goal: the camera delivers no image within 1 s, so the goal cannot be taught: increase the "
+        "rate of the camera"
     )
 
 
 def _make_target_models(context: SetupContext, is_teaching: bool) -> tuple[TargetModel, ...]:
     """Return the models to spawn in the simulated world: targets and the occluder.
 
-    Targets on links of the robot, and those in its description, are left out.
+    Targets that are on a link of the robot or in its description are omitted.
     """
     experiment, robot = context.experiment, context.robot
     spec = experiment.target

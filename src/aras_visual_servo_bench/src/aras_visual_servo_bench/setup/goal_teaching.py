@@ -30,10 +30,11 @@ if TYPE_CHECKING:
 
     from .postures import Postures
 
-# Features that are taught from a rendered image: systematic errors of the image processing are
-# then the same at the goal and in the run, and cancel.
+# Data whose goal is taught from a rendered image, so that systematic errors of the image processing
+# are equal at the goal and in the run, and cancel.
 RENDERED_NEEDS = {Need.IMAGE, Need.CONTOUR, Need.CORNERS}
-# Relative difference between the areas of a target in the image and of its configured corners.
+# Maximum relative difference between the area of a target in the image and the area of the polygon
+# of its configured corners.
 AREA_TOLERANCE = 0.1
 SUSPICIOUS_LENGTH = 1.0  # m; a longer solid probably has its lengths in millimetres
 VIEW_REMEDY = "give a goal from which the camera sees the target, or move the target"
@@ -45,7 +46,7 @@ def check_view(context: SetupContext, pose: np.ndarray) -> None:
     pose: world_T_camera (4, 4) of the control camera.
 
     Raises:
-        ExperimentError: a camera does not see the target.
+        ExperimentError: the target is not in view of a camera.
     """
     several = len(context.needs) > 1
     for name in context.needs:
@@ -92,7 +93,7 @@ def needs_images(context: SetupContext) -> bool:
         return False
     needs = frozenset().union(*context.needs.values())
     solid = any(context.targets[name].shape.is_solid for name in context.needs)
-    # A target in the robot description may differ from the corners in the experiment.
+    # A target in the robot description may differ from the corners that the experiment gives.
     in_description = any(context.find_target_spec(name).is_in_description for name in context.needs)
     rendered = (
         RENDERED_NEEDS | SEGMENTED
@@ -111,14 +112,15 @@ def show_goal(
 
     Args:
         pose: world_T_camera (4, 4) of the true control camera.
-        name: of the goal.
-        joints: (n,) of the arm at the goal; None: not known. postures: of the arm, if any.
+        name: name of the goal.
+        joints: joints (n,) of the arm at the goal; None: not known.
+        postures: search for postures of the arm; None for a free camera.
         arm: true kinematics of the control camera.
-        calibrated_arm: kinematics with the controller's camera calibration.
-        others: calibrated kinematics of the other cameras, by name.
+        calibrated_arm: kinematics of the control camera that the controller uses.
+        others: kinematics of the other cameras that the controller uses, by name.
 
     Raises:
-        ExperimentError: a camera does not see the target.
+        ExperimentError: the target is not in view of a camera.
     """
     check_view(context, pose)
     control, images = context.control_camera.name, {}
@@ -152,11 +154,12 @@ def teach_goal(
 
     Args:
         pose: world_T_camera (4, 4) of the true control camera.
-        mountings: pose (4, 4) of each calibrated camera in the true one, by name.
-        other_kinematics: calibrated kinematics of the other cameras, by name.
-        images: of the cameras, by name; a camera without one has exact features.
-        name: of the goal.
-        joints: positions at the goal, by name; empty: not known.
+        mountings: calibrated pose (4, 4) of each camera in the frame of the true camera, by name.
+        other_kinematics: kinematics of the other cameras that the controller uses, by name.
+        images: image of each camera, by name; for a camera without an image, exact features are
+            computed.
+        name: name of the goal.
+        joints: position of each joint at the goal, by name; empty: not known.
     """
     rig = context.settings.make_camera_rig(
         {**dict.fromkeys(mountings), **other_kinematics}, context.scheme
@@ -192,7 +195,7 @@ def _check_is_target(context: SetupContext, observation: Observation, pose: np.n
     pose: world_T_camera (4, 4) of the true camera.
 
     Raises:
-        ExperimentError: it is elsewhere, or has another size.
+        ExperimentError: the detected object has another position or another area.
     """
     area = None
     if observation.moments is not None:

@@ -23,7 +23,8 @@ from ..plants.imaging import ImagingSettings
 from ..targets.target_spec import TargetSpec
 from .setup_context import SetupContext
 
-COLOUR_ENCODINGS = ("rgb", "bgr")  # without a renderer, images of these encodings become grey
+# Prefixes of colour encodings. Without a renderer, such an image is delivered in grey (mono8).
+COLOUR_ENCODINGS = ("rgb", "bgr")
 # Random camera effects, which are switched off while a goal is taught.
 RANDOM_SETTINGS = {"noise_stddev", "shot_noise", "sensor", "drop_probability"}
 
@@ -33,13 +34,14 @@ def make_imaging_settings(
 ) -> ImagingSettings:
     """Return the imaging settings of a camera that needs no renderer.
 
-    is_teaching: for teaching a goal: without noise, motion blur and occluder.
+    is_teaching: whether the image is for teaching a goal: noise, motion blur and occluder are then
+        omitted.
     """
     experiment, needs = context.experiment, context.needs.get(camera.name, frozenset())
     has_images = experiment.has_images and not (is_teaching and experiment.plant == "bullet")
     has_images = has_images or (is_teaching and Need.IMAGE in needs)
     target = context.targets[camera.name]
-    # Texture changes and occluders are only for the experiment's target, not a camera's own.
+    # Texture changes and occluders affect the experiment's target, not a camera's own target.
     spec = TargetSpec() if camera.spec.target is not None else experiment.target
     if spec.perturbed and not is_teaching:
         if not target.shape.is_textured:
@@ -52,9 +54,9 @@ def make_imaging_settings(
     if is_teaching or experiment.noise:
         config = make_camera_config(with_noise(camera.settings, experiment, is_teaching))
     effects = config.effects
-    if is_teaching:  # a single instant is enough for a camera at rest
+    if is_teaching:  # the camera is at rest, so all rows can be exposed at one instant
         effects = replace(effects, row_time=0.0, exposure_time=0.0)
-    elif not has_images:  # exact features have one instant per row
+    elif not has_images:  # only these effects act on exact features
         effects = Effects(**{key: getattr(effects, key) for key in FEATURE_EFFECTS})
     blind = None
     if config.cutoff_angle is not None:
@@ -83,7 +85,7 @@ def make_imaging_settings(
         row_bands=make_row_bands(effects, config.height),
         vibration=vibration,
         blind_mask=blind,
-        # Only if the experiment sets them: those of the description are for rendered images.
+        # Only clipping planes that the experiment sets; the description's are for rendered images.
         depth_range=(config.near, config.far) if {"near", "far"} & set(camera.overrides) else None,
     )  # fmt: skip
 
@@ -91,12 +93,12 @@ def make_imaging_settings(
 def make_rendered_settings(
     context: SetupContext, camera: CameraSetup, is_teaching: bool = False
 ) -> dict[str, Any]:
-    """Return the settings of a camera with rendered images, which override the robot description.
+    """Return the settings of a camera with rendered images; they override the robot description.
 
-    is_teaching: for teaching a goal: without random effects.
+    is_teaching: whether the image is for teaching a goal: random effects are then omitted.
     """
     settings = with_noise(camera.overrides, context.experiment, is_teaching)
-    settings.pop("latency", None)  # on every plant the control loop applies it
+    settings.pop("latency", None)  # the control loop applies the latency, on every plant
     needs = context.needs.get(camera.name, frozenset())
     if context.has_depth or Need.DEPTH in needs:
         settings["depth"] = True
@@ -110,8 +112,8 @@ def with_noise(
 ) -> dict[str, Any]:
     """Return camera settings with the noise of the experiment.
 
-    is_teaching: remove shake and random effects instead, because the noise of the single image
-        that teaches a goal would remain in the goal.
+    is_teaching: whether the image is for teaching a goal. Shake and random effects are then removed
+        and no noise is added, because the noise of this single image would remain in the goal.
     """
     found = dict(settings)
     if is_teaching:

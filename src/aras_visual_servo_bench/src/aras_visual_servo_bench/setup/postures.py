@@ -1,4 +1,4 @@
-"""Postures of the arm at given camera poses without occlusion of the target and collisions."""
+"""Find postures of the arm for a camera pose, without occlusion of the target and collisions."""
 
 from __future__ import annotations
 
@@ -21,23 +21,29 @@ from ..experiment.worlds import read_world
 from ..plants.static_arm import StaticArm, without_visuals
 from ..targets.target_spec import TargetSpec
 
-# Least part of a target that counts as hidden; smaller parts result from pixels at its border.
+# Minimum hidden fraction of the target that is reported as an occlusion. Smaller fractions result
+# from pixels at the border of the target.
 MIN_OCCLUSION = 0.01
-# Cost of a posture in collision. Occlusion costs the hidden part of the target, so a collision is
-# worse than hiding all of it.
+# Cost of a posture in collision. It is larger than the cost of any occlusion, which is the hidden
+# fraction of the target.
 COLLISION_COST = 2.0
 
 
 @dataclass(frozen=True)
 class Postures:
-    """Search for postures of an arm that move its control camera to given poses.
+    """Search for postures of an arm that put its control camera at a given pose.
 
-    urdf: text of the description. search: folders of its packages. frame: optical frame.
+    urdf: text of the robot description.
+    search: folders with the packages that the description uses.
+    frame: optical frame of the control camera.
     carrier: link that carries the target; '': the target is in the world, at its pose at 0 s.
-    near: near clipping distance of the camera, m; None: the one in the description.
-    is_visible: images show the arm; postures in which it hides little of the target are preferred.
-    is_solid: the arm can collide with its surroundings; postures in collision are avoided.
-    world: path of the world file; '': Gazebo's ground plane.
+    target: settings of the target.
+    near: near clipping distance of the camera, m; None: the distance in the description.
+    is_visible: whether images show the arm; postures that hide less of the target are then
+        preferred.
+    is_solid: whether the arm can collide with its surroundings; postures in collision are then
+        avoided.
+    world: path of the world file; '': the world is Gazebo's ground plane.
     """
 
     urdf: str
@@ -60,7 +66,7 @@ class Postures:
         is_solid: bool,
         world: str,
     ) -> Postures:
-        """Make the search for a robot with this control camera."""
+        """Make the search for a robot and its control camera."""
         return cls(
             robot.urdf, robot.spec.search, robot.find_optical_frame(camera.name),
             robot.find_target_frame(camera.name),
@@ -73,30 +79,32 @@ class Postures:
         return read_arm(self.urdf, self.frame, self.carrier)
 
     def compute_occlusion(self, joints: Sequence[float], time: float = 0.0) -> float:
-        """Compute the part of the target, 0 to 1, that the arm hides from the camera.
+        """Compute the fraction of the target, 0 to 1, that the arm hides from the camera.
 
-        The result is 0 below MIN_OCCLUSION, and if the arm cannot be rendered.
+        Return 0 if the fraction is below MIN_OCCLUSION, and if the arm cannot be rendered.
 
         Args:
-            joints: (n,).
-            time: s, for the pose of a moving target.
+            joints: joints (n,) of the posture.
+            time: time at which the pose of a moving target is computed, s.
         """
         return _compute_occlusion(self, tuple(map(float, joints)), time)
 
     def find_collision(self, joints: Sequence[float]) -> str:
-        """Describe a collision of the arm at joints (n,); '' if there is none.
+        """Describe a collision of the arm at `joints` (n,); return '' if there is none.
 
-        Collisions between parts of the robot description are ignored.
+        Collisions between two links of the robot description are ignored.
         """
         return _find_collision(self, tuple(map(float, joints))) if self.is_solid else ""
 
     def compute_cost(self, joints: Sequence[float]) -> float:
-        """Compute the cost of a posture: its occlusion, plus COLLISION_COST for a collision."""
+        """Compute the cost of a posture: the occlusion, plus COLLISION_COST for a collision."""
         collision = COLLISION_COST if self.find_collision(joints) else 0.0
         return collision + (self.compute_occlusion(joints) if self.is_visible else 0.0)
 
     def find_joints(self, pose: np.ndarray) -> np.ndarray:
-        """Find joints (n,) with the camera at world_T_camera (4, 4), starting at zero.
+        """Find joints (n,) that put the camera at `pose`, world_T_camera (4, 4).
+
+        The search starts with all joints at 0.
 
         Raises:
             UnreachableError: the arm cannot reach the pose.
@@ -107,12 +115,12 @@ class Postures:
         return np.array(found)
 
     def find_start_joints(self, pose: np.ndarray, goal: np.ndarray | None) -> np.ndarray:
-        """Find joints (n,) of a start with the camera at world_T_camera (4, 4).
+        """Find the joints (n,) of a start that put the camera at `pose`, world_T_camera (4, 4).
 
-        The search starts at the posture of the goal, as in the controller node (goals.starts), so
+        The search starts at the joints at the goal, as in the controller node (goals.starts), so
         that the arm can reach the goal without changing its configuration.
 
-        goal: joints (n,) at the goal; None: not known, so the search starts at zero.
+        goal: joints (n,) at the goal; None: not known, so the search starts with all joints at 0.
 
         Raises:
             UnreachableError: the arm cannot reach the pose.
@@ -124,12 +132,12 @@ class Postures:
         )
 
     def list_faults(self, joints: Sequence[float], where: str, is_given: bool) -> list[str]:
-        """Describe collision and occlusion of a posture, one line each.
+        """Return warnings about a collision and an occlusion of a posture, one line each.
 
         Args:
-            joints: (n,).
+            joints: joints (n,) of the posture.
             where: 'goal' or 'start'.
-            is_given: whether the experiment gives these joints, rather than a camera pose.
+            is_given: whether the experiment gives these joints; False: it gives a camera pose.
         """
         remedy = ": give other joints" if is_given else (
             ", and no posture {} was found: give another pose"
@@ -149,7 +157,7 @@ class Postures:
         return found
 
 
-# Cached because all runs of a study share a goal.
+# The result is cached, because all runs of a study have the same goal.
 @lru_cache(maxsize=32)
 def _find_preferred_joints(postures: Postures, pose: bytes) -> tuple[float, ...] | UnreachableError:
     arm = postures.arm
@@ -185,13 +193,13 @@ def _find_collision(postures: Postures, joints: tuple[float, ...]) -> str:
 
 
 def _make_static_arm(postures: Postures) -> StaticArm | None:
-    """Return the arm in its surroundings, cached; None if it cannot be put into a world.
+    """Return the arm in its surroundings; the result is cached.
 
-    The plant later raises the error in that case.
+    Return None if the arm cannot be simulated. The plant raises the error later in this case.
     """
     spec, solid = postures.target, postures.is_solid
     has_target = postures.carrier or spec.is_provided
-    # A target that is a link of the robot does not hide itself.
+    # A target that is a link of the robot does not hide itself, so this link is not rendered.
     target_link = spec.link if spec.link and not spec.model else ""
     target = spec if solid and not has_target else None
     world = postures.world if solid else ""
@@ -211,7 +219,7 @@ def _make_static_arm(postures: Postures) -> StaticArm | None:
     return _static_arms.get(key, make)
 
 
-# At most two, because each world holds all meshes of a robot.
+# At most two arms are cached, because each contains all meshes of a robot.
 _static_arms: ByteLimitedCache[tuple, StaticArm | None] = ByteLimitedCache(
     2, size=lambda arm: 1, drop=lambda arm: None if arm is None else arm.close()
 )

@@ -28,7 +28,7 @@ from .setup_context import SetupContext
 if TYPE_CHECKING:
     from ..experiment.added_links import MountedTarget
 
-IMAGE_ONLY_NEEDS = {Need.IMAGE, Need.KERNEL}  # not available with exact features
+IMAGE_ONLY_NEEDS = {Need.IMAGE, Need.KERNEL}  # data that exact features cannot provide
 
 SchemeWrapper = Callable[[Scheme | JointController], Scheme | JointController]
 
@@ -42,9 +42,10 @@ def read_context(
     """Read the files of an experiment and choose its scheme.
 
     Args:
-        wrap_scheme: function that replaces the scheme of the experiment; None: no replacement.
-        has_unread_cameras: whether cameras that the scheme does not read exist.
-        has_depth: whether every camera delivers depth images, needed or not.
+        wrap_scheme: function that returns another scheme for the scheme of the experiment; None:
+            the scheme is used unchanged.
+        has_unread_cameras: whether to include the cameras that the scheme does not read.
+        has_depth: whether every camera delivers depth images, even if the scheme needs none.
 
     Raises:
         ExperimentError: the experiment cannot be run.
@@ -80,7 +81,7 @@ def read_context(
 
 
 def read_robot(experiment: Experiment) -> tuple[Experiment, Robot]:
-    """Return the experiment with its links and calibrations converted to poses, and its robot.
+    """Return the experiment, with links and calibration files converted to poses, and its robot.
 
     Raises:
         ExperimentError: a setting or a file is wrong.
@@ -111,7 +112,7 @@ def read_robot(experiment: Experiment) -> tuple[Experiment, Robot]:
 def _make_robot(experiment: Experiment) -> Robot:
     mounted: Mapping[str, MountedTarget] = {}
     if experiment.plant == "bullet":
-        from .dynamic_arm_setup import find_mounted_targets  # the other plants need no physics
+        from .dynamic_arm_setup import find_mounted_targets  # imports the physics engine
 
         mounted = find_mounted_targets(experiment)
     return Robot(
@@ -121,7 +122,7 @@ def _make_robot(experiment: Experiment) -> Robot:
 
 
 def read_cameras(experiment: Experiment, robot: Robot) -> dict[str, CameraSetup]:
-    """Read the cameras of an experiment, by name, with their settings in the robot description.
+    """Return the cameras of an experiment by name, with their settings in the robot description.
 
     Raises:
         ExperimentError: a setting or a file of a camera is wrong.
@@ -140,7 +141,7 @@ def _check_is_fixed(experiment: Experiment, control: str, robot: Robot) -> None:
     """Check that the arm moves the control camera or its target.
 
     Raises:
-        ExperimentError: both are fixed in the world.
+        ExperimentError: both the camera and its target are fixed in the world.
     """
     is_fixed = experiment.camera_specs[control].pose is not None
     if experiment.plant not in FREE_CAMERA_PLANTS:
@@ -156,10 +157,10 @@ def _check_is_fixed(experiment: Experiment, control: str, robot: Robot) -> None:
 def locate_cameras(
     experiment: Experiment, robot: Robot, cameras: Mapping[str, CameraSetup]
 ) -> dict[str, CameraPlacement]:
-    """Locate the other cameras relative to the control camera, which is the first.
+    """Locate the other cameras relative to the control camera, which is the first in `cameras`.
 
     Returns:
-        The placements by name of the camera.
+        The placement of each other camera, by name.
     """
     control, *others = cameras.values()
     is_free, placements = experiment.plant in FREE_CAMERA_PLANTS, {}
@@ -178,7 +179,9 @@ def locate_cameras(
             arm = robot.make_arm(control.name)
             other, rest = robot.make_camera_kinematics(name, arm), np.zeros(len(arm.names))
             if isinstance(other, InverseCameraKinematics):
-                # For all joints q: other(q) = target_T_control @ inverse(arm(q)) @ fixed_pose
+                # The camera poses at all joints q satisfy
+                #     other(q) = target_T_control @ inverse(arm(q)) @ fixed_pose.
+                # This equation, at q = 0, gives target_T_control.
                 target_T_control = other.pose(rest) @ inverse(other.fixed_pose) @ arm.pose(rest)
                 placements[name] = CameraPlacement(
                     other.fixed_pose, target_T_control=target_T_control
@@ -192,7 +195,7 @@ def check_scheme(context: SetupContext) -> None:
     """Check that cameras, target and plant provide what the scheme needs.
 
     Raises:
-        ExperimentError: the scheme cannot work with them.
+        ExperimentError: the scheme cannot work with these cameras, this target or this plant.
     """
     experiment, scheme = context.experiment, context.scheme
     for name in context.needs:
@@ -225,8 +228,8 @@ def check_scheme(context: SetupContext) -> None:
     own_targets = [name for name in context.cameras if context.has_own_target(name)]
     if method == "label" and own_targets:
         raise ExperimentError(
-            f"label images show only one target, and camera '{own_targets[0]}' has its own: "
-            "segment by grey or colour"
+            f"segmentation 'label' supports only one target, and camera '{own_targets[0]}' has "
+            "its own target: segment by grey or colour"
         )
     if method in BY_COLOUR and experiment.plant != "bullet":
         raise ExperimentError(

@@ -1,4 +1,4 @@
-"""Draw random starts from which the whole target is in view and that the arm can reach."""
+"""Draw random starts that the arm can reach and from which the complete target is in view."""
 
 from __future__ import annotations
 
@@ -19,15 +19,18 @@ from ..plants.base import CameraPlacement
 from ..plants.free_body import FreeBody
 from ..targets.geometry import PlacedTarget
 
-NEWTON_STEPS, INITIAL_GUESSES, GUESS_SPREAD = 12, 4, 0.5  # GUESS_SPREAD in rad or m
-# Newton's method stops early if the error after EARLY_STEPS exceeds EARLY_TOLERANCE (m, rad). Of 67
-# poses that were found, none needed more than ten steps, and none had a larger error after six.
+NEWTON_STEPS = 12  # maximum number of steps of Newton's method from one initial guess
+INITIAL_GUESSES = 4  # number of initial guesses
+GUESS_SPREAD = 0.5  # maximum random deviation of an initial guess, rad or m
+# Newton's method stops early if the error after EARLY_STEPS steps is larger than EARLY_TOLERANCE
+# (m, rad). For 67 poses with a solution, no search needed more than ten steps, and no error was
+# larger than EARLY_TOLERANCE after six steps.
 EARLY_STEPS, EARLY_TOLERANCE = 6, 0.1
-# m and rad. A goal that is tilted by a milliradian and rotated about the vertical needs a small
-# roll. An arm that cannot roll then keeps an error of 2e-5; a narrower tolerance would leave only
-# two reachable headings.
+# Maximum error of the pose, m and rad. If the goal is tilted by a milliradian, a start that is
+# rotated about the vertical needs a small roll. An arm that cannot roll then has an error of 2e-5,
+# so with a tolerance below that it could reach only two headings.
 POSE_TOLERANCE = 1e-4
-DAMPING = 1e-3  # of the least squares; m or rad of the camera per unit of joint
+DAMPING = 1e-3  # damping of the least squares; m or rad of the camera per rad or m of a joint
 
 
 def draw_start(
@@ -44,12 +47,18 @@ def draw_start(
     """Draw the joints (n,) of a start with the camera above the target and the target in view.
 
     Args:
-        goal_pose: world_T_camera (4, 4) of the goal, whose orientation is rotated about the
-            vertical.
-        goal_joints: (n,) from which the search for joints starts.
-        other_cameras: placement, model and target of further cameras, which also have to see their
-            target.
-        find_collision: describes a collision of the arm at joints (n,); '' without collision.
+        sampler: ranges of the start.
+        arm: true kinematics of the control camera.
+        goal_pose: world_T_camera (4, 4) at the goal; the orientation at the start is this
+            orientation, rotated about the vertical.
+        goal_joints: joints (n,) at the goal, from which the search for joints starts.
+        target: target of the control camera.
+        camera: true intrinsics of the control camera.
+        seed: seed of the random numbers.
+        other_cameras: placement, intrinsics and target of each other camera; their targets have to
+            be in view, too.
+        find_collision: function that describes a collision of the arm at joints (n,) and returns ''
+            if there is none; None: collisions are not checked.
 
     Raises:
         ExperimentError: no start was found in `sampler.attempts` attempts.
@@ -71,7 +80,7 @@ def draw_start(
                 if not is_in_view(outline, model, sampler.margin):
                     raise ViewError("cut off")
             near = goal_joints
-            if isinstance(arm, Arm):  # start with the drawn rotation, which the last joint makes
+            if isinstance(arm, Arm):  # start the search with the last joint rotated by -turn
                 near = goal_joints.copy()
                 near[-1] = _wrap_into_limits(near[-1] - turn, arm.lower[-1], arm.upper[-1])
             joints = _find_joints(arm, pose, near, random)
@@ -85,13 +94,15 @@ def draw_start(
             failures["in collision"] += 1
     counts = ", ".join(f"{count} {reason}" for reason, count in failures.items() if count)
     raise ExperimentError(
-        f"no start found in {sampler.attempts} attempts ({counts}): make start.height, side, turn "
-        "or tilt smaller"
+        f"no start found in {sampler.attempts} attempts ({counts}): reduce start.height, "
+        "start.side, start.turn or start.tilt"
     )
 
 
 def _wrap_into_limits(angle: float, lower: float, upper: float) -> float:
-    """Return the angle, or the angle plus or minus 2 pi, whichever is within the limits (rad)."""
+    """Return the angle, the angle + 2 pi or the angle - 2 pi: the one within the limits (rad).
+
+    If none of them is within the limits, return the limit that is nearest to the angle."""
     for turns in (0.0, 2.0 * np.pi, -2.0 * np.pi):
         if lower <= angle + turns <= upper:
             return angle + turns
@@ -101,16 +112,22 @@ def _wrap_into_limits(angle: float, lower: float, upper: float) -> float:
 def _find_joints(
     arm: Arm | FreeBody, pose: np.ndarray, near: np.ndarray, random: np.random.Generator
 ) -> np.ndarray:
-    """Find joints (n,) of a pose with Newton's method from a few initial guesses.
+    """Find joints (n,) that put the camera at `pose`, with Newton's method from a few guesses.
+
+    Args:
+        pose: world_T_camera (4, 4).
+        near: joints (n,) around which the initial guesses are drawn.
+        random: random generator of the guesses.
 
     Raises:
-        UnreachableError: no joints were found, or they are beyond a limit.
+        UnreachableError: no joints within the limits were found.
     """
     count = len(near)
-    # The lower rows damp the least squares, because the elbow may be nearly stretched.
+    # The lower rows of the matrix damp the least-squares problem, which is nearly singular if
+    # the elbow is almost stretched.
     rows, error = np.vstack([np.zeros((6, count)), DAMPING * np.eye(count)]), np.zeros(6 + count)
     for _ in range(INITIAL_GUESSES):
-        # Newton's method fails at a stretched elbow: bend it at random.
+        # Newton's method fails at a stretched elbow, so a random deviation bends it.
         q = near + random.uniform(-GUESS_SPREAD, GUESS_SPREAD, len(near)) * (
             arm.upper - arm.lower < np.inf
         )
@@ -133,11 +150,14 @@ def _find_joints(
 def draw_pose(
     sampler: Sampler, goal_pose: np.ndarray, middle: np.ndarray, random: np.random.Generator
 ) -> tuple[np.ndarray, float]:
-    """Draw a camera pose (4, 4) in the sampler's ranges; also return its rotation about z, rad.
+    """Draw a random camera pose within the sampler's ranges.
 
     Args:
-        goal_pose: world_T_camera (4, 4) at the goal, whose orientation is rotated.
-        middle: (3,) centre of the target in the world, m.
+        goal_pose: world_T_camera (4, 4) at the goal; its orientation is rotated about the vertical.
+        middle: centre (3,) of the target in the world, m.
+
+    Returns:
+        world_T_camera (4, 4), and the angle of the rotation about the vertical, rad.
     """
     x, y = random.uniform(-sampler.side, sampler.side, 2)
     height = random.uniform(*sampler.height)

@@ -1,4 +1,4 @@
-"""Parts of a run that do not depend on its goal: robot, cameras, loop settings and scheme."""
+"""Objects of a run that do not depend on its goal: robot, cameras, loop settings and scheme."""
 
 from __future__ import annotations
 
@@ -25,14 +25,21 @@ class SetupContext:
     """Robot, cameras, targets, loop settings and scheme of a run.
 
     Attributes:
-        experiment: settings, with files and links converted to poses. arm: the true kinematics.
-        cameras: the cameras by name, the control camera first.
-        needs: data that the scheme needs of each camera that it reads, by name, in the same order.
-        experiment_target: the experiment's target, in the world or in the link that carries it.
-        targets: the target of each camera by name, likewise.
-        placements: of the other cameras relative to the control camera, by name.
-        has_depth: whether every camera delivers depth images, needed or not.
-        labelled_link: model, or 'model::link', that label images show; '': none is needed.
+        experiment: settings of the run, with files and links converted to poses.
+        robot: robot of the experiment.
+        settings: settings of the control loop.
+        scheme: scheme of the control loop.
+        arm: true kinematics of the control camera.
+        cameras: cameras by name, the control camera first.
+        needs: data that the scheme needs from each camera, by name, the control camera first; only
+            cameras that the scheme reads.
+        experiment_target: target of the experiment, with its pose in the world or in the link that
+            carries it.
+        targets: target of each camera, by the name of the camera.
+        placements: pose of each other camera relative to the control camera, by name.
+        has_depth: whether every camera delivers depth images, even if the scheme needs none.
+        labelled_link: model or 'model::link' that label images mark as the target; '': label images
+            are not needed.
     """
 
     experiment: Experiment
@@ -55,7 +62,7 @@ class SetupContext:
 
     @property
     def control_camera(self) -> CameraSetup:
-        """Camera whose motion the scheme controls: the first one that it reads."""
+        """Camera whose motion the scheme controls; it is the first camera that the scheme reads."""
         return next(iter(self.cameras.values()))
 
     @property

@@ -1,1 +1,1 @@
-"""Studies: many runs of an experiment with varied settings, and their results."""
+"""Studies: many runs of an experiment with different settings, and their results."""

@@ -31,7 +31,7 @@ pairs = torch.utils.data.TensorDataset(x, y)"""
 
 
 def write_card(folder: StudyFolder) -> Path:
-    """Write the card into the folder of a study with images; return its path."""
+    """Write the data card into the folder of a study with images; return its path."""
     path = folder.path / CARD_FILE
     with catch_write_errors(path):
         path.write_text(make_card(folder), encoding="utf-8")
@@ -39,7 +39,7 @@ def write_card(folder: StudyFolder) -> Path:
 
 
 def make_card(folder: StudyFolder) -> str:
-    """Return the text of the card, in Markdown."""
+    """Return the text of the data card, in Markdown."""
     study = folder.study
     table = folder.read_results()
     outcomes = sorted(table["outcome"].value_counts().to_pylist(),
@@ -78,7 +78,7 @@ def make_card(folder: StudyFolder) -> str:
 
 
 def _describe_cameras(folder: StudyFolder) -> list[str]:
-    """Describe the rate, intrinsics and pose of each camera in the first run, one line each."""
+    """Return one line per camera with its rate, intrinsics and pose in the first run."""
     parts = assemble(folder.study.make_experiment(0))
     try:
         lines = []

@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     import pandas
 
 SIGNIFICANCE_LEVEL = 0.05
-MAX_SHOWN = 20  # differences that a printed comparison lists
-# Verdict about the second study. DIFFERS: the metric has no better direction, or the medians are
-# equal although the distributions differ.
+MAX_SHOWN = 20  # maximum number of differences that a printed comparison lists
+# Verdicts about the second study compared with the first. DIFFERS: neither smaller nor greater
+# values of the metric are better, or only the distributions differ, not the medians.
 BETTER, WORSE, DIFFERS, CHANCE = "better", "WORSE", "differs", "chance"
 
 
@@ -29,7 +29,10 @@ BETTER, WORSE, DIFFERS, CHANCE = "better", "WORSE", "differs", "chance"
 class Difference:
     """Result of comparing one metric of two studies in one group of settings.
 
-    group: the settings. metric: name. p: p-value with Holm's correction.
+    group: values of the settings that define the group, as text.
+    metric: name of the metric.
+    comparison: values of both studies.
+    p: p-value with Holm's correction.
     verdict: BETTER, WORSE or DIFFERS; CHANCE if the difference is not significant.
     """
 
@@ -83,15 +86,17 @@ def compare_studies(
 def find_differences(
     first: Results, second: Results, by: Sequence[str] = (), metrics: Sequence[str] = ()
 ) -> list[Difference]:
-    """Compare success and all shared metrics of two studies, in each shared group of settings.
+    """Compare success and all metrics that both studies have, in each group of settings.
 
-    Runs are paired if their settings and seeds are equal. Holm's method corrects the p-values for
-    the number of comparisons, because at a level of 5 % one of twenty would be significant by
-    chance.
+    Two runs are a pair if their settings and seeds are equal. Holm's method corrects the p-values
+    for the number of comparisons, because at a significance level of 5 %, one of twenty comparisons
+    would be significant by chance.
 
     Args:
-        by: keys that define the groups; empty: those of the grid and the cases.
-        metrics: names; empty: all.
+        first: results of the first study.
+        second: results of the second study.
+        by: keys whose values define the groups; empty: all keys of the grid and of the cases.
+        metrics: names of the metrics to compare; empty: all metrics.
 
     Raises:
         StudyError: the studies have no settings in common, or a metric is unknown.
@@ -128,9 +133,9 @@ def find_differences(
 
 
 def describe_differences(differences: Sequence[Difference], is_verbose: bool) -> str:
-    """List significant differences, by increasing p-value, with the number of comparisons.
+    """Return the significant differences as text, sorted by p-value, and the number of comparisons.
 
-    is_verbose: list all differences.
+    is_verbose: whether to list all differences.
     """
     significant = [d for d in differences if d.verdict != CHANCE]
     listed = list(differences) if is_verbose else sorted(significant, key=lambda d: d.p)
@@ -151,7 +156,10 @@ def describe_differences(differences: Sequence[Difference], is_verbose: bool) ->
 
 
 def _index_rows(results: Results, keys: Sequence[str]) -> dict[tuple, dict[tuple, int]]:
-    """Return the index of each run, by the values of `keys` and then by all other varied values."""
+    """Return the row index of each run in a nested mapping.
+
+    The keys of the outer mapping are the values of `keys`; the keys of an inner mapping are the
+    values of all other settings that vary, such as the seed."""
     random_keys = {variation.key for variation in results.study.random_variations}
     others = sorted(key for key in results.study.keys if key not in (*keys, "seed"))
     columns = {key: results.read_column(key) for key in ("seed", *others)}
@@ -168,7 +176,8 @@ def _pair_rows(
 ) -> tuple[np.ndarray, np.ndarray, bool]:
     """Return the rows of both studies, and whether they are paired.
 
-    They are paired if at least 90 % of the runs have a partner; other runs are then left out.
+    The rows are paired if at least 90 % of the runs have a counterpart in the other study; runs
+    without a counterpart are then omitted.
     """
     both = [key for key in first if key in second]
     if both and len(both) >= 0.9 * max(len(first), len(second)):

@@ -21,17 +21,18 @@ from .study import Study
 from .study_folder import StudyFolder
 from .work import StudyTask
 
-SHOWN_RUNS = 3  # runs that a dry run lists
-MAX_TRIALS = 200  # experiments that are checked before the first run, evenly spread over all
+SHOWN_RUNS = 3  # number of runs whose settings a dry run prints
+MAX_TRIALS = 200  # approximate number of experiments that are checked before the first run
 
 
 @dataclass(frozen=True)
 class StudySummary:
     """Result of running a study.
 
-    runs: number of runs that are stored now. failed: number of runs of this call without success.
-    stopped: row of the failed run that stopped the study; None if it was not stopped.
-    seconds: wall time.
+    runs: number of stored runs.
+    failed: number of runs without success during this call.
+    stopped: row of the failed run that stopped the study; None if the study was not stopped.
+    seconds: wall time of this call, s.
     """
 
     runs: int
@@ -44,7 +45,7 @@ def check_study(study: Study) -> None:
     """Check the values of a study without running it.
 
     Raises:
-        StudyError: a value is wrong, or values do not fit together.
+        StudyError: a value is wrong, or a combination of values is not possible.
     """
     images.check_images(study)
     trials = study.make_trials()
@@ -56,9 +57,11 @@ def check_study(study: Study) -> None:
 
 
 def is_success(values: dict[str, object], judged: str = success.name) -> bool:
-    """Return True if the run of a row was a success.
+    """Return True if a run was a success.
 
-    judged: metric that decides, which is 1 for a success.
+    Args:
+        values: row of the results.
+        judged: name of the metric that is 1 for a success.
     """
     return values.get(judged, 1.0) == 1.0 and values["outcome"] not in (
         rows.REFUSED, rows.FAULT, rows.DIED, rows.LATE,
@@ -103,12 +106,16 @@ def carry_out(
     """Run the missing chunks of a study, and write their results into its folder.
 
     Args:
-        fail_fast: submit no more chunks after a run without success.
-        can_mix_code: allow a study that was started with other code.
+        folder: folder of the study.
+        pool: workers that run the chunks.
+        progress: display of the progress.
+        fail_fast: whether to start no more chunks after a run without success.
+        can_mix_code: whether to continue a study that was started with a different version of the
+            code.
 
     Raises:
-        StudyError: the workers are lost, or results cannot be written. Results that were written
-            before remain.
+        StudyError: the connection to the workers is lost, or results cannot be written. Results
+            that have already been written remain valid.
     """
     start = time.monotonic()
     study = folder.study
@@ -124,7 +131,7 @@ def carry_out(
         if not running:
             break
         task, chunk_rows = pool.wait_for_chunk()
-        if chunk_rows is None:  # its worker died: repeat the chunk with one process per run
+        if chunk_rows is None:  # the worker died, so repeat the chunk with one process per run
             pool.submit(task)
             continue
         running -= 1
@@ -141,9 +148,9 @@ def carry_out(
 
 
 def dry_run(study: Study, workers: int) -> list[str]:
-    """Describe a study in lines: number of runs, estimated time, and its first runs.
+    """Return lines that describe a study: number of runs, estimated time, settings of some runs.
 
-    workers: number of parallel workers, for the estimate.
+    workers: number of parallel workers on which the estimated time is based.
     """
     tried = [rows.compute_row(study, 0) for _ in range(2)]  # the first run also loads libraries
     wall_times = [one.times[0]["wall"] for one in tried]
@@ -160,6 +167,6 @@ def dry_run(study: Study, workers: int) -> list[str]:
         text = ", ".join(f"{k}={v}" for k, v in settings.items())
         lines.append(f"run {run}: {text or 'base experiment'}; seed {study.compute_seed(run)}")
     first = tried[-1].values[0]
-    if first["outcome"] in (rows.REFUSED, rows.FAULT):  # its time is no estimate for other runs
+    if first["outcome"] in (rows.REFUSED, rows.FAULT):  # the estimated time is then wrong
         lines.append(f"run 0 as tried: {first['outcome']}: {first['reason']}")
     return lines

@@ -23,14 +23,17 @@ class RaisingScheme(Scheme):
 
 
 class ConflictingFeature(Feature):
-    """Feature with conflicting goals: the target's centre, and a sum that is 0 only elsewhere."""
+    """Feature whose errors cannot all be 0.
+
+    The errors are x and y of the target's centre of gravity relative to the goal, and x + y + 0.2.
+    """
 
     name, names = "contrary", ("x", "y", "sum")
     tolerances = (1e-3, 1e-3, 1e-3)
     directions = (True, True, False, False, False, False)
 
     def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
-        """Measure the centre and the conflicting sum; see Feature.measure."""
+        """Measure the three errors; see Feature.measure."""
         x, y = (getattr(observation.moments, k) - getattr(goal.moments, k) for k in ("xg", "yg"))
         error = np.array([x, y, x + y + 0.2])
         moments = observation.moments
@@ -40,7 +43,7 @@ class ConflictingFeature(Feature):
 
 
 class RankDeficientFeature(ConflictingFeature):
-    """Conflicting feature that claims to control all six directions: L has rank 2 instead of 6."""
+    """Conflicting feature that claims to control all six directions, although its L has rank 2."""
 
     name = "dependent"
     directions = (True,) * 6

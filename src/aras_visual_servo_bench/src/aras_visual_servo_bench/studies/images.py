@@ -1,7 +1,7 @@
-"""Table of the images of a study's runs, one row per image: numbers, images and depth images.
+"""Table with one row for each image of a study's runs: numbers, image and depth image.
 
-An image is stored as a grey or colour PNG; a depth image as a PNG of 16 bits in steps of 0.1 mm,
-with 0 where there is no surface within 6.5 m.
+An image is stored as a grey or colour PNG. A depth image is stored as a 16-bit PNG in steps of
+0.1 mm; the value 0 means that there is no surface within 6.5 m.
 """
 
 from __future__ import annotations
@@ -31,14 +31,17 @@ from .study import Study
 
 DEPTH_STEP = 1e-4  # m
 _FARTHEST = np.iinfo(np.uint16).max * DEPTH_STEP
-NUMBERS_BYTES = 600  # approximate size of the numbers of a row
+NUMBERS_BYTES = 600  # approximate size of a row without its images
 TIME_TOLERANCE = 1e-9  # s
 _LIST = pa.list_(pa.float64())
 
 
 @dataclass(frozen=True)
 class Column:
-    """Type of a column, and its content with unit and frame."""
+    """Column of the table of images.
+
+    kind: type of the values.
+    meaning: description of the values, with unit and frame."""
 
     kind: pa.DataType
     meaning: str
@@ -54,11 +57,13 @@ NUMBER_COLUMNS: Mapping[str, Column] = {
     "desired_twist": Column(_LIST, "camera twist (6) that the scheme commands, in the optical "
                                    "frame, m/s and rad/s"),
     "achieved_twist": Column(_LIST, "camera twist (6) that the commanded joint velocities "
-                                    "produce, likewise"),
+                                    "produce, in the optical frame, m/s and rad/s"),
     "joints": Column(_LIST, "joint positions measured at the exposure, rad or m"),
     "pose": Column(_LIST, "true world_T_camera at the exposure (16), 4 x 4 row by row, m"),
-    "camera_T_goal": Column(_LIST, "true pose of the goal in the camera's frame (16), likewise"),
-    "camera_T_target": Column(_LIST, "true pose of the target in the camera's frame (16)"),
+    "camera_T_goal": Column(_LIST, "true pose of the goal in the camera's frame (16), 4 x 4 "
+                             "row by row"),
+    "camera_T_target": Column(_LIST, "true pose of the target in the camera's frame (16), 4 x 4 "
+                               "row by row"),
 }  # fmt: skip
 
 
@@ -82,14 +87,14 @@ def make_schema(study: Study) -> pa.Schema:
 
 
 def check_images(study: Study) -> None:
-    """Check that the images that a study is to store exist in all of its runs.
+    """Check that all runs of a study have the images that the study stores.
 
     Raises:
-        StudyError: they do not.
+        StudyError: a run has no images, or has different cameras; or depth is set without pictures.
     """
     if study.pictures == "none":
         if study.depth:
-            raise StudyError("depth needs pictures: set pictures: all, or first")
+            raise StudyError("depth needs pictures: set pictures to all or first")
         return
     names = _find_cameras(study)
     for trial in study.make_trials():
@@ -106,14 +111,17 @@ def check_images(study: Study) -> None:
 
 
 def check_room(study: Study, path: Path, finished_runs: int = 0) -> str:
-    """Describe the maximum disk space that the images of the remaining runs need; '' without any.
+    """Describe the maximum disk space for the images of the remaining runs.
+
+    Return '' if the study stores no images.
 
     Args:
+        study: study whose images are stored.
         path: folder of the study.
-        finished_runs: number of runs whose images are stored already.
+        finished_runs: number of runs whose images are already stored.
 
     Raises:
-        StudyError: the disk has less space.
+        StudyError: the disk has less free space.
     """
     if study.pictures == "none":
         return ""
@@ -148,12 +156,12 @@ def check_room(study: Study, path: Path, finished_runs: int = 0) -> str:
 
 
 class ImageRecorder:
-    """Recorder of a run's images, and of the true pose of the control camera at their exposure."""
+    """Recorder of a run's images and of the true pose of the control camera at each exposure."""
 
     def __init__(self, records_images: bool) -> None:
         """Prepare the recorder.
 
-        records_images: record images and depth images, not only poses.
+        records_images: whether to record images and depth images; False: only poses.
         """
         self._records_images = records_images
         self._stamps: dict[str, list[float]] = {}
@@ -162,13 +170,14 @@ class ImageRecorder:
 
     @property
     def nbytes(self) -> int:
-        """Number of bytes of the latest images of all cameras."""
+        """Total size of the latest image and depth image of each camera, bytes."""
         return sum(len(part or b"") for images in self._images.values() for part in images[-1])
 
     def add_frame(self, loop: Loop, reading: Frame) -> None:
-        """Add an image of a camera of this loop at its exposure."""
+        """Add an image; the loop calls this method when a camera exposes an image."""
         if reading.name == loop.parts.rig.control.name:
-            # The plant is at the end of the step in which the image was exposed: extrapolate back.
+            # The plant is at the end of the step, but the exposure was within the step. Therefore
+            # extrapolate the joint positions back to the exposure.
             positions, velocities = loop.plant.read_joints()
             elapsed = loop.plant.time_ns / NS - reading.stamp
             at_exposure = (positions - elapsed * velocities)[None]
@@ -184,7 +193,9 @@ class ImageRecorder:
         """Make a row for each image that the loop processed in a run.
 
         Args:
-            number: of the run. end_time: simulated time at its end, s.
+            number: number of the run.
+            run: record of the run.
+            end_time: simulated time at the end of the run, s.
         """
         target_T_goal = inverse(run.target.world_T_target(end_time)) @ run.goal_pose
         rows = []
@@ -203,7 +214,7 @@ class ImageRecorder:
         return rows
 
     def _find_images(self, stamp: float) -> dict[str, bytes | None]:
-        """Return the columns with the latest images of all cameras at a stamp (s)."""
+        """Return the columns with the image that each camera took last before a stamp (s)."""
         columns: dict[str, bytes | None] = {}
         for name, stamps in self._stamps.items():
             latest = bisect_right(stamps, stamp + TIME_TOLERANCE) - 1

@@ -22,25 +22,29 @@ from ..errors import StudyError, make_missing_library_error, read_first_line
 from . import rows, versions, work
 from .work import StudyTask
 
-ANSWER_TIMEOUT = 10.0  # s, time in which a scheduler has to answer
-# s without any worker, at the start of a cluster or after the last worker has left
+ANSWER_TIMEOUT = 10.0  # s; time within which a scheduler has to answer
+# s; a study fails after this time without any worker, at its start or later
 WORKER_TIMEOUT = 300.0
-COUNT_PERIOD = 2.0  # s between counts of the workers, because those of a cluster come and go
-# s between polls for a finished chunk; meanwhile each worker has a second chunk to continue with
+COUNT_PERIOD = 2.0  # s; period for counting the workers, which can change in a cluster
+# s; period for checking whether a chunk is finished. Workers do not wait during this time, because
+# each of them already has a second chunk.
 POLL_PERIOD = 0.02
-CHUNKS_BEFORE_RESTART = 500  # chunks per worker after which all workers are restarted
-STARTING_STATES = ("init", "starting", "running", "undefined")  # of a nanny
-# Time in which a process on this machine has to connect, also under a high load.
+# All workers are restarted after this number of chunks per worker.
+CHUNKS_BEFORE_RESTART = 500
+# States of a nanny (Dask's process that starts and supervises a worker) with a living worker.
+STARTING_STATES = ("init", "starting", "running", "undefined")
+# Time within which a process has to connect; it is long, because the machine may be overloaded.
 CONNECT_TIMEOUT = "600s"
-TICK_PERIOD = "10s"  # between self-checks of a worker or the scheduler
-MAX_DEATHS = 5  # deaths of workers while they run one chunk, before the study fails
+TICK_PERIOD = "10s"  # time between self-checks of a worker or of the scheduler
+MAX_DEATHS = 5  # the study fails if more workers than this die while they run the same chunk
 
 
-FinishedChunk = tuple[StudyTask, rows.Rows | None]  # a chunk and its rows; None: its worker died
+# A chunk, and its rows; the rows are None if the worker has died.
+FinishedChunk = tuple[StudyTask, rows.Rows | None]
 
 
 class Pool(ABC):
-    """Pool that runs several chunks at a time and returns them in any order.
+    """Pool of workers that runs several chunks at the same time and returns them in any order.
 
     Attributes:
         workers: number of workers.
@@ -66,7 +70,7 @@ class Pool(ABC):
         """
 
     def close(self) -> None:
-        """Stop the workers; safe to call twice."""
+        """Stop the workers; a second call has no effect."""
 
     def __enter__(self) -> Pool:
         return self
@@ -79,7 +83,7 @@ class Pool(ABC):
 
 
 class InProcessPool(Pool):
-    """Pool that runs one chunk after the other in this process, for small studies and debugging."""
+    """Pool that runs one chunk after the other in this process, for debugging."""
 
     def __init__(self) -> None:
         self._task: deque[StudyTask] = deque()
@@ -103,7 +107,8 @@ class DaskPool(Pool):
     """Pool of Dask workers: on this machine, of a running scheduler, or of a cluster class.
 
     Attributes:
-        cluster: Dask cluster; None with a running scheduler. client: Dask client; None when closed.
+        cluster: Dask cluster; None if a running scheduler is used.
+        client: Dask client; None after `close`.
     """
 
     def __init__(
@@ -117,13 +122,13 @@ class DaskPool(Pool):
 
         Args:
             workers: number of processes on this machine; 0: one per core.
-            scheduler: address of a running scheduler.
-            cluster: YAML file with class and arguments of a Dask cluster.
-            chunks_before_restart: chunks per worker after which all workers are restarted.
+            scheduler: address of a running scheduler; '': none.
+            cluster: path of a YAML file with the class and arguments of a Dask cluster; '': none.
+            chunks_before_restart: all workers are restarted after this number of chunks per worker.
 
         Raises:
-            StudyError: the scheduler does not answer, it has no worker, or a worker has other
-                versions.
+            StudyError: the scheduler does not answer, it has no worker, or a worker has different
+                versions of the code or libraries.
         """
         self._distributed = _configure_dask()
         self._chunks_before_restart = chunks_before_restart
@@ -154,10 +159,11 @@ class DaskPool(Pool):
 
     @property
     def has_room(self) -> bool:
-        """True if a worker has fewer than two chunks: one that runs, one that waits.
+        """True if there are fewer than two chunks per worker: one that runs and one that waits.
 
-        Workers that an adaptive cluster may still start count as well, because it starts them for
-        waiting chunks. There is no room before a restart of the workers.
+        In an adaptive cluster, workers that have not been started are counted, too, because the
+        cluster starts them when chunks wait. Shortly before a restart of the workers, the value is
+        False.
         """
         self._check_workers()
         if (
@@ -198,7 +204,7 @@ class DaskPool(Pool):
                 return task, chunk_rows
             error = future.exception(timeout=60) if future.status == "error" else None
         except StopIteration:
-            raise StudyError("the workers have no chunk: submit one first") from None
+            raise StudyError("the workers have no chunk: submit a chunk first") from None
         except StudyError:
             raise
         except Exception as fault:
@@ -218,7 +224,7 @@ class DaskPool(Pool):
         raise StudyError(f"chunk {task.chunk} failed: {type(error).__name__}: {error}") from error
 
     def close(self) -> None:
-        """Close client and cluster."""
+        """Close the client and the cluster."""
         for part in (self.client, self.cluster):
             if part is not None:
                 with contextlib.suppress(Exception):
@@ -242,21 +248,23 @@ class DaskPool(Pool):
             client = self._distributed.Client(address, timeout=ANSWER_TIMEOUT, set_as_default=False)
         except (OSError, ValueError) as error:  # TimeoutError is an OSError
             reason = read_first_line(error)
-            raise StudyError(f"no scheduler answers at {address}: {reason}") from None
+            raise StudyError(
+                f"no scheduler answers at {address} ({reason}): start one, or correct the address"
+            ) from None
         try:
             client.wait_for_workers(
                 1, timeout=ANSWER_TIMEOUT if self.cluster is None else WORKER_TIMEOUT
             )
         except TimeoutError:
             client.close(timeout=5)
-            raise StudyError(f"the scheduler at {address} has no workers: start some") from None
+            raise StudyError(f"the scheduler at {address} has no workers: start workers") from None
         return client
 
     def _check_versions(self) -> None:
-        """Check that all workers have the code and the libraries of this process.
+        """Check that all workers have the same versions of code and libraries as this process.
 
         Raises:
-            StudyError: a worker has other versions.
+            StudyError: a worker has different versions.
         """
         try:
             by_worker = self.client.run(versions.read_versions)
@@ -268,7 +276,10 @@ class DaskPool(Pool):
         for worker, worker_versions in by_worker.items():
             difference = versions.describe_difference(versions.read_versions(), worker_versions)
             if difference:
-                raise StudyError(f"the worker at {worker} has other versions: {difference}")
+                raise StudyError(
+                    f"the worker at {worker} has other versions: {difference}; install the same "
+                    "versions there"
+                )
         self._count_workers()
 
     def _count_workers(self) -> int:
@@ -287,10 +298,10 @@ class DaskPool(Pool):
         return len(threads)
 
     def _check_workers(self) -> None:
-        """Count the workers every COUNT_PERIOD.
+        """Count the workers if the last count is COUNT_PERIOD ago.
 
         Raises:
-            StudyError: there has been no worker for WORKER_TIMEOUT.
+            StudyError: there has been no worker for the time WORKER_TIMEOUT.
         """
         now = time.monotonic()
         if now - self._check_time < COUNT_PERIOD:
@@ -307,23 +318,23 @@ class DaskPool(Pool):
         elif now - self._alive_time > WORKER_TIMEOUT and not self._has_live_nanny():
             raise StudyError(
                 f"no worker has been connected for {WORKER_TIMEOUT:g} s: check the workers' logs, "
-                "and start some"
+                "and start workers"
             )
 
     def _has_live_nanny(self) -> bool:
-        """Return True if a nanny of this process still has a worker, which is then only slow."""
+        """Return True if a worker on this machine is alive, according to its nanny."""
         nannies = self.cluster.workers.values() if self._is_local else ()
         return any(nanny.status.name in STARTING_STATES for nanny in nannies)
 
     def _restart_workers(self) -> None:
-        """Restart the workers that have a nanny; without one, a worker would not start again."""
+        """Restart the workers that have a nanny, because only a nanny can start a worker again."""
         try:
             workers = self.client.scheduler_info(n_workers=-1)["workers"]
             with_nanny = [address for address, info in workers.items() if info["nanny"]]
             if with_nanny:
                 self.client.restart_workers(with_nanny, timeout=60, raise_for_error=False)
         except TimeoutError:
-            pass  # some workers restart slowly: continue with the others
+            pass  # some workers are slow to restart; continue with the others
         except Exception as error:
             raise self._make_lost_error(error) from error
 
@@ -333,10 +344,10 @@ class DaskPool(Pool):
 
 
 def _configure_dask() -> Any:
-    """Import `distributed`, configured with short histories and few self-checks."""
+    """Configure Dask with short histories and few self-checks; return its module `distributed`."""
     try:
         import dask
-        import distributed  # before dask.config.set, because its defaults override earlier settings
+        import distributed  # import it before dask.config.set, because it overrides settings
     except ModuleNotFoundError as error:
         raise make_missing_library_error(error.name, "studies") from None
 
@@ -353,13 +364,13 @@ def _configure_dask() -> Any:
         "distributed.worker.daemon": True,
         "distributed.admin.log-length": 100,
         "distributed.admin.low-level-log-length": 100,
-        # By default each event loop measures itself every 20 ms: 5 % of a core for the client.
+        # By default, each event loop checks itself every 20 ms. This needs 5 % of a core.
         "distributed.admin.tick.interval": TICK_PERIOD,
         "distributed.admin.tick.cycle": "60s",
         "distributed.admin.tick.limit": "1h",
         "distributed.admin.system-monitor.interval": TICK_PERIOD,
-        # On a machine with twenty times the load that it can handle, a worker may not answer for
-        # minutes and may start slowly: it is not lost.
+        # On an overloaded machine, a worker may not answer for minutes or may start slowly. These
+        # timeouts prevent that it is regarded as lost.
         "distributed.scheduler.worker-ttl": None,
         "distributed.comm.timeouts.connect": CONNECT_TIMEOUT,
         "distributed.comm.timeouts.tcp": CONNECT_TIMEOUT,
@@ -368,9 +379,10 @@ def _configure_dask() -> Any:
 
 
 async def _check_scheduler(address: str) -> None:
-    """Connect to a scheduler; without an answer, raise the error of Dask.
+    """Connect to a scheduler; if it does not answer, raise the error of Dask.
 
-    This check precedes the Client, because a Client that could not connect takes 20 s to close.
+    This check is made before a Client is created, because closing a Client that could not connect
+    takes 20 s.
     """
     from distributed.core import connect
 
@@ -381,12 +393,13 @@ def _create_cluster(path: str) -> tuple[Any, int]:
     """Create the cluster that a YAML file describes.
 
     Returns:
-        The cluster, and its maximum number of workers; 0 if the file does not give it.
+        The cluster, and its maximum number of workers; the number is 0 if the file does not give
+        it.
     """
     content = read_yaml(path, StudyError)
     keys = ("class", "arguments", "workers")
     if not isinstance(content, Mapping) or "class" not in content:
-        raise StudyError(f"{path} names no cluster: give class, arguments and workers")
+        raise StudyError(f"{path} has no key 'class': give class, arguments and workers")
     for key in content:
         if key not in keys:
             raise StudyError(describe_unknown_key(f"{path}: ", key, keys))
@@ -399,7 +412,7 @@ def _create_cluster(path: str) -> tuple[Any, int]:
             cluster.adapt(minimum=least, maximum=most)
         elif most:
             cluster.scale(most)
-    except Exception as error:  # the code of a cluster may raise anything
+    except Exception as error:  # a cluster class may raise any exception
         raise StudyError(f"{path}: {content['class']}: {read_first_line(error)}") from None
     return cluster, most
 

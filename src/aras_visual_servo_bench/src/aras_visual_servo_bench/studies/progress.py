@@ -11,11 +11,11 @@ from typing import Any, TextIO
 from ..metrics.formatting import format_count, format_number
 from ..progress_bar import can_overwrite, format_bar
 
-LINE_PERIOD = 10.0  # s between lines if the output is neither a terminal nor a notebook
+LINE_PERIOD = 10.0  # s; time between two lines if the output is no terminal and no notebook
 
 
 class Progress:
-    """Progress of a study: a bar on a terminal and in notebooks, else a line every LINE_PERIOD s.
+    """Display of a study's progress: a bar on a terminal and in notebooks, else a line every 10 s.
 
     Attributes:
         failed: number of runs without success.
@@ -25,13 +25,21 @@ class Progress:
         self, total: int, finished: int = 0, out: TextIO | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:  # fmt: skip
-        """Start the progress; `total`: runs of the study; `finished`: runs stored already."""
+        """Start the display.
+
+        Args:
+            total: number of runs of the study.
+            finished: number of runs that are already stored.
+            out: output; None: the standard error.
+            clock: function that returns the time, s.
+        """
         self._total, self._finished = total, finished
         self._out = sys.stderr if out is None else out
         self._clock = clock
-        self._first: tuple[float, int] | None = None  # time of the first chunk, and finished runs
+        # Time at which the first chunk was finished, and number of finished runs at this time.
+        self._first: tuple[float, int] | None = None
         self._print_time = float("-inf")
-        self._warm_workers: set[str] = set()  # workers that have done a run
+        self._warm_workers: set[str] = set()  # names of the workers that have finished a run
         self._workers, self._timed_runs, self._wall_time = 1, 0, 0.0
         self.failed = 0
 
@@ -41,15 +49,16 @@ class Progress:
         """Add finished runs.
 
         Args:
-            runs: number of runs. failed: number of those without success.
-            times: rows of their wall times; see rows.TIMES_SCHEMA.
-            workers: number of workers that share the remaining runs.
+            runs: number of finished runs.
+            failed: number of these runs that were without success.
+            times: wall times of these runs, with the columns of rows.TIMES_SCHEMA.
+            workers: number of workers for the remaining runs.
         """
         self._finished += runs
         self.failed += failed
         self._workers = max(workers, 1)
         for row in times:
-            if row["worker"] in self._warm_workers:  # the first run may include compilation
+            if row["worker"] in self._warm_workers:  # the first run of a worker may compile code
                 self._timed_runs += 1
                 self._wall_time += row.get("wall", 0.0)
             self._warm_workers.add(row["worker"])
@@ -74,10 +83,11 @@ class Progress:
         )
 
     def _compute_time_per_run(self) -> float:
-        """Estimate the time per run of all workers together, s; inf: not known yet.
+        """Estimate the time per run with all workers, s; return inf if it is not yet known.
 
-        It is the larger of two estimates: the runs' own wall times, divided by the number of
-        workers; and the elapsed time since the first chunk, which is larger if workers wait.
+        The result is the larger of two estimates: the mean wall time of a run, divided by the
+        number of workers; and the time since the first chunk, divided by the number of runs
+        finished since then. The second is larger if workers have to wait.
         """
         if self._first is None or not self._timed_runs:
             return math.inf
@@ -87,14 +97,14 @@ class Progress:
         return max(self._wall_time / self._timed_runs / self._workers, by_clock)
 
     def close(self) -> None:
-        """End the line on a terminal or in a notebook."""
+        """Write a line break if the output is a terminal or a notebook."""
         if can_overwrite(self._out):
             self._out.write("\n")
             self._out.flush()
 
 
 def format_duration(seconds: float) -> str:
-    """Return a duration with a suitable unit, from seconds to days."""
+    """Return a duration as text, in s, min, h or days."""
     if seconds == float("inf"):
         return "unknown time"
     if seconds < 90.0:

@@ -31,10 +31,12 @@ LAW_PREFIX = "controller_parameters.law_options."
 
 
 def apply_remedy(experiment: Experiment, remedy: Remedy) -> Experiment:
-    """Return the experiment with the changes of its run's remedy; inapplicable ones are skipped.
+    """Return the experiment with the changes that the remedy of its run suggests.
+
+    Changes that cannot be applied are skipped.
 
     Raises:
-        ExperimentError: the remedy has no changes, or none that applies to this experiment.
+        ExperimentError: the remedy contains no change, or none of its changes can be applied.
     """
     refused = [f"the remedy changes no setting: '{remedy}'"]
     changed = experiment
@@ -71,20 +73,20 @@ def _to_experiment_key(key: str) -> str:
 
 
 def _remove_key(values: Mapping[str, Any], path: list[str], key: str) -> dict[str, Any]:
-    """Return the values without the key at a path.
+    """Return a copy of the values without the key at a path.
 
     Raises:
         ExperimentError: the key is not set.
     """
     head, rest = path[0], path[1:]
     if head not in values or rest and not isinstance(values[head], Mapping):
-        raise ExperimentError(f"{key} is not set: there is nothing to remove")
+        raise ExperimentError(f"{key} is not set, so it cannot be removed")
     others = {name: value for name, value in values.items() if name != head}
     return {**others, head: _remove_key(values[head], rest, key)} if rest else others
 
 
 def _read_effective_value(experiment: Experiment, key: str) -> Any:
-    """Return the value of a dotted key, or the controller's default if it is not set."""
+    """Return the value of a dotted key; if it is not set, the default of the controller."""
     value: Any = experiment
     for part in key.split("."):
         value = value.get(part) if isinstance(value, Mapping) else getattr(value, part)
@@ -102,7 +104,7 @@ def _multiply(value: Any, factor: float, key: str) -> Any:
     """Multiply a number, or all numbers of a list or mapping.
 
     Raises:
-        ExperimentError: a value is no number.
+        ExperimentError: a value is not a number.
     """
     if isinstance(value, Mapping):
         return {name: _multiply(one, factor, key) for name, one in value.items()}
@@ -117,11 +119,13 @@ def _multiply(value: Any, factor: float, key: str) -> Any:
 
 
 def _scale_target(experiment: Experiment, factor: float) -> Experiment:
-    """Return the experiment with a scaled target of the same shape."""
+    """Return the experiment with the lengths of its target multiplied by a factor."""
     target = experiment.target
     named = find_shape(target.shape)
     if target.is_link or named is not None and not hasattr(named, "size"):
-        raise ExperimentError(f"target.size: {target.link or target.shape} has a fixed size")
+        raise ExperimentError(
+            f"target.size: {target.link or target.shape} has a fixed size; use another shape"
+        )
     changes: dict[str, Any] = {}
     if isinstance(target.shape, tuple):
         changes["shape"] = _multiply(target.shape, factor, "target.shape")
@@ -140,9 +144,9 @@ def _scale_target(experiment: Experiment, factor: float) -> Experiment:
 
 
 def _scale_start(experiment: Experiment, factor: float) -> Experiment:
-    """Return the experiment with the start's offset from the goal multiplied.
+    """Return the experiment with the offset of its start from its goal multiplied by a factor.
 
-    For an arm the offset of the joints is multiplied, for a free camera the offset of the pose.
+    For an arm, the offset of the joints is multiplied; for a free camera, the offset of the pose.
     """
     parts = assemble(experiment)
     try:
@@ -163,7 +167,7 @@ def _scale_start(experiment: Experiment, factor: float) -> Experiment:
 
 
 def _scale_sampler(sampler: Sampler, parts: Assembly, factor: float) -> Sampler:
-    """Return a sampler whose starts have multiplied offsets from the goal."""
+    """Return a sampler whose maximum offsets from the goal are multiplied by a factor."""
     target = parts.target.world_T_target(0.0)
     goal_height = float(parts.goal_pose[2, 3] - target[2, 3])
     low, high = (goal_height + factor * (height - goal_height) for height in sampler.height)
@@ -174,7 +178,9 @@ def _scale_sampler(sampler: Sampler, parts: Assembly, factor: float) -> Sampler:
 
 
 def _scale_goal(experiment: Experiment, factor: float) -> Experiment:
-    """Return the experiment with the goal's offset from the start multiplied, as joints."""
+    """Return the experiment with the offset of its goal from its start multiplied by a factor.
+
+    The goal is then given by joints."""
     if experiment.plant in FREE_CAMERA_PLANTS:
         raise ExperimentError("goal: a free camera reaches every pose, so the goal needs no change")
     parts = assemble(experiment)

@@ -1,4 +1,4 @@
-"""Repeat runs with all of their images, for reports."""
+"""Repeat runs and store all of their images, for reports."""
 
 from __future__ import annotations
 
@@ -23,11 +23,16 @@ from .versions import read_commit, read_versions
 def replay(
     folder: StudyFolder, number: int, name: str = ""
 ) -> tuple[Run, dict[str, tuple[Any, Any]]]:
-    """Repeat a run of a study with all of its images, for a report.
+    """Repeat a run of a study and store all of its images, for a report.
+
+    Args:
+        folder: folder of the study.
+        number: number of the run.
+        name: name of the run in legends; '': its number.
 
     Returns:
-        The run, and the differences from the stored results: old and new value by column. The notes
-        of the run list them, too.
+        The run, and for each column that differs from the stored results, the old and the new
+        value. The notes of the run contain these differences, too.
 
     Raises:
         StudyError: there is no such run, or it cannot be repeated.
@@ -42,7 +47,7 @@ def replay(
         new = {**rows.make_blank_row(study, number), **rows.make_result_columns(study, run)}
     except ExperimentError as error:
         raise StudyError(f"run {number}: {error}") from error
-    except Exception as error:  # an error in the code, usually in that of a user
+    except Exception as error:  # an error in code, usually in code of the user
         raise StudyError(f"run {number}: {type(error).__name__}: {error}") from error
     stored = _read_stored_row(folder, number)
     changed = {
@@ -69,7 +74,7 @@ def run_with_images(
 
     Args:
         experiment: an Experiment, a mapping of its keys, or the path of its YAML file.
-        name: of the run in legends.
+        name: name of the run in legends.
         source: origin of the experiment, as text for the report.
 
     Raises:
@@ -79,7 +84,7 @@ def run_with_images(
 
 
 def run_with_all_images(experiment: Experiment) -> Run:
-    """Run an experiment and store every processed image, as rgb."""
+    """Run an experiment and store every image that the loop processes, as rgb."""
     parts = assemble(experiment)
     images: list[tuple[float, np.ndarray]] = []
     loop = Loop(experiment, parts, records_films=True)
@@ -104,7 +109,9 @@ def _prepare_for_report(run: Run, name: str, source: str) -> Run:
 
 
 def _read_stored_row(folder: StudyFolder, run: int) -> dict[str, Any]:
-    """Return the stored row of a run, without columns that describe the code; {} without a row."""
+    """Return the stored results of a run by column; {} if the run is not stored.
+
+    The columns that describe the code are omitted."""
     if not folder.find_part(run // folder.study.chunk_size).exists():
         return {}
     table = folder.read_results()

@@ -37,11 +37,11 @@ REAL_TIME_MULTIPLE = Metric(
 )  # fmt: skip
 
 
-RELATIVE_TOLERANCE = 0.01  # between a value and the published one
+RELATIVE_TOLERANCE = 0.01  # maximum relative difference between a value and the published value
 
 
 def is_met(value: Any, published: Any) -> bool:
-    """Return True if a value agrees with a published one; see Case for the kinds of values."""
+    """Return True if a value agrees with a published value; Case.published describes the rules."""
     if value is None or isinstance(value, str) or isinstance(published, str):
         return value == published
     if isinstance(published, list | tuple):
@@ -52,9 +52,10 @@ def is_met(value: Any, published: Any) -> bool:
 
 
 def _add_published(study: Study, table: pa.Table) -> pa.Table:
-    """Add columns with the published values of each run, and whether the run meets them all.
+    """Add a column with the published values of each run, and a column 'met'.
 
-    A study without published values gets no columns.
+    'met' is True if the run agrees with all of its published values. If the study has no published
+    values, no columns are added.
     """
     if not any(case.published for case in study.combinations):
         return table
@@ -77,9 +78,10 @@ class Results:
     """Results of a study, one row per run, read from its folder.
 
     Attributes:
-        name: of the folder.
-        study: the study.
-        table: settings, outcome, verdict and metrics of the runs, in order of their numbers.
+        name: name of the folder.
+        study: settings of the study.
+        table: one row per run, in the order of the run numbers: settings, outcome, verdict and
+            metrics.
     """
 
     name: str
@@ -100,7 +102,7 @@ class Results:
         """Read the finished runs of an open folder; see `read`."""
         table, times = folder.read_results(), folder.read_results(folders.TIMES)
         runs, timed = table["run"].to_numpy(), times["run"].to_numpy()
-        # Both tables are in order of the runs.
+        # Both tables are sorted by the number of the run.
         indices = np.minimum(np.searchsorted(timed, runs), len(timed) - 1)
         wall = np.where(timed[indices] == runs, _to_numbers(times["wall"])[indices], np.nan)
         simulated = _to_numbers(table["simulated"])
@@ -163,7 +165,9 @@ class Results:
         return compare(self, other, by, metrics)
 
     def write_csv(self, path: Path) -> int:
-        """Write one row per run, without columns of constant labels; return the number of rows."""
+        """Write a CSV file with one row per run; return the number of rows.
+
+        Columns that are equal in all rows are omitted."""
         columns = [name for name in self.table.column_names if name not in rows.LABEL_COLUMNS]
         with catch_write_errors(path):
             write_csv(self.table.select(columns), path)
@@ -171,7 +175,7 @@ class Results:
 
     @property
     def metrics(self) -> tuple[Metric, ...]:
-        """Metrics of the rows."""
+        """Metrics that the table contains."""
         return (
             *(metrics.find_metric(name) for name in self.study.metric_names),
             REAL_TIME_MULTIPLE,
@@ -179,7 +183,7 @@ class Results:
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Keys of the grid and of the cases, without those that are drawn at random."""
+        """Keys of the grid and of the cases; keys with random values are not included."""
         random_keys = {variation.key for variation in self.study.random_variations}
         return tuple(key for key in self.study.keys if key not in random_keys)
 
@@ -208,9 +212,10 @@ class Results:
         return _to_numbers(column)
 
     def compute_successes(self) -> np.ndarray:
-        """Compute the success of each run (n,), 0 or 1, by the metric `judged` of the study.
+        """Return an array (n,) that is 1 for a successful run and 0 for other runs.
 
-        Runs that were refused, raised an error or timed out are no successes.
+        The metric `judged` of the study decides. A run without a value of this metric, for example
+        because it raised an error or exceeded the time limit, is not successful.
         """
         if self.study.judged in self.table.column_names:
             values = self.read_numbers(self.study.judged)
@@ -232,7 +237,7 @@ class Results:
         """Group the rows by the values of some keys.
 
         Returns:
-            Row indices (n,) by combination of values, in order of appearance.
+            For each combination of values, in order of appearance, the row indices (n,).
         """
         columns = [self.read_column(key) for key in keys]
         groups: dict[tuple, list[int]] = {}
@@ -241,7 +246,7 @@ class Results:
         return {values: np.array(indices) for values, indices in groups.items()}
 
     def select_metrics(self, names: Sequence[str]) -> tuple[Metric, ...]:
-        """Return the metrics of these names; without names, all except success.
+        """Return the metrics with these names; if no names are given, all metrics except success.
 
         Raises:
             StudyError: the results have no such metric.

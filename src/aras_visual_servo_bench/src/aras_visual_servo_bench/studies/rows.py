@@ -1,4 +1,4 @@
-"""Result of a run as a row: settings, outcome and metrics; and the rows of a chunk as a table."""
+"""Rows of the results: a row contains the settings, outcome and metrics of a run."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ from . import images
 from .study import Study
 from .variations import Axis, RandomVariation
 
-# Outcomes that do not come from the control loop: the settings were refused, an error was raised,
-# the process ended, or the run exceeded its time limit.
+# Outcomes that do not come from the control loop. In this order: the settings were refused, an
+# error was raised, the process ended, the run exceeded its time limit.
 REFUSED, FAULT, DIED, LATE = "refused", "fault", "process_died", "time_limit"
 MAX_REASON_LENGTH = 500
 FIXED_COLUMNS = {
@@ -37,7 +37,7 @@ FIXED_COLUMNS = {
     "outcome": pa.string(), "verdict": pa.string(), "reason": pa.string(), "remedy": pa.string(),
     "images": pa.int64(), "simulated": pa.float64(),
 }  # fmt: skip
-LABEL_COLUMNS = ("code", "versions")  # equal in all rows of a study
+LABEL_COLUMNS = ("code", "versions")  # columns whose values are equal in all rows of a study
 TIMES_SCHEMA = pa.schema([
     ("run", pa.int64()), ("wall", pa.float64()), ("processor", pa.float64()),
     ("worker", pa.string()),
@@ -46,7 +46,7 @@ TIMES_SCHEMA = pa.schema([
 
 @dataclass
 class Rows:
-    """Rows of several runs: results, wall times, and images if they are stored."""
+    """Rows of several runs, for three tables: results, wall times and images."""
 
     values: list[dict[str, Any]] = field(default_factory=list)
     times: list[dict[str, Any]] = field(default_factory=list)
@@ -60,11 +60,14 @@ class Rows:
 
 
 def compute_row(study: Study, run: int, worker: str = "") -> Rows:
-    """Run one run of a study and return its rows.
+    """Execute one run of a study and return its rows.
 
-    Errors and timeouts become the outcome of the run.
+    An error or a timeout is returned as the outcome of the run.
 
-    worker: name of this process, for the table of wall times.
+    Args:
+        study: settings of the study.
+        run: number of the run.
+        worker: name of this process, for the table of wall times.
     """
     wall_start, processor_start = time.perf_counter(), time.process_time()
     values = make_blank_row(study, run)
@@ -78,7 +81,7 @@ def compute_row(study: Study, run: int, worker: str = "") -> Rows:
         image_rows = []
     except ExperimentError as error:
         values |= {"outcome": REFUSED, "reason": _to_line(error)}
-    except Exception as error:  # an error in the code of the project or of a user
+    except Exception as error:  # an error in code, of the project or of the user
         values |= {"outcome": FAULT, "reason": _to_line(f"{type(error).__name__}: {error}")}
     release_freed_memory()
     times = {
@@ -89,16 +92,18 @@ def compute_row(study: Study, run: int, worker: str = "") -> Rows:
 
 
 class RunTimeoutError(BaseException):
-    """Timeout of a run; a BaseException, so that `except Exception` in a scheme cannot catch it."""
+    """Timeout of a run.
+
+    It is a BaseException, so that `except Exception` in a scheme does not catch it."""
 
 
 @contextlib.contextmanager
 def limit_time(seconds: float) -> Iterator[None]:
     """Raise a RunTimeoutError if the `with` block takes longer than `seconds` of wall time.
 
-    The timeout is a signal, which only the main thread of a process receives. A worker of Dask runs
-    chunks in another thread: there the timeout ends the process, and the chunk is repeated with one
-    child process per run.
+    In the main thread, a signal raises the error. Other threads do not receive signals: a worker of
+    Dask, for example, runs chunks in another thread. There the timeout ends the process, and the
+    chunk is repeated with a child process for each run.
     """
     if threading.current_thread() is not threading.main_thread():
         with open(os.devnull, "w", encoding="utf-8") as null_file:
@@ -122,7 +127,7 @@ def limit_time(seconds: float) -> Iterator[None]:
 
 
 def describe_timeout(study: Study) -> dict[str, Any]:
-    """Return outcome, reason and remedy of a run that exceeded the time limit."""
+    """Return the outcome, reason and remedy of a run that exceeded the time limit."""
     return {
         "outcome": LATE, "reason": f"not finished after {study.limit:g} s of wall time",
         "remedy": "find the code that hangs, or increase `limit` of the study",
@@ -130,7 +135,7 @@ def describe_timeout(study: Study) -> dict[str, Any]:
 
 
 def make_blank_row(study: Study, run: int) -> dict[str, Any]:
-    """Make the row of a run with its settings, before its results are known."""
+    """Make the row of a run with its settings and without results."""
     point, repeat = divmod(run, study.repeats)
     return {
         "run": run, "point": point, "repeat": repeat, "seed": study.compute_seed(run),
@@ -175,19 +180,21 @@ def make_result_columns(study: Study, run: Run) -> dict[str, Any]:
 
 
 def find_column_name(metric: str) -> str:
-    """Return the column name of a metric, given by name or as 'package.module:function'."""
+    """Return the column name of a metric that is given as name or 'package.module:function'."""
     return metric.rpartition(":")[2]
 
 
 def make_schema(study: Study, labels: Mapping[str, str]) -> pa.Schema:
-    """Return the columns of the results and their types, equal for all parts of a study.
+    """Return the names and types of the columns of the results.
 
-    labels: constant columns, by name.
+    They are the same for all result files of a study.
+
+    labels: value of each constant column, by name.
     """
     fixed = list(FIXED_COLUMNS.items())
     parameters = [(key, _find_type(study, key)) for key in study.keys if key != "seed"]
     metrics = [(find_column_name(name), pa.float64()) for name in study.metric_names]
-    # A dictionary of one entry stores a constant text only once.
+    # The type `dictionary` stores the constant text of a column only once.
     constants = [(name, pa.dictionary(pa.int32(), pa.string())) for name in labels]
     return pa.schema([*fixed[:4], *parameters, *fixed[4:], *metrics, *constants])
 
@@ -195,7 +202,9 @@ def make_schema(study: Study, labels: Mapping[str, str]) -> pa.Schema:
 def make_table(
     study: Study, rows: Sequence[Mapping[str, Any]], labels: Mapping[str, str]
 ) -> pa.Table:
-    """Make the table of some rows; `labels`: constant columns, by name."""
+    """Make a table of rows.
+
+    labels: value of each constant column, by name."""
     schema = make_schema(study, labels)
     columns = []
     for column_field in schema:
@@ -228,7 +237,7 @@ def _list_values(variations: Axis | RandomVariation) -> tuple[Any, ...]:
 
 
 def _to_cell(value: Any) -> Any:
-    """Convert a value for a column: numbers and texts stay unchanged, others become JSON."""
+    """Convert a value for a column: other values than numbers and texts become JSON."""
     if value is None or isinstance(value, bool | int | float | str):
         return value
     if isinstance(value, np.generic):

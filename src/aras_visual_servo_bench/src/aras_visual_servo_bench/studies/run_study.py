@@ -23,21 +23,22 @@ def run_study(
 ) -> Results:  # fmt: skip
     """Run the missing runs of a study, and return the results of all runs.
 
-    The results do not depend on the number of workers. An interrupted study is continued by the
-    same call, with the same results.
+    The results do not depend on the number of workers. If a study was interrupted, the same call
+    continues it, and the results are the same as without interruption.
 
     Args:
         study: a Study, a mapping of its keys, or the path of its YAML file.
-        folder: folder of the results; new, or of the same study.
-        workers: number of processes on this machine; 1: this process; 0: one per core.
-        progress: show a progress bar on the standard error.
+        folder: folder for the results: a new folder, or the folder of the same study.
+        workers: number of worker processes on this machine; 1: run in this process; 0: one per
+            core.
+        progress: whether to show a progress bar on the standard error.
 
     Returns:
         One row per run, with its settings, outcome, verdict and metrics.
 
     Raises:
-        StudyError: the study is wrong, or the folder contains another study or one that was started
-            with other code.
+        StudyError: a setting of the study is wrong, or the folder contains another study, or the
+            study was started with a different version of the code.
     """
     if not isinstance(study, Study):
         mapping = isinstance(study, Mapping)

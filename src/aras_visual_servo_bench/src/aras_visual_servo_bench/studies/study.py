@@ -1,6 +1,7 @@
 """Settings of a study: a base experiment, variations of its settings, repetitions and a seed.
 
-The runs are numbered from 0. A run is determined by its number, independent of the machine.
+The runs are numbered from 0. The number of a run determines its settings and its seed, on any
+machine.
 """
 
 from __future__ import annotations
@@ -31,9 +32,9 @@ from ..metrics import metrics as known_metrics
 from ..metrics.formatting import format_count, format_rows
 from .variations import Axis, RandomVariation, draw_values, parse_variation
 
-MAX_RUNS = 100_000_000  # 1e6 chunks of 100 runs; a scheduler cannot handle more
+MAX_RUNS = 100_000_000  # 1e6 chunks of 100 runs; a scheduler cannot handle more chunks
 MAX_CHUNK = 10_000
-IMAGE_CHUNK = 4  # runs whose images a worker stores in memory at a time
+IMAGE_CHUNK = 4  # maximum number of runs per chunk if images are stored, because of their memory
 IMAGE_CHOICES = ("none", "first", "all")
 SAMPLINGS, SEEDS = ("random", "sobol"), ("runs", "repeats", "counted")
 # Keys that describe a study but do not change its runs.
@@ -42,13 +43,14 @@ DESCRIPTIVE_KEYS = ("source", "chosen", "judged")
 
 @dataclass(frozen=True)
 class Case:
-    """One value of a named axis of cases.
+    """Case of a named axis, that is, one of the sets of settings that the axis contains.
 
-    set: values by dotted key of the experiment.
-    published: published values by metric, 'outcome' or 'verdict': a text or a whole number (both
-        must agree exactly), another number (within 1 %), or [minimum, maximum].
-    elsewhere: values that others have published for similar cases, by the case of another axis.
-    cases: axes that replace those of the same name for this case only.
+    name: name of the case.
+    set: settings of the case: values by dotted key of the experiment.
+    published: published values, by the name of a metric, 'outcome' or 'verdict'. A text or a whole
+        number must agree exactly, another number within 1 %; [minimum, maximum] is a range.
+    elsewhere: values from other publications about similar cases, by the case of another axis.
+    cases: axes that replace the axes with the same names, for this case only.
     """
 
     name: str = parameter(name=True)
@@ -62,7 +64,9 @@ class Case:
 class Combination:
     """Combination of one case of each axis.
 
-    names: of the cases, by axis. set: values by dotted key. published: published values by column.
+    names: name of the case of each axis, by axis.
+    set: settings of all these cases, by dotted key.
+    published: published values of all these cases, by column.
     """
 
     names: Mapping[str, str]
@@ -74,26 +78,31 @@ class Combination:
 class Study(KeywordSettings):
     """Settings of a study: a base experiment, variations of its settings, repetitions and a seed.
 
-    `run` runs it and returns its `Results`. The results are bit-identical, also after
-    interruptions, and on one machine or several. A wrong key or value raises a StudyError before
-    the first run.
+    `run` runs the study and returns its `Results`. The results are always bit-identical, even after
+    interruptions and on several machines. A wrong key or value raises a StudyError before the first
+    run. A point is a combination of values of all settings that vary.
 
     experiment: keys of the base experiment, an Experiment, or the path of its YAML file.
-    vary: by dotted key, a list or grid of values, or a distribution; see variations.py.
-    source: publication of the study. chosen: choices where the publication is ambiguous.
+    vary: settings to vary: by dotted key, a list or grid of values, or a distribution; see
+        variations.py.
+    source: publication that the study reproduces.
+    chosen: choices that were made where the publication is ambiguous.
     cases: list of sets of keys and values, each combined with all variations; or named axes, each a
         list of Case, which are combined with each other (the last axis varies fastest).
-    samples: number of draws from the distributions. sampling: 'random' or 'sobol'.
-    repeats: number of runs per point. seed: seed of all random numbers.
-    seeds: 'runs' gives each run its own seed; 'repeats' gives repeat n of every point the same
+    samples: number of draws from the distributions.
+    sampling: how values are drawn from the distributions: 'random' or 'sobol'.
+    repeats: number of runs per point.
+    seed: seed of all random numbers.
+    seeds: 'runs' gives each run a different seed; 'repeats' gives repeat n of every point the same
         seed, so that all points have the same starts and noise; 'counted' gives repeat n of every
         point the seed `seed` + n.
-    metrics: names, or 'package.module:function'; empty: all built-in metrics.
-    judged: metric that defines success, by the value 1.
+    metrics: names of metrics, or 'package.module:function'; empty: the default metrics.
+    judged: metric that defines success: it is 1 for a successful run.
     chunk: number of runs per task and result file; None: depends on the number of runs.
-    traces: store features, twists, joints and poses of every image.
-    pictures: also store the images of every camera: 'all', or only the 'first' image of each run,
-        which then ends; see images.py. depth: also store depth images.
+    traces: whether to store features, twists, joints and poses of every image.
+    pictures: images to store, of every camera: 'none', 'all', or only the 'first' image of each
+        run, after which the run ends; see images.py.
+    depth: whether to store depth images, too.
     limit: maximum wall time of a run, s; a longer run has the outcome 'time_limit'.
     """
 
@@ -122,10 +131,15 @@ class Study(KeywordSettings):
         if isinstance(self.experiment, str):
             content = read_yaml(self.experiment, StudyError, "the experiment") or {}
             if not isinstance(content, Mapping):
-                raise StudyError(f"{self.experiment} has no keys with values")
+                raise StudyError(
+                    f"{self.experiment} is not an experiment: write keys with values into it"
+                )
             object.__setattr__(self, "experiment", content)
         if "seed" in self.experiment:
-            raise StudyError("seed belongs to the study, not to its experiment: every run has one")
+            raise StudyError(
+                "seed belongs to the study, not to its experiment, because every run has its own "
+                "seed: move the key"
+            )
         for key in RENAMED_KEYS:
             if key in self.experiment:
                 check_key(key)
@@ -137,15 +151,15 @@ class Study(KeywordSettings):
                 check_key(key)
         if self.samples > 1 and not self.random_variations:
             raise StudyError(
-                f"samples is {self.samples}, but no key has a distribution: set repeats, or give "
-                "a key under vary a distribution"
+                f"samples is {self.samples}, but no key has a distribution: set repeats instead, "
+                "or give a key under vary a distribution"
             )
         if self.run_count > MAX_RUNS:
             raise StudyError(
                 f"{self.run_count:.3g} runs are more than {MAX_RUNS:g}: make the grid, samples or "
                 "repeats smaller"
             )
-        # Check the metrics here, not in a worker long after the start.
+        # Check the metrics before the start; a worker would only find an error after a run.
         for name in self.metric_names:
             try:
                 known_metrics.find_metric(name)
@@ -184,18 +198,19 @@ class Study(KeywordSettings):
         """Read a study from a YAML file.
 
         Args:
+            path: path of the YAML file.
             overrides: values by dotted key of the study (`repeats`) or of its experiment (`gain`,
-                `start.side`); keys of the experiment are then no longer varied.
+                `start.side`); these keys of the experiment are then not varied.
 
         Raises:
             StudyError: the file cannot be read, or a key or value is wrong.
         """
         values = read_yaml(path, StudyError)
         if not isinstance(values, Mapping):
-            raise StudyError(f"{path} has no keys with values: it is no study")
+            raise StudyError(f"{path} is not a study: write keys with values into it")
         values = dict(values)
         base = values.get("experiment")
-        if isinstance(base, str):  # a path relative to the study's folder, or to the current one
+        if isinstance(base, str):  # path relative to the folder of the study or the current folder
             sibling = Path(path).parent / base
             content = read_yaml(sibling if sibling.is_file() else base, StudyError)
             values["experiment"] = content or {}
@@ -209,7 +224,7 @@ class Study(KeywordSettings):
 
     @cached_property
     def digest(self) -> str:
-        """Digest of the settings that determine the runs, independent of the file's format."""
+        """Digest of the settings that determine the runs; the layout of the file has no effect."""
         settings = {k: v for k, v in self.to_mapping().items() if k not in DESCRIPTIVE_KEYS}
         text = json.dumps(settings, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
@@ -250,7 +265,7 @@ class Study(KeywordSettings):
 
     @cached_property
     def axes(self) -> tuple[Axis, ...]:
-        """Variations with a list of values, which form the grid."""
+        """Variations with a list of values; they form the grid."""
         return tuple(v for v in self._variations if isinstance(v, Axis))
 
     @cached_property
@@ -265,32 +280,32 @@ class Study(KeywordSettings):
 
     @cached_property
     def combinations(self) -> tuple[Combination, ...]:
-        """Combinations of cases in order; without cases, one combination that sets no key."""
+        """Combinations of cases, in order; without cases, a single combination without settings."""
         if isinstance(self.cases, Mapping):
             return tuple(_combine_axes(self.case_axes))
         return tuple(Combination({}, case, {}) for case in self.cases) or (Combination({}, {}, {}),)
 
     @cached_property
     def keys(self) -> tuple[str, ...]:
-        """Columns of the settings that differ between runs, in the order of the file.
+        """Names of the columns with settings that differ between runs, in the order of the file.
 
-        They are dotted keys of the experiment, or names of axes of cases.
+        A name is a dotted key of the experiment, or the name of an axis of cases.
         """
         listed = () if self.case_axes else self.cases
         case_keys = (*self.case_axes, *dict.fromkeys(str(key) for case in listed for key in case))
         both = [v.key for v in self._variations if v.key in case_keys]
         if both:
-            raise StudyError(f"'{both[0]}' is both under vary and in cases: keep one of them")
+            raise StudyError(f"'{both[0]}' is both under vary and in cases: remove one of them")
         return (*case_keys, *(v.key for v in self._variations))
 
     @cached_property
     def metric_names(self) -> tuple[str, ...]:
-        """Names of the metrics of each row."""
+        """Names of the metrics that are computed for each run."""
         return self.metrics or known_metrics.list_default_metrics()
 
     @cached_property
     def point_count(self) -> int:
-        """Number of different settings."""
+        """Number of points, that is, of different combinations of settings."""
         grid = math.prod(len(axis.values) for axis in self.axes)
         return len(self.combinations) * grid * self.samples
 
@@ -303,20 +318,20 @@ class Study(KeywordSettings):
     def chunk_size(self) -> int:
         """Number of runs per chunk.
 
-        By default there are at least 40 chunks, so that all cores have work, of at most 100 runs,
-        or of IMAGE_CHUNK runs if images are stored.
+        By default, a chunk has at most 100 runs, or IMAGE_CHUNK runs if images are stored, and the
+        study has about 40 chunks or more, so that all cores have work.
         """
         most = IMAGE_CHUNK if self.pictures == "all" else 100
         return self.chunk or min(max(math.ceil(self.run_count / 40), 1), most)
 
     @property
     def has_image_rows(self) -> bool:
-        """True if the study stores a row for each image, with or without the image itself."""
+        """True if the study stores a row for each image; the row need not contain the image."""
         return self.traces or self.pictures != "none"
 
     @property
     def chunk_count(self) -> int:
-        """Number of chunks, which are tasks and result files."""
+        """Number of chunks; a chunk is a task for a worker, and has a result file."""
         return math.ceil(self.run_count / self.chunk_size)
 
     def list_chunk_runs(self, chunk: int) -> range:
@@ -325,17 +340,17 @@ class Study(KeywordSettings):
         return range(first, min(first + self.chunk_size, self.run_count))
 
     def find_combination(self, point: int) -> Combination:
-        """Return the combination of cases of the point with this number."""
+        """Return the combination of cases of point number `point`."""
         return self.combinations[point // (self.point_count // len(self.combinations))]
 
     def make_settings(self, point: int) -> dict[str, Any]:
-        """Return the settings of the point with this number, by column."""
+        """Return the settings of point number `point`, by column."""
         cases = self.find_combination(point)
         settings = {**(cases.names or cases.set), **self._compute_variations(point)}
         return {key: settings[key] for key in self.keys if key in settings}
 
     def _compute_variations(self, point: int) -> dict[str, Any]:
-        """Compute the varied values of the point with this number, by dotted key."""
+        """Compute the values of the varied settings of point number `point`, by dotted key."""
         rest, sample = divmod(point, self.samples)
         values: dict[str, Any] = {}
         for axis in reversed(self.axes):
@@ -350,14 +365,14 @@ class Study(KeywordSettings):
             return self.seed + run % self.repeats
         number = run % self.repeats if self.seeds == "repeats" else run
         sequence = np.random.SeedSequence(self.seed, spawn_key=(number,))
-        # 63 bits, because with 32 bits two of 1e5 runs would probably have the same seed.
+        # The seed has 63 bits: with 32 bits, two of 1e5 runs would probably have equal seeds.
         return int(sequence.generate_state(1, np.uint64)[0] >> np.uint64(1))
 
     def make_experiment(self, run: int) -> Experiment:
         """Make the experiment of a run.
 
         Raises:
-            ExperimentError: its values do not fit together.
+            ExperimentError: the combination of settings is not possible.
         """
         point = run // self.repeats
         settings = {**self.find_combination(point).set, **self._compute_variations(point)}
@@ -369,7 +384,7 @@ class Study(KeywordSettings):
         return Experiment.from_mapping(values)
 
     def make_trials(self) -> list[Experiment]:
-        """Make experiments that together contain every value of the study once, to check them.
+        """Return a few experiments that together contain every value of the study, for a check.
 
         Raises:
             StudyError: an experiment is wrong; the message names the key.
@@ -389,7 +404,7 @@ def _parse_axes(cases: Mapping[str, Any]) -> dict[str, tuple[Case, ...]]:
     """Parse named axes of cases.
 
     Raises:
-        StudyError: an axis has no case, or two cases of the same name.
+        StudyError: an axis has no case, or two cases with the same name.
     """
     axes = {}
     for axis, value in cases.items():
@@ -403,7 +418,7 @@ def _parse_axes(cases: Mapping[str, Any]) -> dict[str, tuple[Case, ...]]:
 
 
 def _combine_axes(axes: Mapping[str, tuple[Case, ...]]) -> Iterator[Combination]:
-    """Yield the combinations of all axes; a case may replace later axes by its own."""
+    """Yield the combinations of all axes; `cases` of a case can replace the axes that follow."""
     if not axes:
         yield Combination({}, {}, {})
         return
@@ -438,5 +453,7 @@ def _apply_overrides(values: dict[str, Any], overrides: Mapping[str, Any]) -> di
 def _to_plain(value: Any) -> Any:
     if isinstance(value, Mapping):
         return dict(value)
-    # YAML also has dates and sets.
-    raise StudyError(f"{value!r} is no value for a study: give numbers, texts, lists and mappings")
+    # YAML can also contain dates and sets.
+    raise StudyError(
+        f"{value!r} cannot be used in a study: use numbers, texts, lists and mappings"
+    )

@@ -1,13 +1,13 @@
-"""Folder of a study: its file, its results in parts, and a manifest.
+"""Folder of a study: its settings, its results in one file per chunk, and a manifest.
 
-    study.yaml            file of the study
-    sha256sums.txt        hash of every part, added when the part is written
-    manifest.json         study, versions of the code, and at the end the hash of every part
+study.yaml            settings of the study
+    sha256sums.txt        hash of each result file, added when the file is written
+    manifest.json         settings, versions of the code; after the last run, all hashes
     parts/000012.parquet  results of a chunk, one row per run
-    times/                wall times of the runs, which differ from one execution to the next
-    traces/               one row per image, if requested
+    times/                wall times of the runs; they differ between executions
+    traces/               one row per image, if the study stores traces or images
 
-A part is written under a temporary name and then renamed, so a part with its final name is
+A file is written under a temporary name and then renamed, so a file with its final name is
 complete. The state of a study is stored in this folder only.
 """
 
@@ -33,7 +33,7 @@ from .study import Study
 STUDY, MANIFEST, LOCK = "study.yaml", "manifest.json", ".lock"
 PARTS, TIMES, TRACES = "parts", "times", "traces"
 CHECKSUM_FILE = "sha256sums.txt"
-FORMAT_VERSION = 3  # 3: the columns mend and asked are called remedy and desired_twist
+FORMAT_VERSION = 3  # in version 3, the columns mend and asked became remedy and desired_twist
 _DISK_FULL = (errno.ENOSPC, errno.EDQUOT)
 
 
@@ -41,8 +41,10 @@ class StudyFolder:
     """Open folder of a study.
 
     Attributes:
-        path: of the folder. study: its study. manifest: content of manifest.json.
-        labels: texts that every row of the results contains, by column.
+        path: path of the folder.
+        study: settings of the study.
+        manifest: content of manifest.json.
+        labels: text of each column that is equal in all rows, by column.
     """
 
     def __init__(self, path: Path, study: Study, manifest: dict[str, Any]) -> None:
@@ -51,7 +53,7 @@ class StudyFolder:
             "code": manifest["code"],
             "versions": " ".join(f"{k}={v}" for k, v in manifest["versions"].items()),
         }
-        # By path: modification time and size of the file, and its content.
+        # For each path: (modification time, size) of the file, and its content.
         self._cached_tables: dict[Path, tuple[tuple[int, int], pa.Table]] = {}
 
     # -- opening ---------------------------------------------------------------------------
@@ -60,10 +62,12 @@ class StudyFolder:
     def create(cls, path: Path, study: Study, text: str) -> StudyFolder:
         """Create the folder of a study, or open the existing folder of the same study.
 
-        A folder without any run is created again.
+        If the folder contains a study without any stored run, it is created again.
 
         Args:
-            text: content of the study's file.
+            path: path of the folder.
+            study: settings of the study.
+            text: content of the study's YAML file.
 
         Raises:
             StudyError: the folder contains another study or other files, or cannot be written.
@@ -73,12 +77,14 @@ class StudyFolder:
             if folder.has_runs:
                 folder.check_same(study)
                 return folder
-            with folder.lock():  # no run was ever stored, for example without a scheduler
+            with folder.lock():  # no run was stored, for example because no scheduler answered
                 (path / MANIFEST).unlink()
                 (path / STUDY).unlink(missing_ok=True)
         with _catch_write_errors(path):
             if path.exists() and (not path.is_dir() or any(path.iterdir())):
-                raise StudyError(f"{path} is not empty and has no study: name a new folder")
+                raise StudyError(
+                    f"{path} is not empty and does not contain a study: give another folder"
+                )
             path.mkdir(parents=True, exist_ok=True)
             manifest = {
                 "format": FORMAT_VERSION, "runs": study.run_count, "chunk": study.chunk_size,
@@ -95,14 +101,16 @@ class StudyFolder:
         """Open the folder of a study.
 
         Raises:
-            StudyError: the folder has no study, or one in an unreadable format.
+            StudyError: the folder does not contain a study, or its format is not supported.
         """
         path = Path(path)
         try:
             manifest = json.loads((path / MANIFEST).read_text(encoding="utf-8"))
             study = Study.from_mapping(manifest["study"])
         except OSError as error:
-            raise StudyError(f"{path} has no study: {MANIFEST}: {error.strerror}") from None
+            raise StudyError(
+                f"{path} has no study ({MANIFEST}: {error.strerror}): give the folder of a study"
+            ) from None
         except StudyError as error:
             raise StudyError(
                 f"{path} has a study that this version cannot read: {error}; correct its "
@@ -110,7 +118,8 @@ class StudyFolder:
             ) from None
         except (ValueError, KeyError, TypeError, RecursionError):
             raise StudyError(
-                f"{path / MANIFEST} is damaged: run the study again in a new folder"
+                f"{path / MANIFEST} is not the manifest of a study: run the study again in a new "
+                "folder"
             ) from None
         if manifest.get("format") != FORMAT_VERSION:
             raise StudyError(
@@ -126,22 +135,22 @@ class StudyFolder:
 
     @property
     def has_runs(self) -> bool:
-        """True if results of a run were ever stored."""
+        """True if results of at least one run have been stored."""
         return any((self.path / kind).exists() for kind in (PARTS, TIMES, TRACES))
 
     def check_file(self) -> None:
-        """Check that study.yaml has not been changed since the study was started.
+        """Check that study.yaml has not been changed since the start of the study.
 
         Raises:
-            StudyError: it was changed; the message contains the difference.
+            StudyError: study.yaml was changed; the message contains the difference.
         """
         self.check_same(Study.from_yaml(self.path / STUDY))
 
     def check_same(self, study: Study) -> None:
-        """Check that the folder has the given study.
+        """Check that the folder contains the given study.
 
         Raises:
-            StudyError: it has another one; the message contains the difference.
+            StudyError: it contains another study; the message contains the difference.
         """
         if study.digest != self.manifest["digest"]:
             raise StudyError(
@@ -150,10 +159,10 @@ class StudyFolder:
             )
 
     def check_code(self) -> None:
-        """Check that the folder's runs were computed with the current code.
+        """Check that the stored runs were computed with the current version of the code.
 
         Raises:
-            StudyError: they were computed with other code.
+            StudyError: they were computed with another version.
         """
         current = versions.read_study_versions(self.study.to_mapping())
         difference = versions.describe_difference(current, self.manifest["versions"])
@@ -175,7 +184,7 @@ class StudyFolder:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError:
                 raise StudyError(
-                    f"{self.path} is being written by another process: wait for its end"
+                    f"{self.path} is being written by another process: wait until it has ended"
                 ) from None
             try:
                 yield
@@ -186,11 +195,15 @@ class StudyFolder:
     # -- parts -----------------------------------------------------------------------------
 
     def find_part(self, chunk: int, kind: str = PARTS) -> Path:
-        """Return the path of a chunk's file."""
+        """Return the path of a chunk's file.
+
+        kind: PARTS, TIMES or TRACES."""
         return self.path / kind / f"{chunk:06d}.parquet"
 
     def find_missing_chunks(self) -> list[int]:
-        """Return the chunks whose part is missing or damaged; remove temporary files of a crash."""
+        """Return the chunks whose results are missing, incomplete or changed.
+
+        Temporary files that a crash has left are removed."""
         for temporary in self.path.glob("*/.*.new"):
             temporary.unlink(missing_ok=True)
         folder = self.path / PARTS
@@ -217,13 +230,13 @@ class StudyFolder:
                     chunk_rows.images, schema=images.make_schema(self.study)
                 )
                 self._write_table(TRACES, chunk, table)
-            # The part is written last, because its presence marks the chunk as finished.
+            # This file is written last, because a chunk is finished if this file exists.
             self._write_table(
                 PARTS, chunk, rows.make_table(self.study, chunk_rows.values, self.labels)
             )
 
     def finish(self) -> None:
-        """Write the hash of every part into the manifest."""
+        """Write the hashes of all result files into the manifest."""
         sums = self._read_checksums()
         names = (
             self._find_name(self.find_part(chunk, kind)) for kind in self._stable_kinds
@@ -242,22 +255,22 @@ class StudyFolder:
         return self.study.run_count - missing
 
     def read_results(self, kind: str = PARTS) -> pa.Table:
-        """Read all stored rows, in order of their runs; unchanged files are cached.
+        """Read all stored rows, in the order of the runs; files are cached until they change.
 
         kind: PARTS, TIMES or TRACES.
 
         Raises:
-            StudyError: there are no rows, or a part does not have its recorded hash.
+            StudyError: there are no rows, or a file does not have its recorded hash.
         """
         paths = sorted((self.path / kind).glob("*.parquet"))
         if not paths:
-            raise StudyError(f"{self.path} has no {kind} yet")
+            raise StudyError(f"{self.path} has no {kind} yet: run the study first")
         sums, tables = self._read_checksums(), []
         for path in paths:
             try:
                 stat = path.stat()
                 if not path.is_file():
-                    raise StudyError(f"{path} is no file: resume the study")
+                    raise StudyError(f"{path} is not a file: resume the study")
                 mark = (stat.st_mtime_ns, stat.st_size)
                 if path in self._cached_tables and self._cached_tables[path][0] == mark:
                     tables.append(self._cached_tables[path][1])
@@ -276,14 +289,14 @@ class StudyFolder:
 
     @property
     def _stable_kinds(self) -> tuple[str, ...]:
-        """Kinds of files whose content is reproducible, unlike that of wall times."""
+        """Kinds of files whose content is the same on every execution; wall times are not."""
         return (PARTS, TRACES) if self.study.has_image_rows else (PARTS,)
 
     def _find_name(self, path: Path) -> str:
         return str(path.relative_to(self.path))
 
     def _read_checksums(self) -> dict[str, str]:
-        """Read the hash of each file as it was written last, by file name."""
+        """Return the last recorded hash of each file, by file name."""
         try:
             lines = (
                 (self.path / CHECKSUM_FILE)
@@ -298,14 +311,16 @@ class StudyFolder:
         return {name: checksum for checksum, name in pairs}
 
     def _is_complete(self, chunk: int, sums: Mapping[str, str]) -> bool:
-        """Return True if all files of a chunk are unchanged and contain its runs.
+        """Return True if the files of a chunk have the recorded hashes and contain all of its runs.
 
-        sums: recorded hashes by file name.
+        Args:
+            chunk: number of the chunk.
+            sums: recorded hashes, by file name.
         """
         try:
             for kind in self._stable_kinds:
                 path = self.find_part(chunk, kind)
-                if not path.is_file():  # reading a pipe would never end
+                if not path.is_file():  # for example a pipe, which could not be read to its end
                     return False
                 data = path.read_bytes()
                 if hashlib.sha256(data).hexdigest() != sums.get(self._find_name(path)):
@@ -324,19 +339,19 @@ class StudyFolder:
         path, data = self.find_part(chunk, kind), sink.getvalue().to_pybytes()
         path.parent.mkdir(exist_ok=True)
         if kind in self._stable_kinds:
-            # The hash is written first, because the file's presence marks the chunk as finished.
+            # The hash is written first, because the chunk is finished as soon as the file exists.
             with open(self.path / CHECKSUM_FILE, "a", encoding="utf-8") as sums:
                 sums.write(f"{hashlib.sha256(data).hexdigest()}  {self._find_name(path)}\n")
         _write_file(path, data)
 
 
 def count_stored_runs(path: Path) -> int:
-    """Count the stored runs in the folder of a study; 0 if it has no study."""
+    """Count the stored runs of a study; return 0 if the folder does not contain a study."""
     return StudyFolder.open(path).count_stored_runs() if (path / MANIFEST).exists() else 0
 
 
 def describe_difference(old: Study, new: Study) -> str:
-    """Describe the differences of two studies, key by key, in one line."""
+    """Describe the differences between two studies, key by key, in one line."""
     before, after = _flatten(old.to_mapping()), _flatten(new.to_mapping())
     keys = [k for k in {**before, **after} if before.get(k) != after.get(k)]
     texts = [f"{k} was {before.get(k, 'not given')}, is {after.get(k, 'not given')}" for k in keys]
@@ -358,7 +373,7 @@ def _to_json(values: Mapping[str, Any]) -> bytes:
 
 
 def _write_file(path: Path, data: bytes) -> None:
-    """Write a file atomically, and wait until it is on the disk."""
+    """Write a file atomically, and wait until the data are on the disk."""
     new = path.with_name(f".{path.name}.new")
     try:
         with open(new, "wb") as file:

@@ -19,7 +19,7 @@ from .results import Results
 
 FORMATS = ("md", "csv", "tex")
 FAILURE_HEADING = "commonest failure"
-MAX_REASON_LENGTH = 90  # characters of a reason in a cell
+MAX_REASON_LENGTH = 90  # maximum number of characters of a reason in a cell
 NUMBER = re.compile(r"[-+]?\d+(\.\d+)?")
 
 
@@ -27,9 +27,10 @@ NUMBER = re.compile(r"[-+]?\d+(\.\d+)?")
 class Table:
     """Content of a table.
 
-    keys: names of the columns with settings. measured: names and units of the columns with
-    estimates. rows: settings and estimates of each row. failures: most frequent failure of each
-    row; empty: no such column.
+    keys: names of the columns with settings.
+    measured: name and unit of each column with estimates.
+    rows: settings and estimates of each row.
+    failures: most frequent failure of each row; empty: the table has no such column.
     """
 
     keys: tuple[str, ...]
@@ -41,13 +42,14 @@ class Table:
 def make_table(
     all_results: Sequence[Results], by: Sequence[str] = (), metrics: Sequence[str] = ()
 ) -> Table:
-    """Make the table of success rates and medians of each group of runs.
+    """Make a table with the success rate and the medians of metrics of each group of runs.
 
-    Success rates have Wilson's interval, medians a bootstrap interval.
+    Success rates have Wilson's confidence interval, medians have a bootstrap interval.
 
     Args:
-        by: keys that define the groups; empty: those of the grid and the cases.
-        metrics: names; empty: all.
+        all_results: results of one or more studies.
+        by: keys whose values define the groups; empty: all keys of the grid and of the cases.
+        metrics: names of the metrics; empty: all metrics.
     """
     first = all_results[0]
     keys = tuple(by) or first.parameters
@@ -74,11 +76,13 @@ def make_table(
 
 
 def _find_commonest_failure(failed: Sequence[tuple[str, str]]) -> str:
-    """Describe the most frequent outcome of failed runs with its most frequent reason."""
+    """Describe the most frequent outcome of failed runs and the most frequent reason for it.
+
+    failed: outcome and reason of each failed run."""
     if not failed:
         return ""
     (end, count), = Counter(end for end, _ in failed).most_common(1)
-    # Reasons that differ only in numbers count as the same; the first of them is shown.
+    # Reasons that differ only in numbers are treated as the same reason; the first one is printed.
     kinds = Counter(NUMBER.sub("", reason) for outcome, reason in failed if outcome == end)
     (kind, _), = kinds.most_common(1)
     reason = next(r for outcome, r in failed if outcome == end and NUMBER.sub("", r) == kind)
@@ -105,14 +109,17 @@ def _make_headings(table: Table) -> list[str]:
     return [*keys, "runs", *measured, *([FAILURE_HEADING] if table.failures else [])]
 
 
-# Combines the texts of value, lower and upper bound.
+# Function that combines the texts of a value, its lower bound and its upper bound into a cell.
 IntervalFormat = Callable[[str, str, str], str]
 
 
 def _format_cells(table: Table, interval: IntervalFormat, none: str) -> Iterator[list[str]]:
-    """Yield the cells of each row; the numbers of a column share one format.
+    """Yield the cells of each row; all numbers of a column have the same format.
 
-    none: text of a missing value.
+    Args:
+        table: content of the table.
+        interval: function that formats a value with its confidence interval.
+        none: text of a missing value.
     """
     columns = zip(*(estimates for _, estimates in table.rows), strict=True)
     formats = [make_number_format([n for e in column for n in (e.value, e.low, e.high)])

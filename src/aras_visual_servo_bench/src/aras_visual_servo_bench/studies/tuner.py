@@ -1,8 +1,8 @@
-"""Optimize settings for a metric, by SciPy's differential evolution over the runs of a study.
+"""Find the settings that optimize a metric of a study, with SciPy's differential evolution.
 
-Every generation is a separate study in a separate folder. Its cases are the candidates, which all
-have the same starts and noise. An interrupted search therefore continues, and every run can be
-inspected.
+Every generation is a study of its own, in its own folder. The cases of this study are the
+candidates of the generation; all candidates have the same starts and noise. Therefore an
+interrupted search can be continued, and every run can be inspected.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ from ..metrics.metrics import GREATER, Metric
 from .results import Results
 from .study import Study
 
-LOGARITHMIC_RATIO = 10.0  # a range with at least this ratio of its ends has a logarithmic scale
-DIGITS = 6  # significant digits of a candidate's values
-MIN_CANDIDATES = 8  # per generation
+LOGARITHMIC_RATIO = 10.0  # a range with high/low of at least this value has a logarithmic scale
+DIGITS = 6  # number of significant digits of a candidate's values
+MIN_CANDIDATES = 8  # minimum number of candidates per generation
 
 
 @dataclass(frozen=True)
 class SearchRange:
-    """Range in which the value of a key is searched."""
+    """Range in which the best value of a key is searched."""
 
     key: str
     low: float
@@ -43,7 +43,8 @@ class SearchRange:
         check_key(self.key)
         if not (math.isfinite(self.low) and math.isfinite(self.high) and self.low < self.high):
             raise StudyError(
-                f"{self.key}={self.low:g}:{self.high:g} is no range: give finite ends, low < high"
+                f"{self.key}={self.low:g}:{self.high:g} is not a range: give finite ends with "
+                "low < high"
             )
 
     @classmethod
@@ -51,19 +52,19 @@ class SearchRange:
         """Parse `key=low:high`.
 
         Raises:
-            StudyError: the text has another form.
+            StudyError: the text does not have this form.
         """
         key, _, ends = text.partition("=")
         try:
             low, high = map(float, ends.split(":"))
         except ValueError:
             raise StudyError(
-                f"'{text}' is no range: write key=low:high, such as gain=0.5:8"
+                f"'{text}' is not a range: write key=low:high, such as gain=0.5:8"
             ) from None
         return cls(key, low, high)
 
     def interpolate(self, unit: float) -> float:
-        """Return the value at a fraction (0 to 1) of the range, rounded to DIGITS."""
+        """Return the value at a fraction (0 to 1) of the range, rounded to DIGITS digits."""
         if self.low > 0.0 and self.high / self.low >= LOGARITHMIC_RATIO:
             value = self.low * (self.high / self.low) ** unit
         else:
@@ -75,9 +76,12 @@ class SearchRange:
 class Candidate:
     """Settings that were tried, and their results.
 
-    values: of the searched keys. cost: mean of the metric; smaller is better.
-    violation: 0 if the target stayed in the image and enough runs succeeded. success: success rate.
-    excursion: largest distance from the image centre of all runs, in half image sizes.
+    values: value of each searched key.
+    cost: mean of the metric, with a sign such that smaller is better.
+    violation: 0 if the target stayed in the image and enough runs succeeded; positive otherwise.
+    success: success rate.
+    excursion: largest distance of a target corner from the image centre in any run, in half image
+        sizes.
     """
 
     values: tuple[float, ...]
@@ -97,16 +101,19 @@ class Tuner:
         """Prepare a search in which every candidate makes all runs of a study.
 
         Args:
+            study: study that is run for each candidate.
+            ranges: ranges of the keys to search.
             metric: name of the metric to optimize.
             out: folder of the search.
             carry_out: function that runs a study in a folder.
             min_success: minimum success rate of a candidate.
 
         Raises:
-            StudyError: there is no range, or a key is already varied or given twice.
+            StudyError: there is no range, or a key has two ranges or is already varied in the
+                study.
         """
         if not ranges:
-            raise StudyError("nothing to search: give --over key=low:high")
+            raise StudyError("there is no key to search: give --over key=low:high")
         keys = [r.key for r in ranges]
         for key in keys:
             if key in study.keys or keys.count(key) > 1:
@@ -147,8 +154,8 @@ class Tuner:
             )
         rng = np.random.default_rng(self._study.seed)
         first = qmc.LatinHypercube(len(self._ranges), rng=rng).random(size)
-        # SciPy first evaluates the constraint of all candidates; cost and constraint use the same
-        # cached runs.
+        # SciPy evaluates the constraint and then the cost of each candidate. The runs of a
+        # candidate are cached, so they are made only once.
         differential_evolution(
             lambda x: np.array([c.cost for c in self._evaluate(x.T)]),
             [(0.0, 1.0)] * len(self._ranges),
@@ -162,11 +169,11 @@ class Tuner:
 
     @property
     def best(self) -> Candidate:
-        """Candidate with the smallest violation, and among these with the smallest cost."""
+        """Candidate with the smallest violation; among equal ones, that with the smallest cost."""
         return min(self._cached_candidates.values(), key=lambda c: (c.violation, c.cost))
 
     def write(self) -> Path:
-        """Write best.yaml with the best settings, and candidates.csv; return best.yaml's path."""
+        """Write candidates.csv and best.yaml (the best settings); return the path of best.yaml."""
         keys = [r.key for r in self._ranges]
         self._out.mkdir(parents=True, exist_ok=True)
         with open(self._out / "candidates.csv", "w", encoding="utf-8", newline="") as file:
@@ -179,7 +186,9 @@ class Tuner:
         return self._out / "best.yaml"
 
     def _evaluate(self, units: np.ndarray) -> list[Candidate]:
-        """Evaluate candidates, given as fractions (n, k) of the ranges; known ones are cached."""
+        """Evaluate n candidates; the results are cached.
+
+        units: fraction (n, k) of the range of each of the k keys."""
         rows = np.atleast_2d(units)
         requested = [
             tuple(r.interpolate(u) for r, u in zip(self._ranges, row, strict=True))
@@ -205,7 +214,7 @@ class Tuner:
         for values, rows in results.group_rows(keys).items():
             known = measured[rows][np.isfinite(measured[rows])]
             rate = float(success[rows].mean())
-            # A run without a measured excursion counts as one that left the image.
+            # If the excursion of a run is unknown, assume that the target left the image.
             worst = float(np.max(np.where(np.isnan(excursion[rows]), np.inf, excursion[rows])))
             self._cached_candidates[values] = Candidate(
                 values, sign * float(known.mean()) if known.size else np.inf,

@@ -10,8 +10,8 @@ Each dotted key under `vary` has a list of values, or one of
     integers: [low, high]         random, both ends included
     choice: [values]              random
 
-Lists, linear and log form a grid. The random values of all keys are drawn together, `samples`
-times.
+Lists, linear and log form a grid. Values of the random keys are drawn `samples` times; each draw
+gives a value for all random keys.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ from aras_visual_servo_base.settings import convert
 
 from ..errors import StudyError
 
-SOBOL_BLOCK = 1024  # Sobol points that are computed at a time
-STREAM_KEY = 0x706F696E  # separates the random numbers of settings from those of runs
+SOBOL_BLOCK = 1024  # number of points of a Sobol sequence that are computed together
+STREAM_KEY = 0x706F696E  # makes the random numbers of settings independent of those of runs
 MAX_VALUES = 1_000_000
 
 
@@ -47,8 +47,9 @@ class Axis:
 class RandomVariation:
     """Key with a distribution.
 
-    value: function that maps a uniform random number from 0 to 1 to the key's value.
-    ends: extreme values of the distribution, to check them before the first run.
+    key: dotted key of the experiment.
+    value: function that converts a uniform random number from 0 to 1 into the value of the key.
+    ends: extreme values of the distribution, which are checked before the first run.
     """
 
     key: str
@@ -156,10 +157,13 @@ _PARSERS: dict[str, Callable[[str, str, Any], Axis | RandomVariation]] = {
 def draw_values(
     variations: Sequence[RandomVariation], sampling: str, entropy: int, sample: int
 ) -> dict[str, Any]:
-    """Draw the values of all random keys; they are the same on every machine.
+    """Draw the values of all random keys; the values are the same on every machine.
 
     Args:
-        sampling: 'random' or 'sobol'. entropy: seed of the study. sample: number of the sample.
+        variations: random keys with their distributions.
+        sampling: 'random' or 'sobol'.
+        entropy: seed of the study.
+        sample: number of the sample.
     """
     if not variations:
         return {}
@@ -170,7 +174,8 @@ def draw_values(
     else:
         seeds = np.random.SeedSequence(entropy, spawn_key=(STREAM_KEY, sample))
         unit = np.random.default_rng(seeds).random(len(variations))
-    # At 0 the value of a normal distribution is infinite; 1 does not occur.
+    # The lower bound prevents an infinite value of a normal distribution at 0. The random numbers
+    # are always below 1.
     bounded = np.maximum(unit, 1e-12).tolist()
     return {draw.key: draw.value(u) for draw, u in zip(variations, bounded, strict=True)}
 

@@ -17,7 +17,7 @@ from ..errors import ExperimentError
 from ..experiment.packages import PackagePath
 
 SOURCE_FOLDER = Path(__file__).resolve().parents[4]  # src/ of the workspace
-INSTALL_FOLDER = Path(__file__).resolve().parents[2]  # contains all packages when installed
+INSTALL_FOLDER = Path(__file__).resolve().parents[2]  # contains all packages after installation
 PACKAGES = (
     "aras_sim_bridge", "aras_visual_servo_camera", "aras_visual_servo_controller",
     "aras_visual_servo_bench", "aras_visual_servo_gazebo",
@@ -52,9 +52,10 @@ def compute_source_digest() -> str:
 
 
 def _find_folders(package: str) -> list[Path]:
-    """Return the folders of a package: one in a workspace, two if it is installed.
+    """Return the folders of a package: one folder in a workspace, two folders if it is installed.
 
-    Python's import path is not used, because in a sourced workspace it leads to catkin's stubs.
+    Python's import path is not used, because in a sourced workspace it contains catkin's stubs
+    instead of the code.
     """
     code = INSTALL_FOLDER / package
     try:
@@ -66,7 +67,7 @@ def _find_folders(package: str) -> list[Path]:
 
 @functools.lru_cache(maxsize=1)
 def read_versions() -> dict[str, str]:
-    """Return the versions of Python and the libraries, and the digest of the sources, by name."""
+    """Return the versions of Python and the libraries, and the digest of the code, by name."""
     versions = {"python": platform.python_version(), "machine": platform.machine()}
     for library in LIBRARIES:
         try:
@@ -77,7 +78,7 @@ def read_versions() -> dict[str, str]:
 
 
 def read_study_versions(study: Mapping[str, Any]) -> dict[str, str]:
-    """Return the versions, with a digest of each module that a study's values refer to."""
+    """Return the versions, and a digest of each module that the values of a study refer to."""
     versions = dict(read_versions())
     for module in sorted(
         {match[1] for word in _collect_strings(study) if (match := CLASS_PATH.fullmatch(word))}
@@ -102,11 +103,13 @@ def _digest_module(name: str) -> str:
         spec = importlib.util.find_spec(name)
         return hashlib.sha256(Path(spec.origin).read_bytes()).hexdigest()[:16]
     except (ImportError, AttributeError, TypeError, ValueError, OSError):
-        return UNKNOWN  # the import of the module raises an error later
+        return UNKNOWN  # a later import of the module raises an error
 
 
 def read_commit() -> str:
-    """Return the current Git commit, with '-dirty' after changes; 'unknown' without Git."""
+    """Return the current Git commit; 'unknown' without Git.
+
+    '-dirty' is appended if there are uncommitted changes."""
     command = ["git", "-C", str(SOURCE_FOLDER), "describe", "--always", "--dirty", "--abbrev=12"]
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=20, check=False)
@@ -116,7 +119,7 @@ def read_commit() -> str:
 
 
 def describe_difference(here: dict[str, str], there: dict[str, str]) -> str:
-    """Describe the differences of two sets of versions; '' if they are equal."""
+    """Describe the differences between two sets of versions; return '' if they are equal."""
     keys = [key for key in {**here, **there} if here.get(key) != there.get(key)]
     return ", ".join(
         f"{key} {here.get(key, 'none')} here and {there.get(key, 'none')} there" for key in keys

@@ -1,4 +1,4 @@
-"""Work of a worker: run a chunk's runs one after the other, directly or in child processes."""
+"""Run the runs of a chunk one after the other in a worker, directly or in child processes."""
 
 from __future__ import annotations
 
@@ -19,23 +19,28 @@ from ..errors import StudyError
 from . import rows, versions
 from .study import Study
 
-# Limit libraries that by default use one thread per core (BLAS, OpenMP, numba, OpenCV, Mesa).
+# Environment variables that limit libraries (BLAS, OpenMP, numba, OpenCV, Mesa) to one thread.
+# Their default is one thread per core.
 ONE_THREAD = {
     "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1",
     "BLIS_NUM_THREADS": "1", "VECLIB_MAXIMUM_THREADS": "1", "NUMEXPR_NUM_THREADS": "1",
     "NUMBA_NUM_THREADS": "1", "OPENCV_FOR_THREADS_NUM": "1", "LP_NUM_THREADS": "1",
 }  # fmt: skip
-GRACE_TIME = 60.0  # s beyond a run's limit, for the start of a child process
-MAX_TRIES = 2  # of a run that ended its process, which may have been killed from outside
+GRACE_TIME = 60.0  # s; time for the start of a child process, in addition to the limit of a run
+# Maximum number of attempts of a run that ends its process. A second attempt is useful, because the
+# process may have been killed from outside.
+MAX_TRIES = 2
 
 
 @dataclass(frozen=True)
 class StudyTask:
     """Chunk of a study to run.
 
-    study: result of `Study.to_mapping`, as JSON. chunk: number of the chunk.
-    is_isolated: run the chunk in a child process, whose end does not end the worker.
-    versions: required versions of the code; None: any.
+    study: result of `Study.to_mapping`, as JSON.
+    chunk: number of the chunk.
+    is_isolated: whether to run the chunk in a child process, so that a crash does not end the
+        worker.
+    versions: required versions of the code; None: any version.
     """
 
     study: str
@@ -53,19 +58,20 @@ def carry_out(task: StudyTask) -> rows.Rows:
     """Run all runs of a chunk and return their rows.
 
     Raises:
-        StudyError: this process has other code than the process that started the study.
+        StudyError: the code of this process differs from that of the process that started the
+            study.
     """
     if task.versions is not None:
         current = versions.read_study_versions(json.loads(task.study))
         difference = versions.describe_difference(dict(task.versions), current)
         if difference:
             raise StudyError(f"a worker has other versions: {difference}")
-    limit_threads()  # for each chunk, because workers of a cluster may start at any time
+    limit_threads()  # call it for each chunk, because new workers can start at any time
     return _run_isolated_chunk(task) if task.is_isolated else _run_directly(task)
 
 
 def limit_threads() -> None:
-    """Limit OpenCV to one thread; other libraries read their environment variables at import."""
+    """Limit OpenCV to one thread; for other libraries, environment variables set the limit."""
     import cv2
 
     cv2.setNumThreads(1)
@@ -93,7 +99,7 @@ def make_worker_name() -> str:
 
 
 def _run_isolated_chunk(task: StudyTask) -> rows.Rows:
-    """Run a chunk in child processes; if a run ends its process, this becomes its outcome."""
+    """Run a chunk in child processes; if a run crashes its process, its outcome is DIED."""
     study = _load_study(task.study)
     chunk_rows, tries, end = rows.Rows(), 0, ""
     todo = task.runs
@@ -112,11 +118,16 @@ def _run_isolated_chunk(task: StudyTask) -> rows.Rows:
 
 
 def _run_child(study: str, todo: range, limit: float) -> tuple[rows.Rows, str | None]:
-    """Run some runs in a child process.
+    """Run several runs in a child process.
+
+    Args:
+        study: settings of the study, as JSON.
+        todo: numbers of the runs.
+        limit: maximum time for a run, s; then the child process is killed.
 
     Returns:
-        The rows that the child process returned, and a description of its end; None if it was
-        killed because it returned no row for `limit` (s), so that its own timeout had failed.
+        The rows from the child process, and a description of how it ended; the description is None
+        if it was killed because of `limit`.
     """
     environment = {**os.environ, **ONE_THREAD, "PYTHONPATH": os.pathsep.join(sys.path)}
     child = subprocess.Popen(
@@ -140,7 +151,7 @@ def _run_child(study: str, todo: range, limit: float) -> tuple[rows.Rows, str | 
             watchdog = threading.Timer(limit, kill_child)
             watchdog.start()
     except BrokenPipeError:
-        pass  # the child ended before its first run; its exit code is described below
+        pass  # the child ended before its first run; _describe_exit gives the reason
     finally:
         code = child.wait()
         watchdog.cancel()
@@ -148,7 +159,7 @@ def _run_child(study: str, todo: range, limit: float) -> tuple[rows.Rows, str | 
 
 
 def _read_pickles(pipe: BinaryIO) -> Iterator[Any]:
-    """Yield the pickled objects from a pipe until its end; an incomplete last one is ignored."""
+    """Yield the pickled objects from a pipe until its end; an incomplete last object is ignored."""
     while True:
         try:
             yield pickle.load(pipe)
@@ -163,9 +174,9 @@ def _describe_exit(code: int) -> str:
 
 
 def _run_as_child() -> None:
-    """Run the runs that the standard input names, and write their rows to the standard output.
+    """Run the runs that are named on the standard input; write rows to the standard output.
 
-    Any other output goes to the standard error.
+    All other output is written to the standard error.
     """
     output = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
@@ -178,7 +189,7 @@ def _run_as_child() -> None:
 
 
 if __name__ == "__main__":
-    # Import this module by its name, so that the parent can unpickle the classes of the rows.
+    # Import this module by its full name, so that the parent process can unpickle the rows.
     from aras_visual_servo_bench.studies import work
 
     work._run_as_child()

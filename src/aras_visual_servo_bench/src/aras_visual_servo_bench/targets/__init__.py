@@ -1,4 +1,4 @@
-"""Targets of the cameras: geometry, motion, outlines, textures, and their URDF and mesh files."""
+"""Targets of the cameras: geometry, motion, outlines, textures, and URDF and mesh files."""
 
 from .geometry import (
     ARAS,

@@ -3,8 +3,8 @@
     rosrun aras_visual_servo_bench target_files four_dots --size 0.1 0.1 --out DIR
     (or python3 -m aras_visual_servo_bench.targets.files)
 
-The face of a target is in the plane z = 0 of its frame, with its normal along z. The model is
-static and has no collision shape, unless it is on a box.
+The face of a flat target is in the plane z = 0 of the target frame, and its normal is the z axis.
+The model is static and has no collision shape, unless the target is on a movable box.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from .target_spec import BoxSpec, TargetSpec, Vector2
 if TYPE_CHECKING:
     from .solids import SolidTarget
 
-OCCLUDER_HEIGHT = 5e-4  # m, height of an occluder above the face of its target
+OCCLUDER_HEIGHT = 5e-4  # m; distance of an occluder from the face of its target
 URDF = """<?xml version="1.0"?>
 <robot name="{name}">
   <link name="{name}">
@@ -63,10 +63,13 @@ def write_target(
     """Write the files of a target, and return the path of its URDF.
 
     Args:
-        target: flat or solid. name: of files, model and link.
-        meshes: URL of the folder in the URDF; '': the path of the folder.
-        occluder: lower and upper corner (x, y), m, of a white rectangle on the target.
-        box: box under the target, which can be moved.
+        target: geometry of a flat or solid target.
+        folder: folder into which the files are written.
+        name: name of the files, of the model and of its link.
+        meshes: URL of `folder` for the mesh paths in the URDF; '': its absolute path.
+        occluder: lower and upper corner (x, y), m, of a white rectangle on the target; None: no
+            occluder.
+        box: movable box under the target; None: no box.
 
     Raises:
         ExperimentError: the target is neither flat nor solid, or the folder cannot be written to.
@@ -82,7 +85,7 @@ def write_target(
     with catch_write_errors(f"the target into {folder}", ExperimentError):
         folder.mkdir(parents=True, exist_ok=True)
         if target.is_textured:
-            # Counter-clockwise from above, starting at the texture's first corner.
+            # The corners of each triangle are counter-clockwise when viewed from above.
             faces = [(0, 3, 2), (0, 2, 1)]
             material = f"Kd 1 1 1\nmap_Kd {name}.png\n"
             is_written = cv2.imwrite(str(folder / f"{name}.png"), target.pixels)
@@ -123,7 +126,7 @@ def _write_solid(target: SolidTarget, folder: Path, name: str) -> Path:
 
 
 def _make_box(box: BoxSpec) -> str:
-    """Return the URDF elements of a box under a target, slightly below the target's face."""
+    """Return the URDF elements of a box under a target; its top is slightly below the target."""
     (x, y, z), twelfth = box.size, box.mass / 12.0
     return BOX.format(
         size=f"{x!r} {y!r} {z!r}", z=-0.5 * z - OCCLUDER_HEIGHT, mass=box.mass,
@@ -134,13 +137,16 @@ def _make_box(box: BoxSpec) -> str:
 
 @lru_cache(maxsize=64)
 def write_description(spec: TargetSpec, perturbation_seed: int | None = None) -> Path:
-    """Write the URDF of an experiment's target into a temporary folder, once per process.
+    """Write the URDF of an experiment's target into a temporary folder, and return its path.
+
+    Each target is written only once per process.
 
     Args:
-        perturbation_seed: seed of the changes of its texture; None: no changes.
+        spec: settings of the target.
+        perturbation_seed: seed of the random changes of the texture; None: no changes.
 
     Raises:
-        ExperimentError: the target cannot be read, or has no texture to change.
+        ExperimentError: the target cannot be read, or has no texture that could be changed.
     """
     target = spec.placed_target.shape
     if perturbation_seed is not None:
@@ -170,10 +176,12 @@ def write_occluder(rectangle: tuple[Vector2, Vector2]) -> Path:
 
 
 def triangulate(corners: np.ndarray) -> list[tuple[int, int, int]]:
-    """Triangulate a polygon (n, 2) without crossing edges by ear clipping.
+    """Triangulate a polygon by ear clipping.
+
+    corners: corners (n, 2) of a polygon whose edges do not cross.
 
     Returns:
-        Corner indices of the triangles, counter-clockwise.
+        Indices of the three corners of each triangle, counter-clockwise.
 
     Raises:
         ExperimentError: the edges cross, or the polygon has no area.
@@ -193,12 +201,14 @@ def triangulate(corners: np.ndarray) -> list[tuple[int, int, int]]:
                 del order[k]
                 break
         else:
-            raise ExperimentError("target.shape: the polygon's edges cross, or it has no area")
+            raise ExperimentError(
+                "target.shape: the polygon has no area, or its edges cross: correct its corners"
+            )
     return [*triangles, tuple(order)]
 
 
 def _signed_area(corners: np.ndarray, a: int, b: int, c: int) -> float:
-    """Return twice the signed area of a triangle, positive if its corners are counter-clockwise."""
+    """Return twice the area of the triangle a, b, c; it is negative if they are clockwise."""
     (ax, ay), (bx, by), (cx, cy) = corners[a], corners[b], corners[c]
     return float((bx - ax) * (cy - ay) - (by - ay) * (cx - ax))
 
@@ -224,7 +234,7 @@ def _write_mesh(
 ) -> None:
     """Write an OBJ file with vertices (n, 3), m, and one material.
 
-    A texture covers the bounding rectangle of the vertices.
+    If the material has a texture, it covers the bounding rectangle of the vertices.
     """
     low, span = vertices[:, :2].min(axis=0), np.ptp(vertices[:, :2], axis=0)
     lines = [f"mtllib {name}.mtl", "usemtl face"]

@@ -1,7 +1,7 @@
 """Exact geometry of targets: shape, projection into a camera, and motion.
 
-The z axis of a target frame is the outward normal of the face. Normalised image coordinates are x
-right, y down, on the plane one metre in front of the camera.
+The z axis of a target frame is the outward normal of the target's face. Normalised image
+coordinates (x right, y down) are coordinates in the plane one metre in front of the camera.
 """
 
 from __future__ import annotations
@@ -26,17 +26,18 @@ from aras_visual_servo_controller.observation.target_geometry import (
 
 from ..errors import ExperimentError, ViewError, require
 
-ROUNDING = 1e-12  # m, rounding error of a point on the edge of a box
-POSE_TOLERANCE = 1e-9  # smallest change of a pose matrix that is recorded (m for its position)
+ROUNDING = 1e-12  # m; maximum rounding error of a point on the edge of a box
+POSE_TOLERANCE = 1e-9  # minimum change of an element of a pose matrix that is recorded
 TIME_TOLERANCE = 1e-7  # s
-MIN_DEPTH = 1e-3  # m, least distance in front of the camera of points that are projected
-IMAGE_FLIP = (1.0, -1.0)  # converts x, y with y up into image axes with y down
+MIN_DEPTH = 1e-3  # m; minimum depth of a point that is projected
+IMAGE_FLIP = (1.0, -1.0)  # factors that convert (x, y) with y up to y down, and back
 
 
 class Target(ABC):
-    """Geometry of a target: by default a flat dark shape on a white background.
+    """Geometry of a target; the default methods are for a flat dark shape on a white background.
 
-    is_solid: whether it is a SolidTarget. is_textured: whether it is a TexturedTarget.
+    is_solid: whether the target is a SolidTarget.
+    is_textured: whether the target is a TexturedTarget.
     """
 
     is_solid = False
@@ -44,7 +45,9 @@ class Target(ABC):
 
     @abstractmethod
     def outline(self, target_T_camera: np.ndarray) -> np.ndarray:
-        """Project the silhouette: its corners (n, 2) in order, normalised.
+        """Return the corners (n, 2) of the silhouette in the image, in order around it.
+
+        The coordinates are normalised image coordinates.
 
         Raises:
             ViewError: the target is behind the camera.
@@ -52,10 +55,12 @@ class Target(ABC):
 
     @abstractmethod
     def vertices(self) -> np.ndarray:
-        """Return the corners (n, 3) in the target frame, m, in order around the target."""
+        """Return the corners (n, 3), in order around the target, in the target frame, m."""
 
     def points(self, target_T_camera: np.ndarray) -> np.ndarray | None:
-        """Project the corners (n, 2), normalised; None if the target has no corners.
+        """Return the feature points (n, 2) in normalised image coordinates.
+
+        Return None if the target has no such points.
 
         Raises:
             ViewError: a corner is behind the camera.
@@ -72,22 +77,24 @@ class Target(ABC):
         return float((self.height - target_T_camera[2, 3]) / target_T_camera[2, 2])
 
     def plane(self, target_T_camera: np.ndarray) -> Plane:
-        """Return the plane of the face in the camera: 1/Z = A x + B y + C."""
+        """Return the plane 1/Z = A x + B y + C of the face, in the camera frame."""
         distance = self.height - target_T_camera[2, 3]
         return Plane(*(target_T_camera[2, :3] / distance).tolist())
 
     def outline_plane(self, target_T_camera: np.ndarray) -> Plane:
-        """Return the plane that contains the points of the outline, for moments.
+        """Return the plane that contains the points of the outline, in the camera frame.
+
+        Moments of the image need this plane.
 
         Raises:
-            ViewError: no plane fits.
+            ViewError: the points of the outline do not determine a plane.
         """
         return self.plane(target_T_camera)
 
 
 @dataclass(frozen=True, eq=False)
 class BoxesTarget(Target):
-    """One thin box on the ground, or two whose images overlap; see TargetGeometry."""
+    """Target that consists of one thin box, or of two whose images overlap; see TargetGeometry."""
 
     geometry: TargetGeometry
 
@@ -99,7 +106,7 @@ class BoxesTarget(Target):
             raise ViewError(str(error)) from error
 
     def vertices(self) -> np.ndarray:
-        """Return the corners of the union of the upper faces, each at the height of its face."""
+        """Return the corners (n, 3) of the union of the upper faces of all boxes."""
         return self._vertices
 
     @cached_property
@@ -117,13 +124,15 @@ class BoxesTarget(Target):
         return self.geometry.compute_depth(target_T_camera)
 
     def plane(self, target_T_camera: np.ndarray) -> Plane:
-        """Return the plane of this surface in the camera."""
+        """Return the plane of the surface of the geometry, in the camera frame."""
         return self.geometry.compute_plane(target_T_camera)
 
 
 @dataclass(frozen=True)
 class PolygonTarget(Target):
-    """Flat polygon without crossing edges: corners (x, y), m, in the plane z = 0 of its frame."""
+    """Flat polygon in the plane z = 0 of the target frame; its edges do not cross.
+
+    corners: position (x, y) of each corner, m."""
 
     corners: tuple[tuple[float, float], ...]
 
@@ -131,7 +140,7 @@ class PolygonTarget(Target):
         require(len(self.corners) >= 3, "a target's polygon needs at least 3 corners")
 
     def outline(self, target_T_camera: np.ndarray) -> np.ndarray:
-        """Project the corners; straight edges stay straight in normalised coordinates."""
+        """Project the corners of the polygon; its edges are straight in normalised coordinates."""
         return project(self.vertices(), target_T_camera)
 
     def vertices(self) -> np.ndarray:
@@ -141,15 +150,15 @@ class PolygonTarget(Target):
 
 @dataclass(frozen=True)
 class RoundTarget(PolygonTarget):
-    """Disc as a polygon of many corners, none of which is a feature point."""
+    """Disc, approximated by a polygon; the corners of the polygon are not feature points."""
 
     def points(self, target_T_camera: np.ndarray) -> np.ndarray | None:
         """Return None, because a disc has no corners."""
         return None
 
 
-# The demo's target in base_link, as in robots/aras_visual_servo.urdf. The table is the plane
-# z = 0.59, which hides the lower half of the square plate.
+# Target of the demo, in base_link, with the values of robots/aras_visual_servo.urdf. The top of the
+# table is the plane z = 0.59; the lower half of the square plate is inside the table.
 ARAS = BoxesTarget(
     TargetGeometry.from_values(
         np.array(
@@ -168,14 +177,16 @@ ARAS = BoxesTarget(
 class Motion:
     """Motion of a target: the sum of a constant twist, a sine, a circle, steps and a path.
 
-    velocity: (vx, vy, vz, wx, wy, wz) in world axes about the target's origin, m/s and rad/s.
-    amplitude: (x, y, z) of a sine, m in world axes. frequency: of sine and circle, Hz.
+    velocity: constant twist (vx, vy, vz, wx, wy, wz) of the target's origin, in world axes, m/s and
+        rad/s.
+    amplitude: amplitude (x, y, z) of the sine, in world axes, m.
+    frequency: frequency of the sine and of the circle, Hz.
     circle: radius of a horizontal circle through the target's initial position, m.
-    step: (x, y, z) of a jump at `begin`, m in world axes. hold: time after which the target jumps
-        back, and then forth again, s; 0: it jumps only once.
-    path: waypoints (t, x, y, z) or (t, x, y, z, roll, pitch, yaw): displacement (m) and rotation
-        (rad) about world axes, t s after `begin`. Between waypoints the velocity is constant; the
-        target starts at its initial pose and stops at the last waypoint.
+    step: displacement (x, y, z) of a jump at the time `begin`, in world axes, m.
+    hold: time between jumps, s: the target alternately jumps back and forth; 0: it jumps only once.
+    path: waypoints (t, x, y, z) or (t, x, y, z, roll, pitch, yaw): time after `begin` (s),
+        displacement (m) and rotation (rad) about world axes. The velocity is constant between two
+        waypoints. The target starts at its initial pose and stops at the last waypoint.
     begin: time until which the target is at rest, s.
     """
 
@@ -216,8 +227,7 @@ class Motion:
         )
 
     def compute_displacement(self, time: float) -> np.ndarray:
-        """Compute the displacement (4, 4) at `time` (s), with rotation about the target's origin.
-        """
+        """Compute the displacement (4, 4) at `time` (s); the target rotates about its origin."""
         displacement = np.eye(4)
         elapsed = time - self.begin
         if self.is_static or elapsed < 0.0:
@@ -236,7 +246,9 @@ class Motion:
         return displacement
 
     def apply(self, pose: np.ndarray, time: float) -> np.ndarray:
-        """Return world_T_target (4, 4) at `time` (s); `pose`: world_T_target at time 0."""
+        """Return world_T_target (4, 4) at `time` (s).
+
+        pose: world_T_target (4, 4) at time 0."""
         displacement = self.compute_displacement(time)
         moved = pose.copy()
         moved[:3, :3] = displacement[:3, :3] @ pose[:3, :3]
@@ -244,7 +256,7 @@ class Motion:
         return moved
 
     def _compute_path_displacement(self, elapsed: float) -> tuple[np.ndarray, np.ndarray]:
-        """Interpolate the path: displacement (3,), m, and rotation (3, 3).
+        """Interpolate the path; return the displacement (3,), m, and the rotation (3, 3).
 
         elapsed: time since `begin`, s.
         """
@@ -259,7 +271,7 @@ class Motion:
 
     @cached_property
     def _waypoints(self) -> tuple[np.ndarray, list[np.ndarray]]:
-        """Times (s after `begin`) and displacements (4, 4) of the path, with its start."""
+        """Times (s after `begin`) and displacements (4, 4) of the path, including the start."""
         poses = [matrix_from_xyz_rpy(p[1:4], p[4:] or (0.0,) * 3) for p in self.path]
         return np.array([0.0, *(p[0] for p in self.path)]), [np.eye(4), *poses]
 
@@ -277,13 +289,13 @@ class PoseHistory:
         self._poses: list[np.ndarray] = []
 
     def add(self, time: float, pose: np.ndarray) -> None:
-        """Add the pose world_T_body (4, 4) that holds from `time` (s)."""
+        """Add the pose world_T_body (4, 4) that the body has from `time` (s)."""
         if not self._poses or np.abs(pose - self._poses[-1]).max() > POSE_TOLERANCE:
             self._times.append(time)
             self._poses.append(pose)
 
     def find_pose(self, time: float) -> np.ndarray | None:
-        """Return the pose (4, 4) at a time (s); None before the first recorded one."""
+        """Return the pose (4, 4) at a time (s); return None before the first recorded pose."""
         count = bisect_right(self._times, time + TIME_TOLERANCE)
         return self._poses[count - 1] if count else None
 
@@ -292,8 +304,10 @@ class PoseHistory:
 class PlacedTarget:
     """Target with its pose and motion in the world.
 
-    pose: world_T_target (4, 4) at time 0. pose_history: recorded poses of a target that the
-    simulation moves; None: `motion` gives the pose.
+    shape: geometry of the target.
+    pose: world_T_target (4, 4) at time 0.
+    motion: motion of the target.
+    pose_history: recorded poses, if the simulation moves the target; None: `motion` gives the pose.
     """
 
     shape: Target
@@ -313,7 +327,7 @@ class PlacedTarget:
         return self.motion.apply(self.pose, time)
 
     def target_T_camera(self, world_T_camera: np.ndarray, time: float = 0.0) -> np.ndarray:
-        """Return target_T_camera (4, 4) at `time` (s)."""
+        """Return the pose target_T_camera (4, 4) of a camera in the target frame at `time` (s)."""
         return inverse(self.world_T_target(time)) @ world_T_camera
 
     def project(
@@ -322,13 +336,16 @@ class PlacedTarget:
         pose: np.ndarray,
         time: float = 0.0,
     ) -> np.ndarray | None:
-        """Project points (n, 2), normalised, of the target into a camera.
-
-        The result is None if the pose is unknown (NaN) or a point is behind the camera.
+        """Project the points or the outline of the target into a camera.
 
         Args:
-            function: the shape's `points` or `outline`.
+            function: method `points` or `outline` of `shape`.
             pose: world_T_camera (4, 4).
+            time: simulated time, s.
+
+        Returns:
+            Points (n, 2) in normalised image coordinates; None if the pose is unknown (NaN) or if a
+            point is behind the camera.
         """
         if not np.isfinite(pose).all():
             return None
@@ -339,12 +356,12 @@ class PlacedTarget:
 
 
 def project(points: np.ndarray, frame_T_camera: np.ndarray) -> np.ndarray:
-    """Project points (n, 3) of a frame to normalised image coordinates (n, 2).
+    """Project points (n, 3) in a frame to normalised image coordinates (n, 2).
 
     Raises:
         ViewError: a point is behind the camera or closer than MIN_DEPTH.
     """
     in_camera = (points - frame_T_camera[:3, 3]) @ frame_T_camera[:3, :3]
     if (in_camera[:, 2] < MIN_DEPTH).any():
-        raise ViewError("the target is behind the camera: nothing to project")
+        raise ViewError("the target is behind the camera, so it cannot be projected")
     return in_camera[:, :2] / in_camera[:, 2:]

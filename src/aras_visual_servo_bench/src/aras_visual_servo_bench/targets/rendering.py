@@ -20,16 +20,16 @@ from .scratch import make_scratch_folder
 from .target_spec import Vector2
 
 MAX_DEPTH = 1e3  # m
-# Ambient light only, so that a flat target has the colours of its texture.
+# Only ambient light, so that a flat target has the same colours in the image as in its texture.
 FLAT_LIGHT = Lighting(ambient=1.0, diffuse=0.0, background=(1.0, 1.0, 1.0, 1.0))
-# Directional light, because shading makes the faces of a solid visible.
+# With directional light, because differences in brightness make the faces of a solid visible.
 SHADED_LIGHT = Lighting(background=(1.0, 1.0, 1.0, 1.0))
-CACHED_TARGETS = 2  # renderers that are cached; a texture takes up to 11 MB
-CANVAS_BYTES = 1 << 22  # bytes of cached camera buffers per renderer
+CACHED_TARGETS = 2  # number of cached renderers; a texture can need 11 MB
+CANVAS_BYTES = 1 << 22  # size of the cached camera buffers of a renderer
 
 
 class _StaticWorld:
-    """World with one model at the origin, with the interface that a renderer needs."""
+    """World that contains one model at the origin; it has the interface that a renderer needs."""
 
     revision, name, body_id = 0, "target", 0
 
@@ -38,7 +38,7 @@ class _StaticWorld:
         self.models = {self.name: self}
 
     def link_index(self, _: str) -> int:
-        """Return the index of the root, which is the only link."""
+        """Return the index of the root link, which is the only link."""
         return -1
 
     def pose(self) -> Pose:
@@ -46,7 +46,7 @@ class _StaticWorld:
         return IDENTITY
 
     def get_scoped_name(self, link: str) -> str:
-        """Return the name of the link, after that of the model."""
+        """Return the name 'model::link'."""
         return f"{self.name}::{link}"
 
 
@@ -57,14 +57,16 @@ def render_target(
     """Render the grey image (rows, columns), uint8, of a target.
 
     Args:
-        target_T_camera: pose of the camera (4, 4).
+        target: geometry of the target.
+        camera: intrinsics of the camera.
+        target_T_camera: pose (4, 4) of the camera in the target frame.
         occluder: lower and upper corner (x, y), m, of a white rectangle on a flat target.
     """
     return _make_renderer(target, occluder).render(_make_view(camera, target_T_camera))[..., 0]
 
 
 def render_mask(target: Target, camera: CameraModel, target_T_camera: np.ndarray) -> np.ndarray:
-    """Render the mask (rows, columns), uint8, of a target: 255 where the camera sees the target."""
+    """Render the mask (rows, columns), uint8, of a target; pixels of the target are 255."""
     label = _make_renderer(target, None).measure(_make_view(camera, target_T_camera))[1]
     return (label >= 0).view(np.uint8) * 255
 
@@ -82,7 +84,7 @@ def _make_view(camera: CameraModel, target_T_camera: np.ndarray) -> View:
 
 
 def _compute_rays(camera: CameraModel, pixels: np.ndarray) -> np.ndarray:
-    """Compute the unit rays (n, 3) of pixels (n, 2); NaN for pixels without a ray."""
+    """Compute the directions (n, 3) of the rays of pixels (n, 2); NaN for pixels without a ray."""
     x, y, valid = camera.normalise(*pixels.T)
     rays = np.stack([x, y, np.ones_like(x)], axis=1)
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)

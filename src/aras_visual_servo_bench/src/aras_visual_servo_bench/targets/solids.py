@@ -1,4 +1,4 @@
-"""Solid targets: mesh files, and boxes, cylinders and ellipsoids of a given size."""
+"""Solid targets from mesh files, and solid targets of simple shape and given size."""
 
 from __future__ import annotations
 
@@ -25,11 +25,15 @@ from .scratch import make_scratch_folder
 
 @dataclass(frozen=True, eq=False)
 class SolidTarget(Target):
-    """Solid target; its plane and points are those of its section halfway up the z axis.
+    """Solid target.
 
-    path: mesh file, in m. is_temporary: whether that file was written by this process.
-    coloured_path: mesh file with colours; None: `path`. scale: factors on the lengths of that file
-    along x, y and z.
+    The plane and the points of the target are those of the section at half its height along z.
+
+    solid: geometry of the solid.
+    path: mesh file with lengths in m.
+    is_temporary: whether this process has written the file `path`.
+    coloured_path: mesh file with the colours of the solid; None: `path`.
+    scale: factors along x, y and z that convert the lengths of `coloured_path` to m.
     """
 
     is_solid = True
@@ -47,11 +51,11 @@ class SolidTarget(Target):
         return any(mesh.rgba is not None or mesh.texture for mesh in meshes)
 
     def vertices(self) -> np.ndarray:
-        """Return the corners (n, 3) of the section halfway up the z axis."""
+        """Return the corners (n, 3) of the section at half the height along z."""
         return self.solid.compute_section_corners()
 
     def outline(self, target_T_camera: np.ndarray) -> np.ndarray:
-        """Project the convex hull of all vertices."""
+        """Project the convex hull of the solid."""
         silhouette = find_silhouette_points(self._to_camera_frame(target_T_camera))
         return silhouette[:, :2] / silhouette[:, 2:]
 
@@ -73,7 +77,7 @@ class SolidTarget(Target):
 
     @cached_property
     def _hull_vertices(self) -> np.ndarray:
-        """Vertices (n, 3) of the convex hull, which alone determine the outline."""
+        """Vertices (n, 3) of the convex hull; only these determine the outline."""
         from scipy.spatial import ConvexHull
 
         return self.solid.vertices[ConvexHull(self.solid.vertices).vertices]
@@ -81,10 +85,10 @@ class SolidTarget(Target):
 
 @lru_cache(maxsize=32)
 def make_scaled_solid(unit: Geometry, size: tuple[float, float, float], name: str) -> SolidTarget:
-    """Make a target from a solid of size 1, scaled to `size` along x, y and z (m).
+    """Make a target from a solid of size 1 that is scaled to `size` along x, y and z (m).
 
     Raises:
-        ExperimentError: the result is no valid solid.
+        ExperimentError: the scaled solid is not valid.
     """
     (mesh,) = make_meshes(unit)
     return make_solid(mesh.positions[mesh.triangles] * size, name)
@@ -94,7 +98,7 @@ def make_solid(corners: np.ndarray, name: str) -> SolidTarget:
     """Make a target from triangles (n, 3, 3), m.
 
     Raises:
-        ExperimentError: the triangles are no closed solid of plausible size.
+        ExperimentError: the triangles are not a closed solid of plausible size.
     """
     try:
         solid = Solid.from_triangles(corners, name)
@@ -103,18 +107,19 @@ def make_solid(corners: np.ndarray, name: str) -> SolidTarget:
     return SolidTarget(solid, _write_mesh(corners, name), is_temporary=True)
 
 
-@lru_cache(maxsize=4)  # only few, because meshes are large
+@lru_cache(maxsize=4)  # a small cache, because meshes are large
 def read_solid_target(
     path: Path, size: tuple[float, ...] | None = None, scale: float | None = None
 ) -> SolidTarget:
     """Make a target from a mesh file.
 
     Args:
-        size: of the bounding box along x, y and z, m; None: as in the file.
+        path: path of the mesh file.
+        size: size of the bounding box along x, y and z, m; None: the size in the file.
         scale: factor on the lengths of the file, such as 0.001 for mm; None: 1.
 
     Raises:
-        ExperimentError: the file cannot be read, or is no closed solid of plausible size.
+        ExperimentError: the file cannot be read, or is not a closed solid of plausible size.
     """
     require(path.is_file(), f"target.shape: there is no file {path}")
     require(size is None or scale is None,
@@ -135,7 +140,7 @@ def read_solid_target(
         raise ExperimentError(f"target.shape: {error}{key}") from error
     if factor == (1.0,) * 3:
         return SolidTarget(solid, path.resolve())
-    written = _write_mesh(corners * factor, path.stem)  # the tracker's model is in metres
+    written = _write_mesh(corners * factor, path.stem)  # for the tracker, which needs metres
     return SolidTarget(solid, written, coloured_path=path.resolve(), scale=factor)
 
 

@@ -1,4 +1,4 @@
-"""Make targets from a shape name, an image, the outline in an SVG file, or a mesh."""
+"""Make targets from the name of a shape, an image, an outline in an SVG file, or a mesh."""
 
 from __future__ import annotations
 
@@ -27,27 +27,28 @@ if TYPE_CHECKING:
     from svgelements import Shape
 
 Corners = tuple[tuple[float, float], ...]
-DEFAULT_SIZE = (0.2, 0.2)  # m, of a target whose file or settings give no size
-CIRCLE_EDGES = 180  # edges per full circle of an SVG arc
+DEFAULT_SIZE = (0.2, 0.2)  # m; size of a target if neither its file nor its settings give one
+CIRCLE_EDGES = 180  # number of edges that approximate a full circle of an SVG
 MESHES = (".stl", ".obj", ".dae", ".glb", ".gltf")
 CLASS_PATH = re.compile(r"[\w.]+:\w+")  # 'package.module:Class'
 MAX_SVG_BYTES = 1_000_000
 UNITS = ("", "mm", "cm", "in", "pt", "pc", "px")  # units of width and height of an SVG page
 PPI = 96.0  # px per inch in CSS
-MAX_ELEMENTS = 10_000  # of an SVG, with the copies that <use> makes
-SAMPLES = 24  # edges per curve of an SVG path
-# Relative difference between the aspect ratios of page and viewBox, for files with rounded values.
+MAX_ELEMENTS = 10_000  # maximum number of elements of an SVG, including the copies by <use>
+SAMPLES = 24  # number of edges that approximate a curve of an SVG path
+# Maximum relative difference between the aspect ratios of page and viewBox; it allows for rounded
+# values in files.
 ASPECT_TOLERANCE = 0.01
-MAX_CORNER_DISTANCE = 100.0  # from the page centre to a corner, in page sizes
+MAX_CORNER_DISTANCE = 100.0  # maximum distance of a corner from the page centre, in page sizes
 
 
 def find_shape(shape: str | Corners) -> type[TargetShape] | None:
-    """Return the class of a shape name or of 'package.module:Class'.
+    """Return the class of a shape that is given by its name or as 'package.module:Class'.
 
-    The result is None for files, corners and unknown names.
+    Return None for the path of a file, for corners and for an unknown name.
 
     Raises:
-        ExperimentError: there is no such class.
+        ExperimentError: the class 'package.module:Class' does not exist.
     """
     if not isinstance(shape, str):
         return None
@@ -65,25 +66,25 @@ def is_solid(shape: str | Corners) -> bool:
 
 
 def find_tracker(shape: str | Corners) -> str:
-    """Return the name of the tracker for the points of a target."""
+    """Return the name of the tracker that detects the points of a target."""
     if is_mesh(shape):
         return MODEL_TRACKER
     found = find_shape(shape)
     if found is None and isinstance(shape, str):
-        # The file of a flat shape has the shape's name, such as four_dots.png.
+        # An image of a flat shape is named after the shape, for example four_dots.png.
         found = SHAPES.get(Path(shape).stem)
         found = None if found is None or found.is_solid else found
     return OUTLINE_TRACKER if found is None else found.tracker
 
 
 def list_parameters(shape: str | Corners) -> frozenset[str]:
-    """Return the names of the parameters of a named shape; empty for files and corners."""
+    """Return the names of the parameters of a named shape; a file or corners have none."""
     found = find_shape(shape)
     return frozenset(() if found is None else (field.name for field in fields(found)))
 
 
 def find_default_size(shape: str) -> tuple[float, ...] | None:
-    """Return the default size (m) for command-line programs; None if the file has a size."""
+    """Return the default size (m) for command-line programs; None if the file gives the size."""
     if is_mesh(shape) or Path(shape).suffix.lower() == ".svg":
         return None
     return (0.1, 0.1, 0.1) if is_solid(shape) else (0.1, 0.1)
@@ -95,18 +96,19 @@ def make_target(
     scale: float | None = None,
     marker: str = "",
 ) -> Target:
-    """Make a target from a name, the path of an image, SVG or mesh, or the corners of a polygon.
+    """Make a target from the name of a shape, the path of a file, or the corners of a polygon.
 
     Args:
-        shape, size, scale: as in TargetSpec. marker: for a shape with this parameter.
+        shape, size, scale: settings of the target; see TargetSpec.
+        marker: marker to draw, for a shape that has this parameter.
 
     Raises:
-        ExperimentError: there is no shape of that name, or the file cannot be used.
+        ExperimentError: there is no shape with this name, or the file cannot be used.
     """
     return _make_target(shape, size, scale, marker)
 
 
-@lru_cache(maxsize=4)  # only few, because images and meshes are large
+@lru_cache(maxsize=4)  # a small cache, because images and meshes are large
 def _make_target(
     shape: str | Corners, size: tuple[float, ...] | None, scale: float | None, marker: str
 ) -> Target:
@@ -114,7 +116,7 @@ def _make_target(
         return PolygonTarget(shape)
     require(
         scale is None or is_mesh(shape),
-        f"target.scale is for meshes, and '{shape}' is none: give target.size",
+        f"target.scale is for meshes, and '{shape}' is not a mesh: give target.size",
     )
     if find_shape(shape) is not None:
         return _make_shape(shape, {"size": size and list(size), "marker": marker})
@@ -160,9 +162,9 @@ def _make_shape(name: str, parameters: Mapping[str, Any]) -> Target:
 class SvgOutline(NamedTuple):
     """Outline in an SVG file.
 
-    corners: (n, 2) relative to the page centre, x right and y up, CSS px.
-    page: width and height, CSS px.
-    metres: length of a px, m; None if the file gives no length for its page.
+    corners: corners (n, 2) relative to the page centre, x right and y up, CSS px.
+    page: width and height of the page, CSS px.
+    metres: length of a CSS px, m; None if the file gives no length for its page.
     """
 
     corners: np.ndarray
@@ -170,9 +172,10 @@ class SvgOutline(NamedTuple):
     metres: float | None
 
     def scale_to_page(self, size: tuple[float, float] | None) -> tuple[tuple[float, float], ...]:
-        """Return the corners (m) on a page of the given size along x and y (m).
+        """Return the corners (x, y), m, after scaling the page.
 
-        size: None: the size in the file, else DEFAULT_SIZE for the longer side.
+        size: size of the page along x and y, m; None: the size in the file, or if the file gives
+            none, DEFAULT_SIZE for the longer side.
         """
         if size is None:
             factor = np.full(2, self.metres or DEFAULT_SIZE[0] / max(self.page))
@@ -184,14 +187,14 @@ class SvgOutline(NamedTuple):
 def read_svg(path: Path) -> SvgOutline:
     """Read the outline in an SVG file, which must contain exactly one.
 
-    Supported are polygon, polyline, rect, circle, ellipse and path with their transforms, the
-    viewBox, and lengths in mm, cm, in, pt, pc and px (1/96 in). A curve becomes SAMPLES edges, a
-    full circle CIRCLE_EDGES. The page of a file without width, height and viewBox is the bounding
-    box of the outline.
+    The function supports polygon, polyline, rect, circle, ellipse and path with their transforms,
+    the viewBox, and lengths in mm, cm, in, pt, pc and px (1/96 in). A curve is approximated by
+    SAMPLES edges, a full circle by CIRCLE_EDGES edges. If the file has no width, height and
+    viewBox, the page is the bounding box of the outline.
 
     Raises:
-        ExperimentError: the file is no SVG, has entities, too many elements, or not exactly one
-            outline.
+        ExperimentError: the file is not an SVG, contains entities or too many elements, or does not
+            contain exactly one outline.
     """
     from svgelements import SVG, Length, Shape
 
@@ -247,7 +250,7 @@ def _complete_page_size(root: Element) -> bool:
     """Set a missing width or height of an SVG page from the aspect ratio of its viewBox.
 
     Returns:
-        True if the page has a length.
+        True if the file gives the size of the page as lengths.
 
     Raises:
         ValueError: a length or the viewBox is invalid, or their aspect ratios differ.
@@ -271,7 +274,7 @@ def _complete_page_size(root: Element) -> bool:
         if min(wide, high) > 0.0 and abs(wide * box[1] / (high * box[0]) - 1.0) > ASPECT_TOLERANCE:
             raise ValueError(
                 f"width {root.get('width')} and height {root.get('height')} have another aspect "
-                f"ratio than the viewBox, which is {box[0]:g} by {box[1]:g}: correct one of them"
+                f"ratio than the viewBox of {box[0]:g} by {box[1]:g}: correct one of them"
             )
     if len(sides) == 1 and box:
         ((side, (length, unit)),) = sides.items()
@@ -285,7 +288,7 @@ def _complete_page_size(root: Element) -> bool:
 
 
 def _read_view_box(root: Element) -> tuple[float, float] | None:
-    """Return width and height of an SVG's viewBox; None without a viewBox.
+    """Return the width and height of an SVG's viewBox; return None if it has no viewBox.
 
     Raises:
         ValueError: the viewBox is invalid.
@@ -301,7 +304,7 @@ def _read_view_box(root: Element) -> tuple[float, float] | None:
 
 
 def _count_elements(root: Element) -> int:
-    """Count the elements of an SVG, including copies by <use>; stop above MAX_ELEMENTS."""
+    """Count the elements of an SVG, including copies by <use>; stop counting above MAX_ELEMENTS."""
     by_id = {element.get("id"): element for element in root.iter()}
     pending, count = [root], 0
     while pending and count <= MAX_ELEMENTS:
@@ -316,7 +319,7 @@ def _count_elements(root: Element) -> int:
 
 
 def _find_outlines(shape: Shape) -> Iterator[np.ndarray]:
-    """Yield the corners (n, 2), n >= 3, of each subpath of an SVG shape.
+    """Yield the corners (n, 2) of each subpath of an SVG shape that has at least 3 corners.
 
     Raises:
         ValueError: the path has an unknown command.
@@ -326,7 +329,9 @@ def _find_outlines(shape: Shape) -> Iterator[np.ndarray]:
 
     unknown = re.search(r"[^MZLHVCSQTAE\d\s,.+-]", str(shape.values.get("d", "")), re.IGNORECASE)
     if unknown:
-        raise ValueError(f"path command '{unknown[0]}' is unknown")
+        raise ValueError(
+            f"path command '{unknown[0]}' is unknown: use M, L, H, V, C, S, Q, T, A or Z"
+        )
     parts: list[list[tuple[float, float]]] = [[]]
     for segment in Curve(shape).segments(transformed=False):
         if isinstance(segment, Move | Close):

@@ -17,18 +17,18 @@ from .geometry import Motion, PlacedTarget, PoseHistory
 from .shapes import SHAPES
 from .target_factory import find_shape, is_solid, list_parameters, make_target
 
-MAX_TARGET_SIZE = 2.0  # m, size of the table
+MAX_TARGET_SIZE = 2.0  # m; side of the table
 Vector2 = tuple[float, float]
 PoseValues = tuple[float, float, float, float, float, float]
 
 
 def check_times(intervals: tuple[Vector2, ...] | None, name: str) -> None:
-    """Check that time intervals (s) have an end after their start.
+    """Check that the end of each time interval (s) is after its start.
 
     name: key of the intervals, for the error message.
 
     Raises:
-        ExperimentError: an interval starts before 0 or ends before its start.
+        ExperimentError: an interval starts before 0, or does not end after its start.
     """
     for begin, end in intervals or ():
         require(0.0 <= begin < end,
@@ -39,8 +39,9 @@ def check_times(intervals: tuple[Vector2, ...] | None, name: str) -> None:
 class BoxSpec:
     """Movable box under a target, which can be pushed and grasped.
 
-    size: along the target's x, y and z, m; its top is the target's plane. mass: kg. friction:
-    coefficient of its surface.
+    size: size along the x, y and z axes of the target frame, m; the target is on its top.
+    mass: mass, kg.
+    friction: friction coefficient of the surface.
     """
 
     size: tuple[float, float, float] = parameter(above=0.0, most=MAX_TARGET_SIZE)
@@ -55,28 +56,31 @@ class BoxSpec:
 class TargetSpec:
     """Settings of a target: shape, pose and motion.
 
-    shape: 'aras', the demo's two plates; another name in `targets.shapes.SHAPES`, or your own
-        'package.module:Class'; corners (x, y), m, of a flat polygon; or the path of an image, of an
-        SVG with an outline, or of a mesh (STL, OBJ, DAE, glTF; m), which is a solid.
-    size: of a named shape, an image or an SVG page along x and y, of a solid also along z, m;
-        None: as in the file (mesh; SVG with units), else 0.2 along each axis.
+    shape: one of: 'aras', the two plates of the demo; another name in `targets.shapes.SHAPES`; a
+        class of your own, 'package.module:Class'; corners (x, y), m, of a flat polygon; the path of
+        an image; the path of an SVG with an outline; the path of a mesh of a solid (STL, OBJ, DAE,
+        glTF; lengths in m).
+    size: size along x and y, m; for a solid along x, y and z. For an SVG, this is the size of its
+        page. None: the size in the file (mesh; SVG with units), else 0.2 along each axis.
     scale: factor on the lengths of a mesh, instead of size, such as 0.001 for mm.
-    marker: number of the tracked ArUco or AprilTag marker (5, 'DICT_5X5_100:5'), or a board of
-        markers, if the shape contains them; '': the marker with which the goal was taught. The
-        shape 'marker' is drawn with this number.
-    pose: pose of the target frame in the world: x, y, z (m), roll, pitch, yaw (rad); the z axis is
-        the normal. The plates of 'aras' are at (0, 0, 0.59) in this frame. motion: see Motion.
+    marker: ArUco or AprilTag marker that is tracked (5, 'DICT_5X5_100:5'), or a board of markers,
+        if the shape contains them; '': the marker with which the goal was taught. The shape
+        'marker' is drawn with this marker.
+    pose: pose of the target frame in the world: x, y, z (m), roll, pitch, yaw (rad). The z axis is
+        the normal of the target. The plates of 'aras' are at (0, 0, 0.59) in this frame.
+    motion: motion of the target; see Motion.
     occluder: lower and upper corner (x, y), m, of an opaque rectangle on the target.
-    occluded: intervals (start, end) in which the occluder is present, s of simulated time with the
-        resolution of the physics step (1 ms); the goal is taught without it. None: it is always
-        present, also when the goal is taught.
-    perturbed: change the texture of the target after the goal has been taught: brightness,
-        contrast, noise and an erased patch, all drawn with the seed.
+    occluded: intervals (start, end) in which the occluder is present, s of simulated time, with a
+        resolution of 1 ms, the physics step; the goal is taught without the occluder. None: the
+        occluder is always present, also when the goal is taught.
+    perturbed: whether the texture of the target is changed after the goal has been taught:
+        brightness, contrast, noise and an erased patch, all drawn with the seed.
     box: movable white box under the target; None: the target is fixed and has no collision shape
         (bullet).
-    model: model in the world file, one of whose links is the target, instead of a shape; the
-        simulation moves it. link: name of this link; '': the only link with visuals. Without a
-        model it is a fixed link of the robot description.
+    model: name of a model in the world file; the target is a link of this model, which the
+        simulation moves, and has the shape of this link.
+    link: name of the link that is the target: of `model`, or if `model` is empty, a fixed link of
+        the robot description. '': the only link of `model` with visuals.
     """
 
     shape: str | tuple[Vector2, ...] = parameter("aras", shorthand=True, importable=True)
@@ -97,7 +101,7 @@ class TargetSpec:
         """The target in the world.
 
         Raises:
-            ExperimentError: its shape cannot be read.
+            ExperimentError: the shape of the target cannot be read.
         """
         shape = make_target(self.shape, self.size, self.scale, self.shape_marker)
         pose_history = PoseHistory() if self.model else None
@@ -106,33 +110,33 @@ class TargetSpec:
 
     @property
     def shape_marker(self) -> str:
-        """Marker with which the shape is drawn; '' if the shape has no such parameter."""
+        """Marker with which the shape is drawn; '' if the shape has no parameter `marker`."""
         return self.marker if "marker" in list_parameters(self.shape) else ""
 
     @property
     def is_plain(self) -> bool:
-        """True if the target has no settings besides shape, size, pose, motion and marker."""
+        """True if the target has no box, occluder or perturbed texture, and is not a link."""
         has_object = self.box is not None or self.occluder is not None
         return not (has_object or self.perturbed or self.is_link)
 
     @property
     def is_link(self) -> bool:
-        """True if the target is a link of the world or of the robot, which has shape and pose."""
+        """True if the target is a link, of a model in the world or of the robot."""
         return bool(self.model or self.link)
 
     @property
     def is_provided(self) -> bool:
-        """True if the simulated world contains the target, so that no model has to be spawned."""
+        """True if the robot or the world already contains the target, so it need not be spawned."""
         return self.is_in_description or self.is_link
 
     @property
     def is_mountable(self) -> bool:
-        """True if the target can be fixed to a link: it has no motion, box or occluder."""
+        """True if the target can be fixed to a link, because it is plain and does not move."""
         return self.is_plain and self.motion.is_static
 
     @property
     def is_in_description(self) -> bool:
-        """True if the target is part of the robot description: corners in the world frame."""
+        """True if the robot description contains the target: it has corners, and no pose is set."""
         return isinstance(self.shape, tuple) and not any(self.pose)
 
     def __post_init__(self) -> None:
@@ -173,10 +177,14 @@ class TargetSpec:
         )
 
     def _check_marker(self, draws_marker: bool, has_name: bool) -> None:
-        """Check that the marker exists and that the target can show it.
+        """Check that the marker exists and that the target can contain it.
+
+        Args:
+            draws_marker: whether the shape has a parameter `marker`.
+            has_name: whether the shape is given by a name or a class.
 
         Raises:
-            ExperimentError: the marker is invalid, or the target shows no markers.
+            ExperimentError: the marker is invalid, or the target cannot contain markers.
         """
         from aras_visual_servo_camera.markers import MarkerChoice
 

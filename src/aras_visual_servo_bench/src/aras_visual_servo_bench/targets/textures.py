@@ -1,4 +1,4 @@
-"""Flat targets with a texture, also from image files."""
+"""Flat targets with a texture, drawn or read from an image file."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ PIXELS = 1200  # longer side of a generated texture, px
 class TexturedTarget(Target):
     """Rectangle in the plane z = 0 with a texture that faces along z.
 
-    pixels: (rows, columns) uint8; the first row is at +y, the first column at -x.
-    size: along x and y, m.
-    known_points: points (n, 2), m, that a tracker detects; None: the rectangle's corners.
+    pixels: image (rows, columns), uint8; the first row is at +y, the first column at -x.
+    size: size along x and y, m.
+    known_points: points (n, 2), m, that a tracker detects; None: the corners of the rectangle.
     """
 
     is_textured = True
@@ -32,12 +32,12 @@ class TexturedTarget(Target):
     known_points: np.ndarray | None = None
 
     def vertices(self) -> np.ndarray:
-        """Return the rectangle's corners in order, starting at the texture's first pixel."""
+        """Return the corners (4, 3) of the rectangle in order, starting at the first pixel."""
         w, h = 0.5 * np.asarray(self.size)
         return np.array([[-w, h, 0.0], [w, h, 0.0], [w, -h, 0.0], [-w, -h, 0.0]])
 
     def outline(self, target_T_camera: np.ndarray) -> np.ndarray:
-        """Project the rectangle."""
+        """Project the corners of the rectangle."""
         return project(self.vertices(), target_T_camera)
 
     def points(self, target_T_camera: np.ndarray) -> np.ndarray:
@@ -48,11 +48,11 @@ class TexturedTarget(Target):
         return project(points, target_T_camera)
 
     def perturb(self, seed: int) -> TexturedTarget:
-        """Return a copy whose texture is changed as in the protocols of Felton et al. and ViT-VS.
+        """Return a copy with a random change of its texture, as Felton et al. and ViT-VS do.
 
-        Brightness is multiplied by 0.4 to 1.6 and contrast by 0.6 to 1.4; Gaussian noise has a
-        standard deviation of 5 % of white; with probability 1/2 a patch of 2 to 33 % of the area is
-        erased.
+        Brightness is multiplied by a factor from 0.4 to 1.6, contrast by a factor from 0.6 to 1.4.
+        Gaussian noise is added, with a standard deviation of 5 % of white. With probability 1/2, a
+        patch of 2 to 33 % of the area is erased.
         """
         random = np.random.default_rng((seed, 489))
         pixels = self.pixels.astype(np.float32) * random.uniform(0.4, 1.6)
@@ -71,10 +71,10 @@ class TexturedTarget(Target):
 
 
 def read_image_target(path: Path, size: tuple[float, float]) -> TexturedTarget:
-    """Make a target from an image file that Pillow and OpenCV can read; transparency becomes white.
+    """Make a target from an image file; transparent pixels become white.
 
     Raises:
-        ExperimentError: the image cannot be read, or is too large by its header.
+        ExperimentError: the image cannot be read, or its header gives too large a size.
     """
     try:
         size_px = read_image_size(path)
@@ -82,12 +82,12 @@ def read_image_target(path: Path, size: tuple[float, float]) -> TexturedTarget:
         raise ExperimentError(f"target.texture: {error}") from None
     pixels = read_on_white(path) if size_px is not None else None
     if pixels is None or pixels.size == 0:
-        raise ExperimentError(f"target.texture: {path} is no readable image: give a PNG")
+        raise ExperimentError(f"target.texture: {path} is not a readable image: give a PNG")
     return TexturedTarget(pixels, size)
 
 
 def make_blank_image(size: tuple[float, float]) -> tuple[np.ndarray, float]:
-    """Make a white texture of this size (m); also return its pixels per metre."""
+    """Return a white image for a rectangle of this size (m), and its resolution in px per metre."""
     per_metre = PIXELS / max(size)
     shape = tuple(int(round(length * per_metre)) for length in reversed(size))
     return np.full(shape, 255, np.uint8), per_metre

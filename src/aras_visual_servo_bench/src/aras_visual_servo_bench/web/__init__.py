@@ -1,8 +1,8 @@
-"""Web pages: the live page, the results browser and the report, and their shared parts.
+"""Web pages: the live page, the results browser and the report; and the code that they share.
 
 Only commands and nodes that serve or write a page import this package.
 """
 
 from pathlib import Path
 
-SHARED = Path(__file__).parent / "page"  # scripts and style that several pages share
+SHARED = Path(__file__).parent / "page"  # folder of scripts and styles that several pages share

@@ -1,4 +1,4 @@
-"""Access rules of the web servers: a token in the address, and no requests of other origins."""
+"""Access rules of the web servers: requests need a token and must come from their own pages."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from ipaddress import IPv4Address, IPv6Address, ip_address
 
 LOCAL_HOSTS = (IPv4Address("127.0.0.1"), "localhost")
-# Host header: a name or an IPv6 address in brackets, and optionally a port.
+# Form of the Host header: a name or an IPv6 address in brackets, and optionally a port.
 HOST_PATTERN = re.compile(
     r"(?:\[(?P<six>[^][]+)\]|(?P<name>[^][:@/?#\\\s]+))(?::(?P<port>[0-9]{1,5}))?"
 )
@@ -20,8 +20,8 @@ class Access:
     """Access rules of one server.
 
     Attributes:
-        host, port: address on which the server listens.
-        token: secret that the address of a request must contain.
+        host, port: address and port on which the server listens.
+        token: secret that the URL of a request must contain.
     """
 
     host: str = "127.0.0.1"
@@ -30,7 +30,7 @@ class Access:
 
     @property
     def address(self) -> str:
-        """URL to open in a browser."""
+        """URL that the user opens in a browser."""
         host = self.host
         if self._is_wildcard:
             host = "::1" if ":" in host else "127.0.0.1"
@@ -40,39 +40,42 @@ class Access:
         """Return why a request is refused; '' if it is allowed.
 
         Args:
-            token: token of the request's address.
-            host: Host header. Its check prevents DNS rebinding: a foreign page whose domain name
-                resolves to this machine sends that name.
-            origin: Origin header, or None.
+            token: token in the URL of the request; '' if there is none.
+            host: Host header of the request. Its check prevents DNS rebinding: if the domain name
+                of a foreign page resolves to this machine, its requests have this name as host.
+            origin: Origin header of the request; None if there is none.
         """
         if not self._is_own(host):
-            return f"this page is not served under the name {host[:60]!r}"
+            return (
+                f"this page is not available under the name {host[:60]!r}: open the address that "
+                "the simulator has printed"
+            )
         if origin is not None and not (
             origin.startswith("http://") and self._is_own(origin.removeprefix("http://"))
         ):
             return f"requests from pages of {origin[:60]!r} are not allowed"
         if not token:
-            return "the address has no token: open the one that the simulator printed"
+            return "the address has no token: open the address that the simulator has printed"
         if not hmac.compare_digest(token.encode(), self.token.encode()):
-            return "the token is not this simulator's: open the address that it printed"
+            return "the token is wrong: open the address that the simulator has printed"
         return ""
 
     @property
     def _is_wildcard(self) -> bool:
-        """Whether the server listens on all addresses of the machine."""
+        """True if the server listens on all addresses of the machine."""
         host = _normalize_host(self.host)
         return host == "" or not isinstance(host, str) and host.is_unspecified
 
     def _is_own(self, host: str) -> bool:
-        """Return whether a Host header, NAME:PORT, refers to this server."""
+        """Return whether a Host header (NAME or NAME:PORT) is that of this server."""
         found = HOST_PATTERN.fullmatch(host)
         if found is None or int(found["port"] or 80) != self.port:
             return False
         name = _normalize_host(found["six"] or found["name"])
         if isinstance(name, IPv6Address) != bool(found["six"]):
             return False
-        # On all addresses, the names by which other machines know this one are unknown. An IP
-        # address is accepted then, because DNS rebinding needs a name.
+        # A server that listens on all addresses does not know its names on other machines. It
+        # accepts any IP address, because DNS rebinding needs a name.
         if self._is_wildcard:
             is_own = not isinstance(name, str)
         else:
@@ -81,7 +84,7 @@ class Access:
 
 
 def _normalize_host(text: str) -> str | IPv4Address | IPv6Address:
-    """Return an IP address without its zone, or any other name in lower case."""
+    """Return the IP address (IPv6 without zone) in a text, or a name in lower case."""
     try:
         found = ip_address(text)
     except ValueError:

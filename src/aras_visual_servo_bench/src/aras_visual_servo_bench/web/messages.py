@@ -1,4 +1,7 @@
-"""Messages of the web pages to their servers: JSON objects with a request's name and fields."""
+"""Messages from the web pages to their servers.
+
+A message is a JSON object with the name and the fields of a request.
+"""
 
 from __future__ import annotations
 
@@ -11,20 +14,21 @@ from aras_visual_servo_base.setting_values import format_value
 
 from ..errors import RefusedError
 
-MAX_BYTES = 4096  # default limit for a message
+MAX_BYTES = 4096  # default limit for the length of a message
 
 
 def read_message(
     text: str | bytes, requests: Mapping[str, type], max_bytes: int = MAX_BYTES
 ) -> tuple[str, dict[str, Any]]:
-    """Read the request's name and the fields of a message {"do": NAME, ...}.
+    """Return the name of the request and its fields from a message {"do": NAME, FIELD: VALUE, ...}.
 
     Args:
-        requests: the known requests by name.
-        max_bytes: limit for the length of the message, in characters.
+        text: the message.
+        requests: types of all requests by name.
+        max_bytes: largest length of the message, characters.
 
     Raises:
-        RefusedError: the message is too long, no such JSON object, or names an unknown request.
+        RefusedError: the message is too long, has another form, or its request is unknown.
     """
     if not isinstance(text, str) or len(text) > max_bytes:
         raise RefusedError(f"a request must be a text of at most {max_bytes} characters")
@@ -33,7 +37,7 @@ def read_message(
     except (ValueError, RecursionError):
         raise RefusedError("a request must be a JSON object") from None
     if not isinstance(data, dict) or not isinstance(data.get("do"), str):
-        raise RefusedError("a request must be a JSON object with a key 'do'")
+        raise RefusedError("a request must be a JSON object with its name as the key 'do'")
     do = data.pop("do")
     if do not in requests:
         raise RefusedError(f"there is no request {format_value(do)}: {suggest(do, requests)}")

@@ -1,7 +1,7 @@
-"""Base of the web servers of the live page and the results browser.
+"""Base class of the web servers of the live page and the results browser.
 
-A server runs Tornado in a separate thread. All pages have the same access rules (access.py) and
-the same HTTP headers.
+A server runs Tornado in its own thread. All servers have the same access rules (access.py) and HTTP
+headers.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ import tornado.web
 from ..errors import BenchError
 from .access import Access
 
-MAX_PORTS = 20  # successive ports to try
+MAX_PORTS = 20  # number of successive ports that are tried
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; "
     "img-src 'self' blob: data:; connect-src 'self'; base-uri 'none'; form-action 'none'; "
@@ -36,7 +36,8 @@ HEADERS = {
     "Cross-Origin-Resource-Policy": "same-origin",
 }
 
-# A report is a single file with inline scripts, styles and images.
+# Content-Security-Policy of a report, which is a single file with inline scripts, styles and
+# images.
 REPORT_POLICY = ("default-src 'none'; style-src 'unsafe-inline'; img-src data:; "
                  "script-src 'unsafe-inline'; base-uri 'none'; form-action 'none'; "
                  "frame-ancestors 'none'")  # fmt: skip
@@ -48,10 +49,10 @@ class PortTakenError(BenchError):
 
 
 def bind_free_port(host: str, port: int) -> tuple[list[socket.socket], str]:
-    """Listen on the first free port from `port` on.
+    """Listen on the first free port, starting with `port`.
 
     Returns:
-        The listening sockets, and a note if another port than `port` is used.
+        The listening sockets; and a note if `port` is not free, otherwise ''.
 
     Raises:
         PortTakenError: no port is free, or the address does not belong to this machine.
@@ -63,28 +64,33 @@ def bind_free_port(host: str, port: int) -> tuple[list[socket.socket], str]:
         except OSError as error:
             if error.errno in (errno.EADDRINUSE, errno.EACCES):
                 continue
-            raise PortTakenError(f"the page cannot listen on {host}:{port}: {error.strerror}; use "
-                                 "an address of this machine") from error  # fmt: skip
+            raise PortTakenError(f"the server cannot listen on {host}:{port}: {error.strerror}; "
+                                 "use an address of this machine") from error  # fmt: skip
         note = "" if candidate == port else f"port {port} is taken"
         return sockets, note
-    raise PortTakenError(f"the page finds no free port from {port} to {last - 1} on {host}: use "
+    raise PortTakenError(f"there is no free port from {port} to {last - 1} on {host}: use "
                          "another port")  # fmt: skip
 
 
 class WebServer(ABC):
-    """Base of a web server that runs in its own thread until it is closed.
+    """Base class of a web server that runs in its own thread until it is closed.
 
     Attributes:
-        access: rules that decide which requests are answered.
+        access: access rules of the server.
         workers: threads for slow tasks.
     """
 
-    index: Path  # HTML file of the page
-    max_message_bytes = 65536  # limit for a request
-    is_compressed = True  # compress the responses
+    index: Path  # path of the HTML file of the page
+    max_message_bytes = 65536  # largest length of a request, bytes
+    is_compressed = True  # True if the responses are compressed
 
     def __init__(self, access: Access, sockets: list[socket.socket]) -> None:
-        """Create a server on the sockets of `bind_free_port`, whose port is that of `access`."""
+        """Create a server.
+
+        Args:
+            access: access rules. Their host and port are those of the sockets.
+            sockets: listening sockets, from `bind_free_port`.
+        """
         self.access = access
         self.workers = ThreadPoolExecutor(4, "page")
         self._sockets = sockets
@@ -95,11 +101,11 @@ class WebServer(ABC):
 
     @abstractmethod
     def list_routes(self) -> list[tuple[str, type[AuthorizedHandler]]]:
-        """Return the URL patterns and handlers in addition to the page and its files."""
+        """Return further URL patterns and handlers, in addition to the page and its files."""
 
     @abstractmethod
     def find_page_file(self, name: str) -> str | None:
-        """Return the text of a script or style sheet of the page, or None if it does not exist."""
+        """Return the text of a script or style sheet of the page; None if it does not exist."""
 
     def start(self) -> None:
         """Start the server's thread."""
@@ -114,10 +120,10 @@ class WebServer(ABC):
         self.workers.shutdown(wait=False, cancel_futures=True)
 
     def on_start(self) -> None:
-        """Prepare the server; called in its thread before it answers requests."""
+        """Prepare the server; it is called in the server's thread before the first request."""
 
     def on_stop(self) -> None:
-        """Release resources; called in the server's thread when it stops."""
+        """Release resources; it is called in the server's thread when the server stops."""
 
     def _run(self) -> None:
         asyncio.set_event_loop(asyncio.new_event_loop())
@@ -152,7 +158,7 @@ class WebServer(ABC):
 
 
 class AuthorizedHandler(tornado.web.RequestHandler):
-    """Base of all handlers; it refuses requests that `Access` does not allow."""
+    """Base class of all handlers. It refuses requests that the access rules do not allow."""
 
     def initialize(self, server: WebServer) -> None:
         self.server = server
@@ -176,16 +182,16 @@ class AuthorizedHandler(tornado.web.RequestHandler):
         )
 
     def read_token(self) -> str:
-        """Return the token of the address."""
+        """Return the token in the URL of the request; '' if there is none."""
         return self.get_query_argument("token", "")
 
     def send_not_found(self, text: str = "There is nothing here.") -> None:
-        """Answer with status 404 and a text."""
+        """Answer with the status 404 and a text."""
         self.set_status(404)
         self.finish(f"{text}\n")
 
     def send_report(self, path: Path) -> None:
-        """Answer with a report, a page with inline scripts and images."""
+        """Answer with a report, whose page contains its scripts and images."""
         self.set_header("Content-Security-Policy", REPORT_POLICY)
         self.finish(path.read_bytes())
 
@@ -208,9 +214,9 @@ class PageFileHandler(AuthorizedHandler):
     """Handler of the scripts and the style sheet of a page."""
 
     def read_token(self) -> str:
-        """Return the valid token: these files need none.
+        """Return the valid token, so that these files are available without a token.
 
-        A script cannot pass the token to its imports, and the files contain no secrets.
+        A script cannot pass the token to the scripts that it imports. The files contain no secrets.
         """
         return self.server.access.token
 
@@ -232,12 +238,15 @@ def start_server(
     port: int,
     token: str = "", say: Callable[[str], None] = print,
 ) -> ServerT:  # fmt: skip
-    """Start a server on the first free port, and report its address by `say`.
+    """Start a server on the first free port.
 
     Args:
-        make_server: creates the server.
-        page_name: name of the page in the report.
-        token: token of the address; random if empty.
+        make_server: function that creates the server from its access rules and sockets.
+        page_name: name of the page, for the message.
+        address: address on which the server listens.
+        port: first port to try.
+        token: token in the URL of the page; '' for a random token.
+        say: function that is called with a message that contains the URL.
 
     Raises:
         PortTakenError: no port is free.

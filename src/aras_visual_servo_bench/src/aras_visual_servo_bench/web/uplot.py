@@ -1,8 +1,8 @@
-"""Access to uPlot, the plotting library of the web pages.
+"""Files of uPlot, the plotting library of the web pages.
 
-uPlot (https://github.com/leeoniya/uPlot, MIT) has 52 kB and draws in milliseconds. Plotly's basic
-bundle has 1.1 MB, Vega-Lite with its dependencies 0.9 MB, and both take seconds for the same plots.
-The Python package youplot contains the files. The hashes below are those of npm's uplot 1.6.31.
+uPlot (https://github.com/leeoniya/uPlot, MIT) has 52 kB and draws in milliseconds. For the same
+plots, Plotly (1.1 MB) and Vega-Lite (0.9 MB with its dependencies) take seconds. The Python package
+youplot contains the files of uPlot. The hashes below are those of uplot 1.6.31 in npm.
 """
 
 from __future__ import annotations
@@ -20,18 +20,22 @@ VERSION = "1.0.0"
 
 
 def read_uplot(file: tuple[str, str]) -> str:
-    """Return the text of SCRIPT or STYLE.
+    """Return the text of a file of uPlot.
+
+    file: SCRIPT or STYLE.
 
     Raises:
         BenchError: the file is missing or has a different hash.
     """
     name, digest = file
-    found = importlib.util.find_spec(CARRIER_PACKAGE)  # does not import the package
+    found = importlib.util.find_spec(CARRIER_PACKAGE)  # find the package without importing it
     if found is None or not found.submodule_search_locations:
         raise make_missing_library_error("uPlot, the plotting library of the pages,")
     path = Path(found.submodule_search_locations[0]) / "vendor" / name
     content = path.read_bytes() if path.is_file() else b""
     if hashlib.sha256(content).hexdigest() != digest:
-        raise BenchError(f"{path} is not the uPlot version of these pages: pip install "
-                         f"--force-reinstall {CARRIER_PACKAGE}=={VERSION}")  # fmt: skip
+        raise BenchError(
+            f"{path} is missing or differs from the version of uPlot that the pages need; run: "
+            f"pip install --force-reinstall {CARRIER_PACKAGE}=={VERSION}"
+        )
     return content.decode()

@@ -1,9 +1,9 @@
 """Search and measurement of edges along the rows and columns of an image.
 
-A steep edge is searched along the image row, any other edge along the column. Whole pixels are
-read, and none are interpolated. The grey level of a pixel is the mean over its square. If a
-straight edge separates two uniform grey levels, the sum of the levels over a row therefore gives
-the exact column at which the edge crosses the middle of that row.
+An edge at more than 45 degrees to the rows is searched along a row, any other edge along a column.
+The grey levels of pixels are used without interpolation. Each of them is the mean over the square
+of a pixel. If a straight edge separates two uniform grey levels, the sum of the levels along a row
+therefore gives the exact column at which the edge crosses the middle of the row.
 """
 
 from __future__ import annotations
@@ -13,30 +13,35 @@ import numpy as np
 from aras_visual_servo_base.compiled import jit
 
 MAX_CANDIDATES = 4  # edge candidates per point
-MAX_LEVEL_PIXELS = 3  # pixels that are averaged to a grey level on either side
-SEARCH_SLACK = 0.35  # px; an edge this far from its expected place is measured without loss
+MAX_LEVEL_PIXELS = 3  # largest number of pixels whose mean is the grey level on one side of an edge
+# Half of the extra width of the interval over which levels are summed, px. An edge up to this far
+# from its expected place is inside the interval.
+SEARCH_SLACK = 0.35
 MAX_DISTANCE = 1.5  # px; largest distance of a measured edge from its expected place
-MAX_UNEVENNESS = 0.35  # largest variation of the pixels of one level, relative to the contrast
+# Largest deviation of a pixel from the grey level on its side of the edge, as a fraction of the
+# contrast.
+MAX_UNEVENNESS = 0.35
 UNKNOWN_LEVEL = -1.0  # placeholder for an unknown grey level
-LEARNING_RATE = 0.2  # weight of a new image in the stored levels
-NOISE_ROWS = 8  # rows of an image in which its noise is measured
+LEARNING_RATE = 0.2  # weight of the newest image in the stored grey levels
+NOISE_ROWS = 8  # number of image rows in which the noise is measured
 
 
 @jit("u1[:,:], f8[:,::1], f8[:,::1], f8[:,::1], f8, f8, f8")
 def find_candidates(grey, pixel, normal, expected_levels, reach, min_change, tolerance):
-    """Find the places of steepest change within `reach` px of each point, the nearest first.
+    """Find the edges near each point: local maxima of the change of grey level.
 
     Args:
         grey: (rows, columns) image.
-        pixel, normal: (n, 2) as in EdgePoints.
-        expected_levels: (n, 2) grey levels on the side of the normal and on the other;
-            UNKNOWN_LEVEL accepts any level.
-        reach: search distance along the normal, px.
-        min_change: smallest change that is an edge, grey levels.
+        pixel, normal: (n, 2) `pixels` and `normals` of EdgePoints.
+        expected_levels: (n, 2) expected grey levels on the side of the normal and on the other
+            side; UNKNOWN_LEVEL accepts any level.
+        reach: largest distance from the point along the normal, px.
+        min_change: smallest change at an edge, grey levels.
         tolerance: largest difference from an expected level, grey levels.
 
     Returns:
-        (n, MAX_CANDIDATES) distances along the normal, px; NaN if there are fewer candidates.
+        (n, MAX_CANDIDATES) distances of the edges along the normal, px, the nearest edge first; NaN
+        if there are fewer edges.
     """
     rows, columns = grey.shape
     candidates = np.full((len(pixel), MAX_CANDIDATES), np.nan)
@@ -45,7 +50,7 @@ def find_candidates(grey, pixel, normal, expected_levels, reach, min_change, tol
         k = 0 if abs(normal[n, 0]) >= abs(normal[n, 1]) else 1
         along = normal[n, k]
         line = int(np.rint(pixel[n, 1 - k]))
-        # Position at which the edge crosses the middle of this row or column.
+        # Position at which the expected edge crosses the middle of this row or column.
         edge_position = pixel[n, k] - (line - pixel[n, 1 - k]) * normal[n, 1 - k] / along
         middle = int(np.rint(edge_position))
         span = int(reach / abs(along)) + 1
@@ -85,7 +90,7 @@ def find_candidates(grey, pixel, normal, expected_levels, reach, min_change, tol
             bend = before - 2.0 * c + behind
             shift = 0.5 * (before - behind) / bend if bend < 0.0 else 0.0
             offset = (i + 0.5 + shift - edge_position) * along
-            # Insert the candidate in order of distance.
+            # Insert the candidate such that the distances increase.
             place = count
             while place > 0 and abs(candidates[n, place - 1]) > abs(offset):
                 if place < MAX_CANDIDATES:
@@ -103,13 +108,16 @@ def measure_edges(grey, pixel, normal, room, expected_levels, min_change, tolera
 
     Args:
         grey: (rows, columns) image.
-        pixel, normal, room: as in EdgePoints.
+        pixel, normal, room: (n, 2) `pixels`, `normals` and `room` of EdgePoints.
         expected_levels, min_change, tolerance: as in `find_candidates`.
         noise: rms noise of a pixel, grey levels.
 
     Returns:
-        (n, 4): distance along the normal, px, NaN where no edge is measured; the grey levels on the
-        side of the normal and on the other side; the variance of the distance due to noise, px^2.
+        (n, 4) with the columns
+            0: distance of the edge along the normal, px;
+            1, 2: grey levels on the side of the normal and on the other side;
+            3: variance of the distance due to noise, px^2.
+        All four are NaN if no edge is measured.
     """
     rows, columns = grey.shape
     found = np.full((len(pixel), 4), np.nan)
@@ -127,7 +135,7 @@ def measure_edges(grey, pixel, normal, room, expected_levels, min_change, tolera
         inside = counted = 0
         slope_of = 0.0
         for _ in range(3):
-            # Pixels that the edge touches: half the width of the transition on either side.
+            # Half of the interval that contains all pixels that the edge crosses.
             half = 0.5 * (1.0 + slope) + SEARCH_SLACK
             first, last = int(np.ceil(place - half)), int(np.floor(place + half))
             before = min(
@@ -160,7 +168,7 @@ def measure_edges(grey, pixel, normal, room, expected_levels, min_change, tolera
             for i in range(behind):
                 spread = max(spread, abs(values[count - 1 - i] - right))
             slope_of = max(spread - 3.0 * noise, 0.0)
-            if slope_of > 0.0:  # shaded surface: extrapolate the levels to the edge
+            if slope_of > 0.0:  # the surface is shaded: extrapolate the levels to the edge
                 left, right = values[before - 1], values[count - behind]
                 if before > 1:
                     left += 0.5 * (left - values[before - 2])
@@ -203,7 +211,8 @@ def measure_edges(grey, pixel, normal, room, expected_levels, min_change, tolera
 def estimate_noise(grey):
     """Estimate the standard deviation of a pixel's noise, in grey levels.
 
-    The image has to be smooth for the most part.
+    The estimate is the median of second differences along some rows. It is correct if more than
+    half of these pixels are in smooth regions of the image.
     """
     rows, columns = grey.shape
     counts, total = np.zeros(1021, np.int64), 0
@@ -225,11 +234,15 @@ def estimate_noise(grey):
 
 @jit("i8[::1], b1[:,::1], f8[:,::1]")
 def predict_levels(edge, facing, levels):
-    """Return the stored grey levels (n, 2) on both sides of each point's edge.
+    """Return the stored grey levels on both sides of each point's edge.
 
     Args:
-        edge, facing: `edges` and `are_faces_visible` of EdgePoints.
-        levels: (E, 2) stored levels of the edges, or UNKNOWN_LEVEL.
+        edge: (n,) `edges` of EdgePoints.
+        facing: (n, 2) `are_faces_visible` of EdgePoints.
+        levels: (E, 2) stored grey levels on both sides of each of the solid's E edges.
+
+    Returns:
+        (n, 2) grey levels; UNKNOWN_LEVEL on a side whose face is not visible.
     """
     found = np.full((len(edge), 2), UNKNOWN_LEVEL)
     for n in range(len(edge)):
@@ -241,13 +254,14 @@ def predict_levels(edge, facing, levels):
 
 @jit("f8[:,::1], i8[::1], b1[:,::1], f8[:,::1], f8[::1], f8")
 def update_levels(levels, edge, facing, values, residuals, inlier_distance):
-    """Update the stored levels of the edges with those measured at their points.
+    """Update the stored grey levels of the edges with the levels measured at their points.
 
     Args:
-        levels, edge, facing: as in `predict_levels`; `levels` is changed.
+        levels: (E, 2) stored grey levels, as in `predict_levels`. This array is changed.
+        edge, facing: as in `predict_levels`.
         values: (n, 4) result of `measure_edges`.
-        residuals: (n,) px. Points with residuals of `inlier_distance` or more are ignored.
-        inlier_distance: px.
+        residuals: (n,) distances of the measured edges from the fitted pose's edges, px.
+        inlier_distance: points with residuals of this size or more are ignored, px.
     """
     total, count = np.zeros(levels.shape), np.zeros(levels.shape)
     for n in range(len(edge)):

@@ -24,44 +24,52 @@ from .pose_fitting import INLIER_DISTANCE, assess_pose, fit_pose
 from .solid import Solid
 from .visible_edges import EdgePoints, sample_visible_edges
 
-# Spacing of the points (px) for the search for edges, and for their measurement.
+# Distance between two points on an edge, px, for the search for edges and for their measurement.
 SEARCH_SPACING, MEASUREMENT_SPACING = 6.0, 4.0
-MIN_POINTS = 60  # with fewer points (a solid that is small in the image) the spacing is reduced
-SEARCH_RANGE = 10.0  # px on either side of the expected edge
-START_SEARCH_RANGES = (20.0, 10.0, 40.0)  # px, tried in this order from a rough start pose
-MAX_SEARCHES, MAX_MEASUREMENTS = 4, 3  # largest numbers of iterations per image
-MEASUREMENT_RANGE = 0.7  # px; after a smaller change of the pose, edges are measured, not searched
-REPEAT_CHANGE = 0.1  # px; after a larger change of the pose, edges are measured again
-MIN_CHANGE, MIN_NOISE_RATIO = 10.0, 3.5  # smallest edge: grey levels, and multiples of the noise
-# Smallest scale of the residuals (px) in the first and in the last step of a fit, for the search
-# and for the measurement. A fit that starts with the small scale would ignore the edges that
-# disagree with a wrong pose.
+MIN_POINTS = 60  # if there are fewer points, because the solid is small, the spacing is reduced
+SEARCH_RANGE = 10.0  # px; edges are searched up to this distance from their expected place
+# Search ranges for a rough start pose, px. They are tried in this order.
+START_SEARCH_RANGES = (20.0, 10.0, 40.0)
+# Largest number of searches for edges, and of measurements of edges, in one image.
+MAX_SEARCHES, MAX_MEASUREMENTS = 4, 3
+# The search for edges ends, and their measurement starts, after a change of the pose by less, px.
+MEASUREMENT_RANGE = 0.7
+REPEAT_CHANGE = 0.1  # px; after a larger change of the pose, the edges are measured again
+# Smallest change of grey level at an edge: in grey levels, and as a multiple of the noise.
+MIN_CHANGE, MIN_NOISE_RATIO = 10.0, 3.5
+# Smallest scale of the residuals, px, in the first and in the last step of a fit: for the search,
+# and for the measurement. If a fit started with the last scale, it would reject the edges that
+# disagree with its initial pose, even if this pose is wrong.
 SEARCH_SCALES, MEASUREMENT_SCALES = (0.5, 0.5), (0.3, 0.02)
-EDGE_ACCURACY = 0.03  # px, error of a measured edge without noise
-LEVEL_TOLERANCE = 25.0  # largest difference from a stored grey level
-# With fewer inliers, or a smaller share of the visible points, the solid is lost.
+EDGE_ACCURACY = 0.03  # px, error of a measured edge in an image without noise
+LEVEL_TOLERANCE = 25.0  # largest difference of a measured grey level from the stored level
+# The solid is lost if there are fewer inliers, or if they are a smaller fraction of the visible
+# points.
 MIN_INLIERS, MIN_INLIER_SHARE = 15, 0.45
-DEPTH_SPACING = 8  # px between the pixels of a depth image that are used
-# Inlier share relative to that of the last image; above this, no search for edges is needed.
+DEPTH_SPACING = 8  # one pixel of a depth image is used every so many columns and rows
+# No search for edges is needed if the fraction of inliers, divided by that of the last image, is
+# above this value.
 MIN_SHARE_RATIO = 0.9
-MIN_ROOM = 4.0  # px to other edges; with less, a point cannot be measured
+MIN_ROOM = 4.0  # px; a point cannot be measured if another edge is nearer
 NO_POINTS = np.empty((0, 3))
 
 
 @dataclass(frozen=True, eq=False)
 class TrackedPose:
-    """A pose and its accuracy.
+    """Pose of a solid in one image, and the accuracy of this pose.
 
     Attributes:
-        camera_T_solid: (4, 4).
-        covariance: (6, 6) of a pose change (m, rad) about the middle of the solid, in the camera's
-            axes; very large in directions that the edges do not determine.
-        unrepeatable_part: fraction (0 to 1) of the standard deviations by which the result of
-            another image from the same pose can differ. It follows from the excess of the residuals
-            over noise and measurement error, and is 1 if the edges leave a motion undetermined.
-        inlier_share: fraction of the visible edge points that are inliers of the pose.
+        camera_T_solid: (4, 4) pose of the solid in the camera's frame.
+        covariance: (6, 6) covariance of the pose's error, a translation (m) and a rotation (rad)
+            about the middle of the solid in the camera's axes. It is very large in directions that
+            the edges do not determine.
+        unrepeatable_part: part of the standard deviations, 0 to 1, that differs between images from
+            the same pose. It is computed from the excess of the residuals over the expected noise
+            and measurement error, and is 1 if the edges do not determine the pose.
+        inlier_share: fraction of the visible edge points whose measured edge agrees with the pose
+            (inliers).
         inlier_count: number of inliers.
-        residual: rms distance of the inliers, px.
+        residual: rms distance of the inliers from the solid's edges, px.
         loss_reason: message if the solid is lost, otherwise empty.
     """
 
@@ -75,10 +83,10 @@ class TrackedPose:
 
 
 class ModelTracking:
-    """Tracker of a solid; `start` sets the pose for the first image.
+    """Tracks a solid from image to image; `start` sets its pose in the first image.
 
     Attributes:
-        solid: the solid that is tracked.
+        solid: solid that is tracked.
         tracked_pose: result of the last image; None before the first image.
     """
 
@@ -89,7 +97,7 @@ class ModelTracking:
         self.start(None)
 
     def start(self, camera_T_solid: np.ndarray | None) -> None:
-        """Restart from a rough pose (4, 4), or stop if the pose is None."""
+        """Restart the tracking from a rough pose (4, 4); stop it if the pose is None."""
         self.tracked_pose: TrackedPose | None = None
         self._pose = None if camera_T_solid is None else np.array(camera_T_solid, float)
         self._motion, self._is_new, self._inlier_share = np.zeros(6), True, 0.0
@@ -109,15 +117,15 @@ class ModelTracking:
         Args:
             grey: (rows, columns) image.
             camera: intrinsics and distortion.
-            expected_pose: (4, 4) camera_T_solid, if the motion is known from another source. By
-                default the motion between the last two images is extrapolated.
-            depth: (rows, columns) depth along the optical axis, m, if there is a depth image.
+            expected_pose: (4, 4) expected camera_T_solid. By default, it is extrapolated from the
+                motion between the last two images.
+            depth: (rows, columns) depth image, m along the optical axis; None if there is none.
 
         Raises:
-            ModelError: the tracker was not started.
+            ModelError: the tracker has no start pose.
         """
         if self._pose is None:
-            raise ModelError(f"{self.solid.name}: the tracker has no start pose")
+            raise ModelError(f"{self.solid.name}: the tracker has no start pose; call `start`")
         last_pose = self._pose
         if expected_pose is None:
             expected_pose = exponential(self._motion) @ last_pose
@@ -127,9 +135,9 @@ class ModelTracking:
         )
         if self._is_new:
             attempts = [(expected_pose, reach) for reach in START_SEARCH_RANGES]
-        else:  # try first without a search
+        else:  # measure the edges at their expected places first, then search for them
             attempts = [(expected_pose, 0.0), (expected_pose, SEARCH_RANGE)]
-        if np.abs(self._motion).max() > 0.0:  # the motion may have stopped
+        if np.abs(self._motion).max() > 0.0:  # the motion may have stopped: try the last pose, too
             attempts.append((last_pose, SEARCH_RANGE))
         best = None
         for pose, reach in attempts:
@@ -199,7 +207,7 @@ class ModelTracking:
         self, samples: EdgePoints, edge_offsets: np.ndarray, weight: np.ndarray, pose: np.ndarray,
         scales: tuple[float, float],
     ) -> tuple[np.ndarray, float, np.ndarray, np.ndarray]:  # fmt: skip
-        """Fit the pose with `fit_pose`."""
+        """Call `fit_pose` with the fields of the samples and of the solid."""
         solid = self.solid
         return fit_pose(
             samples.solid_points, samples.image_points, samples.gains, edge_offsets, weight,
@@ -210,7 +218,10 @@ class ModelTracking:
     def _sample_depth(
         self, depth: np.ndarray, camera: CameraModel, pose: np.ndarray
     ) -> np.ndarray:
-        """Return normalised x, y and depth, m, (n, 3), of pixels around the solid."""
+        """Return the points (n, 3) of a depth image around the solid: normalised x, y and depth, m.
+
+        pose: (4, 4) expected camera_T_solid.
+        """
         points = self.solid.vertices @ pose[:3, :3].T + pose[:3, 3]
         if not (points[:, 2] > 0.0).all():
             return NO_POINTS

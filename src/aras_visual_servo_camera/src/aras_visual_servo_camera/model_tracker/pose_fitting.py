@@ -1,13 +1,19 @@
-"""Gauss-Newton estimation of a pose from the distances of edges and surfaces.
+"""Gauss-Newton estimation of a solid's pose from measured edges and depth images.
 
-    p = R P + t,  dp = v + w x (p - o) / u,   residual of an edge: d - g . (p_xy / p_z - q),
-                                              residual of a surface: n . (X - p).
+A point P of the solid is at p = R P + t in the camera's frame. The unknowns are the changes v and w
+of the pose, which move the point by
 
-o is a point in the camera's frame. w is an angle multiplied by the length u, so its unit is m. For
-an edge, d is the distance in px along its normal from the image point q (normalised) where it is
-expected, and g is the change of d in px per unit of normalised coordinates. For a surface, X is a
-point of the depth image, and p and n are a point and the normal of the face that X belongs to.
-The residuals are weighted by Tukey's function, which gives outliers no weight.
+    dp = v + w x (p - o) / u.
+
+o is a point in the camera's frame. w is an angle multiplied by the length u, so the unit of v and w
+is m. The residuals are
+
+    d - g . (p_xy / p_z - q)  of an edge,      n . (X - p)  of a surface.
+
+An edge is expected at the image point q (normalised), and measured at the distance d in px along
+its normal. g is the change of d in px per unit of normalised coordinates. X is a point of the depth
+image. It belongs to a face of the solid with the normal n and the vertex p. The residuals are
+weighted by Tukey's function, whose weight for outliers is zero.
 
 References: T. Drummond and R. Cipolla, Real-time visual tracking of complex structures, IEEE PAMI
 24(7), 2002; A. I. Comport, E. Marchand, M. Pressigout and F. Chaumette, Real-time markerless
@@ -23,13 +29,16 @@ from aras_visual_servo_base.compiled import jit, jit_inline
 
 MAX_ITERATIONS = 6  # largest number of Gauss-Newton steps
 CONVERGED_CHANGE = 0.01  # px; the iteration stops after a smaller change of the pose
-SCALE_REDUCTION = 0.3  # factor on the minimum scale of the residuals from step to step
-# In units of the solid's radius: step size of a motion that the edges do not determine, and best
-# accuracy of the points of a depth image. For a radius of 5 cm these are 5 mm and 0.3 mm.
-MAX_FREE_STEP, FLATNESS = 0.1, 6e-3
-TUKEY_CONSTANT = 4.685  # residuals beyond this many standard deviations have no weight
-INLIER_DISTANCE = 1.0  # px from the solid's edge within which a measured edge is an inlier
-UNOBSERVABLE_VARIANCE = 1e4  # m^2, for motions that the edges do not determine
+SCALE_REDUCTION = 0.3  # each step multiplies the smallest scale of the residuals by this factor
+# Step size of a motion that the edges do not determine, in radii of the solid (5 mm for a radius of
+# 5 cm).
+MAX_FREE_STEP = 0.1
+# Smallest standard deviation of the points of a depth image, in radii of the solid (0.3 mm for a
+# radius of 5 cm).
+FLATNESS = 6e-3
+TUKEY_CONSTANT = 4.685  # the weight of residuals beyond this many standard deviations is zero
+INLIER_DISTANCE = 1.0  # px; a measured edge is an inlier if it is nearer to the solid's edge
+UNOBSERVABLE_VARIANCE = 1e4  # m^2, variance of a motion that the edges do not determine
 MAD_FACTOR = 1.4826  # ratio of the standard deviation to the median absolute deviation
 
 
@@ -37,21 +46,23 @@ MAD_FACTOR = 1.4826  # ratio of the standard deviation to the median absolute de
 def build_edge_equations(
     solid_points, image_points, gain, edge_offsets, weight, T, origin, unit, min_scale
 ):
-    """Build the normal equations of edge points for a change (v, w) of the pose T.
+    """Build the normal equations A (v, w) = b of edge points for a change (v, w) of the pose T.
 
-    The change is in the camera's axes.
+    This module's docstring defines the symbols. v and w are in the camera's axes.
 
     Args:
-        solid_points, image_points, gain: as in EdgePoints.
-        edge_offsets: (n, c) px along the normal of each candidate edge, NaN for none. The candidate
-            nearest to the projected point is used.
-        weight: (n,).
+        solid_points: (n, 3) points on the solid's edges, in its frame, m.
+        image_points: (n, 2) image points q at which they are expected, normalised.
+        gain: (n, 2) g.
+        edge_offsets: (n, c) distances d of the candidate edges, px; NaN if there are fewer. The
+            candidate nearest to the projected point is used.
+        weight: (n,) weight of each point.
         T: (4, 4) camera_T_solid.
         origin, unit: o (3,) and u.
         min_scale: smallest scale of the residuals, px.
 
     Returns:
-        A (6, 6) and b (6,); residuals (n,), NaN where there is no edge.
+        A (6, 6); b (6,); the residuals (n,), NaN for a point without a candidate edge.
     """
     count = len(solid_points)
     rows, residuals = np.empty((count, 6)), np.full(count, np.nan)
@@ -118,7 +129,10 @@ def build_edge_equations(
 
 @jit_inline
 def _is_inside_triangle(x, y, z, a, b, c, n):
-    """Check that a point of the triangle's plane is inside the triangle."""
+    """Return whether the point (x, y, z) in the plane of the triangle a, b, c is inside it.
+
+    n: normal of the triangle.
+    """
     for p, q in ((a, b), (b, c), (c, a)):
         ex, ey, ez = q[0] - p[0], q[1] - p[1], q[2] - p[2]
         fx, fy, fz = x - p[0], y - p[1], z - p[2]
@@ -131,18 +145,18 @@ def _is_inside_triangle(x, y, z, a, b, c, n):
 
 @jit("f8[:,::1], i8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8, f8")
 def build_surface_equations(vertices, faces, normals, measured_points, T, origin, unit, min_scale):
-    """Build the normal equations of a depth image, with weights in 1/m^2.
+    """Build the normal equations A (v, w) = b of the points of a depth image.
 
-    The unknowns are those of `build_edge_equations`.
+    The weights of the residuals are in 1/m^2.
 
     Args:
-        vertices, faces, normals: as in Solid.
+        vertices, faces, normals: fields of Solid.
         measured_points: (n, 3) normalised x, y of pixels and their depth, m.
         T, origin, unit: as in `build_edge_equations`.
         min_scale: smallest scale of the residuals, m.
 
     Returns:
-        A (6, 6), b (6,), and the number of points on the solid.
+        A (6, 6); b (6,); the number of points on the solid.
     """
     points, rotated_normals = np.empty((len(vertices), 3)), np.empty((len(faces), 3))
     for i in range(len(vertices)):
@@ -200,7 +214,10 @@ def build_surface_equations(vertices, faces, normals, measured_points, T, origin
 
 @jit("f8[:,::1], f8[::1], f8[::1]", allocates=False)
 def _remove_motion(A, b, free_motion):
-    """Project a motion (6,) of unit length out of the normal equations, in place."""
+    """Remove a motion from the normal equations A (v, w) = b; A and b are changed.
+
+    free_motion: (6,) unit vector along (v, w).
+    """
     component = 0.0
     for i in range(6):
         component += free_motion[i] * b[i]
@@ -221,10 +238,13 @@ def _remove_motion(A, b, free_motion):
 
 @jit("f8[:,::1], f8[::1], f8[::1], f8[::1]")
 def _update_pose(T, rotation, translation, middle):
-    """Return the pose T (4, 4) rotated by a rotation vector (3,).
+    """Return a pose (4, 4) that differs from T by a rotation and has a new position.
 
-    `middle` (3,) is the solid's middle in its own frame, `translation` (3,) its new position in the
-    camera's frame.
+    Args:
+        T: (4, 4) camera_T_solid.
+        rotation: (3,) rotation vector, rad, in the camera's axes.
+        translation: (3,) new position of the solid's middle in the camera's frame, m.
+        middle: (3,) middle of the solid in its own frame, m.
     """
     angle = np.sqrt(rotation[0] ** 2 + rotation[1] ** 2 + rotation[2] ** 2)
     first, second = 1.0, 0.5
@@ -251,22 +271,23 @@ def _update_pose(T, rotation, translation, middle):
 def fit_pose(solid_points, image_points, gain, edge_offsets, weight, T, first_scale, last_scale,
     middle, radius, free_motions, vertices, faces,
            normals, surface):  # fmt: skip
-    """Fit a pose to edges and to the points of a depth image.
+    """Fit a pose to measured edges and to the points of a depth image.
 
     Args:
         solid_points, image_points, gain, edge_offsets, weight: as in `build_edge_equations`.
-        T: (4, 4) initial pose.
-        first_scale, last_scale: smallest scale of the residuals in the first and in the last steps,
+        T: (4, 4) initial camera_T_solid.
+        first_scale, last_scale: smallest scale of the residuals in the first and in the last step,
             px.
-        middle, radius: middle (3,) of the solid in its frame, and its radius, m. They give o and u.
-        free_motions: (k, 6), the rows are the motions of Solid.compute_free_motions; they are
-            removed.
-        vertices, faces, normals: as in Solid.
-        surface: (n, 3) `measured_points` of `build_surface_equations`.
+        middle: (3,) middle of the solid in its own frame, m; o is this point in the camera's frame.
+        radius: radius of the solid, m, which is used for u.
+        free_motions: (k, 6) motions that leave the solid's surface unchanged, one in each row. The
+            pose is not changed along these motions.
+        vertices, faces, normals: fields of Solid.
+        surface: (m, 3) points of a depth image, as `measured_points` of `build_surface_equations`.
 
     Returns:
-        The pose; its approximate change in the image, px; the residuals (n,); and the information
-        matrix A (6, 6) about the middle, in the camera's axes.
+        The fitted pose (4, 4); the approximate change from the initial pose in the image, px; the
+        residuals (n,) of the edges; and the matrix A (6, 6) of the normal equations A (v, w) = b.
     """
     focal = np.hypot(gain[0, 0], gain[0, 1]) if len(gain) else 0.0
     origin, first_origin, free_motion = np.empty(3), np.empty(3), np.empty(6)
@@ -332,15 +353,18 @@ def assess_pose(residuals, weight, A, free_motion_count, radius):
     """Assess the accuracy of a fitted pose.
 
     Args:
-        residuals, A: results of `fit_pose`.
-        weight: (n,) 1 / px^2.
+        residuals: (n,) residuals of the edges, as returned by `fit_pose`, px.
+        weight: (n,) inverse variance of each residual, 1/px^2.
+        A: (6, 6) matrix of the normal equations, as returned by `fit_pose`.
         free_motion_count: number of motions that leave the solid's surface unchanged.
         radius: radius of the solid, m.
 
     Returns:
-        The number of inliers; their rms distance, px; the ratio, at least 1, of their squared
-        distances to those expected from the weights; the covariance (6, 6) of a pose change (m,
-        rad) about the middle; and True if a motion that changes the image is undetermined.
+        The number of inliers, whose residuals are below INLIER_DISTANCE;
+        the rms of their residuals, px;
+        the ratio of their weighted squares to the expected value, at least 1;
+        the covariance (6, 6) of the pose's error (m, rad) about the solid's middle;
+        True if the edges do not determine a motion that changes the image.
     """
     count, squares, weighted = 0, 0.0, 0.0
     for n in range(len(residuals)):

@@ -1,4 +1,4 @@
-"""Solid for model-based tracking: a closed triangle mesh with its edges."""
+"""A solid for model-based tracking: a closed triangle mesh and its edges."""
 
 from __future__ import annotations
 
@@ -13,15 +13,18 @@ from aras_visual_servo_base.meshes import files
 
 from ..errors import ModelError
 
-WELD_TOLERANCE = 1e-6  # of the size; triangle corners closer than this are merged
-# Faces that meet at less than CREASE_ANGLE belong to a smooth surface, such as a cylinder; their
-# common edge is visible only on the outline. Below FLAT_ANGLE they form one flat face, and the edge
-# is never visible.
+# Corners of triangles at a smaller distance, as a fraction of the mesh's size, are merged.
+WELD_TOLERANCE = 1e-6
+# If the normals of two faces differ by less than CREASE_ANGLE, the faces belong to a smooth
+# surface, such as a cylinder, and their common edge is visible only on the outline. If they differ
+# by less than FLAT_ANGLE, the faces are one flat face, and the edge is never visible.
 CREASE_ANGLE, FLAT_ANGLE = np.radians(35.0), 1e-4
 MIN_SIZE, MAX_SIZE = 2e-3, 5.0  # m; a mesh outside this range is probably not in metres
-# Ratio to the largest eigenvalue, below which a motion leaves the surface unchanged.
+# A motion leaves the surface unchanged if its eigenvalue, divided by the largest eigenvalue, is
+# below this value.
 FREE_MOTION_TOLERANCE = 1e-4
-MIN_TRIANGLE_AREA = 1e-9  # of the size squared; smaller triangles are dropped
+# Triangles with a smaller area, as a fraction of the square of the mesh's size, are dropped.
+MIN_TRIANGLE_AREA = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,15 +32,16 @@ class Solid:
     """A closed triangle mesh with its edges.
 
     Attributes:
-        vertices: (V, 3) m, in the solid's frame.
-        faces: (F, 3) vertex indices, counter-clockwise seen from outside.
-        normals: (F, 3) outward unit normals.
-        edges: (E, 2) vertex indices.
-        edge_faces: (E, 2) the two faces of each edge; the edge runs counter-clockwise around the
-            first.
-        is_crease: (E,) True for a crease; the other edges are visible only on the outline.
-        is_outermost: (F,) True if no part of the solid lies in front of the face's plane.
-        name: name for messages.
+        vertices: (V, 3) vertices in the solid's frame, m.
+        faces: (F, 3) indices of the vertices of each face, counter-clockwise when viewed from
+            outside.
+        normals: (F, 3) outward unit normals of the faces.
+        edges: (E, 2) indices of the start and the end of each edge.
+        edge_faces: (E, 2) indices of the two faces of each edge. The direction of the edge is
+            counter-clockwise around the first face.
+        is_crease: (E,) True if the edge is a crease; any other edge is visible only on the outline.
+        is_outermost: (F,) True if no part of the solid is in front of the plane of the face.
+        name: name of the solid, for messages.
     """
 
     vertices: np.ndarray
@@ -56,20 +60,26 @@ class Solid:
 
     @classmethod
     def from_triangles(cls, corners: np.ndarray, name: str = "the model") -> Solid:
-        """Build a solid from the corners of triangles (F, 3, 3), m.
+        """Build a solid from triangles.
+
+        Args:
+            corners: (F, 3, 3) x, y, z of the three corners of each triangle, m.
+            name: name of the solid, for messages.
 
         Raises:
-            ModelError: the mesh is not in metres, not closed, or inside out.
+            ModelError: the mesh is probably not in metres, is not closed, or is inside out.
         """
         corners = np.asarray(corners, float)
         if corners.ndim != 3 or corners.shape[1:] != (3, 3) or not np.isfinite(corners).all():
-            raise ModelError(f"{name}: triangles (n, 3, 3) of finite numbers are needed")
+            raise ModelError(
+                f"{name}: the corners of the triangles must be finite numbers of shape (n, 3, 3)"
+            )
         size = float(np.ptp(corners.reshape(-1, 3), axis=0).max()) if len(corners) else 0.0
         if size > MAX_SIZE:
-            raise ModelError(f"{name} is {size:.4g} m long: is it in millimetres? Meshes are in "
-                             "metres: scale it by 0.001")  # fmt: skip
+            raise ModelError(f"{name} is {size:.4g} m long: is it in millimetres? If so, scale it "
+                             "by 0.001, because meshes must be in metres")  # fmt: skip
         if size < MIN_SIZE:
-            raise ModelError(f"{name} is {size:.2g} m long, too small to be seen: scale it to "
+            raise ModelError(f"{name} is {size:.2g} m long, too small to be visible: scale it to "
                              "metres")  # fmt: skip
         vertices, faces = _weld_vertices(corners, WELD_TOLERANCE * size)
         cross = np.cross(vertices[faces[:, 1]] - vertices[faces[:, 0]],
@@ -80,7 +90,7 @@ class Solid:
         edges, edge_faces = _find_edges(faces, name)
         a, b, c = vertices[faces].transpose(1, 0, 2)
         if float((a * np.cross(b, c)).sum()) < 0.0:
-            raise ModelError(f"{name} is inside out: its triangles are clockwise seen from "
+            raise ModelError(f"{name} is inside out: its triangles are clockwise when viewed from "
                              "outside; flip its normals and export it again")  # fmt: skip
         cosines = (normals[edge_faces[:, 0]] * normals[edge_faces[:, 1]]).sum(axis=1)
         angles = np.arccos(np.clip(cosines, -1.0, 1.0))
@@ -95,11 +105,10 @@ class Solid:
 
         An example is the rotation of a cylinder about its axis.
 
-        The motions refer to the middle of the bounding box. Rotations are multiplied by `radius`,
-        so all six components are in m.
-
         Returns:
-            (6, k) with orthonormal columns.
+            (6, k), one motion in each column: a translation and a rotation about the middle of the
+            bounding box. Rotations are multiplied by `radius`, so all components are lengths. The
+            columns are orthonormal.
 
         Reference: N. Gelfand and L. Guibas, Shape segmentation using local slippage analysis,
         Symposium on Geometry Processing 2004.
@@ -123,21 +132,31 @@ class Solid:
         return 0.5 * float(np.linalg.norm(np.subtract(*self.compute_bounding_box())))
 
     def compute_section_corners(self) -> np.ndarray:
-        """Compute the corners (4, 3), m, of the bounding box's section at half its height (z).
+        """Compute the corners (4, 3), m, of the horizontal rectangle through the solid's middle.
 
-        Schemes for flat targets treat the solid as this rectangle.
+        It is the section of the bounding box at half of its height along z. Schemes for flat
+        targets use this rectangle instead of the solid.
         """
         (x, y, z), (X, Y, Z) = self.compute_bounding_box()
         middle = 0.5 * (z + Z)
         return np.array([(x, y, middle), (X, y, middle), (X, Y, middle), (x, Y, middle)])
 
     def compute_bounding_box(self) -> tuple[np.ndarray, np.ndarray]:
-        """Compute the lower and upper corner (3,) of the bounding box, m."""
+        """Return the smallest and the largest x, y, z of the vertices, (3,) each, m."""
         return self.vertices.min(axis=0), self.vertices.max(axis=0)
 
 
 def _weld_vertices(corners: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return vertices (V, 3) and faces (F, 3) of triangles (F, 3, 3), with equal corners merged."""
+    """Merge the equal corners of triangles.
+
+    Args:
+        corners: (n, 3, 3) x, y, z of the three corners of each triangle, m.
+        tolerance: corners at a smaller distance are merged, m.
+
+    Returns:
+        The vertices (V, 3), m, and for each triangle the indices (F, 3) of its vertices. Triangles
+        with two equal corners are omitted.
+    """
     points = corners.reshape(-1, 3)
     _, first, number = np.unique(
         np.round(points / tolerance).astype(np.int64), axis=0, return_index=True,
@@ -149,7 +168,7 @@ def _weld_vertices(corners: np.ndarray, tolerance: float) -> tuple[np.ndarray, n
 
 
 def _find_edges(faces: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return the edges (E, 2) and the two faces of each edge (E, 2)."""
+    """Return the vertices (E, 2) and the two faces (E, 2) of each edge, as in Solid."""
     start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
     face = np.repeat(np.arange(len(faces)), 3)
     forward = start < end
@@ -160,8 +179,8 @@ def _find_edges(faces: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:
     closed = (low[first] == low[second]) & (high[first] == high[second])
     if len(order) % 2 or not (closed & (forward[first] != forward[second])).all():
         raise ModelError(
-            f"{name} is open or folded: each edge needs two triangles of the same orientation; "
-            "close its holes, unite its parts, and export it again"
+            f"{name} is not a closed surface: each edge needs two triangles of the same "
+            "orientation; close its holes, unite its parts, and export it again"
         )
     edges = np.stack([low[first], high[first]], axis=1)
     return edges, np.stack([face[second], face[first]], axis=1)
@@ -169,7 +188,7 @@ def _find_edges(faces: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:
 
 @jit("f8[:,::1], i8[:,::1], f8[:,::1], f8")
 def _find_outermost(vertices, faces, normals, tolerance):
-    """Return a mask (F,) of the faces that have no part of the solid in front of their plane."""
+    """Return for each face (F,) whether no part of the solid is in front of its plane."""
     found = np.ones(len(faces), np.bool_)
     for f in range(len(faces)):
         n, p = normals[f], vertices[faces[f, 0]]
@@ -181,7 +200,10 @@ def _find_outermost(vertices, faces, normals, tolerance):
 
 
 def read_triangles(meshes: Sequence) -> np.ndarray:
-    """Return the triangle corners (F, 3, 3), m, of meshes with `positions` and `triangles`."""
+    """Return the corners (F, 3, 3), m, of all triangles of meshes.
+
+    A mesh has `positions`, the vertices, and `triangles`, their indices.
+    """
     return np.concatenate([np.asarray(m.positions, float)[m.triangles] for m in meshes])
 
 
@@ -194,7 +216,7 @@ def read_solid(path: str, scale: float = 1.0) -> Solid:
 
     Raises:
         DescriptionError: the file cannot be read.
-        ModelError: the mesh is no closed solid in metres.
+        ModelError: the mesh is not closed, or is probably not in metres.
     """
     try:
         return Solid.from_triangles(scale * read_triangles(files.read(path)), Path(path).name)

@@ -1,4 +1,4 @@
-"""Visible edges of a solid in a view, and sample points on these edges."""
+"""Sample points on the edges of a solid that are visible from a pose of the camera."""
 
 from __future__ import annotations
 
@@ -13,31 +13,34 @@ from .solid import Solid
 
 MIN_DEPTH = 0.01  # m along the optical axis; nearer edges are ignored
 MAX_POINTS = 1200  # largest number of sample points per image
-# px. No points are sampled within END_MARGIN of the ends of an edge longer than SHORT_EDGE.
+# If an edge is longer than SHORT_EDGE, px, no points are sampled within END_MARGIN, px, of its
+# ends.
 END_MARGIN, SHORT_EDGE = 4.0, 16.0
-BORDER = 5.0  # px; no points are sampled this close to the image border
-# Range of the cosine between normal and ray in which a face is seen edge-on. Its creases then
-# nearly coincide in the image, and a small pose error shows or hides the face, so they are not
-# used.
+BORDER = 5.0  # px; no points are sampled closer to the border of the image
+# A face is viewed edge-on if the cosine of the angle between its normal and the ray to the camera
+# is in this range. The creases of such a face are not used, because they nearly coincide in the
+# image, and a small error of the pose makes the face visible or invisible.
 GRAZING_COSINES = (-0.01, 0.03)
-# Relative depth by which a face must be nearer than a point to hide it.
+# A face hides a point if it is nearer by at least this fraction of the depth.
 OCCLUSION_TOLERANCE = 2e-3
-NO_EDGE_DISTANCE = 1e6  # px; distance if there is no other edge
-BAND = 16  # px; height and width of the bands of rows and columns into which edges are sorted
-STEP = 1e-4  # in normalised coordinates, for the derivatives of the lens model
+NO_EDGE_DISTANCE = 1e6  # px; distance to the next edge if there is no other edge
+BAND = 16  # px; edges are sorted into bands of so many rows, and into bands of so many columns
+STEP = 1e-4  # step of the numerical derivatives of the lens model, in normalised coordinates
 
 
 class EdgePoints(NamedTuple):
-    """Sample points (n) on the edges that are visible from one pose.
+    """n sample points on the edges of a solid that are visible from one pose of the camera.
 
-    solid_points: (n, 3) m, in the solid's frame.
-    image_points: (n, 2) normalised coordinates.
-    pixels: (n, 2) pixel coordinates (column, row).
-    normals: (n, 2) unit vectors in px, to the left of the edge, on the side of its first face.
-    gains: (n, 2) change along the normal in px per unit of normalised coordinates.
-    room: (n, 2) px along the searched row or column to the next other edge, before and after the
-    point. edges: (n,) index of the edge. are_faces_visible: (n, 2) visibility of the two faces of
-    the edge.
+    Attributes:
+        solid_points: (n, 3) points in the solid's frame, m.
+        image_points: (n, 2) points in the image, normalised.
+        pixels: (n, 2) points in the image, px (column, row).
+        normals: (n, 2) unit normal of the edge in the image, px, towards its first face.
+        gains: (n, 2) change of the distance along the normal, px, per unit of normalised x and y.
+        room: (n, 2) distance to the next other edge before and after the point, px, along the row
+            or column on which the edge is searched.
+        edges: (n,) index of the edge.
+        are_faces_visible: (n, 2) whether the first and the second face of the edge are visible.
     """
 
     solid_points: np.ndarray
@@ -53,7 +56,10 @@ class EdgePoints(NamedTuple):
 def sample_visible_edges(
     solid: Solid, camera: CameraModel, camera_T_solid: np.ndarray, spacing: float
 ) -> EdgePoints:
-    """Sample the visible edges of a solid every `spacing` px."""
+    """Sample the visible edges of a solid every `spacing` px.
+
+    camera_T_solid: (4, 4) pose of the solid in the camera's frame.
+    """
     hole = camera.pinhole
     points = EdgePoints(*_sample_edges(
         solid.vertices, solid.faces, solid.normals, solid.edges, solid.edge_faces, solid.is_crease,
@@ -75,13 +81,20 @@ def sample_visible_edges(
 def _distort_samples(
     camera: CameraModel, image_points: np.ndarray, normal: np.ndarray, focal: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Compute pixels, normals and gains (n, 2) of points with lens distortion.
+    """Compute the pixels, normals and gains of points in the image with lens distortion.
 
-    The given normals are those in the undistorted image.
+    Args:
+        camera: intrinsics and distortion.
+        image_points: (n, 2) points, normalised.
+        normal: (n, 2) normals in the undistorted image, px.
+        focal: (2,) focal lengths fx and fy, px.
+
+    Returns:
+        pixels (n, 2), normals (n, 2) and gains (n, 2), as in EdgePoints.
     """
     x, y = image_points.T
     u, v = camera.project(x, y)
-    derivative = np.empty((len(x), 2, 2))  # of pixels with respect to normalised coordinates
+    derivative = np.empty((len(x), 2, 2))  # d(pixel) / d(normalised coordinates)
     for k, (dx, dy) in enumerate(((STEP, 0.0), (0.0, STEP))):
         more, less = camera.project(x + dx, y + dy), camera.project(x - dx, y - dy)
         derivative[:, 0, k] = (more[0] - less[0]) / (2.0 * STEP)
@@ -95,9 +108,15 @@ def _distort_samples(
 
 @jit("f8, f8, f8, f8[:,::1], i8[:,::1], i8[::1], i8, i8", allocates=False)
 def _is_hidden(u, v, w, projected, faces, front_faces, face, other_face):
-    """Check if a front face hides the point at pixel (u, v) with inverse depth w.
+    """Return whether a face hides the point at the pixel (u, v) with the inverse depth w.
 
-    The two faces of the point's edge are ignored.
+    Args:
+        u, v: pixel of the point.
+        w: inverse depth of the point, 1/m.
+        projected: (V, 3) u, v and inverse depth of the vertices.
+        faces: (F, 3) vertices of each face.
+        front_faces: indices of the faces that face the camera.
+        face, other_face: the two faces of the point's edge, which cannot hide it.
     """
     for f in front_faces:
         if f in (face, other_face):
@@ -122,10 +141,18 @@ def _is_hidden(u, v, w, projected, faces, front_faces, face, other_face):
 
 @jit("f8[:,::1], i8[:,::1], i8[::1], i8, i8")
 def _sort_into_bands(projected, edges, visible_edges, axis, size):
-    """Sort the visible edges into bands of BAND rows (axis 1) or columns (axis 0).
+    """Sort the visible edges into bands of BAND rows or columns.
+
+    Args:
+        projected: (V, 3) u, v and inverse depth of the vertices.
+        edges: (E, 2) vertices of each edge.
+        visible_edges: indices of the visible edges.
+        axis: 1 for bands of rows, 0 for bands of columns.
+        size: number of rows or columns of the image.
 
     Returns:
-        `first` and `members`; the edges of band i are members[first[i] : first[i + 1]].
+        Two arrays, `first` and `members`. The indices of the edges that cross band i are
+        members[first[i] : first[i + 1]].
     """
     count = size // BAND + 1
     first = np.zeros(count + 1, np.int64)
@@ -151,10 +178,18 @@ def _sort_into_bands(projected, edges, visible_edges, axis, size):
 
 @jit("f8, f8, b1, i8, f8[:,::1], i8[:,::1], i8[::1]", allocates=False)
 def _measure_room(u, v, across, edge, projected, edges, nearby_edges):
-    """Measure the distance, px, from (u, v) to the next other edges, before and after the point.
+    """Measure the distances, px, from a point of an edge to the next other edges.
 
-    It is measured along the row if `across` is true, otherwise along the column. `nearby_edges` are
-    the edges of the point's band.
+    Args:
+        u, v: pixel of the point.
+        across: True to measure along the row, False to measure along the column.
+        edge: index of the point's own edge.
+        projected: (V, 3) u, v and inverse depth of the vertices.
+        edges: (E, 2) vertices of each edge.
+        nearby_edges: indices of the edges in the band of the point.
+
+    Returns:
+        Distance before the point (left or above) and distance after it (right or below).
     """
     before = after = NO_EDGE_DISTANCE
     k = 0 if across else 1
@@ -182,7 +217,18 @@ def _measure_room(u, v, across, edge, projected, edges, nearby_edges):
 def _sample_edges(vertices, faces, normals, edges, edge_faces, is_crease, is_outermost, T, lens,
     width, height,
              spacing):  # fmt: skip
-    """Sample the visible edges without lens distortion; the result has the fields of EdgePoints."""
+    """Sample the visible edges of a solid in an image without lens distortion.
+
+    Args:
+        vertices, faces, normals, edges, edge_faces, is_crease, is_outermost: fields of Solid.
+        T: (4, 4) camera_T_solid.
+        lens: fx, fy, cx, cy, px.
+        width, height: size of the image, px.
+        spacing: distance between two points on an edge, px.
+
+    Returns:
+        The fields of EdgePoints, in order.
+    """
     fx, fy, cx, cy = lens
     projected = np.zeros((len(vertices), 3))  # u, v, 1/Z; 1/Z is 0 for a vertex that is too near
     for i in range(len(vertices)):
@@ -194,9 +240,9 @@ def _sample_edges(vertices, faces, normals, edges, edge_faces, is_crease, is_out
             v = (T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]) / depth
             projected[i, 0], projected[i, 1] = fx * u + cx, fy * v + cy
     front, grazing = np.zeros(len(faces), np.bool_), np.zeros(len(faces), np.bool_)
-    front_faces = np.empty(len(faces), np.int64)  # faces that can hide something
+    front_faces = np.empty(len(faces), np.int64)  # faces that face the camera and can hide a point
     count = 0
-    camera_position = np.empty(3)  # position in the solid's frame
+    camera_position = np.empty(3)  # position of the camera in the solid's frame
     for k in range(3):
         camera_position[k] = -T[0, k] * T[0, 3] - T[1, k] * T[1, 3] - T[2, k] * T[2, 3]
     for f in range(len(faces)):
@@ -253,12 +299,12 @@ def _sample_edges(vertices, faces, normals, edges, edge_faces, is_crease, is_out
                 continue
             w = projected[i, 2] + s * (projected[j, 2] - projected[i, 2])
             a, b = edge_faces[e]
-            # Nothing can hide an edge of a visible outermost face.
+            # No face can hide an edge of a visible outermost face.
             if not (
                 (front[a] and is_outermost[a]) or (front[b] and is_outermost[b])
             ) and _is_hidden(u, v, w, projected, faces, front_faces, a, b):
                 continue
-            part = s * projected[j, 2] / w  # position along the edge in space, not in the image
+            part = s * projected[j, 2] / w  # fraction of the length in space; s is that in px
             for k in range(3):
                 solid_points[found, k] = vertices[i, k] + part * (vertices[j, k] - vertices[i, k])
             image_points[found, 0], image_points[found, 1] = (u - cx) / fx, (v - cy) / fy

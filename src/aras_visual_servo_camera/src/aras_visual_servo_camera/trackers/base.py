@@ -1,8 +1,9 @@
 """Base class and registry of the trackers, which find the points of a target in an image.
 
-Points are found in pixels, and lens distortion is removed afterwards. A lens bends straight lines,
-so distortion is removed before lines are fitted. `is_numbered` states if a point is identified by
-itself (corners of a marker) or only by its place in the ring of points (dots, line crossings).
+By default, a tracker finds points in px, and the lens distortion is removed afterwards. Trackers
+that fit lines remove it before, because a lens bends straight lines. `is_numbered` is True if each
+point can be identified (corners of a marker), and False if only the cyclic order of the points is
+known (dots, intersections of lines).
 """
 
 from __future__ import annotations
@@ -23,14 +24,15 @@ from ..undistortion import CameraModel
 class TrackedPoints(NamedTuple):
     """Points that a tracker finds in an image.
 
-    points: (n, 2) normalised.
-    plane: plane of the target, if the tracker determines it.
-    accuracy: error of the points, a normalised length.
-    repeatability: the part of this error that can differ in another image from the same place.
-    marker: `DICTIONARY:number` of the marker that the points belong to.
-    spread: (2n, m) effects of independent errors, each of one standard deviation, on x_0, y_0, x_1,
-    ...,
-        from the scatter of edges about their lines; None if unknown.
+    Attributes:
+        points: (n, 2) points, normalised.
+        plane: plane of the target; None if the tracker does not determine it.
+        accuracy: error of the points, a normalised length.
+        repeatability: part of this error that differs between images from the same pose.
+        marker: `DICTIONARY:number` of the marker to which the points belong; '' for none.
+        spread: (2n, m) uncertainty of the points from the scatter of edge points about the fitted
+            lines; None if it is unknown. Column k is the change of x_0, y_0, x_1, ... if an
+            independent error k has the size of its standard deviation.
     """
 
     points: np.ndarray
@@ -44,12 +46,14 @@ class TrackedPoints(NamedTuple):
 class Tracker(ABC):
     """Base class of trackers, which find points of the target in an image.
 
-    The points are treated as the target's corners. A subclass implements `find` and is selected by
-    'package.module:Class'. If it has parameters, it is a dataclass, and they are its fields.
+    Schemes use these points as the target's corners. A subclass implements `find`, and is selected
+    by 'package.module:Class'. A tracker with parameters is a dataclass whose fields are its
+    parameters.
 
     Attributes:
-        name: short name.
-        is_numbered: True if each point is identified by itself.
+        name: short name of the tracker.
+        is_numbered: True if each point can be identified; False if only the cyclic order of the
+            points is known.
         accuracy: error of the points in noise-free images of the simulated arm, px.
     """
 
@@ -59,14 +63,27 @@ class Tracker(ABC):
 
     @abstractmethod
     def find(self, grey: NDArray[np.uint8]) -> np.ndarray:
-        """Find the points (n, 2), px (column, row), in an image (rows, columns).
+        """Find the points in an image.
+
+        Args:
+            grey: (rows, columns) image.
+
+        Returns:
+            (n, 2) points, px (column, row).
 
         Raises:
             VisionError: the points are not visible.
         """
 
     def find_normalised(self, grey: NDArray[np.uint8], camera: CameraModel) -> np.ndarray:
-        """Find the points (n, 2) and return them normalised, without lens distortion.
+        """Find the points in an image and remove the lens distortion.
+
+        Args:
+            grey: (rows, columns) image.
+            camera: intrinsics and distortion.
+
+        Returns:
+            (n, 2) points, normalised.
 
         Raises:
             VisionError: the points are not visible.
@@ -83,8 +100,8 @@ class Tracker(ABC):
         Args:
             grey: (rows, columns) image.
             camera: intrinsics and distortion.
-            world_T_camera: (4, 4) pose of the camera, if known.
-            depth: (rows, columns) depth image, m, if there is one.
+            world_T_camera: (4, 4) pose of the camera; None if it is unknown.
+            depth: (rows, columns) depth image, m; None if there is none.
 
         Raises:
             VisionError: the points are not visible.
@@ -92,11 +109,11 @@ class Tracker(ABC):
         return TrackedPoints(self.find_normalised(grey, camera), None, self.accuracy / camera.K[0])
 
     def reset(self) -> None:
-        """Forget earlier images."""
+        """Forget all earlier images."""
 
 
 def sort_by_angle(points: np.ndarray) -> np.ndarray:
-    """Sort points (n, 2) by their angle about their middle."""
+    """Return points (n, 2) sorted by their angle about their mean."""
     offset = points - points.mean(axis=0)
     return points[np.argsort(np.arctan2(offset[:, 1], offset[:, 0]))]
 

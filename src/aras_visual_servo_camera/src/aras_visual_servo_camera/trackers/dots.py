@@ -15,9 +15,10 @@ from ..segmented_target import find_touched_borders
 from .base import TRACKERS, Tracker, sort_by_angle
 
 MIN_DOT_AREA = 4  # pixels; smaller dots have no reliable centre
-# Ratio of a dot's area to that of the ellipse in its bounding box: minimum and maximum (an upright
-# rectangle has 1.27). Dots of up to COARSE_AREA pixels are shaped by the pixels and have a lower
-# minimum. MAX_ELONGATION is the largest ratio of the sides of the box.
+# A dot is round if its area, divided by the area of the ellipse in its bounding box, is between
+# MIN_ROUNDNESS and MAX_ROUNDNESS. This ratio is 1.27 for an upright rectangle. A dot of at most
+# COARSE_AREA pixels is round if the ratio is at least MIN_COARSE_ROUNDNESS, because its shape is
+# rough. MAX_ELONGATION is the largest ratio of the sides of the bounding box.
 MIN_ROUNDNESS, MAX_ROUNDNESS, COARSE_AREA, MIN_COARSE_ROUNDNESS, MAX_ELONGATION = (
     0.8,
     1.15,
@@ -25,19 +26,20 @@ MIN_ROUNDNESS, MAX_ROUNDNESS, COARSE_AREA, MIN_COARSE_ROUNDNESS, MAX_ELONGATION 
     0.6,
     4.0,
 )
-# px around a dot for the level of the background, and for the blurred edge of the dot
-GROUND_WIDTH, EDGE_WIDTH = 3, 1.5
-DOT_ITERATIONS = 2  # the ellipse around a dot is moved to its computed centre
+# Margin around a dot's bounding box from which the level of the background is measured, px.
+GROUND_WIDTH = 3
+EDGE_WIDTH = 1.5  # px around a dot that are part of its blurred edge
+DOT_ITERATIONS = 2  # computations of the centre, each from an ellipse about the previous centre
 
 
 @TRACKERS.register("dots")
 @dataclass(eq=False)
 class DotTracker(Tracker):
-    """Centres of dark round dots on a lighter background, sorted by angle about their middle.
+    """The centres of dark, round dots on a lighter background, sorted by angle about their mean.
 
-    A centre is weighted by darkness, with an error of about a hundredth of a pixel. It is the
-    centre of the dot's image. For a large, tilted dot this is not exactly the image of the dot's
-    centre.
+    A centre is the mean of a dot's pixels, weighted by their darkness. Its error is about a
+    hundredth of a pixel. For a large, tilted dot, the centre of its image is not exactly the image
+    of its centre.
     """
 
     is_numbered = False
@@ -46,7 +48,7 @@ class DotTracker(Tracker):
     count: int = parameter(4, least=1, help="number of dots")
 
     def find(self, grey: NDArray[np.uint8]) -> np.ndarray:
-        """Find the largest `count` dots, as `Tracker.find` does."""
+        """Find the `count` largest dots, as `Tracker.find` does."""
         level, mask = cv2.threshold(grey, 0, 255, cv2.THRESH_BINARY_INV | cv2.THRESH_OTSU)
         found, _, stats, _ = cv2.connectedComponentsWithStats(mask)
         dots = []
@@ -63,7 +65,8 @@ class DotTracker(Tracker):
                 dots.append((int(area), left, top, width, height))
         if len(dots) < self.count:
             raise VisionError(
-                f"{len(dots)} of {self.count} dots are in view: are they dark, round and apart?"
+                f"{len(dots)} of {self.count} dots are in view; each dot must be dark, round and "
+                "separate from the others"
             )
         dots.sort(reverse=True)
         return sort_by_angle(

@@ -1,4 +1,7 @@
-"""Base class of trackers that fit straight lines to profiles of grey levels."""
+"""Base class of trackers that fit straight lines to edges.
+
+An edge is measured on profiles, which are grey levels along short lines across the edge.
+"""
 
 from __future__ import annotations
 
@@ -9,14 +12,15 @@ from numpy.typing import NDArray
 from ..undistortion import CameraModel
 from .base import Tracker
 
-OUTLIER_DISTANCE = 1.0  # px; points farther from a line do not belong to it
+OUTLIER_DISTANCE = 1.0  # px; points farther from a fitted line are outliers
 
 
 class EdgeTracker(Tracker):
-    """Base class of trackers of straight lines; subclasses implement `find_normalised`."""
+    """Base class of trackers that fit lines; a subclass implements `find_normalised`."""
 
     def find(self, grey: NDArray[np.uint8]) -> np.ndarray:
-        """Find the points, as `Tracker.find` does, in an image without lens distortion."""
+        """Find the points (n, 2), px, as `Tracker.find` does, in an image without lens distortion.
+        """
         rows, columns = grey.shape
         return self.find_normalised(grey, CameraModel(columns, rows, (1, 0, 0, 0, 1, 0, 0, 0, 1)))
 
@@ -25,12 +29,18 @@ class EdgeTracker(Tracker):
         grey: np.ndarray, camera: CameraModel, scale: float, stations: np.ndarray,
         normal: np.ndarray, across: np.ndarray,
     ) -> np.ndarray:  # fmt: skip
-        """Return the grey levels (n, m) of profiles across a line.
+        """Sample n profiles across a line.
 
-        A profile has samples at the distances `across` (m,) along the normal from a station, (n,
-        2).
+        Args:
+            grey: (rows, columns) image.
+            camera: intrinsics and distortion.
+            scale: px of the undistorted image per normalised length of 1.
+            stations: (n, 2) points on the line, px of the undistorted image.
+            normal: (2,) unit normal of the line.
+            across: (m,) distances of the samples from a station along the normal, px.
 
-        Positions are in px of the undistorted image; `scale` px are a normalised length of 1.
+        Returns:
+            (n, m) grey levels.
         """
         places = stations[:, None] + across[:, None] * normal
         u, v = camera.project(*(places.reshape(-1, 2).T / scale))
@@ -38,23 +48,29 @@ class EdgeTracker(Tracker):
 
     @staticmethod
     def _is_near(points: np.ndarray, x: float, y: float, dx: float, dy: float) -> np.ndarray:
-        """Return a mask of the points (n, 2), px, near the line through (x, y) along (dx, dy)."""
+        """Return which of the points (n, 2), px, are near the line through (x, y) along (dx, dy).
+        """
         return np.abs((points - (x, y)) @ (-dy, dx)) < OUTLIER_DISTANCE
 
     @staticmethod
     def _fit_robust_line(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Fit a line to points (n, 2), px, without outliers; return a point and the direction (2,).
+        """Fit a line to points (n, 2), px, without outliers.
+
+        Returns:
+            A point (2,) on the line, px, and its direction (2,), a unit vector.
         """
         middle = points.mean(axis=0)
         dx, dy, x, y = _fit_line(points - middle, cv2.DIST_HUBER)
         near = EdgeTracker._is_near(points - middle, x, y, dx, dy)
-        if near.sum() > 1:  # Huber's fit stops some hundredths of a pixel too early
+        if near.sum() > 1:  # the error of the Huber fit is some hundredths of a pixel: fit again
             dx, dy, x, y = _fit_line((points - middle)[near], cv2.DIST_L2)
         return middle + (x, y), np.array([dx, dy])
 
     @staticmethod
     def _intersect_lines(lines: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
-        """Return the intersections (n, 2) of each line (point, direction) with the one before it.
+        """Return the intersection (n, 2) of each line with the line before it.
+
+        lines: n pairs of a point (2,) on the line and its direction (2,).
         """
         homogeneous = np.array([(-dy, dx, x * dy - y * dx) for (x, y), (dx, dy) in lines])
         crossings = np.cross(np.roll(homogeneous, 1, axis=0), homogeneous)
@@ -62,9 +78,9 @@ class EdgeTracker(Tracker):
 
 
 def _interpolate(grey: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Interpolate grey levels (n,) bilinearly at pixels (u, v) (n,).
+    """Interpolate the grey levels (n,) of an image bilinearly at (u, v), (n,) each, px.
 
-    OpenCV's interpolation has a resolution of 1/32 px only.
+    OpenCV's interpolation is not used, because its coordinates have a resolution of 1/32 px.
     """
     rows, columns = grey.shape
     u, v = np.clip(u, 0.0, columns - 1.0), np.clip(v, 0.0, rows - 1.0)
@@ -76,5 +92,11 @@ def _interpolate(grey: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 
 def _fit_line(points: np.ndarray, kind: int) -> np.ndarray:
-    """Fit a line to points (n, 2) with OpenCV; return dx, dy, x, y."""
+    """Fit a line to points (n, 2) with OpenCV.
+
+    kind: OpenCV's code of the distance that is minimised.
+
+    Returns:
+        dx, dy of the direction, and x, y of a point on the line.
+    """
     return cv2.fitLine(points.astype(np.float32), kind, 0.0, 1e-4, 1e-4).ravel().astype(float)

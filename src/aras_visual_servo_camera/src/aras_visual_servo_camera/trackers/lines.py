@@ -1,4 +1,4 @@
-"""Tracker of the lines that bound a dark drawing."""
+"""Tracker of the four outermost lines of a dark drawing."""
 
 from __future__ import annotations
 
@@ -12,31 +12,31 @@ from ..undistortion import CameraModel
 from .base import TRACKERS, sort_by_angle
 from .edge_tracker import EdgeTracker
 
-MIN_DRAWING_AREA = 400  # pixels, of the rectangle around a drawing
-MAX_LINE_WIDTH = 0.2  # relative to the size of the drawing
+MIN_DRAWING_AREA = 400  # smallest area of a drawing's bounding box, pixels
+MAX_LINE_WIDTH = 0.2  # largest width of a line, as a fraction of the drawing's size
 SOLID_TARGET_REASON = "the dark drawing is not bounded by lines: use tracker 'outline'"
-# Number of profiles across a line, and the minimum of them that must show this line only.
+# Number of profiles across a line, and smallest number of profiles that contain only this line.
 PROFILE_COUNT, MIN_PROFILES = 48, 10
 
 
 @TRACKERS.register("lines")
 class LineTracker(EdgeTracker):
-    """The intersections of the four outermost lines of a dark drawing (a grid, a frame).
+    """The intersections of the four outermost lines of a dark drawing, such as a grid or a frame.
 
-    Each line is fitted to the middles of profiles across it. The middles are weighted by darkness,
-    and profiles on crossing lines are left out. The error is a few hundredths of a pixel for any
-    lens.
+    On each profile across a line, its middle is the mean position, weighted by darkness. The line
+    is fitted to these middles. Profiles that contain another line are not used. The error is a few
+    hundredths of a pixel for any lens.
     """
 
     is_numbered = False
 
     def find_normalised(self, grey: NDArray[np.uint8], camera: CameraModel) -> np.ndarray:
-        """Find the points and return them normalised, sorted by angle about their middle."""
+        """Find the intersections (4, 2), normalised, sorted by their angle about their mean."""
         scale = camera.pinhole.fx  # px of the undistorted image per normalised length of 1
         rough, width = self._find_rough_corners(grey, camera, scale)
         lines = []
         for start, end in zip(rough, np.roll(rough, -1, axis=0), strict=True):
-            # The rough side is the rim of the drawing, half a line width outside the line's middle.
+            # The rough side is the outer edge of the line, half a line width away from its middle.
             for reach in (1.5 * width + 3.0, width + 2.0):
                 points, direction = self._fit_side(grey, camera, scale, (start, end), reach)
                 along = (np.array([start, end]) - points) @ direction
@@ -48,32 +48,32 @@ class LineTracker(EdgeTracker):
     def _find_rough_corners(
         grey: np.ndarray, camera: CameraModel, scale: float
     ) -> tuple[np.ndarray, float]:
-        """Return the corners (4, 2) of the drawing's rim, and the width of its lines.
+        """Return the corners (4, 2) of the drawing's outline, and the width of its lines.
 
-        Both are in px of the undistorted image.
+        The corners are in px of the undistorted image, the width is in px of the image.
         """
         _, mask = cv2.threshold(grey, 0, 255, cv2.THRESH_BINARY_INV | cv2.THRESH_OTSU)
         found, labels, stats, _ = cv2.connectedComponentsWithStats(mask)
         sizes = stats[1:, cv2.CC_STAT_WIDTH] * stats[1:, cv2.CC_STAT_HEIGHT]
         if found < 2 or sizes.max() < MIN_DRAWING_AREA:
-            raise VisionError("no dark lines are in view")
+            raise VisionError("no dark drawing is in view")
         largest = 1 + int(np.argmax(sizes))
         if find_touched_borders(stats[largest, :4], grey.shape):
             raise VisionError(
-                "the lines touch the border of the image: not all of them are in view"
+                "the dark drawing touches the border of the image: move it completely into view"
             )
         drawing = np.where(labels == largest, mask, 0).astype(np.uint8)
         rim = max(cv2.findContours(drawing, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0], key=len)
         x, y, valid = camera.normalise(*rim.reshape(-1, 2).T.astype(float))
         if not valid.all():
-            raise VisionError("the lines extend beyond the range of the lens model")
+            raise VisionError("the dark drawing extends beyond the range of the lens model")
         hull = cv2.convexHull((scale * np.column_stack([x, y])).astype(np.float32))
         for part in (0.01, 0.02, 0.03, 0.05, 0.08):
             corners = cv2.approxPolyDP(hull, part * cv2.arcLength(hull, True), True)
             if len(corners) <= 4:
                 break
         if len(corners) != 4:
-            raise VisionError(f"{len(corners)} lines, not four, bound the dark drawing")
+            raise VisionError(f"{len(corners)} lines bound the dark drawing, must be 4")
         line_width = 2.0 * float(cv2.distanceTransform(drawing, cv2.DIST_L2, 3).max())
         if line_width > MAX_LINE_WIDTH * np.sqrt(cv2.contourArea(hull)):
             raise VisionError(SOLID_TARGET_REASON)
@@ -83,9 +83,17 @@ class LineTracker(EdgeTracker):
         self, grey: np.ndarray, camera: CameraModel, scale: float,
         side: tuple[np.ndarray, np.ndarray], search_range: float,
     ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-        """Fit one side; return a point (2,) of the line and its direction (2,).
+        """Fit a line to one side of the drawing.
 
-        The profiles extend `search_range` px to either side.
+        Args:
+            grey: (rows, columns) image.
+            camera: intrinsics and distortion.
+            scale: px of the undistorted image per normalised length of 1.
+            side: rough start and end (2,) of the side, px of the undistorted image.
+            search_range: largest distance of the line from the rough side, px.
+
+        Returns:
+            A point (2,) on the line, px of the undistorted image, and its direction (2,).
         """
         start, end = side
         direction = (end - start) / np.linalg.norm(end - start)
@@ -98,7 +106,7 @@ class LineTracker(EdgeTracker):
         total = darkness.sum(axis=1)
         is_isolated = np.maximum(darkness[:, 0], darkness[:, -1]) < 0.3 * darkness.max()
         good = is_isolated & (total > 0.0)
-        if good.sum() >= MIN_PROFILES:  # a profile along a crossing line is darker in total
+        if good.sum() >= MIN_PROFILES:  # a profile that contains another line has more dark pixels
             typical = np.median(total[good])
             good &= np.abs(total - typical) < 0.25 * typical
         if good.sum() < MIN_PROFILES:

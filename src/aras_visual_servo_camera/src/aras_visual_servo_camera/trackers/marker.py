@@ -1,4 +1,4 @@
-"""Tracker of ArUco and AprilTag markers and of boards of markers."""
+"""Tracker of an ArUco or AprilTag marker, or of a board of markers."""
 
 from __future__ import annotations
 
@@ -19,29 +19,33 @@ from ..undistortion import CameraModel
 from .base import TRACKERS, TrackedPoints
 from .edge_tracker import EdgeTracker
 
-MIN_CONTRAST = 20.0  # grey levels between a marker's black rim and its surroundings
-# Fit of the black rim: number of iterations; minimum and maximum number of profiles per edge;
-# distance between two profiles, px.
-RIM_FITS, RIM_STATIONS, RIM_SPACING = 2, (24, 64), 0.5
-RIM_PART = 0.8  # fraction of a side that has profiles
-# Half length of a profile: the larger of the two values of RIM_REACH (px, cells), but at most
-# RIM_MAX_REACH (px). It is more than half a cell, to include black and white, and less than a cell.
-# RIM_STEP is the distance between the samples, px.
-RIM_REACH, RIM_MAX_REACH, RIM_STEP = (1.5, 0.6), 8.0, 0.4
+# Smallest difference between the grey levels of a marker's surroundings and of its black rim.
+MIN_CONTRAST = 20.0
+RIM_FITS = 2  # number of fits of lines to the edges of the black rim
+RIM_STATIONS = (24, 64)  # smallest and largest number of profiles across an edge of the rim
+RIM_SPACING = 0.5  # distance between two profiles, px
+RIM_PART = 0.8  # profiles are taken from this fraction of an edge's length, around its middle
+# Half length of a profile: 1.5 px or 0.6 cells, whichever is longer, but at most RIM_MAX_REACH. It
+# is longer than half a cell, so that a profile contains black and white, and shorter than a cell.
+RIM_REACH = (1.5, 0.6)
+RIM_MAX_REACH = 8.0  # px
+RIM_STEP = 0.4  # approximate distance between two samples of a profile, px
 
 
 @TRACKERS.register("marker")
 @dataclass(eq=False)
 class MarkerTracker(EdgeTracker):
-    """The four corners of an ArUco or AprilTag marker, clockwise from the marker's first corner.
+    """The four corners of an ArUco or AprilTag marker, clockwise from its first corner.
 
-    OpenCV detects and decodes the marker. Its corners are then the intersections of lines that are
-    fitted to the edges of the black rim, because OpenCV's refinement has errors of half a pixel if
-    a cell is only three pixels wide.
+    For a board of markers, they are the corners of the rectangle around it. OpenCV detects and
+    decodes the markers. Lines are then fitted to the edges of the black rim, and the corners of a
+    marker are their intersections. OpenCV's own corners have errors of half a pixel if a cell is
+    only three pixels wide.
     """
 
-    # The error is 0.005 px in images without overexposed white. With overexposed white, black edges
-    # move by some hundredths of a pixel, depending on their position on the texels of the texture.
+    # The error is 0.005 px in images without overexposed white. If white is overexposed, an edge is
+    # displaced by some hundredths of a pixel, which depends on its position on the texture's
+    # texels.
     accuracy = 0.025
 
     marker: str | Mapping[str, Any] | MarkerChoice = parameter(
@@ -54,7 +58,8 @@ class MarkerTracker(EdgeTracker):
         self.choice = marker if is_choice else MarkerChoice.read(marker, "parameter ~marker")
 
     def find_normalised(self, grey: NDArray[np.uint8], camera: CameraModel) -> np.ndarray:
-        """Return the normalised corners of the marker, or of the rectangle around the board."""
+        """Find the corners (4, 2), normalised, of the marker or of the rectangle around the board.
+        """
         return self.track(grey, camera).points
 
     def track(
@@ -79,8 +84,8 @@ class MarkerTracker(EdgeTracker):
         rectangle = self.choice.compute_board_corners()
         H, _ = cv2.findHomography(places, np.concatenate(corners))
         if H is None:
-            raise VisionError(f"{self.choice}: its markers in view do not fit a plane")
-        # The error of corners outside the visible markers grows with the extrapolation.
+            raise VisionError(f"{self.choice}: its visible markers do not determine its plane")
+        # The error of the board's corners increases if they are outside the visible markers.
         beyond = np.ptp(rectangle, axis=0).max() / np.ptp(places, axis=0).max()
         points = cv2.perspectiveTransform(rectangle[None], H)[0]
         return TrackedPoints(points, None, accuracy * max(beyond, 1.0))
@@ -88,12 +93,18 @@ class MarkerTracker(EdgeTracker):
     def _fit_corners(
         self, grey: np.ndarray, camera: CameraModel, scale: float, corners: np.ndarray, cells: int
     ) -> tuple[np.ndarray, list[FittedLine]]:
-        """Fit the corners (4, 2) of the black rim, starting from rough ones.
+        """Fit lines to the edges of a marker's black rim and intersect them.
 
-        Positions are in px of the undistorted image.
+        Args:
+            grey: (rows, columns) image.
+            camera: intrinsics and distortion.
+            scale: px of the undistorted image per normalised length of 1.
+            corners: (4, 2) rough corners of the rim, px of the undistorted image.
+            cells: number of cells across the marker.
 
         Returns:
-            The corners, and the four sides, each of which starts at its corner.
+            The corners (4, 2), px of the undistorted image; and the four lines. Line k leads from
+            corner k to the next corner.
         """
         for _ in range(RIM_FITS):
             lines, sides = [], []
@@ -111,15 +122,19 @@ class MarkerTracker(EdgeTracker):
                 ends = max(len(across) // 8, 1)
                 black, white = values[:, :ends].mean(), values[:, -ends:].mean()
                 if white - black < MIN_CONTRAST:
-                    raise VisionError("the marker has no contrast to its surroundings")
-                # The length of the black part of a profile gives the edge, even if it is blurred.
+                    raise VisionError(
+                        f"the surroundings of the marker are only {white - black:.0f} grey levels "
+                        f"brighter than its black rim, must be at least {MIN_CONTRAST:.0f}"
+                    )
+                # The position of the edge follows from the length of the black part of the profile,
+                # even if the edge is blurred.
                 darkness = (white - values) / (white - black)
                 edge_offset = np.trapezoid(darkness, across, axis=1) - reach
                 edge = stations + edge_offset[:, None] * normal
                 place, (dx, dy) = self._fit_robust_line(edge)
                 lines.append((place, np.array([dx, dy])))
                 near = edge[self._is_near(edge, *place, dx, dy)]
-                # Profiles less than a pixel apart have the same errors.
+                # Only profiles at a distance of one pixel or more have independent errors.
                 count = min(float(len(near)), RIM_PART * length)
                 sides.append(FittedLine.fit(near, np.array([-dy, dx]), count))
             corners = self._intersect_lines(lines)

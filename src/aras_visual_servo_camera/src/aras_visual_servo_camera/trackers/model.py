@@ -1,4 +1,4 @@
-"""Tracker of a solid, whose pose is given as points of a plane."""
+"""Tracker of a solid by its edges, for schemes that need points."""
 
 from __future__ import annotations
 
@@ -21,20 +21,19 @@ from ..undistortion import CameraModel
 from .base import TRACKERS, TrackedPoints, Tracker
 from .start_pose import StartPose
 
-BEST_ACCURACY = 0.01  # px; smallest error of the points, for any covariance of the pose
+BEST_ACCURACY = 0.01  # px; error of the points if the pose has no error
 
 
 @TRACKERS.register("model")
 @dataclass(eq=False)
 class ModelTracker(Tracker):
-    """The corners of a solid's middle section, computed from the pose of the solid.
+    """The corners of the horizontal rectangle through a solid's middle, computed from its pose.
 
-    The section is that of Solid.compute_section_corners.
-
-    Schemes for points and poses can thus be used with a solid.
+    With these points, schemes for points and poses can be used with a solid.
+    Solid.compute_section_corners returns them in the solid's frame.
 
     Attributes:
-        tracking: tracker of the pose; its `tracked_pose` is that of the last image.
+        tracking: tracker of the pose; its `tracked_pose` is the pose in the last image.
     """
 
     model: str | Solid = parameter("", help="mesh file (STL, OBJ, DAE) of the target")
@@ -54,13 +53,13 @@ class ModelTracker(Tracker):
         self.reset()
 
     def reset(self) -> None:
-        """Forget earlier images, as `Tracker.reset` does."""
+        """Forget all earlier images, so that the next image needs the start pose."""
         self.tracking.start(None)
         self._world_T_solid: np.ndarray | None = None
 
     def find(self, grey: NDArray[np.uint8]) -> np.ndarray:
-        """Raise VisionError, because a pose needs the calibration; use `track`."""
-        raise VisionError("tracker 'model' needs the camera's calibration")
+        """Raise VisionError, because the pose depends on the calibration; use `track` instead."""
+        raise VisionError("tracker 'model' needs the camera's calibration: call `track`")
 
     def track(
         self, grey: NDArray[np.uint8], camera: CameraModel,
@@ -79,7 +78,7 @@ class ModelTracker(Tracker):
         found = tracking.track(grey, camera, expected, depth)
         if found.loss_reason:
             if self._world_T_solid is None or self._start_pose.kind == "marker":
-                tracking.start(None)  # search from the start pose again
+                tracking.start(None)  # start again from the start pose
             raise VisionError(found.loss_reason)
         pose = found.camera_T_solid
         if world_T_camera is not None:
@@ -94,6 +93,9 @@ class ModelTracker(Tracker):
 
 
 def _compute_plane(pose: np.ndarray, points: np.ndarray) -> Plane | None:
-    """Return the plane of the points (4, 3), or None if the camera lies in it."""
+    """Return the plane of the points (4, 3), m; return None if the camera is in this plane.
+
+    pose: (4, 4) camera_T_solid. The points and the plane are in the camera's frame.
+    """
     distance = float(pose[:3, 2] @ points[0])
     return Plane(*(pose[:3, 2] / distance).tolist()) if distance else None

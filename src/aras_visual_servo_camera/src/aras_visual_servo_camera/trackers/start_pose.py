@@ -1,4 +1,4 @@
-"""Pose of a solid in the first image: from a pose, a marker, or clicked points."""
+"""Pose of a solid in the first image, from a pose in the world, a marker, or clicked points."""
 
 from __future__ import annotations
 
@@ -22,14 +22,15 @@ START_FORMS = (
 
 
 class StartPose:
-    """Start pose of a solid, as defined by a parameter with one of three keys.
+    """Start pose of a solid, from a parameter with one of three keys.
 
-    pose: pose of the solid in the arm's base (the world), m and rad.
-    marker: an ArUco or AprilTag marker on the solid: `size` of its black square, m; `pose` of its
-    middle
-        in the solid's frame, with x to the right and y up as the marker is read; `number` as in
-        MarkerChoice, by default the largest marker in view.
-    clicks: at least four points x, y, z of the solid, m, with their pixels u, v in the first image.
+    - `pose`: x, y, z, roll, pitch, yaw of the solid in the base of the arm (the world), m and rad.
+    - `marker`: an ArUco or AprilTag marker on the solid. `size` is the side of its black square, m.
+      `pose` is the pose of its middle in the solid's frame; x is to the right and y is up when the
+      marker is upright. `number` is a choice as in MarkerChoice, by default the largest visible
+      marker.
+    - `clicks`: at least four rows x, y, z, u, v: a point of the solid, m, and its pixel in the
+      first image.
     """
 
     def __init__(self, entry: Mapping[str, Any]) -> None:
@@ -39,7 +40,9 @@ class StartPose:
             ModelError: the parameter is invalid.
         """
         if len(entry) != 1 or next(iter(entry)) not in ("pose", "marker", "clicks"):
-            raise ModelError(f"model_start must define the start pose of the model: {START_FORMS}")
+            raise ModelError(
+                f"model_start must define the start pose of the model by one key: {START_FORMS}"
+            )
         ((self.kind, value),) = entry.items()
         try:
             if self.kind == "pose":
@@ -50,21 +53,32 @@ class StartPose:
             else:
                 self._clicks = np.array(value, float)
                 if self._clicks.ndim != 2 or self._clicks.shape[1] != 5 or len(self._clicks) < 4:
-                    raise ValueError("four rows of five numbers at least")
+                    raise ValueError("it needs at least four rows of five numbers")
         except (TypeError, ValueError, KeyError, IndexError, VisionError) as error:
-            raise ModelError(f"model_start: {self.kind} {value}: {error}: {START_FORMS}") from None
+            raise ModelError(
+                f"model_start: {self.kind} is {value}: {error}; must be {START_FORMS}"
+            ) from None
 
     def compute_camera_T_solid(
         self, grey: NDArray[np.uint8], camera: CameraModel, world_T_camera: np.ndarray | None
     ) -> np.ndarray:
         """Compute the pose camera_T_solid (4, 4) in the first image.
 
+        Args:
+            grey: (rows, columns) image.
+            camera: intrinsics and distortion.
+            world_T_camera: (4, 4) pose of the camera, which the key `pose` needs.
+
         Raises:
-            VisionError: the marker is not in view, or the pose of the camera is needed and unknown.
+            VisionError: the marker is not visible, the pose of the camera is missing, or the clicks
+                do not determine a pose.
         """
         if self.kind == "pose":
             if world_T_camera is None:
-                raise ModelError("model_start: a pose in the world needs the camera's pose")
+                raise ModelError(
+                    "model_start: pose needs the pose of the camera, which is unknown; use marker "
+                    "or clicks"
+                )
             return inverse(world_T_camera) @ self._pose
         if self.kind == "marker":
             half = 0.5 * self._marker_size
@@ -76,11 +90,11 @@ class StartPose:
 
 
 def solve_pnp(object_points: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Compute camera_T_solid (4, 4) from points of the solid and their image points.
+    """Compute the pose camera_T_solid (4, 4) from points of a solid and their images.
 
     Args:
-        object_points: (n, 3) m, in the solid's frame.
-        points: (n, 2) normalised.
+        object_points: (n, 3) points in the solid's frame, m.
+        points: (n, 2) images of these points, normalised.
 
     Raises:
         ModelError: the points do not determine a pose.
@@ -95,7 +109,9 @@ def solve_pnp(object_points: np.ndarray, points: np.ndarray) -> np.ndarray:
         or not (np.isfinite(rotation_vector).all() and np.isfinite(translation).all())
         or translation[2] <= 0.0
     ):
-        raise ModelError("the points of the model give no pose: are they on one line?")
+        raise ModelError(
+            "the points do not determine the pose of the model; use points that are not on one line"
+        )
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = cv2.Rodrigues(rotation_vector)[0], translation.ravel()
     return pose
@@ -104,5 +120,5 @@ def solve_pnp(object_points: np.ndarray, points: np.ndarray) -> np.ndarray:
 def _read_pose(values: Sequence[float]) -> np.ndarray:
     numbers = [float(v) for v in values]
     if len(numbers) != 6 or not np.isfinite(numbers).all():
-        raise ValueError("six finite numbers are needed")
+        raise ValueError("a pose needs six finite numbers")
     return matrix_from_xyz_rpy(numbers[:3], numbers[3:])

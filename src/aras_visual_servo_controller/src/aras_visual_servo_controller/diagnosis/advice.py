@@ -10,25 +10,27 @@ from ..records.outcomes import START_CLOSER, Outcome
 from ..records.remedy import Change, Remedy, multiply, remove, set_value
 from ..schemes.base import JointController, Scheme, SchemeBase
 
-# A loop with dead time T oscillates at its stability limit with f = 1 / (4 T). Its error decays
-# fastest without oscillation at the gain 1 / (e T) = 1.5 f; the smaller factor leaves a reserve.
+# A loop with the dead time T (s) oscillates with a constant amplitude at f = 1 / (4 T). Its error
+# decays fastest without oscillation at the gain 1 / (e T) = 1.5 f. The suggested factor is smaller,
+# as a reserve.
 GAIN_PER_HERTZ = 1.2  # suggested gain per frequency of the oscillation, 1/s per Hz
-# Smallest part of 2 pi f that the gain of a loop oscillating at f may have: an L that is too small
-# raises the effective gain.
+# A loop that oscillates at f has at least this fraction of the gain 2 pi f: if L is too small, the
+# effective gain is higher than the configured one.
 MIN_GAIN_PART = 0.3
-# Bounds of the suggested factor on the gain.
-MAX_GAIN_FACTOR, MIN_GAIN_FACTOR = 0.6, 0.02
-# Factor on the remaining time predicted from the measured rate, and upper bound of the suggested
-# factor on the duration.
-TIME_RESERVE, MAX_TIME_FACTOR = 1.5, 50.0
-# Additional factor for joints at their speed limits: which joint is the slowest can change.
+MAX_GAIN_FACTOR = 0.6  # largest factor by which a gain is multiplied to reduce it
+MIN_GAIN_FACTOR = 0.02  # smallest such factor
+TIME_RESERVE = 1.5  # factor on the remaining time, which is predicted from the measured rate
+MAX_TIME_FACTOR = 50.0  # largest suggested factor on the duration
+# Additional factor on the remaining time if joints move at their speed limits: another joint may
+# become the slowest one later.
 LINEAR_RESERVE = 2.0
-TIME_CONSTANTS = 8.0  # time constants that a run needs to reach its goal
-# Noise of the error in tolerances: the largest for which a larger target is suggested; the value
-# that is assumed where the noise is unknown; and the value that reduced noise should reach.
-NOISE_OF_SMALL_TARGET, NOISE_WHEN_UNKNOWN, TOLERATED_NOISE = 2.0, 50.0, 0.5
-SETTLING_TIME = 3.0  # s that the error has to stay small, with a reserve
-# Schemes that measure rotations near 180 degrees and take a straight path from most starts.
+TIME_CONSTANTS = 8.0  # time constants (1 / gain) that a run needs to reach its goal
+# Up to this noise of the error, in tolerances, a larger target is suggested.
+NOISE_OF_SMALL_TARGET = 2.0
+NOISE_WHEN_UNKNOWN = 50.0  # noise that is assumed if it is unknown, in tolerances
+TOLERATED_NOISE = 0.5  # noise that remains after the suggested change, in tolerances
+SETTLING_TIME = 3.0  # time for which the error has to stay small, s, with a reserve
+# Schemes that can turn the camera by 180 degrees on a straight path from most starts.
 HALF_TURN_SCHEMES = "pose, two_and_half_d or polar_points"
 PACKAGE = __name__.partition(".")[0]
 
@@ -50,7 +52,7 @@ def find_gain(scheme: Scheme | JointController | None) -> float | None:
 
 
 def can_oscillate(scheme: Scheme | JointController | None, frequency: float) -> bool:
-    """Return whether a loop with the gain of this scheme can oscillate at a frequency, Hz.
+    """Return whether a loop with the gain of this scheme can oscillate at `frequency` (Hz).
 
     The joints integrate their commanded velocities, so a loop that oscillates at f has a gain of at
     least 2 pi f.
@@ -65,8 +67,8 @@ def suggest_gain(
     """Suggest the gain at which a loop that oscillates at `frequency` Hz comes to rest.
 
     Args:
-        frequency: in Hz, or None if it is unknown.
-        duration: time limit of the run, s, within which it has to reach its goal.
+        frequency: frequency of the oscillation, Hz; None if it is unknown.
+        duration: time limit of the run, s.
     """
     advice = (
         "lower the gain or the delay between image and command; if the camera shakes, mount it "
@@ -85,7 +87,7 @@ def suggest_gain(
 
 
 def _compute_duration(gain: float, duration: float) -> tuple[Change, ...]:
-    """Return the change to a longer duration (s) if a loop of this gain (1/s) needs one."""
+    """Return the change that extends the duration (s) if a loop with this gain (1/s) needs it."""
     needed = (TIME_CONSTANTS / gain + SETTLING_TIME) / duration
     return (multiply("duration", needed),) if isfinite(duration) and needed > 1.0 else ()
 
@@ -95,9 +97,10 @@ def suggest_more_time(duration: float, size: float, rate: float, linear: bool = 
 
     Args:
         duration: time limit of the run, s.
-        size: of the error, in tolerances.
-        rate: at which the error shrinks: 1/s if exponentially, tolerances per second if linearly.
-        linear: whether the error shrinks linearly, because joints are at their speed limits.
+        size: size of the error, in tolerances.
+        rate: rate at which the error decreases: in 1/s for an exponential decrease, in tolerances
+            per second for a linear one.
+        linear: whether the error decreases linearly, because joints are at their speed limits.
     """
     advice = "allow more time, or a higher gain"
     if linear:
@@ -133,7 +136,7 @@ def suggest_scheme(candidate: Outcome, scheme: Scheme | JointController) -> Reme
 
 
 def _suggest_replacement(scheme: Scheme | JointController, name: str) -> tuple[Change, ...]:
-    """Return the changes to another scheme, or to a closer start if it is in use already."""
+    """Return the change to scheme `name`, or to a closer start if that scheme is already in use."""
     features = getattr(scheme, "features", ())
     if any(feature.name == name for feature in features):
         return (START_CLOSER,)
@@ -144,9 +147,9 @@ def _suggest_replacement(scheme: Scheme | JointController, name: str) -> tuple[C
 
 
 def suggest_larger_target(noise: float, *others: Change) -> Remedy:
-    """Suggest less noise for an error that scatters by more than its tolerance.
+    """Suggest how to reduce the noise of an error that scatters by more than its tolerance.
 
-    A larger target is suggested where it is sufficient, otherwise less jitter and image noise.
+    The suggestion is a larger target if that is sufficient, otherwise less jitter and image noise.
 
     Args:
         noise: scatter of the error, in tolerances; 0 if it is unknown.
@@ -167,7 +170,7 @@ def suggest_larger_target(noise: float, *others: Change) -> Remedy:
 
 
 def suggest_faster_joints(advice: Remedy) -> Remedy:
-    """Add a shorter lag to the advice, for joints that follow their commands too slowly."""
+    """Return the advice with a shorter lag, for joints that follow their commands too slowly."""
     return Remedy(str(advice), multiply("lag", 0.02))
 
 
@@ -180,11 +183,11 @@ def suggest_wider_limits(keys: Sequence[str]) -> Remedy:
 
 
 def suggest_longer_watchdog(longest: float, gain: float | None, duration: float) -> Remedy:
-    """Suggest a longer watchdog and a lower gain for a loop whose images are rare.
+    """Suggest a longer watchdog and a lower gain for a loop that receives images rarely.
 
     Args:
         longest: longest time between two images, s.
-        gain: of the control law, 1/s, or None if it is unknown.
+        gain: gain of the control law, 1/s, or None if it is unknown.
         duration: time limit of the run, s.
     """
     changes = [set_value("watchdog", round(2.0 * longest, 2))]

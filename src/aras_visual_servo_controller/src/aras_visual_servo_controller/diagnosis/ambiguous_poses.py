@@ -1,10 +1,10 @@
 """Camera poses other than the goal from which the goal's points have the same image.
 
 Three points have the same image from up to four poses (J. Grunert, 1841). Coplanar points have
-nearly the same image from the pose with the mirrored tilt; the longer the focal length, the smaller
-the difference (T. Collins and A. Bartoli, Infinitesimal plane-based pose estimation, IJCV 109,
-2014). The plane of the target, if kinematics give it, shows at which of these poses the camera is.
-Otherwise the image decides if it shows the difference.
+nearly the same image from the pose with the mirrored tilt, and the difference decreases with the
+focal length (T. Collins and A. Bartoli, Infinitesimal plane-based pose estimation, IJCV 109, 2014).
+If kinematics give the plane of the target, this plane shows at which of these poses the camera is.
+Otherwise the poses are distinguished by the image, if it differs enough between them.
 """
 
 from __future__ import annotations
@@ -24,20 +24,24 @@ from ..features.pose import are_collinear, refine_pose
 from ..goals.goal import Goal
 from ..observation.observation import Observation
 
-# Largest distance between points that features may accept as converged: normalised, and as a part
-# of the target's radius.
-MAX_POINT_DISTANCE, MAX_RADIUS_PART = 5e-3, 0.1
-# Two poses closer than SAME_POSE (parts of the depth, rad) are the same. A pose whose target plane
-# differs by less than SAME_PLANE is the goal turned about the target's normal, as for a symmetric
-# target; it is not listed.
-SAME_POSE, SAME_PLANE = 2e-3, 0.02
-# A pose is chosen if the plane by kinematics differs from its plane by less than this part of the
-# difference from the other pose's plane.
+# An ambiguous pose is one whose image points are at most this far from the goal's points, because
+# features may accept such a difference as converged.
+MAX_POINT_DISTANCE = 5e-3  # normalised
+MAX_RADIUS_PART = 0.1  # as a fraction of the target's radius
+# Two poses are the same if they differ by less than this: translation as a fraction of the depth,
+# rotation in rad.
+SAME_POSE = 2e-3
+# A pose whose target plane differs from the goal's by less than this is the goal turned about the
+# target's normal, as for a symmetric target. Such a pose is not listed as ambiguous.
+SAME_PLANE = 0.02
+# The target's plane by kinematics decides between two poses if its difference from the plane at one
+# of them is less than this fraction of its difference from the plane at the other.
 NEARER_FACTOR = 0.5
-# Smallest difference in squared deviations at which the image decides between two poses.
+# Smallest difference between the squared errors of two fits, in units of the variance, at which the
+# image decides between two poses.
 MIN_FIT_DIFFERENCE = 25.0
-EXACT_ACCURACY = 1e-6  # normalised accuracy assumed for noise-free points
-# residual of an affine map to the goal's points, as a part of the target's radius
+EXACT_ACCURACY = 1e-6  # normalised accuracy that is assumed for points without noise
+# largest residual of an affine map to the goal's points, as a fraction of the target's radius
 AFFINE_TOLERANCE = 0.1
 
 
@@ -46,10 +50,11 @@ class AmbiguousPose:
     """A camera pose from which the goal's points have the same image as from the goal.
 
     Attributes:
-        points: (n, 2) image points at this pose, in the order of the goal's points.
+        points: (n, 2) normalised image points at this pose, in the order of the goal's points.
         inverse_depth: (n,) inverse depths of these points, 1/m.
         plane: (3,) target plane in the camera's frame at this pose, see `Plane`.
-        distance, angle: from the goal, m and rad.
+        distance: distance of this pose from the goal, m.
+        angle: angle between this pose and the goal, rad.
     """
 
     points: np.ndarray
@@ -78,7 +83,12 @@ class AmbiguousPoses:
     def find_pose(
         self, observation: Observation
     ) -> tuple[AmbiguousPose | None, tuple[AmbiguousPose, ...]]:
-        """Return the ambiguous pose at which the camera is, or None, and all that are possible."""
+        """Find the ambiguous pose at which the camera is.
+
+        Returns:
+            The pose, or None if the camera is at none of them; all poses between which neither the
+            plane nor the image decides.
+        """
         possible, nearest, least = [], None, np.inf
         for pose in self.poses:
             here, there = 1.0, 1.0
@@ -102,7 +112,10 @@ class AmbiguousPoses:
         return nearest, tuple(possible)
 
     def _compare_fit(self, observation: Observation, pose: AmbiguousPose) -> float:
-        """Return by how many squared deviations the image fits this pose better than the goal."""
+        """Return by how much better the image fits this pose than the goal.
+
+        The result is the difference of the squared errors, in units of the variance of the corners.
+        """
         corners = _match_corners(observation.corners, self._points)
         if corners is None:
             return 0.0
@@ -142,7 +155,7 @@ class AmbiguousPoses:
 
 
 def _solve_poses(places: np.ndarray, points: np.ndarray) -> Iterator[np.ndarray]:
-    """Yield the camera poses c_T_g (4, 4) that project coplanar points of g onto image points.
+    """Yield the camera poses c_T_g (4, 4) that project coplanar points of frame g to image points.
 
     Args:
         places: (n, 3) coplanar points in frame g, m.
@@ -168,29 +181,31 @@ def _solve_poses(places: np.ndarray, points: np.ndarray) -> Iterator[np.ndarray]
 
 
 def _compare_planes(one: np.ndarray, other: np.ndarray) -> float:
-    """Return how far two planes (3,) differ: angle (rad) plus logarithm of the distance ratio."""
+    """Return the difference of two planes (3,): angle (rad) plus logarithm of the distance ratio.
+    """
     sizes = np.linalg.norm(one), np.linalg.norm(other)
     cosine = float(np.clip(one @ other / (sizes[0] * sizes[1]), -1.0, 1.0))
     return float(np.arccos(cosine) + abs(np.log(sizes[0] / sizes[1])))
 
 
 def _is_same_pose(one: np.ndarray, other: np.ndarray, depth: float) -> bool:
-    """Return whether two camera poses (4, 4) are the same within SAME_POSE."""
+    """Return whether two camera poses (4, 4) differ by less than SAME_POSE."""
     distance, angle = pose_difference(one, other)
     return distance / depth + angle < SAME_POSE
 
 
 def _is_affine(points: np.ndarray, mapped_points: np.ndarray, tolerance: float) -> bool:
-    """Return whether an affine map takes points (n, 2) to mapped points within a tolerance."""
+    """Return whether an affine map takes points (n, 2) to other points (n, 2) within a tolerance.
+    """
     flat = np.column_stack([points, np.ones(len(points))])
     rest = mapped_points - flat @ np.linalg.lstsq(flat, mapped_points, rcond=None)[0]
     return bool(np.abs(rest).max() <= tolerance)
 
 
 def _match_corners(corners: np.ndarray | None, points: np.ndarray) -> np.ndarray | None:
-    """Return the corners (n, 2) nearest to the given points (n, 2), in their order.
+    """Return the corner nearest to each of the points (n, 2), as an array (n, 2).
 
-    The result is None if a point has no corner of its own nearby.
+    Return None if a point has no corner nearby, or if two points share their nearest corner.
     """
     if corners is None or len(corners) < len(points):
         return None

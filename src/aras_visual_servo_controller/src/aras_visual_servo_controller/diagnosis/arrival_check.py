@@ -1,9 +1,9 @@
 """Check whether the camera has arrived at its goal, and bound its remaining distance.
 
-Near the goal the error is e = s - s* = L x, where x (6,) is the camera's offset from the goal.
-Noise is averaged over images. As the camera moves meanwhile, kinematics transform the offset L^+ e
-of each image to the present camera pose. If the target moves with the camera, the measured offsets
-scatter less without this transformation, and they are averaged directly.
+Near the goal the error is e = s - s* = L x, where x (6,) is the camera's offset from the goal. The
+noise is averaged over several images. As the camera moves between these images, the offset L^+ e of
+each image is transformed to the present camera pose by kinematics. If the target moves with the
+camera, the offsets scatter less without this transformation; then they are averaged directly.
 """
 
 from __future__ import annotations
@@ -36,41 +36,54 @@ if TYPE_CHECKING:
     from ..schemes.base import JointController, Scheme, SchemeOutput
     from .ambiguous_poses import AmbiguousPoses
 
-# Largest offset from the goal of a camera that has arrived: parts of the target's depth, rad. It
-# leaves room for the uncertainty of L (OFFSET_FACTORS) below NEGLIGIBLE_UNCERTAINTY. Along a
-# direction that changes the features little, the tolerances of the features alone may allow 6 mm
-# (four points of a plane tilted by 40 degrees).
+# Largest offset from the goal of a camera that has arrived: translation as a fraction of the
+# target's depth, rotation in rad. It is smaller than NEGLIGIBLE_UNCERTAINTY by more than
+# OFFSET_FACTORS, which account for an inaccurate L. The tolerances of the features alone may allow
+# 6 mm in a direction that hardly changes the features (four points of a plane tilted by 40
+# degrees).
 GOAL_TOLERANCE = (8e-4, 3.5e-3)
-HYSTERESIS = 1.5  # factor on tolerances and offset for a camera that has arrived
-KNOWN_DEVIATIONS = 2.0  # standard deviations that count as the uncertainty of the mean
-# Largest rms scatter of errors about their mean, in tolerances. More is motion, not noise.
+# A camera that has arrived may exceed the tolerances and the offset by this factor.
+HYSTERESIS = 1.5
+KNOWN_DEVIATIONS = 2.0  # standard deviations of the mean that are taken as its uncertainty
+# Largest rms scatter of the errors about their mean, in tolerances. A larger scatter is due to
+# motion, not to noise.
 MAX_SCATTER = 3.0
-# With fewer than FEW_IMAGES images in the window, each has to be within the tolerances, and at
-# least MIN_IMAGES are required: the mean of a few images could hide a motion.
-FEW_IMAGES, MIN_IMAGES = 5, 3
-# Largest averaging window, images. An error above FAR_TOLERANCES tolerances (four times the largest
-# noise) empties the window, because the linearisation by L does not hold so far from the goal.
-MAX_WINDOW, FAR_TOLERANCES = 120, 12.0
-# ratio of the mean error to its earlier value below which the uncertainty is computed again
+# The mean of a few images could hide a motion. Therefore each image has to be within the tolerances
+# if the window contains fewer than FEW_IMAGES images.
+FEW_IMAGES = 5
+MIN_IMAGES = 3  # smallest number of images in the window
+MAX_WINDOW = 120  # largest number of averaged images
+# An error of more than this many tolerances (four times the largest noise) empties the window,
+# because the linearisation by L is not valid so far from the goal.
+FAR_TOLERANCES = 12.0
+# The uncertainty is computed again when the mean error has decreased to this fraction of the error
+# for which it was computed last.
 RENEWAL_RATIO = 0.7
-# Largest difference between the offset of the latest image and the mean, in standard deviations. A
-# larger one shows that kinematics do not describe the camera's motion.
+# Largest difference between the offset of the latest image and the mean offset, in standard
+# deviations. A larger difference shows that kinematics do not describe the camera's motion.
 OUTLIER_DEVIATIONS = 5.0
 NOISE_STEPS = 8  # minimum number of images from which the noise is estimated
-MAX_ROWS = 64  # number of rows of L above which the normal equations are solved
-# After an arrival the first VIEW_PERIOD images are compared with the goal, then every
+MAX_ROWS = 64  # for more rows of L than this, the normal equations are solved
+# After an arrival, each of the first VIEW_PERIOD images is compared with the goal, then only every
 # VIEW_PERIOD-th.
 VIEW_PERIOD = 8
 ALIKE_REASON = "several camera poses give the same image points as the goal"
 OTHER_VIEW_REASON = "every feature is at its goal, but the image differs from the goal's"
-ROUNDING = 1e-9  # numerical tolerance: s; rad, and m at DEFAULT_DEPTH
+ROUNDING = 1e-9  # numerical tolerance of times (s), angles (rad), and lengths (m at DEFAULT_DEPTH)
 
 
 class ArrivalCheck:
-    """Arrival test on the mean error over `hold` seconds, with hysteresis."""
+    """Test of whether the mean error over `hold` seconds shows that the camera has arrived.
+
+    A camera that has arrived may exceed the limits by the factor HYSTERESIS.
+    """
 
     def __init__(self, hold: float) -> None:
-        """Create the check; `hold`: averaging time, s; 0 evaluates each image separately."""
+        """Create the check.
+
+        Args:
+            hold: averaging time, s; 0 evaluates each image separately.
+        """
         self.hold = float(hold)
         self._errors, self._offsets, self._view_check = RecentErrors(), RecentErrors(), ViewCheck()
         self._ambiguous_poses: AmbiguousPoses | None = None
@@ -83,10 +96,10 @@ class ArrivalCheck:
         self._view_check.clear()
         self._is_reached = False
         self._margin: ArrivalMargin | None = None
-        # ambiguous pose at which the camera is, and ambiguous poses at which it may be
+        # Ambiguous pose at which the camera is, and all ambiguous poses at which it may be.
         self._other_pose, self._possible_poses = None, ()
         self._wrong_pose_reason, self._unseen_motion, self._images = "", np.zeros(6), 0
-        self._error_size = 0.0  # mean error for which the margin was computed, in tolerances
+        self._error_size = 0.0  # mean error, in tolerances, for which the margin was computed
 
     def add(
         self,
@@ -100,8 +113,8 @@ class ArrivalCheck:
 
         Args:
             scheme_output: measurement and task of the image.
-            ik_solution: joint velocities for the task, which show what the arm can move; None for a
-                free camera.
+            ik_solution: joint velocities for the task; they show in which directions the arm can
+                move the camera. None for a free camera.
         """
         error, tolerances = scheme_output.error, np.asarray(scheme.tolerances, float)
         if len(self._errors) and self._errors.errors.shape[1] != len(error):
@@ -128,7 +141,7 @@ class ArrivalCheck:
                 self._view_check.clear()
             self._is_reached, self._margin = False, None
             return ArrivalStatus(pending_reason=reason)
-        if not self._is_reached:  # views from before the arrival do not count
+        if not self._is_reached:  # views from before the arrival are ignored
             self._images = 0
             self._view_check.retain(max(1 if offsets is None else offsets.count, MIN_VIEWS))
         self._is_reached = True
@@ -154,16 +167,16 @@ class ArrivalCheck:
         ik_solution: IKSolution | None,
         offsets: PoseOffsets,
     ) -> ArrivalStatus:
-        """Return the arrival status, with the remaining uncertainty, for an image at the goal."""
+        """Return the arrival status, with the remaining uncertainty, of a camera at its goal."""
         tolerances = np.asarray(scheme.tolerances, float)
         errors = self._errors.errors
         size = float(np.linalg.norm(errors.mean(axis=0) / tolerances))
         self._images += 1
-        # The accuracy of the features improves towards the goal.
+        # The features become more accurate as the camera approaches the goal.
         if self._margin is None or size < RENEWAL_RATIO * self._error_size:
             self._error_size = size
-            # The same images as for the offset, so that the accuracy belongs to this distance from
-            # the goal.
+            # Use the same images as for the offset, so that the accuracy belongs to this distance
+            # from the goal.
             latest = errors[-max(offsets.count, MIN_VIEWS) :]
             self._margin = margin = ArrivalMargin(
                 scheme_output, observation, goal, latest.mean(axis=0),
@@ -175,7 +188,8 @@ class ArrivalCheck:
 
                 self._ambiguous_poses = AmbiguousPoses(goal)
             self._other_pose, self._possible_poses = self._ambiguous_poses.find_pose(observation)
-            if scheme_output.residual is None:  # L belongs to the features themselves
+            # Otherwise L belongs to the residual, not to the features.
+            if scheme_output.residual is None:
                 L = scheme_output.L / tolerances[:, None] / np.repeat((1.0, goal.distance), 3)
                 self._view_check.set_expected_place(
                     observation, L, margin.compute_covariance(offsets), goal.distance
@@ -191,10 +205,12 @@ class ArrivalCheck:
         return ArrivalStatus(True, "", self._wrong_pose_reason, uncertainty)
 
     def _compare_views(self, offset: np.ndarray, ambiguity: str) -> None:
-        """Set the reason why the camera is at another pose, and the motion that no feature shows.
+        """Compare the images with the goal.
+
+        Set the reason why the camera is at another pose, and the motion that no feature measures.
 
         Args:
-            offset: (6,) of the camera from the goal by features and kinematics, scaled.
+            offset: (6,) offset of the camera from the goal by features and kinematics, scaled.
             ambiguity: rotational symmetry of the target, as text.
         """
         place, self._unseen_motion = self._view_check.compare_place(offset)
@@ -216,8 +232,7 @@ class ArrivalCheck:
         self, scheme_output: SchemeOutput, observation: Observation, tolerances: np.ndarray,
         free: np.ndarray | None, depth: float,
     ) -> None:
-        """Store the camera's offset from the goal by this image if L determines it near the goal.
-        """
+        """Store the offset of the camera near its goal, if L determines it at this image."""
         if _is_far(scheme_output.error, tolerances):
             self._offsets.clear()
             return
@@ -231,9 +246,9 @@ class ArrivalCheck:
         self._offsets.drop_oldest(max(len(self._offsets) - MAX_WINDOW, 0))
 
     def _has_settled(self, stamp: float, tolerances: np.ndarray) -> bool:
-        """Return whether the mean error of the last `hold` seconds is within tolerances (k,)."""
+        """Return whether the mean error of the last `hold` seconds is within `tolerances` (k,)."""
         recent = self._errors
-        # One image at or before the start of the window stays, to show that the window is full.
+        # Keep one image from the start of the window or before, to know that the window is full.
         old_count = int(np.searchsorted(recent.stamps, stamp - self.hold + ROUNDING, "right"))
         min_count = MIN_IMAGES if self.hold > 0.0 else 1
         recent.drop_oldest(max(min(old_count - 1, len(recent) - min_count), 0))
@@ -256,16 +271,17 @@ def compute_mean_offset(
     """Compute the mean offset of the camera from its goal, and state why it is too large.
 
     Args:
-        stamps: (m,) of the images, s.
-        rows: (m, 22) per image the offset L^+ e (6,) in the camera's frame, m and rad, and
-            `world_T_camera` (16,), NaN if unknown.
+        stamps: (m,) stamps of the images, s.
+        rows: (m, 22) one row per image: the offset L^+ e (6,) in the camera's frame, m and rad, and
+            `world_T_camera` (16,), NaN if the pose is unknown.
         observable: L^+ L (6, 6), the part of a motion that changes the offsets.
-        settled_images: number of images for which the features have settled.
+        settled_images: number of images since the features settled.
         was_reached: whether the camera was at its goal at the previous image.
-        depth: of the target at the goal, m.
+        depth: depth of the target at the goal, m.
 
     Returns:
-        The mean offset at the last image; a sentence that is empty if the offset is small enough.
+        The mean offset at the last image; the reason why it is too large, empty if it is small
+        enough.
     """
     near = GOAL_TOLERANCE[0] * depth, GOAL_TOLERANCE[1]
     mean, scatter, count, enough = _average_offsets(
@@ -302,10 +318,10 @@ def _estimate_offset(
     settled_images: int,
     noise: np.ndarray,
 ) -> PoseOffsets:
-    """Return the offset averaged over all settled images if that mean is more accurate.
+    """Return the offset averaged over all settled images, if that mean is more accurate.
 
-    Before the arrival the offsets scatter more, so the mean of the latest images may be the more
-    accurate one.
+    While the camera still approaches its goal, the offsets scatter more. Then the mean of the
+    latest images may be more accurate.
     """
     mean, scatter, count, _ = _average_offsets(rows, observable, settled_images, np.full(2, np.inf))
     by_latest, by_all = np.diag(offsets.scatter) / offsets.count, np.diag(scatter) / count
@@ -320,8 +336,8 @@ def _estimate_offset(
 def compute_speed(stamps: np.ndarray, rows: np.ndarray) -> tuple[float, float]:
     """Return the camera's speed relative to its goal before the last image, m/s and rad/s.
 
-    It is the smaller of two estimates: the one from kinematics is too large if the target moves
-    along, the one from images if they are noisy.
+    Return the smaller of two estimates. The estimate from kinematics is too large if the target
+    moves with the camera. The estimate from the images is too large if they are noisy.
 
     Args:
         stamps, rows: see `compute_mean_offset`.
@@ -329,16 +345,17 @@ def compute_speed(stamps: np.ndarray, rows: np.ndarray) -> tuple[float, float]:
     if len(rows) < 2 or stamps[-1] <= stamps[-2]:
         return 0.0, 0.0
     by_images = _compute_lengths((rows[-1, :6] - rows[-2, :6]).tolist())
-    # NaN where poses are unknown
+    # The result is NaN if poses are unknown.
     by_kinematics = _compute_lengths(_compute_motion_since(rows, len(rows) - 2).tolist())
     dt = stamps[-1] - stamps[-2]
     return tuple(float(np.fmin(*pair)) / dt for pair in zip(by_images, by_kinematics, strict=True))
 
 
 def _estimate_noise(offsets: np.ndarray, depth: float = DEFAULT_DEPTH) -> np.ndarray:
-    """Estimate the standard deviation (6,) of offsets (m, 6) from their differences.
+    """Estimate the standard deviation (6,) of offsets (m, 6) from differences between images.
 
-    Second differences are used where possible, because a slow motion hardly changes them.
+    Second differences are used if there are enough images, because a slow motion hardly changes
+    them.
     """
     order = 2 if len(offsets) > 2 else 1
     steps = np.diff(offsets, n=order, axis=0)
@@ -351,8 +368,8 @@ def compute_offset(
 ) -> np.ndarray | None:
     """Return the camera's offset L^+ e (6,) from the goal by one image, m and rad.
 
-    Only the directions `free` (f, 6) in which the task moves the camera count. The offset is None
-    if the scheme gives no L for its error.
+    The offset has only components along the directions `free` (f, 6) in which the task moves the
+    camera. Return None if the scheme gives no L for its error.
     """
     L = scheme_output.L
     error = scheme_output.error if scheme_output.residual is None else scheme_output.residual
@@ -369,7 +386,8 @@ def compute_offset(
 
 
 def _compute_observable(scheme_output: SchemeOutput, free: np.ndarray, depth: float) -> np.ndarray:
-    """Return the matrix L^+ L (6, 6) by which a camera motion changes the measured offset."""
+    """Return the matrix L^+ L (6, 6), which maps a camera motion to the change of the offset L^+ e.
+    """
     scale = np.repeat((1.0, depth), 3)
     L = np.asarray(scheme_output.L, float) / scale
     L_free, tolerance = L @ free.T, RANK_TOLERANCE
@@ -397,7 +415,7 @@ def _is_far(error, tolerances):
 
 @jit("f8[:,:], f8[:]")
 def _is_within(errors, limit):
-    """Return whether the errors (m, k) have means within the limits (k,) and scatter little."""
+    """Return whether errors (m, k) have means within the limits (k,) and a small scatter."""
     count = errors.shape[0]
     for k in range(errors.shape[1]):
         mean, square = 0.0, 0.0
@@ -418,7 +436,7 @@ def _compute_motion_since(rows, i):
     The motion is small, so the rotation vector is the skew-symmetric part of the rotation matrix.
 
     Args:
-        rows: (m, 22) offsets and poses.
+        rows: (m, 22) offset and pose of each image, see `compute_mean_offset`.
     """
     last, k = rows.shape[0] - 1, 6
     motion, rotation = np.empty(6), np.zeros((3, 3))
@@ -442,20 +460,22 @@ def _average_offsets(rows, observable, count, limit):
     """Compute the mean offset of the latest images, transformed to the present camera pose.
 
     Args:
-        rows: (m, 22) offsets and poses of images, the present one last.
+        rows: (m, 22) offset and pose of each image, the present one last; see
+            `compute_mean_offset`.
         observable: L^+ L (6, 6), the part of a motion that changes the offsets.
         count: minimum number of latest images; it is doubled until the standard deviation of the
             mean is within the limit.
-        limit: (2,) m and rad.
+        limit: (2,) limit of this standard deviation, m and rad.
 
     Returns:
-        (6,) mean; (6, 6) covariance of the offsets; number of images; whether the standard
-        deviation of the mean is within the limit.
+        The mean (6,); the covariance (6, 6) of the offsets; the number of images; whether the
+        standard deviation of the mean is within the limit.
     """
     m = rows.shape[0]
     count = min(max(count, 1), m)
     while True:
-        # Sums of the measured offsets (0) and of the offsets transformed to the present pose (1).
+        # Sums of the offsets as measured (index 0), and of the offsets transformed to the present
+        # pose (index 1).
         total, square = np.zeros((2, 6)), np.zeros((2, 6, 6))
         off = np.empty((2, 6))
         for i in range(m - count, m):
@@ -475,7 +495,7 @@ def _average_offsets(rows, observable, count, limit):
                 mean = total[n, a] / count
                 variances[n, a // 3] += max(square[n, a, a] / count - mean * mean, 0.0) / count
             scatter[n] = variances[n, 0] / limit[0] ** 2 + variances[n, 1] / limit[1] ** 2
-        n = 1 if scatter[1] <= scatter[0] else 0  # scatter[1] is NaN if poses are unknown
+        n = 1 if scatter[1] <= scatter[0] else 0  # 0 if poses are unknown: scatter[1] is NaN
         is_enough = variances[n, 0] <= limit[0] ** 2 and variances[n, 1] <= limit[1] ** 2
         if is_enough or count == m:
             mean, scattered = total[n] / count, square[n] / count

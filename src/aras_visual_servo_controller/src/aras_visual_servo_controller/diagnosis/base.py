@@ -17,10 +17,10 @@ class RunDiagnosis(ABC):
     """Detector of one possible fault of a run, or of its success.
 
     Attributes:
-        name: under which the diagnosis is registered.
+        name: name under which the diagnosis is registered.
         help: what the diagnosis detects.
-        reads: data that it uses, with the file, for the table in the README.
-        kinds: of the outcomes that it reports.
+        reads: data that the diagnosis uses, each with its file, for the table in the README.
+        kinds: kinds of the outcomes that the diagnosis reports.
     """
 
     name: ClassVar[str] = ""
@@ -39,7 +39,7 @@ class RunDiagnosis(ABC):
 DIAGNOSES = Registry(
     "diagnosis", f"{__package__}.diagnoses", (RunDiagnosis,), ConfigurationError
 )
-# Each image is diagnosed in this order; the first outcome counts.
+# The diagnoses process each image in this order; the first outcome is reported.
 ORDER = (
     "scheme_failed",
     "stopped",

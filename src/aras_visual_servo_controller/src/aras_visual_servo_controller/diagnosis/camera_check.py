@@ -21,54 +21,62 @@ class CameraCheck:
     focal length, mounting or distortion has no such common factor. Therefore one scale per
     direction of the camera is fitted over the whole run. With a correct camera model the scales of
     the translations are equal and those of the rotations are 1. Translations are compared with each
-    other in pairs. The rows of the fit are sums over a few images, so that slow motion counts as
-    well.
+    other in pairs. Each row of the fit is a sum over a few images, so that a slow motion exceeds
+    the noise as well.
 
-    Measured on the simulated arm: correct runs leave 0.06 % of the motion unexplained with moments
-    and 1.6 % with points, and no two of their scales differ by more than 0.04 and 2.4 deviations at
-    once. On a loaded machine 2.7 % are unexplained, 0.4 tolerances per image. A focal length of 0.9
-    times the true one gives scales that differ by 0.10, which is 11 deviations, if the camera
-    descends by a centimetre and moves sideways. If it does only one of the two, the error cannot be
-    distinguished from a wrong depth.
+    Measured on the simulated arm with a correct camera model: the fit leaves 0.06 % of the motion
+    unexplained with moments and 1.6 % with points (2.7 % on a loaded machine, that is, 0.4
+    tolerances per image). No two scales differ by more than both 0.04 and 2.4 standard deviations.
+    With 0.9 times the true focal length, the scales differ by 0.10 (11 standard deviations) if the
+    camera descends by a centimetre and moves sideways. If it does only one of the two, the error
+    cannot be distinguished from a wrong depth.
 
     The target's own motion that a scheme reports (`SchemeOutput.error_drift`) is subtracted first.
-    Image noise does not count as a wrong camera: the residuals of successive rows have to be
-    correlated. Their correlation is 0.8 for a wrong mounting, -0.5 for noise and 0 for a target
+    To distinguish image noise from a wrong camera model, the residuals of successive rows have to
+    be correlated. Their correlation is 0.8 for a wrong mounting, -0.5 for noise and 0 for a target
     that was pushed once.
 
     The mean L of two images predicts the step between them only if L changes little. Other steps
     are skipped, for example those of a scheme that turns the camera by 20 degrees from image to
     image.
 
-    The arm's motion is known as exactly as its joint positions at the exposures. If these are
-    extrapolated, because joint states arrive late, nothing is compared. If the joint speeds at both
-    ends do not explain the distance that the joints moved (late commands of a loaded machine shake
-    the arm between two joint states), the image gets a smaller weight.
+    The arm's motion is known as accurately as the joint positions at the exposures. If these are
+    extrapolated because joint states arrive late, nothing is compared. On a loaded machine, late
+    commands shake the arm between two joint states. If the joint speeds at two images do not
+    explain the distance that the joints moved in between, the image gets a smaller weight.
     """
 
-    # Predicted motion in one row of the fit, tolerances. With less, noise and joint friction would
-    # dominate.
+    # Predicted motion of the features in one row of the fit, in tolerances. With less motion, noise
+    # and joint friction would dominate.
     MIN_ROW = 3.0
-    # Largest number of images per row of the fit. Slower motion may be the target's own.
+    # Largest number of images per row of the fit. A motion that is too slow for it may be the
+    # target's own.
     MAX_IMAGES_PER_ROW = 4
-    MIN_PATH = 40.0  # predicted motion before the first decision, tolerances
-    # Residual of a fit of the depth alone, above which the camera model is wrong: as a part of the
-    # squared motion, and in tolerances per image.
-    MAX_MISFIT_PART, MIN_MISFIT = 0.04, 1.5
-    MIN_CORRELATION = 0.2  # correlation of the residuals of successive rows
+    MIN_PATH = 40.0  # predicted motion of the features before the first decision, in tolerances
+    # A camera model is wrong if a fit of the depth alone leaves a larger residual than these two.
+    MAX_MISFIT_PART = 0.04  # as a fraction of the squared motion
+    MIN_MISFIT = 1.5  # in tolerances per image
+    # Smallest correlation of the residuals of successive rows, for a wrong camera model.
+    MIN_CORRELATION = 0.2
     # A scale is wrong if its error exceeds MIN_DIFFERENCE plus MIN_DEVIATIONS standard deviations.
     MIN_DIFFERENCE, MIN_DEVIATIONS = 0.04, 4.0
-    # Motion of the features by one direction alone, in tolerances, that its scale needs: of
-    # translations, and of rotations (shaking joints tilt the camera without being measured).
-    MIN_TRANSLATION, MIN_ROTATION = 3.0, 8.0
-    MIN_NOISE = 0.05  # smallest noise that is assumed, tolerances
-    # rms effect of shaking on the features, as a part of its upper bound, in a recorded run
+    # Motion of the features, in tolerances, that a translation alone has to cause for its scale to
+    # be
+    # evaluated.
+    MIN_TRANSLATION = 3.0
+    # The same for a rotation. It is larger, because shaking joints tilt the camera and this motion
+    # is
+    # not measured.
+    MIN_ROTATION = 8.0
+    MIN_NOISE = 0.05  # smallest noise of a row that is assumed, in tolerances
+    # Rms effect of shaking joints on the features in a recorded run, as a fraction of the upper
+    # bound of that effect.
     SHAKING_FACTOR = 0.3
-    # part of an image period in which a joint may still move at its previous speed
+    # Fraction of an image period in which a joint may still move at its previous speed.
     LATE_PART = 0.25
-    # Largest change of the predicted step by the change of L between two images, as a part of the
-    # step; with more, the mean L is not used. For rotations near 180 degrees with six moments this
-    # part is 0.5 to 2, and a third of the motion is unexplained.
+    # The mean L of two images is used only if the difference between their two L changes the
+    # predicted step by less than this fraction. For rotations near 180 degrees with six moments
+    # this fraction is 0.5 to 2, and a third of the motion is unexplained.
     MAX_L_CHANGE = 0.3
 
     def __init__(self, jacobian: Callable[[np.ndarray], np.ndarray] | None = None) -> None:
@@ -83,7 +91,7 @@ class CameraCheck:
         self._last_measurement: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
         self._normal, self._right = np.zeros((6, 6)), np.zeros(6)
         self._square = self._path_length = 0.0
-        # Sums of the products of each row of the fit with the previous row.
+        # Last row of the fit, and sums of the products of each row with the previous row.
         self._last_row: tuple[np.ndarray, np.ndarray] | None = None
         self._next_normal, self._next_right = np.zeros((6, 6)), np.zeros(6)
         self._next_square = 0.0
@@ -102,9 +110,9 @@ class CameraCheck:
 
         Args:
             scheme_output: measurement of the image.
-            observation: of the image.
-            tolerances: (k,) of the error.
-            is_angle: (k,) bool, components that may wrap; None: all.
+            observation: observation of the image.
+            tolerances: (k,) tolerance of each component of the error.
+            is_angle: (k,) whether each component is an angle, which may wrap; None if all may wrap.
         """
         is_angle = np.ones(len(tolerances), bool) if is_angle is None else is_angle
         L, error = scheme_output.L, scheme_output.error
@@ -141,7 +149,7 @@ class CameraCheck:
             self._start_row(error)
 
     def _start_row(self, error: np.ndarray) -> None:
-        """Start a new row of the fit at this image, whose error is (k,)."""
+        """Start a new row of the fit at an image with this error (k,)."""
         self._start_error, self._parts = error, np.zeros((len(error), 6))
         self._images, self._shaking, self._target_motion = 0, 0.0, np.zeros(len(error))
 
@@ -174,7 +182,10 @@ class CameraCheck:
         L: np.ndarray,
         tolerances: np.ndarray,
     ) -> float:
-        """Return a bound of the feature motion, in tolerances, that the joints do not explain."""
+        """Return a bound of the feature motion that the joint speeds do not explain.
+
+        The bound is in tolerances of the features.
+        """
         if self._jacobian is None or before is None or now is None:
             return 0.0
         return _compute_unexplained(
@@ -183,7 +194,10 @@ class CameraCheck:
         )  # fmt: skip
 
     def find_fault(self) -> str:
-        """Describe what contradicts the camera model; the text is empty if nothing does."""
+        """Describe how the features contradict the camera model.
+
+        Return an empty text if they do not.
+        """
         if self._fault is None:
             self._fault = self._evaluate() if self._path_length > self.MIN_PATH else ""
         return self._fault
@@ -216,7 +230,8 @@ class CameraCheck:
         )
 
     def _is_smooth(self, depth: float, misfit: float) -> bool:
-        """Return whether the residuals of successive rows of a fit of the depth are correlated."""
+        """Return whether residuals of successive rows are correlated if only the depth is fitted.
+        """
         scale = np.array([depth] * 3 + [1.0] * 3)
         product = self._next_square - scale @ self._next_right + scale @ self._next_normal @ scale
         return bool(product > self.MIN_CORRELATION * misfit * self._square)
@@ -226,7 +241,7 @@ class CameraCheck:
 def _invert(matrix):
     """Invert a symmetric positive definite matrix (n, n) by Gauss-Jordan elimination.
 
-    Such a matrix needs no pivoting.
+    A positive definite matrix needs no pivoting.
     """
     left, right, count = matrix.copy(), np.eye(len(matrix)), len(matrix)
     for i in range(count):
@@ -257,19 +272,22 @@ def _fit_scales(
 ):
     """Fit the scale of the features' motion for each direction of the camera.
 
-    Two translations are compared with each other, a rotation with 1.
+    The scales of the translations are compared with each other in pairs, and the scale of each
+    rotation is compared with 1.
 
     Args:
-        normal, right, square: (6, 6), (6,) of the normal equations, and the squared motion.
+        normal, right: (6, 6), (6,) normal equations of the fit, `normal @ scale = right`.
+        square: squared motion of the features.
         rows: number of values in the normal equations.
         min_translation, min_rotation, min_difference, deviations, min_noise: see the constants of
             CameraCheck.
 
     Returns:
-        The factor of the translations for rotations as predicted; its residual as a part of the
-        squared motion, and in tolerances (rms); the direction with a wrong scale (-1: none) and the
-        direction that it is compared with (the same for a rotation); the scales of both (1 for the
-        second of a rotation).
+        The factor on all translations that fits best if the rotations have the scale 1; the
+        residual of this fit as a fraction of the squared motion; the rms residual in tolerances;
+        the index of the direction with a wrong scale (-1 if there is none); the index of the
+        direction that it is compared with (the same index for a rotation); the scales of these two
+        directions (for a rotation, the second one is 1).
     """
     translation_square = translation_right = coupling = 0.0
     for i in range(3):
@@ -305,7 +323,7 @@ def _fit_scales(
             if not is_rotation:
                 variance += spread[j, j] - 2.0 * spread[i, j]
             deviation, unit = np.sqrt(variance), 1.0 if is_rotation else abs(depth)
-            # A residual from uncertain motion data makes scales too small.
+            # A residual due to uncertain motion data makes the scales too small.
             bias = max(left, 0.0) * variance
             excess = (abs(difference) - deviations * noise * deviation) / unit - bias
             excess -= min_difference
@@ -335,22 +353,23 @@ def _predict_motion(
     target_motion,
     is_angle,
 ):
-    """Add the predicted effects of the camera's and the target's motion up to this image.
+    """Add the effects of the camera's and the target's motion that are predicted for this image.
 
     Args:
-        error_before, error: (k,) errors of the previous and the present image.
-        L_before, L: (k, 6) their interaction matrices.
-        error_drift_before, error_drift: (k,) or (1,) their drifts by the target's motion.
+        error_before, error: (k,) error at the previous and at the present image.
+        L_before, L: (k, 6) interaction matrix at each of the two images.
+        error_drift_before, error_drift: (k,) or (1,) drift of each error due to the target's
+            motion.
         motion: (6,) camera motion between the two images.
         dt: time between the two images, s.
         tolerances: (k,) unit of `parts`.
-        parts: (k, 6) effect of each direction of the camera on each feature, added to in place.
-        target_motion: (k,) effect of the target's motion, added to in place.
-        is_angle: (k,) components that may wrap.
+        parts: (k, 6) effect of each direction of the camera on each feature; modified in place.
+        target_motion: (k,) effect of the target's motion; modified in place.
+        is_angle: (k,) whether each component is an angle, which may wrap.
 
     Returns:
         The largest sum of `parts` over the directions; whether an angle wrapped; the largest
-        difference between the two L in the prediction of this step, in tolerances.
+        change of the predicted step by the difference of the two L, in tolerances.
     """
     widest, greatest, wrapped, interaction_change = 0.0, 0.0, False, 0.0
     for i in range(len(error)):
@@ -378,12 +397,16 @@ def _predict_motion(
 def _compute_unexplained(q_before, v_before, q, v, dt, late, jacobian, L, tolerances):
     """Return the largest motion of a feature by joint motion that the joint speeds do not explain.
 
-    The result is in tolerances (k,).
+    The result is in tolerances of the feature.
 
     Args:
-        q_before, v_before, q, v: (n,) positions and speeds, dt (s) apart.
-        late: part of dt in which a joint may still move at its previous speed.
-        jacobian, L: (6, n), (k, 6).
+        q_before, q: (n,) joint positions at two images.
+        v_before, v: (n,) joint speeds at the same two images.
+        dt: time between the two images, s.
+        late: fraction of dt in which a joint may still move at its previous speed.
+        jacobian: (6, n) Jacobian of the arm.
+        L: (k, 6) interaction matrix of the features.
+        tolerances: (k,) tolerances of the features.
     """
     greatest = 0.0
     for j in range(len(q)):

@@ -1,8 +1,8 @@
-"""Diagnosis of a run, online or from its record: outcome, reason and remedy.
+"""Diagnosis of a run, during the run or from its record: outcome, reason and remedy.
 
-Each image is passed to the diagnoses of `ORDER` one after the other; the first outcome counts. An
-`outcome` is what the loop concludes from its own data. A `verdict` is based on the true poses,
-which only a simulation knows.
+Each image is passed to the diagnoses of `ORDER` one after the other, until one of them returns an
+outcome. An `outcome` is what the loop concludes from its own data. A `verdict` is based on the true
+poses, which only a simulation knows.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from .advice import suggest_longer_watchdog
 from .base import DIAGNOSES, ORDER
 from .evidence import Evidence
 
-# Outcomes in WHILE_SERVOING are reported for at least STEADY_TIME (s) before another one replaces
-# them.
+# An outcome in WHILE_SERVOING replaces another one only after it has been found for at least
+# STEADY_TIME (s).
 STEADY_TIME = 1.0
 WHILE_SERVOING = (
     "running", "target_moves", "wrong_camera_model", "gain_too_high", "joint_limit", "singular",
     "local_minimum", "camera_retreat", "out_of_reach", "saturation", "too_noisy", "no_progress",
     "wrong_object",
 )  # fmt: skip
-# s without interruption after which earlier interruptions of the images are forgotten
+# Interruptions of the images are forgotten after this time without a further one, s.
 RECOVERY_TIME = 10.0
 
 
@@ -36,10 +36,10 @@ def diagnose(
     """Diagnose a recorded run; the result is the same as that of `Diagnosis` during the run.
 
     Args:
-        run_context: arm, goal, scheme and settings; a law whose gain was changed counts with its
-            present gain.
+        run_context: arm, goal, scheme and settings. If the gain of the law was changed during the
+            run, the present gain is used.
         records: images and events in their order, from the start of the loop.
-        order: names of the diagnoses that are used.
+        order: names of the diagnoses, in the order in which they process each image.
     """
     diagnosis = Diagnosis(run_context, order)
     for record in records:
@@ -48,14 +48,18 @@ def diagnose(
 
 
 class Diagnosis:
-    """Diagnosis of one run, updated record by record; `outcome` is available at any time."""
+    """Diagnosis of one run, to which records are added one by one.
+
+    The property `outcome` is available at any time.
+    """
 
     def __init__(self, run_context: RunContext, order: Sequence[str] = ORDER) -> None:
         """Create the diagnosis.
 
         Args:
             run_context: arm, goal, scheme and settings.
-            order: names of the diagnoses, the last of which always reports an outcome.
+            order: names of the diagnoses, in the order in which they process each image; the last
+                one has to report an outcome for every image.
         """
         self.run_context, self._order = run_context, tuple(order)
         self._start()
@@ -63,13 +67,14 @@ class Diagnosis:
     def _start(self) -> None:
         self.evidence = Evidence(self.run_context)
         self._diagnoses = [DIAGNOSES[name]() for name in self._order]
-        # stamp and fault of each image for which the scheme failed
+        # Stamp (s) and fault of each image for which the scheme failed.
         self._faults: list[tuple[float, str]] = []
         self._image_count = 0
         self._last_stamp: float | None = None  # stamp of the last image, s
         self._longest_gap = 0.0  # longest time without an image, s
-        self._outcome_stamp = -np.inf  # time at which the present outcome was found first, s
-        # kind of the outcome that may replace the present one, and since when
+        self._outcome_stamp = -np.inf  # time since which the present outcome is reported, s
+        # Kind of the outcome that may replace the present one, and time since which it has been
+        # found, s.
         self._candidate: tuple[str, float] | None = None
         self._is_ended = False
         self._starvation_count, self._starvation_outcome, self._starvation_stamp = (
@@ -80,7 +85,7 @@ class Diagnosis:
 
     @property
     def outcome(self) -> Outcome:
-        """Return what is known about the run so far."""
+        """Return the present outcome of the run."""
         found = self.evidence.current_outcome
         if not self._faults or found.kind in ("running", "scheme_fault"):
             return found
@@ -113,14 +118,14 @@ class Diagnosis:
         elif event.kind == "halted":
             self.evidence.current_outcome, self._is_ended = event.outcome, True
         else:
-            raise ValueError(f"a run has no event '{event.kind}'")
+            raise ValueError(f"'{event.kind}' is not a kind of event of a run")
 
     def _add_starvation(self, t: float, period: float) -> None:
         """Record that the watchdog stopped the arm.
 
         Args:
-            t: time of the stop, s.
-            period: of the images before the stop, s.
+            t: time at which the arm was stopped, s.
+            period: period of the images before the stop, s.
         """
         self._starvation_count = (
             1 if t - self._starvation_stamp > RECOVERY_TIME else self._starvation_count + 1
@@ -142,14 +147,15 @@ class Diagnosis:
         self.evidence.current_outcome = self._starvation_outcome = found
 
     def _time_out(self, duration: float) -> None:
-        """End the run because its time is over; an outcome that was found before remains."""
+        """End the run because its time limit is reached; an outcome that was already found is kept.
+        """
         if self.outcome.kind == "running":
             last = f": {self.outcome.reason}" if self.outcome.reason else ""
             evidence = self.evidence
             found = evidence.add_advice(
                 self._explain_timeout(f"not at the goal after {duration:.1f} s{last}")
             )
-            # An image for which the scheme failed interrupts the loop: the camera has to settle
+            # An image for which the scheme failed interrupts the loop, and the camera has to settle
             # again.
             recent = self._faults and self._faults[-1][0] > (evidence.measured_stamp or 0.0) - (
                 self.run_context.settings.hold
@@ -188,7 +194,8 @@ class Diagnosis:
             found = diagnosis.judge(record, evidence)
             if found is not None:
                 break
-        # The watchdog stops the arm repeatedly; images in between do not change that outcome.
+        # The watchdog has stopped the arm repeatedly. Images between these stops do not change the
+        # outcome.
         is_recent = stamp - self._starvation_stamp < RECOVERY_TIME
         is_starved = found.kind == "running" and is_recent and self._starvation_count > 1
         evidence.current_outcome = (
@@ -196,7 +203,10 @@ class Diagnosis:
         )
 
     def _debounce(self, stamp: float, candidate: Outcome) -> Outcome:
-        """Return the outcome to report, which changes only after STEADY_TIME of a new one."""
+        """Return the outcome to report.
+
+        A new outcome is reported only after it has been found for STEADY_TIME.
+        """
         current = self.evidence.current_outcome
         if candidate.kind == current.kind:
             self._candidate = None
@@ -215,7 +225,7 @@ class Diagnosis:
 
     @property
     def _fault_summary(self) -> str:
-        """Return for how many images the scheme failed, when and why, as text."""
+        """Return a text that says for how many images the scheme failed, when and why."""
         first, last, reason = self._faults[0], self._faults[-1], self._faults[-1][1]
         when = f"at {first[0]:.2f} s" if first is last else (
             f"from {first[0]:.2f} s to {last[0]:.2f} s"

@@ -19,9 +19,9 @@ from .motion_check import MotionCheck
 from .progress_check import ProgressCheck
 from .target_check import TargetCheck
 
-# Bend of an elbow, rad, below which the arm counts as stretched.
+# An arm is almost straight if the angle of its elbow is less than this, rad.
 STRETCHED_BEND = 0.1
-# Outcomes that can be a consequence of an occluded target or of a wrong L.
+# Outcomes that may result from an occluded target or from a wrong L.
 CONSEQUENCES = ("camera_retreat", "gain_too_high", "local_minimum", "no_progress", "too_noisy",
           "ambiguous", "target_lost", "singular", "timed_out", "target_moves", "wrong_object",
           "wrong_camera_model")  # fmt: skip
@@ -36,22 +36,22 @@ class Evidence:
     Attributes:
         run_context: arm, goal, scheme and settings, which do not change during the run.
         current_outcome: outcome that was reported last.
-        joint_check, progress_check, gain_check, target_check, motion_check: checks with the images
-            that each of them has processed.
+        joint_check, progress_check, gain_check, target_check, motion_check: checks that process the
+            images of the run.
         camera_checks: check of each camera, by camera name.
         last_touched_borders: image borders that the target touched last, as text.
         measured_stamp: stamp of the last image for which the scheme computed a task, s; None before
             the first.
         is_running_away: whether the target has just moved faster than the camera's motion can
             explain.
-        error: (k,) error of this image, in tolerances.
+        error: (k,) error of the latest image, in tolerances.
         tolerances: (k,) tolerances of the scheme.
-        is_angle: (k,) bool, components that may wrap.
+        is_angle: (k,) whether each component is an angle, which may wrap.
         target_motion: motion of the target, as text; empty if it is at rest.
         oscillation: outcome for an oscillating error, or None.
         is_oscillation_fast: whether the error oscillates faster than the target motions that
             `TargetCheck` searches for.
-        camera_fault: contradiction to the camera model, as text; empty if there is none.
+        camera_fault: how the features contradict the camera model, as text; empty if they do not.
     """
 
     error: np.ndarray
@@ -90,9 +90,9 @@ class Evidence:
         return self.motion_check.step_check.occluded_since is not None
 
     def find_contradiction(self) -> str:
-        """Describe how the features contradict L over the run.
+        """Describe how the features have contradicted L during the run.
 
-        The text is empty if they agree with L, or if noise is too large to decide.
+        Return an empty text if they agree with L, or if the noise is too large to decide.
         """
         return (
             ""
@@ -101,10 +101,10 @@ class Evidence:
         )
 
     def find_camera_fault(self, observation: Observation) -> str:
-        """Describe what contradicts the camera model.
+        """Describe how the features contradict the camera model.
 
-        The text is empty if nothing does, or if the target has just moved faster than the camera's
-        motion can explain.
+        Return an empty text if they do not, or if the target has just moved faster than the
+        camera's motion can explain.
         """
         if self.is_running_away:
             return ""
@@ -123,9 +123,9 @@ class Evidence:
         return self.explain_occlusion(make_outcome("wrong_camera_model", fault))
 
     def explain_occlusion(self, candidate: Outcome) -> Outcome:
-        """Return the occlusion of the target as the outcome if it can have caused `candidate`.
+        """Return an occlusion of the target as the outcome if it can have caused `candidate`.
 
-        Otherwise `candidate` is returned.
+        Otherwise return `candidate`.
         """
         steps = self.motion_check.step_check
         if (
@@ -178,7 +178,7 @@ class Evidence:
         )
 
     def _find_narrowing_parameters(self, reason: str) -> list[str]:
-        """Return the parameters that narrow the limits of the joints named in a reason."""
+        """Return the parameters that narrow the limits of the joints that a reason names."""
         return sorted({key for key, names in self.run_context.narrowed_limits.items()
                        if any(name in reason for name in names)})  # fmt: skip
 
@@ -191,7 +191,7 @@ class Evidence:
 
 
 def combine_outcomes(first: Outcome, second: Outcome) -> Outcome:
-    """Return the first outcome with the reasons and the changes of both."""
+    """Return the first outcome with the reasons and the suggested changes of both."""
     changes = dict.fromkeys((*first.remedy.changes, *second.remedy.changes))
     return replace(
         first, reason=f"{first.reason}; in addition, {second.reason}",

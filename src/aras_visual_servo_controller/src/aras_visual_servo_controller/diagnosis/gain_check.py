@@ -12,26 +12,30 @@ from .advice import can_oscillate, find_gain, suggest_gain
 from .oscillation_check import OscillationCheck
 from .target_check import TargetCheck
 
-# s for which an oscillation is remembered: the target may be lost because of it
+# Time for which an oscillation is remembered, s: it may be the cause of a later loss of the target.
 OSCILLATION_MEMORY = 1.0
-# Largest product of gain and delay from image to command. Above it the response overshoots by a
-# third of its first error; at pi / 2 the loop never comes to rest.
+# Largest product of the gain and the delay from image to command. At this product the response
+# overshoots by a third of the first error; at pi / 2 the loop never comes to rest.
 MAX_GAIN_TIMES_AGE = 0.8
 AGE_FILTER = 0.1  # weight of a new value in the mean age
-OSCILLATION_RATIO = 0.25  # frequency of the oscillation, as a part of the reciprocal of the delay
+OSCILLATION_RATIO = 0.25  # frequency of an oscillation times the delay of the loop
 
 
 class GainCheck:
     """Test for an oscillating error, and for a gain that is too high for the age of the images.
 
-    The age of an image is the time from its exposure until its command acts.
+    The age of an image is the time from its exposure until the command computed from it acts.
     """
 
     def __init__(self, duration: float = np.inf) -> None:
-        """Create the check; `duration`: time limit of the run, s."""
+        """Create the check.
+
+        Args:
+            duration: time limit of the run, s.
+        """
         self._duration, self._oscillation = duration, OscillationCheck()
         self._scheme: Scheme | JointController | None = None
-        self._mean_age: float | None = None  # mean age plus half an image period, s
+        self._mean_age: float | None = None  # mean age of the images plus half an image period, s
         self._last_stamp: float | None = None  # stamp of the last image, s
         self._last_oscillation: tuple[float, Outcome] | None = None
         self._is_fast = False
@@ -42,10 +46,10 @@ class GainCheck:
         """Add one image and return the outcome for a recent oscillation, or None.
 
         Args:
-            stamp: of the image, s.
-            error: (k,) in tolerances.
-            scheme: whose gain is checked.
-            age: of the image when its command acts, s.
+            stamp: stamp of the image, s.
+            error: (k,) error of the image, in tolerances.
+            scheme: scheme whose gain is checked.
+            age: age of the image when its command acts, s.
         """
         self._scheme = scheme
         if self._last_stamp is not None:
@@ -69,7 +73,7 @@ class GainCheck:
         return last[1] if last is not None and stamp - last[0] < OSCILLATION_MEMORY else None
 
     def is_oscillating_fast(self, stamp: float) -> bool:
-        """Return whether a recent oscillation is faster than any target motion that is fitted."""
+        """Return whether a recent oscillation is faster than all target motions that are fitted."""
         return self._is_fast and self.find_recent_oscillation(stamp) is not None
 
     @property
@@ -84,7 +88,7 @@ class GainCheck:
         )
 
     def explain_loss(self, circumstances: str) -> Outcome | None:
-        """Return the outcome for a target that was lost by oscillation or overshoot, or None.
+        """Return the outcome for a target that was lost due to oscillation or overshoot, or None.
 
         Args:
             circumstances: when and how the target was lost, as text.
@@ -97,7 +101,7 @@ class GainCheck:
         return outcome and replace(outcome, reason=f"{outcome.reason}; {circumstances}")
 
     def explain_timeout(self, reason: str) -> Outcome | None:
-        """Return the outcome for a run that timed out because it oscillates, or None."""
+        """Return the outcome for a run that reached its time limit while it oscillated, or None."""
         if not self._oscillation.is_oscillating:
             return None
         return self._make_outcome(f"{reason}; the error oscillates about zero")

@@ -14,34 +14,40 @@ from ..observation.recent_errors import RecentErrors
 class JointCheck:
     """Test for joints that lag behind their commands or oscillate, over the last SPAN seconds.
 
-    A joint lags if the loop waits for it in most images (see `lead` and `lag` of the settings), or
-    if the loop waits in some images and the joint has hardly moved as commanded.
+    A joint lags if the loop waits for it in most images (see the settings `lead` and `lag`), or if
+    the loop waits in some images and the joint has moved only a small part of the commanded
+    distance.
     """
 
-    SPAN = 1.5  # s
-    MAX_WAITING_PART = 0.6  # part of the images in which the loop waits for a joint that lags
-    # Part of the images in which the loop waits for a blocked joint, and largest part of the
-    # commanded motion that this joint makes.
-    MIN_WAITING_PART, MIN_MOTION_PART = 0.1, 0.1
-    SLOW_SPEED = 1e-3  # rad/s or m/s above which a lagging joint is slow, not blocked
+    SPAN = 1.5  # duration of the evaluated data, s
+    # A joint lags if the loop waits for it in more than this fraction of the images.
+    MAX_WAITING_PART = 0.6
+    # A joint is blocked if the loop waits for it in more than this fraction of the images
+    MIN_WAITING_PART = 0.1
+    # and it makes less than this fraction of its commanded motion.
+    MIN_MOTION_PART = 0.1
+    # A lagging joint that moves faster than this (rad/s or m/s) is slow, not blocked.
+    SLOW_SPEED = 1e-3
     # A joint oscillates if the rms difference between its measured and commanded velocity exceeds
     # MIN_SPEED_ERROR (rad/s or m/s) and SPEED_ERROR_FACTOR times the rms commanded velocity.
     MIN_SPEED_ERROR, SPEED_ERROR_FACTOR = 0.5, 3.0
-    CHECK_PERIOD = 5  # images between two evaluations
-    MIN_SPAN = 0.3  # s of data that detect an oscillating joint; a lagging joint needs SPAN
+    CHECK_PERIOD = 5  # number of images between two evaluations
+    # An oscillation is detected from data of at least this duration, s; a lagging joint needs SPAN.
+    MIN_SPAN = 0.3
 
     def __init__(self, names: Sequence[str] = (), lengths: np.ndarray | float = 1.0) -> None:
         """Create the check.
 
         Args:
-            names: of the n joints.
-            lengths: (n,) joint units: motion of each joint that counts as 1 rad or 1 m.
+            names: names of the n joints.
+            lengths: (n,) motion of each joint that corresponds to 1 rad or 1 m.
         """
         self._names, self._lengths = tuple(names), np.asarray(lengths, float)
         self._samples = RecentErrors()
         self._new_images = 0
         self.joints, self.reason = "", ""
-        self.is_slow = False  # whether the lagging joints move towards their commands, but slowly
+        # Whether the lagging joints move towards their commands, but too slowly.
+        self.is_slow = False
 
     def add(
         self, stamp: float, late: np.ndarray, commanded: np.ndarray, measured: np.ndarray
@@ -49,7 +55,7 @@ class JointCheck:
         """Add the joints at one image.
 
         Args:
-            stamp: of the image, s.
+            stamp: stamp of the image, s.
             late: (n,) whether the loop waits for each joint.
             commanded, measured: (n,) velocities, rad/s or m/s.
         """
@@ -87,7 +93,7 @@ class JointCheck:
             self.reason = f"{self.joints} does not follow its command"
 
     def _format_names(self, joints: np.ndarray) -> str:
-        """Return the names of the selected joints, (n,) bool, as text."""
+        """Return the names of the joints for which `joints` (n,) is True, as text."""
         names = [name for name, is_selected in zip(self._names, joints, strict=True) if is_selected]
         return join_names(names)
 
@@ -98,10 +104,10 @@ def join_names(names: Sequence[str]) -> str:
 
 
 def describe_foreign_nodes(nodes: Mapping[str, str]) -> str:
-    """Describe which other nodes command which joints; the text is empty if none does.
+    """Describe which other nodes command which joints; empty text if none does.
 
     Args:
-        nodes: name of the node by joint.
+        nodes: name of the commanding node, by joint name.
     """
     joints = {node: [j for j, n in nodes.items() if n == node] for node in nodes.values()}
     return "; ".join(f"{node} commands {join_names(names)}" for node, names in joints.items())
@@ -109,12 +115,17 @@ def describe_foreign_nodes(nodes: Mapping[str, str]) -> str:
 
 @jit("f8[:,:]")
 def _sum_rows(rows):
-    """Compute statistics of rows (m, 3 n): late flags, commanded and measured velocities.
+    """Compute statistics of the joints over m images.
+
+    Args:
+        rows: (m, 3 n) one row per image: whether the loop waits for each joint, commanded
+            velocities, measured velocities.
 
     Returns:
-        (n,) part of the rows in which each joint was late; part in which any joint was; (n,) means
-        of commanded times measured, commanded squared, and squared difference; (n,) largest
-        measured speeds.
+        The fraction (n,) of the images in which the loop waits for each joint; the fraction in
+        which it waits for any joint; the means (n,) of the product of commanded and measured
+        velocity, of the squared commanded velocity, and of the squared difference of both; the
+        largest measured speeds (n,).
     """
     count, n = rows.shape[0], rows.shape[1] // 3
     sums, max_speed, waiting = np.zeros((4, n)), np.zeros(n), 0.0

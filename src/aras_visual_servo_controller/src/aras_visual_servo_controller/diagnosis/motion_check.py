@@ -1,5 +1,4 @@
-"""Check of the features' steps from image to image against the scheme's L and the camera's motion.
-"""
+"""Check whether the features move from image to image as L and the camera's motion predict."""
 
 from __future__ import annotations
 
@@ -14,32 +13,38 @@ from .joint_check import join_names
 from .step_check import StepCheck
 from .target_check import TargetCheck, compute_centre
 
-# The features agree with L if the correlation of their motion with the prediction exceeds
-# MIN_CORRELATION; a single feature below OPPOSING_CORRELATION moves against L. The correlation is
-# evaluated only for ratios of measured to predicted motion between 1 / MAX_MOTION_RATIO and
-# MAX_MOTION_RATIO: a moving target moves the features farther, or hardly at all if the camera
-# follows it. Below MIN_MOTION_RATIO L is wrong.
-MIN_CORRELATION, OPPOSING_CORRELATION, MAX_MOTION_RATIO, MIN_MOTION_RATIO = 0.5, -0.7, 2.0, 0.2
-SCATTER_FACTOR = 50.0  # ratio of unexplained feature steps to those of the target's centre
-# Predicted motion of the target's centre, in tolerances, that is compared at once: a camera that
-# moves in a wrong direction loses its target within 0.2 s.
+# The features agree with L if the correlation of their motion with the prediction exceeds this.
+MIN_CORRELATION = 0.5
+# A single feature with a lower correlation than this moves against the prediction.
+OPPOSING_CORRELATION = -0.7
+# The correlation is evaluated only if the ratio of measured to predicted motion is between
+# 1 / MAX_MOTION_RATIO and MAX_MOTION_RATIO. A moving target causes other ratios: the features move
+# farther than predicted, or hardly at all if the camera follows the target.
+MAX_MOTION_RATIO = 2.0
+# With a lower ratio of measured to predicted motion than this, L is wrong.
+MIN_MOTION_RATIO = 0.2
+SCATTER_FACTOR = 50.0  # ratio of unexplained steps of the features to those of the target's centre
+# Predicted motion of the target's centre, in tolerances, after which it is compared with the
+# measured motion. The value is small, because a camera that moves in a wrong direction loses its
+# target within 0.2 s.
 CENTRE_MIN_ROW = 3.0
-# Correlation between motions of target centre and camera above which L of the scheme is at fault.
+# If the motion of the target's centre has at least this correlation with the camera's motion, the
+# scheme's L is wrong.
 SURE_CORRELATION = 0.8
 
 
 class MotionCheck:
     """Check of the steps of the features and, for user schemes, of the target's centre.
 
-    The interaction matrix of the centre is known. If the centre moves as the camera's motion
-    predicts, a contradiction is the fault of the user's scheme.
+    The interaction matrix of the centre is known. If the centre moves as predicted from the
+    camera's motion but the features do not, the user's scheme is wrong.
 
     Attributes:
-        step_check: steps of the features.
-        is_user_scheme: whether the scheme or a feature is user code.
-        is_current_interaction: whether the scheme's L belongs to the present view, so that it
-            predicts the effect of the camera's motion; L at the goal, a mean or an estimate does
-            not.
+        step_check: check of the steps of the features.
+        is_user_scheme: whether the scheme or one of its features is user code.
+        is_current_interaction: whether the scheme computes L at the present view, so that L
+            predicts the effect of the camera's motion. False for L at the goal, a mean or an
+            estimate.
     """
 
     def __init__(self, is_user_scheme: bool = False) -> None:
@@ -68,10 +73,10 @@ class MotionCheck:
 
         Args:
             scheme_output: measurement of the image.
-            observation: of the image.
-            goal: of the run.
-            tolerances: (k,) of the error.
-            is_angle: (k,) bool, components that may wrap.
+            observation: observation of the image.
+            goal: goal of the run.
+            tolerances: (k,) tolerance of each component of the error.
+            is_angle: (k,) whether each component is an angle, which may wrap.
         """
         self.step_check.add(scheme_output, observation, tolerances, is_angle)
         if self._centre_check is not None:
@@ -79,9 +84,9 @@ class MotionCheck:
 
     @property
     def target_motion_part(self) -> float:
-        """Return the part of the latest image motion that is the target's own, 0 to 1.
+        """Return the fraction of the latest image motion that is the target's own, 0 to 1.
 
-        It is 0 if L does not belong to the present view. See `StepCheck.target_motion_part`.
+        Return 0 if L does not belong to the present view. See `StepCheck.target_motion_part`.
         """
         if not self.is_current_interaction:
             return 0.0
@@ -90,7 +95,10 @@ class MotionCheck:
         ).target_motion_part
 
     def find_scheme_fault(self, stamp: float, is_converged: bool) -> str:
-        """Describe a behaviour of the features that no image can cause; empty if there is none."""
+        """Describe a behaviour of the features that no image can cause.
+
+        Return an empty text if there is none.
+        """
         centre, steps = self._centre_check, self.step_check
         if steps.unchanged_since is not None and not is_converged:
             return (
@@ -114,7 +122,7 @@ class MotionCheck:
     def _add_centre(
         self, scheme_output: SchemeOutput, observation: Observation, goal: Goal
     ) -> None:
-        """Add the target's centre, whose L is known, to its own step check."""
+        """Add the image to the step check of the target's centre, whose L is known."""
         centre, L, _ = compute_centre(observation, goal)
         count = len(centre)
         own = replace(
@@ -128,9 +136,10 @@ class MotionCheck:
 
     @property
     def is_interaction_wrong(self) -> bool:
-        """Return whether a contradiction between features and camera motion shows a wrong L.
+        """Return whether the scheme's L is wrong.
 
-        This is so if the target's centre moves as the camera's motion predicts.
+        L is wrong if the features contradict the camera's motion, but the target's centre moves as
+        predicted from it.
         """
         centre = self._centre_check
         return (
@@ -141,15 +150,16 @@ class MotionCheck:
 
     @property
     def jump_reason(self) -> str:
-        """Return the first jump of the error as text; it is empty if there was none."""
+        """Return a text that describes the first jump of the error; empty if there was none."""
         jump = self.step_check.first_jump
         return "" if jump is None else str(jump)
 
     def find_contradiction(self, is_target_moving: bool) -> str:
-        """Describe how the features contradict L over the run; the text is empty if they do not.
+        """Describe how the features have contradicted L; empty text if they have not.
 
         Args:
-            is_target_moving: whether the target moves, so that a single feature may move against L.
+            is_target_moving: whether the target moves. Then a single feature may move in the
+                direction opposite to its prediction by L.
         """
         steps, text = (
             self.step_check,
@@ -170,7 +180,7 @@ class MotionCheck:
         return ""
 
     def _list_opposing_features(self) -> str:
-        """Return the names of the features that move against L, as text."""
+        """Return the names of the features that move opposite to their prediction by L, as text."""
         parts = self.step_check.feature_correlations
         if parts is None or not (parts < OPPOSING_CORRELATION).any():
             return ""

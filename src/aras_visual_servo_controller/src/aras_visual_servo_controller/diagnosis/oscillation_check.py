@@ -8,29 +8,34 @@ from aras_visual_servo_base.compiled import jit
 
 from ..observation.recent_errors import RecentErrors
 
-# Probability that white noise is taken for an oscillation at one of the tested frequencies.
+# Largest probability that white noise is mistaken for an oscillation at a tested frequency.
 MAX_CHANCE = 1e-8
 
 
 class OscillationCheck:
     """Test for large reversals of the error that do not decay and have a dominant frequency.
 
-    Noise reverses as often, but has no dominant frequency. As the period is unknown, each of SPANS
-    is searched; the longer ones less often.
+    Noise reverses as often, but it has no dominant frequency. As the period of an oscillation is
+    unknown, it is searched for in time spans of different lengths (SPANS), in the longer ones less
+    often.
     """
 
-    SPANS = (2.0, 5.0, 12.0)  # s; a delay of 0.4 s causes oscillations with periods of 1.6 to 3 s
-    CHECK_PERIODS = (1, 6, 12)  # images between two searches, for each span
-    MIN_HEIGHT = 6.0  # tolerances from peak to peak; noise is smaller
+    # Searched time spans, s. A delay of 0.4 s causes oscillations with periods of 1.6 to 3 s.
+    SPANS = (2.0, 5.0, 12.0)
+    CHECK_PERIODS = (1, 6, 12)  # number of images between two searches, for each span
+    MIN_HEIGHT = 6.0  # smallest peak-to-peak height, in tolerances; noise is smaller
     MIN_REVERSALS = 5
-    # Smallest number of images from peak to peak if no frequency is determined.
+    # Smallest mean number of images between two reversals if no frequency is determined.
     MIN_IMAGES_PER_REVERSAL = 4.0
 
     def __init__(self) -> None:
         self._errors, self._new_images = RecentErrors(), 0
 
     def add(self, stamp: float, error: np.ndarray) -> float | None:
-        """Add the error (k,) of an image, in tolerances; return its frequency (Hz) or None."""
+        """Add the error (k,) of an image, in tolerances.
+
+        Return the frequency of its oscillation (Hz), or None if it does not oscillate.
+        """
         recent = self._errors
         recent.add(stamp, error)
         recent.drop_oldest(int(np.searchsorted(recent.stamps, stamp - self.SPANS[-1])))
@@ -48,25 +53,28 @@ class OscillationCheck:
 
     @property
     def is_oscillating(self) -> bool:
-        """Return whether the error has oscillated recently, even too briefly for a frequency."""
+        """Return whether the error has oscillated recently.
+
+        The oscillation may be too short for its frequency to be determined.
+        """
         return len(self._find_turning_points(4)) == 4
 
     @property
     def is_growing(self) -> bool:
-        """Return whether the amplitude of the oscillation grows up to now."""
+        """Return whether the amplitude of the oscillation has been growing until now."""
         latest = np.abs(self._find_turning_points(3))
         return len(latest) == 3 and bool((np.diff(latest) > 0.0).all())
 
     @property
     def has_overshot(self) -> bool:
-        """Return whether a component of the error has been both clearly positive and negative."""
+        """Return whether an error component has been both clearly positive and clearly negative."""
         errors = self._errors.errors
         return bool(((errors > self.MIN_HEIGHT).any(0) & (errors < -self.MIN_HEIGHT).any(0)).any())
 
     def _find_turning_points(self, count: int) -> np.ndarray:
         """Return the latest turning points (count,) of the error component with the largest range.
 
-        The array is empty if the error did not change its sign between each two of them.
+        Return an empty array if the error did not change its sign between every two of them.
         """
         errors = self._errors.errors
         if len(errors) < 3:
@@ -90,13 +98,13 @@ def _dot(a, b):
 
 @jit("f8[:], f8[:], f8")
 def _find_dominant_wave(stamps, error, near_frequency):
-    """Fit a wave and a straight line to an error (m,).
+    """Fit the sum of a wave and a straight line to an error (m,).
 
-    The frequency is searched near the one at which the error reverses. The amplitude of the wave
-    may change linearly.
+    The frequency is searched for near `near_frequency`, at which the error reverses. The amplitude
+    of the wave may change linearly.
 
     Returns:
-        The frequency, Hz, and the residual as a part of the error's square.
+        The frequency, Hz, and the residual as a fraction of the squared error.
     """
     count = len(error)
     time, rest = np.empty(count), np.empty(count)
@@ -151,7 +159,7 @@ def _find_largest_error(errors):
 def _find_peaks(error, min_height):
     """Return the indices of the turning points of an error (m,), including its ends.
 
-    A peak is confirmed when the error has changed back by more than `min_height`.
+    A turning point is confirmed when the error has changed back by more than `min_height`.
     """
     peaks, found = np.zeros(len(error), np.int64), 1
     for i in range(1, len(error)):
@@ -169,11 +177,13 @@ def _find_peaks(error, min_height):
 
 @jit("f8[:], f8[:,:], f8, f8")
 def _find_frequency(stamps, errors, min_height, reversals):
-    """Return the frequency, Hz, of the error with the largest range; 0 if it does not oscillate.
+    """Return the frequency of the error component with the largest range, Hz.
+
+    Return 0 if this component does not oscillate.
 
     Args:
-        stamps: (m,) of the images, s.
-        errors: (m, k) in tolerances.
+        stamps: (m,) stamps of the images, s.
+        errors: (m, k) errors, in tolerances.
         min_height: smallest peak-to-peak height, in tolerances.
         reversals: smallest number of reversals.
     """
@@ -190,17 +200,20 @@ def _find_frequency(stamps, errors, min_height, reversals):
     if between < reversals or late < 0.5 * before:
         return 0.0
     since, until, half_periods = stamps[peaks[1]], stamps[peaks[-1]], len(peaks) - 2
-    # The oscillation must continue until now; one and a half periods without a peak end it.
+    # The oscillation has to continue until now. It has ended if there was no peak for one and a
+    # half periods.
     if until <= since or stamps[-1] - until > 1.5 * (until - since) / half_periods:
         return 0.0
     near_frequency = 0.5 * half_periods / (until - since)
-    # In a loop that oscillates between joint limits, only the last periods may be alike.
+    # In a loop that oscillates between joint limits, only the last periods may be similar.
     for start in (0, count // 2):
-        free = count - start - 6  # degrees of freedom after the fit of line and wave
+        # Degrees of freedom that remain after the fit of the line and the wave.
+        free = count - start - 6
         if free < 6:
             break
         frequency, rest = _find_dominant_wave(stamps[start:], error[start:].copy(), near_frequency)
-        # The residual is at most half, and less than white noise leaves at one frequency by chance.
+        # The residual has to be at most half of the error, and smaller than the residual of white
+        # noise at any tested frequency.
         if rest < min(0.5, MAX_CHANCE ** (2.0 / free)):
             return frequency
     return 0.0

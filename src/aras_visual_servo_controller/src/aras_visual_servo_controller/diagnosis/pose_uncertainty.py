@@ -1,8 +1,9 @@
-"""Bound of the remaining distance between the camera and its goal: 99.7 % of runs are within it.
+"""Bound of the remaining distance between the camera and its goal, which 99.7 % of runs keep.
 
-The bound covers the mean offset by L, the noise of the mean, the accuracy of the features (twice,
-because the goal was measured in the same way), directions that are controlled by kinematics,
-directions that nothing measures, and poses from which the target looks the same.
+The bound is the sum of the mean offset by L; the noise of this mean; twice the accuracy of the
+features, because the goal was measured in the same way; the offset along directions that
+kinematics control; the motion along directions that nothing measures; and the distance of other
+poses from which the target looks the same.
 
 Offsets are scaled in this module: rotations are multiplied by the target's depth, so that all six
 components are in m.
@@ -34,45 +35,53 @@ if TYPE_CHECKING:
     from ..schemes.base import SchemeOutput
     from .ambiguous_poses import AmbiguousPose
 
-# Largest uncertainty (part of the target's depth, rad) that is reported as plain 'converged': 0.3
-# mm at 0.2 m.
+# A camera whose uncertainty is below this is reported as 'converged' without the uncertainty.
+# Translation as a fraction of the target's depth (0.3 mm at 0.2 m), rotation in rad.
 NEGLIGIBLE_UNCERTAINTY = (1.5e-3, radians(0.3))
-# Motion of a camera at rest between two images by its joints: part of the depth, rad.
+# Motion between two images, by the joints, below which a camera is at rest: translation as a
+# fraction of the depth, rotation in rad.
 REST_MOTION = (5e-5, 1e-4)
-# s for which the camera may continue to move as before the last image, until the ramped command
-# acts
+# Time for which the camera may continue to move as before the last image, until its command, which
+# is ramped, takes effect, s.
 REACTION_TIME = 0.06
-# Factors on the translation and rotation of an offset that exceeds noise: L may be computed with
-# 0.6 of the true depth, and the camera's mounting may be wrong by 8 degrees.
+# Factors on the translation and the rotation of an offset that exceeds the noise. They account for
+# an L that is computed with 0.6 times the true depth, and for a mounting that is wrong by 8
+# degrees.
 OFFSET_FACTORS = 1.7, 1.4
 # Factor on the standard deviation of corners and pixels, whose errors have longer tails than a
-# normal distribution. Of 949 pairs of rendered views, 0.8 % of the offsets by corners exceed the
-# 99.7 % bound, by a factor of 1.2 at most. A factor of 1.25 would reduce this to 0.1 % and widen
-# the bound by a seventh.
+# normal distribution. Measured on 949 pairs of rendered views: with this factor, 0.8 % of the
+# offsets by corners exceed the 99.7 % bound, by a factor of at most 1.2. A factor of 1.25 would
+# reduce this to 0.1 % of the offsets, but widen the bound by a seventh.
 TAIL_FACTOR = 1.1
 Z_997 = 2.748  # 99.7 % quantile of a normal distribution
-# Part of one image's scatter that averaging does not remove: clipping of noise at black and white
-# shifts the measurement. For corners and markers averaged over 25 images with noise of 5 grey
-# levels, the error is twice the 0.2 of pure noise in a quarter of the cases, and four times in one
-# of twenty.
+# Fraction of the scatter of one image that averaging does not remove, because the clipping of noise
+# at black and white shifts the measurement. Measured with corners and markers, averaged over 25
+# images with a noise of 5 grey levels: without this effect the error would be 0.2 of the scatter;
+# it is twice that in a quarter of the cases, and four times that in one case of twenty.
 SYSTEMATIC_PART = 0.25
-RANK_TOLERANCE = 1e-6  # part of L's largest singular value below which a direction is not measured
-# Largest offset (part of the depth, rad) for which the linearisation by L holds. A direction known
-# less accurately counts as not measured: a small plate looks the same from two sides, where an
-# estimated offset of 0.08 was 0.19 in truth.
+# A direction is not measured if its singular value of L is below this fraction of the largest one.
+RANK_TOLERANCE = 1e-6
+# Largest offset for which the linearisation by L is valid: translation as a fraction of the depth,
+# rotation in rad. A direction that is known less accurately is treated as not measured. For
+# example, a small plate looks the same from two sides; there, an estimated offset of 0.08 was 0.19
+# in truth.
 MAX_LINEAR_OFFSET = 0.05
-# limit on the scatter of one image's offset; the mean over images is more accurate
+# Largest scatter of the offset between single images, in the same units. The mean over several
+# images is more accurate.
 MAX_SCATTER = 0.08
-# Ratio of translation to scaled rotation of an unmeasured direction, above which it is no rotation
-# about an axis.
+# If the ratio of translation to scaled rotation in an unmeasured direction exceeds this, the
+# direction is treated as a translation, not as a rotation about an axis.
 MIN_TRANSLATION_RATIO = 20.0
-# largest number of rows of L whose residual is evaluated; the accuracy of more rows is known
+# The residual is evaluated only for an L of at most this many rows. The accuracy of features with
+# more components is known.
 MAX_RESIDUAL_ROWS = 64
-# Part of L's largest singular value below which a nearby pose may have the same features; and part
-# of the largest change of the plane below which a motion does not turn it.
-WEAK_DIRECTION, MIN_PLANE_CHANGE = 0.05, 0.05
+# A nearby pose may have the same features if a singular value of L is below this fraction of the
+# largest one.
+WEAK_DIRECTION = 0.05
+# A motion does not turn the plane if its effect is below this fraction of the largest effect.
+MIN_PLANE_CHANGE = 0.05
 NO_OFFSET, IDENTITY = np.zeros(6), np.eye(6)
-NOISE_DEVIATIONS = 3.0  # standard deviations above which an error is not noise
+NOISE_DEVIATIONS = 3.0  # an error of more than this many standard deviations is not noise
 USE_LARGER_TARGET = suggest_larger_target(1.5)
 ADD_FEATURE = Remedy("if the pose matters, add a feature that measures these motions")
 PLANE_REASON = (
@@ -87,10 +96,10 @@ class PoseOffsets(NamedTuple):
     """Mean offset of the camera from its goal over several noisy images.
 
     Attributes:
-        mean: (6,) offset, m and rad.
-        scatter: (6, 6) covariance of the offset by a single image.
+        mean: (6,) mean offset, m and rad.
+        scatter: (6, 6) covariance of the offsets that single images give.
         count: number of images.
-        speed: of the camera relative to its goal before the last image, m/s and rad/s.
+        speed: speed of the camera relative to its goal before the last image, m/s and rad/s.
     """
 
     mean: np.ndarray
@@ -100,7 +109,10 @@ class PoseOffsets(NamedTuple):
 
 
 class ArrivalMargin:
-    """Uncertainty model of an arrival, valid until the error becomes clearly smaller."""
+    """Model of the uncertainty of an arrival.
+
+    The model is valid until the error has become clearly smaller.
+    """
 
     def __init__(
         self,
@@ -117,13 +129,15 @@ class ArrivalMargin:
 
         Args:
             scheme_output: measurement and task of the image.
-            observation: of the image.
-            goal: of the run.
+            observation: observation of the image.
+            goal: goal of the run.
             error: (k,) mean error of the last images.
-            accuracy: of the features that L's rows belong to, see Feature.accuracy.
-            ik_solution: shows which directions an arm of few joints can move; None: all six.
+            accuracy: accuracy of the features to which the rows of L belong, see
+                `Feature.accuracy`.
+            ik_solution: joint velocities, which show in which directions an arm of few joints can
+                move the camera; None if it can move in all six.
             noise: (k,) standard deviations of the mean error.
-            scatter: (6, 6) covariance of the offsets by single images, m and rad.
+            scatter: (6, 6) covariance of the offsets that single images give, m and rad.
         """
         self._goal, self._modelled = goal, scheme_output.task.modelled
         self._ambiguity, self._symmetry_bound = (
@@ -142,7 +156,7 @@ class ArrivalMargin:
             accuracy = _estimate_residual_accuracy(L, error, noise) if accuracy is None else (
                 accuracy * max(compute_unexplained_ratio(L, error, accuracy, noise), 1.0)
             )  # fmt: skip
-        if len(L) > 6:  # an equivalent least-squares problem with six rows
+        if len(L) > 6:  # replace L by six rows with the same least-squares solution
             Q, L = np.linalg.qr(L)
             accuracy = None if accuracy is None else Q.T @ accuracy
         self._ik_solution = ik_solution
@@ -160,16 +174,16 @@ class ArrivalMargin:
             variance = ((along * scale) @ scatter * (along * scale)).sum(axis=1)
             is_measured &= np.sqrt(np.maximum(variance, 0.0)) <= MAX_SCATTER * depth
         inverse = np.divide(1.0, s, out=np.zeros_like(s), where=is_measured)
-        out = free.T @ vt.T * inverse  # (6, f): from rotated rows to offsets
+        out = free.T @ vt.T * inverse  # (6, f), maps rotated rows to offsets
         spread = out @ spread
-        # The factor 2 accounts for the measurement of the goal.
+        # The factor 2 accounts for the measurement of the goal, which has the same accuracy.
         self._measurement_covariance = 2.0 * TAIL_FACTOR**2 * spread @ spread.T
         rows = min(len(L), len(s))
         self._coupling = np.eye(6) - out[:, :rows] @ u.T[:rows] @ L
         self._unseen_directions = along[~is_measured]
-        # A computed goal has an exact pose. The target of a goal that this camera has taught may
-        # have been moved since. Then only the direction of the plane by kinematics is used, along
-        # directions that the features measure poorly.
+        # The pose of a computed goal is exact. If this camera has taught the goal, the target may
+        # have been moved since; then only the direction of the plane by kinematics is used, and
+        # only for camera directions that the features measure poorly.
         self._is_goal_camera = goal.camera is not None and goal.camera == observation.camera
         self._plane_offset: tuple[float, float] | None = None
         self._doubtful_directions = (
@@ -188,12 +202,12 @@ class ArrivalMargin:
         unseen_motion: np.ndarray | None = None,
         poses: Sequence[AmbiguousPose] = (),
     ) -> PoseUncertainty:
-        """Bound the distance of the camera from its goal at an image.
+        """Bound the distance of the camera from its goal at one image.
 
         Args:
-            observation: of the image.
+            observation: observation of the image.
             offsets: mean offset and its covariance.
-            unseen_motion: (6,) motion that the view shows but no feature measures, scaled.
+            unseen_motion: (6,) motion that the image shows but no feature measures, scaled.
             poses: ambiguous poses at which the camera may be.
         """
         held_offset = self._compute_held_offset(observation)
@@ -263,12 +277,12 @@ class ArrivalMargin:
     ) -> tuple[float, float]:
         """Return the additional offset of the camera that the target's plane by kinematics shows.
 
-        Only directions that the features measure poorly count. A camera motion v, w changes the
-        plane p by (p . v) p + p x w and its normal n by n x w.
+        Only directions that the features measure poorly are evaluated. A camera motion v, w changes
+        the plane p by (p . v) p + p x w and its normal n by n x w.
 
         Args:
-            observation: with the camera's pose.
-            offset: (6,) of the camera from the goal by features, scaled.
+            observation: observation with the camera's pose.
+            offset: (6,) offset of the camera from the goal by features, scaled.
 
         Returns:
             Distance, m, and angle, rad.
@@ -291,7 +305,7 @@ class ArrivalMargin:
         return split_directions(observation, self._goal, self._modelled, self._ik_solution)[0]
 
     def _compute_scatter_part(self, offsets: PoseOffsets) -> float:
-        """Return the part of one image's scatter that remains in the mean."""
+        """Return the fraction of one image's variance that remains in the mean over the images."""
         return 1.0 / max(offsets.count - 1, 1) + self._systematic_part**2
 
     def _bound_unseen_motion(self) -> tuple[float, float]:
@@ -303,15 +317,15 @@ class ArrivalMargin:
         )
         if len(self._unseen_directions) > 1 or distance > MIN_TRANSLATION_RATIO * angle:
             return inf, pi
-        return 2.0 * distance * self._depth / angle, pi  # rotation about an axis
+        return 2.0 * distance * self._depth / angle, pi  # a rotation about an axis
 
 
 def split_directions(
     observation: Observation, goal: Goal, modelled: np.ndarray, ik_solution: IKSolution | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Split the camera's offset into controlled directions by kinematics and by the task.
+    """Split the camera directions into those that kinematics control and those of the task.
 
-    For an arm of few joints only the directions that it can move count.
+    For an arm of few joints, the directions of the task are those in which it can move the camera.
 
     Returns:
         The offset (6,) along the directions that kinematics control, and the directions (f, 6) in
@@ -334,8 +348,8 @@ def _estimate_residual_accuracy(
 ) -> np.ndarray | None:
     """Estimate the accuracy (k, k) of features that declare none.
 
-    It is the part of the error (k,) that no motion explains by L (k, 6), minus noise (k,); None if
-    L explains the whole error.
+    The accuracy is estimated as the part of the error (k,) that no motion explains by L (k, 6),
+    minus the noise (k,). Return None if L explains the whole error.
     """
     lengths = np.linalg.norm(L, axis=1)
     weights = np.divide(1.0, lengths, out=np.zeros_like(lengths), where=lengths > 0.0)
@@ -353,9 +367,9 @@ def compute_unexplained_ratio(
 ) -> float:
     """Return the ratio of the unexplained part of an error (k,) to its expected size.
 
-    The unexplained part is the one that neither a motion by L (k, 6) nor noise (k,) explains. Its
-    expected size follows from the accuracy (k, m) of the goal and the image. The ratio is 0 if k
-    does not exceed the rank of L.
+    The unexplained part is what remains after the effects of a motion, by L (k, 6), and of noise
+    (k,) are removed. Its expected size follows from the accuracy (k, m) of the goal and the image.
+    Return 0 if k does not exceed the rank of L.
     """
     u, s, _ = np.linalg.svd(L)
     rest = u[:, int((s > RANK_TOLERANCE * s[0]).sum()) :].T
@@ -369,11 +383,12 @@ def compute_confidence_length(mean, covariance):
     """Return the length that 99.7 % of normally distributed vectors in R^3 do not exceed.
 
     The squared length is approximated by a scaled chi-square variable with the same mean and
-    variance (P. Patnaik, Biometrika 36, 1949), whose quantile is approximated according to E.
-    Wilson and M. Hilferty, 1931.
+    variance (P. Patnaik, Biometrika 36, 1949). The quantile of this variable is approximated
+    according to E. Wilson and M. Hilferty, 1931.
 
     Args:
-        mean, covariance: (3,), (3, 3).
+        mean: (3,) mean of the vectors.
+        covariance: (3, 3) covariance of the vectors.
     """
     square, variance = 0.0, 0.0
     for i in range(3):
@@ -382,20 +397,23 @@ def compute_confidence_length(mean, covariance):
             variance += 2.0 * covariance[i, j] ** 2 + 4.0 * mean[i] * covariance[i, j] * mean[j]
     if variance <= 0.0 or square <= 0.0:
         return np.sqrt(max(square, 0.0))
-    inverse = variance / (9.0 * square * square)  # 2 / (9 degrees of freedom)
+    # 2 / (9 n), where n is the number of degrees of freedom.
+    inverse = variance / (9.0 * square * square)
     return np.sqrt(square * (1.0 - inverse + Z_997 * np.sqrt(inverse)) ** 3)
 
 
 @jit("f8[:], f8[:,:], f8[:,:], f8, f8[:,:], f8[:], f8[:]")
 def _compute_bounds(mean, scatter, measured, scatter_part, coupling, held_offset, scale):
-    """Return 99.7 % bounds of an offset's translation and rotation, m (scaled).
+    """Return 99.7 % bounds of an offset's translation and rotation, both scaled to m.
 
     Args:
-        mean, scatter: (6,), (6, 6) of the offset by images, m and rad.
-        measured: (6, 6) covariance by the accuracy of the features, scaled.
-        scatter_part: part of the scatter that remains in the mean.
-        coupling, held_offset: (6, 6), (6,) of the directions that kinematics control, scaled.
-        scale: (6,) scale of the offset.
+        mean: (6,) mean offset by the images, m and rad.
+        scatter: (6, 6) covariance of the offsets by single images, m and rad.
+        measured: (6, 6) covariance due to the accuracy of the features, scaled.
+        scatter_part: fraction of the scatter that remains in the mean.
+        coupling: (6, 6) matrix that maps `held_offset` to an offset, scaled.
+        held_offset: (6,) offset along the directions that kinematics control, scaled.
+        scale: (6,) factors that scale an offset.
     """
     known, covariance, factors = np.empty(6), np.empty((6, 6)), np.empty(2)
     for block in range(2):
@@ -403,7 +421,7 @@ def _compute_bounds(mean, scatter, measured, scatter_part, coupling, held_offset
         for i in range(3 * block, 3 * block + 3):
             square += mean[i] ** 2
             noise += scatter_part * scatter[i, i]
-        # An offset that is pure noise is not enlarged.
+        # The offset is enlarged only as far as it exceeds the noise.
         certainty = 1.0 - noise / square if noise < square else 0.0
         factors[block] = 1.0 + (OFFSET_FACTORS[block] - 1.0) * certainty
     for i in range(6):
@@ -417,11 +435,11 @@ def _compute_bounds(mean, scatter, measured, scatter_part, coupling, held_offset
 
 
 def bound_symmetry(ambiguity: str, goal: Goal) -> tuple[float, float]:
-    """Bound the camera's motion around a symmetric target, which looks the same after a rotation.
+    """Bound the camera's motion about a symmetric target, which looks the same after a rotation.
 
     Args:
         ambiguity: angle of the symmetry, such as '90°'; any other text gives infinite bounds.
-        goal: of the run.
+        goal: goal of the run.
 
     Returns:
         Distance, m, and angle, rad.
@@ -458,7 +476,10 @@ def _get_centre(goal: Goal) -> np.ndarray:
 
 
 def _format_size(distance: float, angle: float, depth: float = DEFAULT_DEPTH) -> str:
-    """Format the larger part as '0.4 mm' or '0.5 degrees'; empty if both are negligible."""
+    """Format the more important of a distance (m) and an angle (rad): '0.4 mm' or '0.5 degrees'.
+
+    Return an empty text if both are negligible.
+    """
     parts = distance / (NEGLIGIBLE_UNCERTAINTY[0] * depth), angle / NEGLIGIBLE_UNCERTAINTY[1]
     if max(parts) <= 1.0:
         return ""

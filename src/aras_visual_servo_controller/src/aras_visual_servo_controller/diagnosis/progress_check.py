@@ -18,33 +18,38 @@ from .advice import suggest_larger_target, suggest_longer_watchdog, suggest_more
 if TYPE_CHECKING:
     from ..kinematics.ik_solution import IKSolution
 
-# Time over which progress is evaluated, s, and ratio of the errors of its second to its first half
-# above which there is no progress.
-WINDOW, MIN_PROGRESS = 1.5, 0.9
+WINDOW = 1.5  # time over which progress is evaluated, s
+# There is no progress if the mean error in the second half of this time exceeds this fraction of
+# the mean error in the first half.
+MIN_PROGRESS = 0.9
 STALL_REASON = "the error does not decrease"
-# Ratio below which an error is slow: it would reach its goal with more time. A gain of 0.1 gives
-# 0.93.
+# An error with a ratio between MIN_PROGRESS and this one decreases slowly and would reach its goal
+# with more time. A gain of 0.1 gives a ratio of 0.93.
 SLOW_PROGRESS = 0.98
-# Smallest part of the window's images that have to show a cause.
+# A cause is reported if at least this fraction of the images in the window shows it.
 MIN_IMAGE_PART = 0.6
-# Scatter of the error from image to image (tolerances, and part of its whole scatter) above which
-# noise hides whether the camera is at its goal.
-MIN_NOISE, MIN_NOISE_PART = 1.0, 0.5
-# Velocity scale below which a joint limits the motion; part of a run's images with such a limit
-# above which the run needs more time.
-FULL_SPEED, MIN_SLOWED_PART = 0.99, 0.3
-# Smallest commanded camera speed that is evaluated, depths/s, and depths that 1 rad/s counts as.
-MIN_SPEED, ROTATION_WEIGHT = 1e-3, 0.5
-# Part of the error that a camera motion can reduce according to L, below which it is a local
-# minimum.
+# Noise hides whether the camera is at its goal if the scatter of the error from image to image
+# exceeds these two values.
+MIN_NOISE = 1.0  # in tolerances
+MIN_NOISE_PART = 0.5  # as a fraction of the total scatter
+FULL_SPEED = 0.99  # with a smaller scale of the velocity, a joint limits the motion
+# The run needs more time if a joint limits the motion in more than this fraction of its images.
+MIN_SLOWED_PART = 0.3
+MIN_SPEED = 1e-3  # smallest commanded camera speed that is evaluated, in target depths per second
+ROTATION_WEIGHT = 0.5  # translation, in depths per second, that corresponds to 1 rad/s
+# The camera is in a local minimum if, according to L, a camera motion can reduce the error only by
+# a smaller fraction than this.
 MIN_EXPLAINED_PART = 0.1
-# s between two images above which the frame rate, not the gain, makes a run slow
+# If the time between two images exceeds this (s), the frame rate makes the run slow, not the gain.
 MAX_PERIOD = 0.2
 
 
 @dataclass(frozen=True, eq=False)
 class _ServoedImage:
-    """Data of one servoed image; size and error (k,) are in tolerances (k,)."""
+    """Data of one image at which the camera was servoed.
+
+    Its size and its error (k,) are in units of the tolerances (k,).
+    """
 
     stamp: float
     error_size: float
@@ -60,7 +65,7 @@ class _ServoedImage:
         """Return the joint velocities of the state's task."""
         return self.state.ik_solution
 
-    # Cached, because they are used at every image of the window.
+    # These properties are cached, because they are used at every image of the window.
     @cached_property
     def rank(self) -> int:
         """Return the rank of L."""
@@ -68,7 +73,7 @@ class _ServoedImage:
 
     @cached_property
     def is_infeasible(self) -> bool:
-        """Return whether the arm achieves too little of the desired camera twist."""
+        """Return whether the arm achieves too small a part of the desired camera twist."""
         if self.ik_solution is None:
             return False
         desired = _compute_speed(self.state.desired_twist, self.depth)
@@ -77,7 +82,7 @@ class _ServoedImage:
 
     @cached_property
     def explained_part(self) -> float:
-        """Return the part of the error that a camera twist can reduce according to L."""
+        """Return the fraction of the error that a camera twist can reduce according to L."""
         L, norm = self.state.scheme_output.L, float(np.linalg.norm(self.error))
         if L is None or len(L) != len(self.error) or norm == 0.0:
             return 1.0
@@ -87,15 +92,19 @@ class _ServoedImage:
 
 
 class ProgressCheck:
-    """Progress towards the goal over the images of the last WINDOW."""
+    """Check of the progress towards the goal over the last WINDOW seconds."""
 
     def __init__(self, duration: float = np.inf) -> None:
-        """Create the check; `duration`: time limit of the run, s."""
+        """Create the check.
+
+        Args:
+            duration: time limit of the run, s.
+        """
         self._window: deque[_ServoedImage] = deque()
         self._duration = duration
         self._image_count = self._slowed_count = 0
-        # Time, s, and size of the error at the first image, and at the last image in which a limit
-        # scaled the velocity.
+        # Time (s) and size of the error at the first image, and at the last image at which a limit
+        # reduced the velocity.
         self._first: tuple[float, float] | None = None
         self._last_slowed, self._limiting_joint = (0.0, 0.0), ""
 
@@ -107,12 +116,12 @@ class ProgressCheck:
         self, state: ServoState, tolerances: np.ndarray, depth: float = DEFAULT_DEPTH,
         is_stretched: bool = False,
     ) -> np.ndarray:
-        """Add one image and return its error (k,) in tolerances (k,).
+        """Add one image and return its error (k,), in tolerances.
 
         Args:
-            state: of the loop at the image.
-            tolerances: (k,) of the error.
-            depth: of the target, m.
+            state: state of the loop at the image.
+            tolerances: (k,) tolerance of each component of the error.
+            depth: depth of the target, m.
             is_stretched: whether an elbow of the arm is almost straight.
         """
         output = state.scheme_output
@@ -138,7 +147,7 @@ class ProgressCheck:
 
     @property
     def is_shrinking(self) -> bool:
-        """Return whether the error has decreased or is within its tolerances except for noise."""
+        """Return whether the error has decreased, or is within its tolerances except for noise."""
         images = list(self._window)
         half = len(images) // 2
         if half == 0:
@@ -153,13 +162,16 @@ class ProgressCheck:
         return (images[-1].stamp - images[0].stamp) / (len(images) - 1) if len(images) > 1 else 0.0
 
     def explain_stall(self, state: ServoState) -> Outcome:
-        """Return the outcome for an error that does not decrease; 'running' while it decreases."""
+        """Return the outcome for an error that does not decrease.
+
+        While the error decreases, the outcome is 'running'.
+        """
         images = list(self._window)
         if state.phase != SERVOING or images[-1].stamp - images[0].stamp < 0.9 * WINDOW:
             return Outcome("running", state.reason)
         if self.is_shrinking:
-            # The error is within its tolerances, but the camera is not at its goal: a limit of the
-            # arm may prevent the rest of the motion.
+            # The mean error is within its tolerances, but the camera is not at its goal: a limit of
+            # the arm may prevent the rest of the motion.
             held_back = _is_within_tolerances(images[len(images) // 2 :]) and (
                 _find_limit(images) or _find_infeasibility(images)
             )
@@ -177,9 +189,9 @@ class ProgressCheck:
 
     @property
     def noise(self) -> float:
-        """Return the scatter of the largest error from image to image, in tolerances.
+        """Return the scatter of the largest error component from image to image, in tolerances.
 
-        The scatter is 0 if it is small or not noise.
+        Return 0 if the scatter is small, or if it is not noise.
         """
         return _estimate_noise(self._window)
 
@@ -220,7 +232,7 @@ class ProgressCheck:
         """Return the outcome of a run whose time is over, from its last images.
 
         Args:
-            reason: of the outcome so far.
+            reason: reason of the present outcome.
         """
         if self.period > MAX_PERIOD:
             return replace(make_outcome(
@@ -247,7 +259,7 @@ class ProgressCheck:
         slow = self.is_shrinking or after < SLOW_PROGRESS * before
         rate = float(np.log(max(before, 1e-9) / max(after, 1e-9))) / (0.5 * WINDOW)
         if (noise := self.noise) > 0.0:
-            # Noise makes the measured rate useless.
+            # With noise, the measured rate of decrease is not reliable.
             slow = after < MIN_PROGRESS * before
             others = suggest_more_time(self._duration, after, rate).changes if slow else ()
             return replace(make_outcome(
@@ -266,14 +278,17 @@ class ProgressCheck:
 
 
 def _compute_speed(twist: np.ndarray, depth: float) -> float:
-    """Return the size of a twist (6,), m/s and rad/s, in depths (m) per second."""
+    """Return the size of a twist (6,), m/s and rad/s, in target depths per second.
+
+    The argument `depth` is in m.
+    """
     return float(np.linalg.norm(twist[:3]) / depth + ROTATION_WEIGHT * np.linalg.norm(twist[3:]))
 
 
 def _estimate_noise(images: Sequence[_ServoedImage]) -> float:
-    """Return the scatter of the largest error from image to image, in tolerances.
+    """Return the scatter of the largest error component from image to image, in tolerances.
 
-    The scatter is 0 if it is small or not noise.
+    Return 0 if the scatter is small, or if it is not noise.
     """
     if len({len(s.error) for s in images}) != 1 or len(images) < 10:
         return 0.0
@@ -283,7 +298,7 @@ def _estimate_noise(images: Sequence[_ServoedImage]) -> float:
     change = np.diff(errors[:, largest])
     # The mean square of the second difference is 0 for a steady motion and 6 times the variance for
     # white noise. The mean square of the first difference is twice the variance for white noise,
-    # and 4 times for an error that changes sides at every image.
+    # and 4 times the variance for an error that changes its sign at every image.
     noise = float(np.sqrt((np.diff(change) ** 2).mean() / 6.0))
     if (change**2).mean() > 3.0 * scatter[largest] ** 2:
         return 0.0
@@ -291,7 +306,10 @@ def _estimate_noise(images: Sequence[_ServoedImage]) -> float:
 
 
 def _describe_accuracy(images: Sequence[_ServoedImage]) -> str:
-    """Describe how accurately one image determines the camera pose; empty if L does not show it."""
+    """Describe how accurately one image determines the camera pose.
+
+    Return an empty text if L does not show it.
+    """
     last = images[-1]
     L = last.state.scheme_output.L
     if L is None or np.shape(L) != (len(last.error), 6):
@@ -366,6 +384,6 @@ def _find_saturation(images: Sequence[_ServoedImage]) -> Outcome | None:
 
 
 def _is_within_tolerances(images: Sequence[_ServoedImage]) -> bool:
-    """Return whether the mean errors are within their tolerances, so that only noise remains."""
+    """Return whether each mean error is within its tolerance, so that only noise remains."""
     errors = [s.error for s in images]
     return len({len(e) for e in errors}) == 1 and bool((np.abs(np.mean(errors, axis=0)) < 1).all())

@@ -20,9 +20,9 @@ class Jump:
     """A change of the error between two images that the camera's motion does not explain.
 
     Attributes:
-        stamp: of the later image, s.
+        stamp: stamp of the later image, s.
         feature: name of the feature.
-        size: of the change, in the feature's unit.
+        size: size of the change, in the feature's unit.
         explained: change that L and the camera's motion explain, in the feature's unit.
     """
 
@@ -39,56 +39,63 @@ class Jump:
 
 
 class StepCheck:
-    """Comparison of the steps of features and visible area with the camera's motion.
+    """Check of the changes of features and visible area from image to image.
+
+    The changes (steps) are compared with the prediction by the camera's motion.
 
     Attributes:
-        jumps: of the error, the latest within JUMP_WINDOW s.
+        jumps: jumps of the error within the last JUMP_WINDOW seconds.
         first_jump: first jump of the run; None if there was none.
         unchanged_since: time since which the error has been exactly the same although the camera's
-            motion should have changed it by MIN_PREDICTED_MOTION tolerances, s; None if it changes.
+            motion should have changed it by MIN_PREDICTED_MOTION tolerances, s; None if the error
+            changes.
         occluded_since: time since which a part of the target inside the image has been invisible,
-            s; None if the visible part is the same as at the first image.
+            s; None if nothing has become invisible since the first image.
         has_drift: whether the features have moved steadily while the camera was at rest.
-        names: (k,) of the features.
+        names: (k,) names of the features.
         next_region: ranges of x and y, normalised, in which the target may be in the next image;
-            None if it has not been visible.
-        typical_step: usual unexplained step, in tolerances.
+            None if the target has not been visible.
+        typical_step: usual size of the unexplained steps, in tolerances.
     """
 
-    # time window, s, and number of jumps in it that count as repeated jumping
+    # The error jumps repeatedly if it jumps FREQUENT_JUMPS times within JUMP_WINDOW seconds.
     JUMP_WINDOW, FREQUENT_JUMPS = 2.0, 4
-    # A jump exceeds MIN_JUMP tolerances, and JUMP_FACTOR times both the explained step and the
-    # typical step.
+    # A jump is a step that exceeds MIN_JUMP tolerances, and JUMP_FACTOR times both the explained
+    # step and the typical step.
     MIN_JUMP, JUMP_FACTOR = 20.0, 8.0
     STEP_MEMORY = 0.9  # weight of the old value in the typical step
-    # For `unchanged_since`: predicted motion, tolerances, and number of images without a change.
+    # `unchanged_since` is set when the error has not changed in UNCHANGED_IMAGES images although
+    # the
+    # predicted motion is MIN_PREDICTED_MOTION tolerances.
     MIN_PREDICTED_MOTION, UNCHANGED_IMAGES = 5.0, 8
-    # Predicted motion that is compared at once (a row), in tolerances: large enough to make noise a
-    # small part. MIN_ROWS such rows determine a correlation.
-    MIN_ROW, MIN_ROWS = 8.0, 5
+    # Measured and predicted motion are added up over several images, until the predicted motion is
+    # this
+    # large, in tolerances; then noise is a small part of the sums. They form a row.
+    MIN_ROW = 8.0
+    MIN_ROWS = 5  # number of rows that determine a correlation
     RECENT_IMAGES = 5
-    # For features that drift while the camera is at rest: largest predicted motion of a camera at
-    # rest and smallest drift, tolerances; part of the squared steps that a steady drift explains
-    # (noise: 1/n); smallest and largest number of images.
-    MAX_REST_MOTION, MIN_DRIFT, MIN_DRIFT_PART, MIN_REST_IMAGES, MAX_REST_IMAGES = (
-        0.05,
-        2.5,
-        0.7,
-        4,
-        30,
-    )
-    MIN_CENTRE_JUMP = 0.02  # smallest jump of the target's centre, normalised
-    # Smallest part of the area (corrected for the distance by kinematics) that disappears between
-    # two images, for RECENT_IMAGES images, if something covers the target.
+    # The features drift at rest if their motion exceeds MIN_DRIFT tolerances, and if a steady drift
+    # explains more than MIN_DRIFT_PART of the squared steps (1/n for noise in n images).
+    MIN_DRIFT, MIN_DRIFT_PART = 2.5, 0.7
+    MAX_REST_MOTION = 0.05  # largest predicted motion of a camera at rest, in tolerances
+    MIN_REST_IMAGES, MAX_REST_IMAGES = 4, 30  # numbers of images that are evaluated
+    MIN_CENTRE_JUMP = 0.02  # smallest jump of the target's centre, in normalised coordinates
+    # Something covers the target if at least this fraction of its area disappears between two
+    # images and remains invisible for RECENT_IMAGES images. The area is corrected for the distance
+    # by kinematics.
     MIN_HIDDEN_PART = 0.06
-    # largest relative change of the squared distance between two such images
+    # Largest relative change of the squared distance between these two images.
     MAX_DISTANCE_CHANGE = 0.2
     # Predicted area, relative to the goal's, below which occlusion is not evaluated: the camera is
     # then more than 100 times as far from the target as at the goal.
     MIN_PREDICTED_AREA = 1e-4
 
     def __init__(self, min_row: float = MIN_ROW) -> None:
-        """Create the check; `min_row`: predicted motion of a row, in tolerances, see MIN_ROW."""
+        """Create the check.
+
+        Args:
+            min_row: predicted motion of a row, in tolerances, see MIN_ROW.
+        """
         self._min_row = min_row
         self.jumps: deque[Jump] = deque(maxlen=self.FREQUENT_JUMPS)
         self.first_jump: Jump | None = None
@@ -98,24 +105,26 @@ class StepCheck:
         self._last_measurement: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
         self.typical_step, self._count = 1.0, 0
         self._same_count, self._same_stamp, self._path = 0, 0.0, 0.0
-        # While the camera is at rest: number of images, sum of the squared steps, and sum of the
+        # Number of images at which the camera is at rest, sum of the squared steps, and sum of the
         # steps (k,), in tolerances.
         self._rest_sums: tuple[int, float, np.ndarray | float] = 0, 0.0, 0.0
         self.has_drift = False
         self._steps: deque[tuple[float, float, float]] = deque(maxlen=self.RECENT_IMAGES)
-        self._scale = 1.0  # squared distance by kinematics at the last image, relative to the goal
-        # area in the last image, corrected for the distance, relative to the goal
+        # Squared distance by kinematics at the last image, relative to the goal's.
+        self._scale = 1.0
+        # Area in the last image, corrected for the distance, relative to the goal's.
         self._last_area = 0.0
-        # Running mean of this area, and its typical relative deviation.
+        # Running mean of this area, and its usual relative deviation.
         self._mean_area = self._area_deviation = 0.0
-        # number of images since a part disappeared, and stamp of the first of them, s
+        # Number of images since a part of the target disappeared, and stamp of the first of them,
+        # s.
         self._hidden_count, self._hidden_stamp = 0, 0.0
         self._whole_area = 0.0  # corrected area before something covered the target
         self.next_region: tuple[tuple[float, float], tuple[float, float]] | None = None
         self._centre: tuple[float, float] | None = None
         self._centre_jumps = 0
-        # Sums (3, k) over complete rows: measured times predicted motion, and both squared. The
-        # incomplete row is (2, k): measured and predicted motion.
+        # Sums over all complete rows, (3, k): measured times predicted motion, measured motion
+        # squared, predicted motion squared. Incomplete row, (2, k): measured and predicted motion.
         self._correlation_sums: np.ndarray | None = None
         self._row = np.zeros((2, 0))
 
@@ -125,19 +134,19 @@ class StepCheck:
 
     @property
     def target_motion_part(self) -> float:
-        """Return the part of the features' latest motion that is the target's own, 0 to 1.
+        """Return the fraction of the features' latest motion that is the target's own, 0 to 1.
 
-        It is evaluated over the last RECENT_IMAGES images.
+        The last RECENT_IMAGES images are evaluated.
         """
         if not self._steps:
             return 0.0
         whole, rest, predicted = (sum(part) for part in zip(*self._steps, strict=True))
-        # The motion has to exceed the effect of the camera with any mounting.
+        # The motion has to exceed the effect that the camera's motion has with any mounting.
         return rest / whole if whole > max(self.MIN_JUMP, self.JUMP_FACTOR * predicted) else 0.0
 
     @property
     def has_frequent_jumps(self) -> bool:
-        """Return whether the features jump repeatedly while the target does not."""
+        """Return whether the features jump repeatedly while the target's centre does not."""
         jumps = self.jumps
         is_frequent = (
             len(jumps) == self.FREQUENT_JUMPS
@@ -146,15 +155,15 @@ class StepCheck:
         return is_frequent and self._centre_jumps < self.FREQUENT_JUMPS // 2
 
     def is_jumping(self, stamp: float) -> bool:
-        """Return whether the features have jumped repeatedly until `stamp`, s."""
+        """Return whether the features have jumped repeatedly shortly before `stamp` (s)."""
         return self.has_frequent_jumps and stamp - self.jumps[-1].stamp < self.JUMP_WINDOW
 
     @property
     def feature_correlations(self) -> np.ndarray | None:
         """Return the correlation (k,) of each feature's motion with its prediction by L, -1 to 1.
 
-        The correlation is 0 for features with too little predicted motion; None if there are no
-        data.
+        The correlation of a feature with too little predicted motion is 0. Return None if there are
+        no data.
         """
         if self._correlation_sums is None:
             return None
@@ -167,7 +176,7 @@ class StepCheck:
     def correlation(self) -> float:
         """Return the correlation of all features' motion with the prediction by L, -1 to 1.
 
-        The correlation is 1 if the predicted motion is too small.
+        Return 1 if the predicted motion is too small.
         """
         if not self.has_enough_motion:
             return 1.0
@@ -203,9 +212,9 @@ class StepCheck:
 
         Args:
             scheme_output: measurement of the image.
-            observation: of the image.
-            tolerances: (k,) of the error.
-            is_angle: (k,) bool, components that may wrap.
+            observation: observation of the image.
+            tolerances: (k,) tolerance of each component of the error.
+            is_angle: (k,) whether each component is an angle, which may wrap.
         """
         L, error = scheme_output.L, np.asarray(scheme_output.error, float)
         before, self._last_measurement = self._last_measurement, None
@@ -260,7 +269,7 @@ class StepCheck:
 
         Args:
             moved: squared length of the step.
-            step: (k,) in tolerances.
+            step: (k,) change of the features, in tolerances.
         """
         images, square, sums = self._rest_sums
         images, square, sums = self._rest_sums = images + 1, square + moved, sums + step
@@ -282,7 +291,7 @@ class StepCheck:
         dx, dy = (0.0, 0.0) if self._centre is None else (x - self._centre[0], y - self._centre[1])
         self._centre = x, y
         jumped = max(abs(dx), abs(dy)) > self.MIN_CENTRE_JUMP
-        # Predict twice the last displacement, extended by the target's size.
+        # In the next image the target is at most twice its last displacement plus its size away.
         x, y, size = x + 2.0 * dx, y + 2.0 * dy, sqrt(moments.m00)
         self.next_region = (x - size, x + size), (y - size, y + size)
         self._centre_jumps = min(self._centre_jumps + 1, self.FREQUENT_JUMPS) if jumped else max(
@@ -320,16 +329,16 @@ class StepCheck:
 
     @property
     def visible_part(self) -> float:
-        """Return the visible part of a covered target, 0 to 1."""
+        """Return the visible fraction of a covered target, 0 to 1."""
         return self._last_area / self._whole_area if self._whole_area else 1.0
 
 
 def predict_area(observation: Observation, goal: Goal) -> float:
     """Return the area that the target should have in this view, relative to the goal.
 
-    The prediction uses the estimated plane. A small patch of a plane n P = d has an image area of d
-    / Z^3 times its own. The plane gives 1 / Z and n / d. Without a plane, the area is inversely
-    proportional to the squared distance.
+    The area is predicted from the estimated plane. A small patch of a plane n . P = d, at depth Z,
+    has an image area of d / Z^3 times its own area. The plane gives 1 / Z and n / d. Without a
+    plane, the area is assumed to be inversely proportional to the squared distance.
     """
     measured, desired, plane = observation.moments, goal.moments, observation.plane
     if plane is None or goal.plane is None:
@@ -344,7 +353,7 @@ def predict_area(observation: Observation, goal: Goal) -> float:
 def predict_distance(world_T_camera: np.ndarray | None, goal: Goal) -> float:
     """Return the target's depth by the joints alone, relative to the goal's depth.
 
-    The ratio is 1 if the goal has no pose.
+    Return 1 if the goal has no pose.
     """
     if world_T_camera is None or goal.world_T_camera is None:
         return 1.0
@@ -374,22 +383,23 @@ def _compare_step(
     """Compare one step of the features with the camera's motion.
 
     Args:
-        error_before, error: (k,) errors of the previous and the present image.
-        L_before, L: (k, 6) their interaction matrices.
-        error_drift_before, error_drift: (k,) or (1,) their drifts by the target's motion.
-        motion: (6,) of the camera between the two images.
+        error_before, error: (k,) error at the previous and at the present image.
+        L_before, L: (k, 6) interaction matrix at each of the two images.
+        error_drift_before, error_drift: (k,) or (1,) drift of each error due to the target's
+            motion.
+        motion: (6,) motion of the camera between the two images.
         dt: time between the two images, s.
-        tolerances: (k,) of the error.
-        is_angle: (k,) components that may wrap.
+        tolerances: (k,) tolerance of each component of the error.
+        is_angle: (k,) whether each component is an angle, which may wrap.
         min_row: predicted motion, in tolerances, that completes a row.
-        row: (2, k) measured and predicted motion of the incomplete row; added to in place.
-        sums: (3, k) over complete rows of measured times predicted motion, measured squared,
-            predicted squared; added to in place.
+        row: (2, k) measured and predicted motion of the incomplete row; modified in place.
+        sums: (3, k) sums over complete rows of measured times predicted motion, measured motion
+            squared, predicted motion squared; modified in place.
 
     Returns:
-        The largest unexplained step, in tolerances; its feature; the explained step of this
-        feature; the squares of all steps and of the unexplained steps, in tolerances; the largest
-        predicted step; whether an angle wrapped.
+        The largest unexplained step, in tolerances; the index of its feature; the explained step of
+        this feature; the sums of the squares of all steps and of the unexplained steps, in
+        tolerances; the largest predicted step; whether an angle wrapped.
     """
     largest, at, explained, square, unexplained, path, longest = -1.0, 0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(len(error)):

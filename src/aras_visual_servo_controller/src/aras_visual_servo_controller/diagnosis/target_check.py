@@ -1,7 +1,7 @@
 """Check whether the target moves.
 
-The target moves if its own constant or periodic motion explains the part of the features' motion
-that the camera's motion does not explain.
+A part of the features' motion is not explained by the camera's motion. The target moves if a
+constant or periodic motion of the target explains this part.
 """
 
 from __future__ import annotations
@@ -23,15 +23,16 @@ from ..schemes.base import SchemeOutput
 
 @dataclass(frozen=True, eq=False)
 class _Row:
-    """Motion of k features within ROW_PERIOD, in tolerances: one row of the fit.
+    """One row of the fit: motion of k features within ROW_PERIOD, in tolerances.
 
     Attributes:
         stamp: middle of the period, s.
         feature_motion: (k,) measured motion.
         L: (k, 6) mean interaction matrix.
-        motion: (6,) of the camera.
-        drift: (k, 6) motion that a unit twist of the target causes in this period; the twist is in
-            world axes, at the camera's position of the first row.
+        motion: (6,) motion of the camera.
+        drift: (k, 6) motion of the features that a unit twist of the target causes in this period.
+            The twist is in world axes; its reference point is the camera's position at the first
+            row.
     """
 
     stamp: float
@@ -42,12 +43,12 @@ class _Row:
 
 
 class _RowSums:
-    """Rows added up in groups of `rows_per_sum`, n values in all, in tolerances.
+    """Sums of the rows of the fit over groups of `rows_per_sum` rows, in tolerances.
 
     Attributes:
-        feature_motion: (n,) measured motion of the features.
+        feature_motion: (n,) measured motion of the features, for all groups.
         motion_parts: (n, 6) motion predicted for each direction of the camera.
-        rows_per_sum: number of rows in a sum.
+        rows_per_sum: number of rows in a group.
     """
 
     def __init__(
@@ -61,9 +62,9 @@ class _RowSums:
 
         Args:
             rows: all m rows.
-            feature_motion: (m, k) of these rows.
-            motion_parts: (m, k, 6) of these rows.
-            rows_per_sum: number of rows in a sum.
+            feature_motion: (m, k) measured motion of the features in each row.
+            motion_parts: (m, k, 6) motion predicted for each row and each direction of the camera.
+            rows_per_sum: number of rows in a group.
         """
         count = len(rows) // rows_per_sum * rows_per_sum
         self._rows, self.rows_per_sum = list(rows)[len(rows) - count :], rows_per_sum
@@ -78,13 +79,15 @@ class _RowSums:
 
     @property
     def mixed_effects(self) -> np.ndarray:
-        """Return the effects (n, 18) of the camera's motion if each direction acted along any axis.
+        """Return the effects (n, 18) of the camera's motion along wrong axes.
+
+        See `_compute_mixed_effects`.
         """
         return self._sum_rows(np.array([_compute_mixed_effects(row) for row in self._rows]))
 
     @property
     def drift(self) -> np.ndarray:
-        """Return the effects (n, 6) of a unit twist of the target."""
+        """Return the effects (n, 6) of a unit twist of the target on the features."""
         return self._sum_rows(np.array([row.drift for row in self._rows]))
 
     @property
@@ -96,16 +99,17 @@ class _RowSums:
 
     @property
     def translation_effect(self) -> np.ndarray:
-        """Return the effect (n,) of all translations of the camera."""
+        """Return the effect (n,) of all translations of the camera on the features."""
         return self.motion_parts[:, :3].sum(axis=1)
 
     @property
     def rotation_effect(self) -> np.ndarray:
-        """Return the effect (n,) of all rotations of the camera."""
+        """Return the effect (n,) of all rotations of the camera on the features."""
         return self.motion_parts[:, 3:].sum(axis=1)
 
     def fit_depth(self) -> float:
-        """Fit the factor on the translations that explains the features' motion best."""
+        """Return the factor on the camera's translations that explains the features' motion best.
+        """
         along = self.translation_effect
         square = float(along @ along)
         return (
@@ -122,59 +126,70 @@ class _RowSums:
 
 
 class TargetCheck:
-    """Fit of the motion of the features over the last SPAN by the motions of camera and target.
+    """Fit of the features' motion over the last SPAN seconds by the motions of camera and target.
 
-    Three explanations are compared by the squared motion that they leave unexplained:
+    Three explanations are compared by their residual, the squared motion that they do not explain:
 
-    - a target at rest and a correct camera model, except for the depth;
-    - a target at rest and a wrong camera model (mounting, focal length): each direction of
-      translation may act along every other, and likewise each rotation;
+    - a target at rest and a correct camera model, except for the depth; - a target at rest and a
+      wrong camera model (mounting, focal length): a translation along one axis may have the effect
+      of a translation along another axis, and likewise a rotation;
     - a target that moves with a constant twist, or oscillates at one frequency in addition.
 
-    Measured on the simulated outcomes of tests/outcomes (30 images a second; kinematic arm and free
-    camera): for a target that moves at 10 to 40 mm/s, the third explanation leaves 1e-5 of the
-    residual of the first; for one that oscillates by 5 to 20 mm at 0.2 to 0.6 Hz at most 0.035; for
-    a wrong mounting or focal length at least 0.2, and for image noise 0.9.
+    The ratio of the residual of the third explanation to that of the first was measured on the
+    simulated outcomes of tests/outcomes (30 images per second; kinematic arm and free camera). It
+    is 1e-5 for a target that moves at 10 to 40 mm/s, at most 0.035 for a target that oscillates by
+    5 to 20 mm at 0.2 to 0.6 Hz, at least 0.2 for a wrong mounting or focal length, and 0.9 for
+    image noise.
     """
 
     ROW_PERIOD = 0.12  # shortest duration of a row, s
-    SPAN = 6.0  # time over which motion is fitted, s
-    MIN_ROWS, CHECK_PERIOD = 10, 5  # rows before the first fit, and between two fits
-    MIN_NUMBERS = 60  # smallest number of values: 18 factors would fit fewer of any kind
-    # Numbers of rows that are added up if single rows show no motion: a target at 1 mm/s moves by
-    # less than the tolerances within ROW_PERIOD, and a sum has no more noise than a row.
-    # MIN_RESIDUAL: rms residual of the camera's motion, in tolerances, for which a motion of the
-    # target is fitted. MIN_SUMMED_NUMBERS: smallest number of summed values.
-    ROWS_PER_SUM, MIN_RESIDUAL, MIN_SUMMED_NUMBERS = (1, 3, 6, 12), (0.3, 0.3, 0.3, 0.15), 12
-    MIN_OSCILLATION_SPAN = 2.5  # s of rows before an oscillation is fitted
-    # largest residual with the target's motion, as a part of that of a target at rest
+    SPAN = 6.0  # time over which the motion is fitted, s
+    MIN_ROWS = 10  # number of rows before the first fit
+    CHECK_PERIOD = 5  # number of rows between two fits
+    # Smallest number of values in a fit: its 18 factors would explain any smaller set of values.
+    MIN_NUMBERS = 60
+    # Numbers of rows in a group. If single rows show no motion, groups of more rows are added up:
+    # within ROW_PERIOD, a target at 1 mm/s moves by less than the tolerances, while a sum has no
+    # more
+    # noise than a row.
+    ROWS_PER_SUM = (1, 3, 6, 12)
+    # For each size of a group: a motion of the target is fitted if the rms residual of the camera's
+    # motion exceeds this, in tolerances.
+    MIN_RESIDUAL = (0.3, 0.3, 0.3, 0.15)
+    MIN_SUMMED_NUMBERS = 12  # smallest number of summed values in a fit
+    # An oscillation is fitted only to rows that cover at least this time, s.
+    MIN_OSCILLATION_SPAN = 2.5
+    # The target moves if its motion reduces the residual to less than this fraction of the residual
+    # for a target at rest.
     MAX_RESIDUAL_PART = 0.1
-    # largest residual with the target's motion, as a part of that of a wrong camera model
+    # The residual also has to be less than this fraction of the residual for a wrong camera model.
     MAX_CAMERA_PART = 0.5
-    # Smallest factor on the camera's translation that a wrong depth can explain. If the features
+    # Smallest factor on the camera's translations that a wrong depth can explain. If the features
     # move even less, the camera follows the target.
     MIN_DEPTH_FACTOR = 0.3
-    # Smallest part of the predicted squared motion for which a wrong camera model is fitted
-    # nevertheless: the camera may move in another direction than assumed.
+    # A wrong camera model is also fitted if the squared motion of the features is more than this
+    # fraction of the predicted one, because the camera may move in another direction than assumed.
     MIN_MOTION_PART = 0.2
     # Smallest scale of the motion along and about each direction that a wrong camera model can
-    # explain: half the motion corresponds to another focal length, or a mounting error of 60
+    # explain. Half the motion corresponds to a wrong focal length, or to a mounting error of 60
     # degrees.
     MIN_CAMERA_FACTOR = 0.5
-    # residual below which a wrong camera model explains the motion as well
+    # A wrong camera model explains the motion as well as a moving target if its residual is less
+    # than this fraction of the residual for a target at rest.
     CAMERA_EXPLAINS_PART = 0.02
     MAX_FREQUENCY = 1.5  # highest frequency of an oscillation that is fitted, Hz
-    # normalised tolerance of the target's centre, used if the scheme's L is not of the present view
+    # Normalised tolerance of the target's centre. The centre is used if the scheme's L does not
+    # belong to the present view.
     CENTRE_TOLERANCE = 1e-3
 
     def __init__(self) -> None:
-        # whether a wrong camera model explained the motion as well at the last fit
+        # Whether a wrong camera model explained the motion as well at the last fit.
         self.has_camera_explanation = False
         self._rows: deque[_Row] = deque()
-        self._origin = np.zeros(3)  # reference point of the target's twist, m, world axes
+        self._origin = np.zeros(3)  # reference point of the target's twist, in m and world axes
         self._new_rows = 0
         self._motion_text = ""
-        # Error (k,), L (k, 6), error drift (k,) or (1,) and tolerances (k,) of the last image.
+        # Error (k,), L (k, 6), error drift (k,) or (1,), and tolerances (k,) of the last image.
         self._last_measurement: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None = None
         self._start_row()
 
@@ -197,16 +212,16 @@ class TargetCheck:
         is_current_interaction: bool,
         is_angle: np.ndarray | None = None,
     ) -> str:
-        """Add one image and describe how the target moves; the text is empty if it is at rest.
+        """Add one image and describe how the target moves; empty text if it is at rest.
 
         Args:
             scheme_output: measurement of the image.
-            observation: of the image.
-            goal: of the run.
-            tolerances: (k,) of the error.
+            observation: observation of the image.
+            goal: goal of the run.
+            tolerances: (k,) tolerance of each component of the error.
             is_current_interaction: whether L belongs to the present view; otherwise the target's
                 centre is used.
-            is_angle: (k,) bool, components that may wrap; None: all.
+            is_angle: (k,) whether each component is an angle, which may wrap; None if all may wrap.
         """
         error, L, rate = scheme_output.error, scheme_output.L, scheme_output.error_drift
         if not is_current_interaction or np.shape(L) != (len(error), 6):
@@ -247,8 +262,8 @@ class TargetCheck:
             rows.clear()
         if not rows:
             self._origin = pose[:3, 3]
-        # Relative to the camera, the target's twist acts like a camera twist of opposite sign; at
-        # the distance d from its reference point the velocity is v + w x d.
+        # Relative to the camera, the target's twist acts like a camera twist of opposite sign. At
+        # the distance d from its reference point, the velocity is v + w x d.
         camera_R_world = pose[:3, :3].T
         translation_L, rotation_L = L[:, :3] @ camera_R_world, L[:, 3:] @ camera_R_world
         lever = skew(pose[:3, 3] - self._origin)
@@ -263,7 +278,7 @@ class TargetCheck:
             self._motion_text = self._describe_motion()
 
     def _describe_motion(self) -> str:
-        """Describe how the target moves; the text is empty if it is at rest."""
+        """Describe how the target moves; empty text if it is at rest."""
         feature_motion = np.array([row.feature_motion for row in self._rows])
         parts = np.array([row.L for row in self._rows])
         parts = parts * np.array([row.motion for row in self._rows])[:, None, :]
@@ -276,15 +291,15 @@ class TargetCheck:
             rest = rows.compute_rest_residual(max(depth, self.MIN_DEPTH_FACTOR))
             square = float(rest @ rest)
             if group == 1 and square * self.ROWS_PER_SUM[-1]**2 < self.MIN_RESIDUAL[-1]**2 * count:
-                return ""  # a sum of n rows is at most n times as large
+                return ""  # the residual of a sum of n rows is at most n times as large
             if square >= min_residual**2 * count:
                 if np.linalg.matrix_rank(self._rows[-1].L[:, :3]) < 2:
-                    return ""  # L of rank 1 cannot locate the target
+                    return ""  # L has rank 1 and does not determine the motion
                 return self._explain_motion(rows, depth, square)
         return ""
 
     def _explain_motion(self, rows: _RowSums, depth: float, residual: float) -> str:
-        """Describe the target motion that explains the residual; the text is empty if none does."""
+        """Describe the target motion that explains the residual; empty text if none does."""
         effect, motion = rows.translation_effect, rows.feature_motion - rows.rotation_effect
         columns = np.column_stack([effect, rows.drift])
         camera_residual = np.inf
@@ -298,15 +313,17 @@ class TargetCheck:
             )
         self.has_camera_explanation = camera_residual < self.CAMERA_EXPLAINS_PART * residual
         bound = min(self.MAX_RESIDUAL_PART * residual, self.MAX_CAMERA_PART * camera_residual)
-        # Only the deviation of the depth factor from 1 is fitted: a camera that follows its target
-        # at constant speed does not move it in the image, and a factor of 0 must not explain that.
+        # The factor on the depth is fitted as its deviation from 1. A camera that follows its
+        # target at constant speed does not move it in the image, and a factor of 0 must not explain
+        # that.
         constant, velocity = _fit_columns(columns[:, :4], motion - effect)
         if constant < bound:
             return f"it moves at {1e3 * float(np.linalg.norm(velocity[1:])):.1f} mm/s"
-        # Sums are few and smooth, and rotations and oscillations fit half of them by chance, so
-        # their bound is lower.
+        # There are few sums and they change smoothly, so that rotations and oscillations explain
+        # half of them by chance. Therefore their bound is lower.
         bound = min(self.MAX_RESIDUAL_PART / rows.rows_per_sum**2 * residual, bound)
-        # Fewer than six values per image cannot distinguish rotation from translation.
+        # With fewer than six values per image, a rotation cannot be distinguished from a
+        # translation.
         columns = columns if len(self._rows[-1].feature_motion) >= 6 else columns[:, :4]
         if _fit_columns(columns, motion)[0] < bound:
             return "it rotates"
@@ -315,18 +332,18 @@ class TargetCheck:
     def _find_oscillation(
         self, time: np.ndarray, columns: np.ndarray, feature_motion: np.ndarray, bound: float
     ) -> str:
-        """Describe the oscillation whose residual is below the bound; empty if there is none.
+        """Describe the oscillation whose residual is below the bound; empty text if there is none.
 
         Args:
-            time: (n,) s.
-            columns: (n, m) effects of depth and of the target's constant twist.
-            feature_motion: (n,) motion that is to be explained.
-            bound: of the squared residual.
+            time: (n,) time of each value, s.
+            columns: (n, m) effects of a wrong depth and of a constant twist of the target.
+            feature_motion: (n,) motion of the features that is to be explained.
+            bound: upper bound of the squared residual.
         """
         span = time[-1]
         if span < self.MIN_OSCILLATION_SPAN:
             return ""
-        # The effects of depth and twist are projected out once for all frequencies.
+        # Remove the effects of depth and twist once for all frequencies.
         base = np.linalg.qr(columns)[0]
         feature_motion = feature_motion - base @ (base.T @ feature_motion)
         min_residual, best_frequency = np.inf, 0.0
@@ -340,9 +357,9 @@ class TargetCheck:
 
 
 def compute_centre(observation: Observation, goal: Goal) -> tuple[np.ndarray, np.ndarray, float]:
-    """Compute the target's centre (2,) from its moments, its L (2, 6), and its drift.
+    """Compute the target's centre (2,) from its moments, the L (2, 6) of the centre, and its drift.
 
-    The arrays are empty if moments or depth are unknown. The drift is 0.
+    The drift is 0. The arrays are empty if the moments or the depth are unknown.
     """
     measured, desired = observation.moments, goal.moments
     if measured is None or desired is None or not goal.depth or measured.m00 <= 0.0:
@@ -368,20 +385,23 @@ def _add_step(
     interaction_sum,
     is_angle,
 ):
-    """Add the motion of the features between two images, and the mean of both L, in tolerances.
+    """Add the motion of the features between two images, and the mean of both L.
+
+    Both are divided by the tolerances.
 
     Args:
-        error_before, error: (k,) errors of the previous and the present image.
-        L_before, L: (k, 6) their interaction matrices.
-        error_drift_before, error_drift: (k,) or (1,) their drifts by the target's motion.
-        tolerances_before, tolerances: (k,) their tolerances.
+        error_before, error: (k,) error at the previous and at the present image.
+        L_before, L: (k, 6) interaction matrix at each of the two images.
+        error_drift_before, error_drift: (k,) or (1,) drift of each error due to the target's
+            motion.
+        tolerances_before, tolerances: (k,) tolerances at each of the two images.
         dt: time between the two images, s.
-        feature_motion: (k,) added to in place.
-        interaction_sum: (k, 6) added to in place.
-        is_angle: (k,) components that may wrap.
+        feature_motion: (k,) sum of the motion; modified in place.
+        interaction_sum: (k, 6) sum of the L; modified in place.
+        is_angle: (k,) whether each component is an angle, which may wrap.
 
     Returns:
-        True if an angle wrapped, that is, changed by more than any feature moves between two
+        Whether an angle wrapped, that is, changed by more than any feature moves between two
         images.
     """
     wrapped = False
@@ -398,7 +418,11 @@ def _add_step(
 
 
 def _compute_mixed_effects(row: _Row) -> np.ndarray:
-    """Return the effects (k, 18) of the camera's motion if each direction acted along any axis."""
+    """Return the effects (k, 18) of the camera's motion along wrong axes.
+
+    There is a column for the effect that the motion along each axis would have if it acted along
+    each of the three axes, for translations and for rotations.
+    """
     return np.hstack([
         (row.L[:, first : first + 3, None] * row.motion[first : first + 3]).reshape(-1, 9)
         for first in (0, 3)
@@ -406,15 +430,15 @@ def _compute_mixed_effects(row: _Row) -> np.ndarray:
 
 
 def _fit_camera(columns: np.ndarray, feature_motion: np.ndarray, min_factor: float) -> float:
-    """Return the squared motion of the features that a wrong camera model leaves unexplained.
+    """Return the squared motion of the features that a wrong camera model does not explain.
 
-    The model allows each camera motion to act in any direction. It moves the features at least
+    A camera motion in one direction may act in any other direction. It moves the features at least
     `min_factor` times as far as predicted; if they move less, the camera follows the target.
 
     Args:
-        columns: (n, 18) see `_compute_mixed_effects`.
-        feature_motion: (n,) measured motion.
-        min_factor: smallest singular value of the fitted mixing matrices.
+        columns: (n, 18) effects of the camera's motion, see `_compute_mixed_effects`.
+        feature_motion: (n,) measured motion of the features.
+        min_factor: smallest singular value of the fitted matrices that mix the directions.
     """
     identity = np.vstack([np.eye(3)] * 2).ravel()
     _, factors = _fit_columns(columns, feature_motion - columns @ identity)
@@ -425,12 +449,12 @@ def _fit_camera(columns: np.ndarray, feature_motion: np.ndarray, min_factor: flo
 
 
 def _fit_columns(columns: np.ndarray, values: np.ndarray) -> tuple[float, np.ndarray]:
-    """Fit values (n,) by columns (n, m) in the least-squares sense.
+    """Fit values (n,) by a linear combination of columns (n, m) in the least-squares sense.
 
     Returns:
-        The squared residual, and the factors (m,).
+        The squared residual, and the factors (m,) of the columns.
     """
-    # A small regularisation handles columns that are almost equal.
+    # A small regularisation makes the solution unique if two columns are almost equal.
     normal = columns.T @ columns
     normal += (1e-9 * np.trace(normal) + 1e-300) * np.eye(len(normal))
     factors = np.linalg.solve(normal, columns.T @ values)

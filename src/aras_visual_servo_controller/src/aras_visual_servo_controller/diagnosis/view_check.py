@@ -1,9 +1,8 @@
-"""Check whether the images at an arrival show the target as at the goal.
+"""Check whether the images of an arrival show the same view of the target as the goal.
 
-The target's position, size and shape are compared. The scheme's own features show that it is at its
-goal; images and goals are compared in addition, for every scheme. A motion that L does not measure
-is not controlled. If the view differs only by such a motion, the motion adds to the uncertainty of
-the arrival and is no fault.
+For every scheme, the target's position, size and shape are compared with those at the goal, in
+addition to the scheme's own features. If the view differs only by a camera motion that the features
+do not measure, this motion is not a fault: it adds to the uncertainty of the arrival.
 """
 
 from __future__ import annotations
@@ -26,32 +25,35 @@ if TYPE_CHECKING:
     from ..observation.observation import Observation
 
 MIN_VIEWS = 3  # smallest number of images for a comparison
-NOISE_DEVIATIONS = 3.0  # standard deviations of the mean that count as noise
+NOISE_DEVIATIONS = 3.0  # a mean within this many standard deviations is explained by noise
 MAX_WINDOW = 120  # largest number of averaged images
-# Tolerances of the scale-free central moments of second and third order; the first is a part of the
-# goal's largest moment. Converged runs with five cameras, with and without noise, differ by 0.2 %
-# and 6e-5; the closest wrong pose that was found, 18 degrees off, by 0.6 % and 5e-4.
-SECOND_ORDER_TOLERANCE, THIRD_ORDER_TOLERANCE = 0.02, 2.5e-4
-# Tolerance of the target's centre (normalised) and size (relative), in addition to noise and the
-# accuracy of the features.
+# Tolerances of the scale-free central moments. Converged runs with five cameras, with and without
+# noise, differ from the goal by 0.2 % in the second order and 6e-5 in the third. The closest wrong
+# pose that was found, 18 degrees away, differs by 0.6 % and 5e-4.
+SECOND_ORDER_TOLERANCE = 0.02  # as a fraction of the goal's largest moment of this order
+THIRD_ORDER_TOLERANCE = 2.5e-4
+# Tolerance of the target's centre (normalised) and size (relative). It is added to the noise and
+# the accuracy of the features.
 MAX_PLACE_DIFFERENCE = 4e-3
-# Largest motion (part of the depth, rad) within the features' tolerances, above which a direction
-# counts as not measured; smallest part of such a motion that the view has to show to measure it.
-UNSEEN_MOTION, MIN_SHOWN_PART = 0.05, 0.05
-# number of shape moments; features of the target's position and size
-SHAPE_NUMBERS, PLACE_FEATURES = 7, ("xg", "yg", "area")
+# A direction is not measured if a motion along it of more than this stays within the features'
+# tolerances: translation as a fraction of the depth, rotation in rad.
+UNSEEN_MOTION = 0.05
+# The view measures such a direction if it shows at least this fraction of the motion.
+MIN_SHOWN_PART = 0.05
+SHAPE_NUMBERS = 7  # number of moments that describe the shape
+PLACE_FEATURES = ("xg", "yg", "area")  # features of the target's position and size
 
 
 class ViewCheck:
-    """Comparison of the mean view of an arrival's images with the goal."""
+    """Comparison of the goal with the mean view of the images of an arrival."""
 
     def __init__(self) -> None:
         self._views = RecentErrors()
-        # Stamp and moments per camera of each image that has not been compared yet.
+        # Stamp of each image that has not been compared yet, and moments of each camera.
         self._pending_views: deque[tuple[float, list[Moments | None]]] = deque(maxlen=MAX_WINDOW)
         self._goal: Goal | None = None
         self._expected_place: _ExpectedPlace | None = None
-        self._names: list[str] = []  # camera names; empty for a single camera
+        self._names: list[str] = []  # names of the cameras; empty if there is only one
 
     def __len__(self) -> int:
         """Return the number of averaged images."""
@@ -72,7 +74,7 @@ class ViewCheck:
         self._pending_views.append((observation.stamp, moments))
 
     def retain(self, count: int) -> None:
-        """Keep only the latest `count` images and compare them with the goal."""
+        """Retain only the latest `count` images, and compare the new ones with the goal."""
         while len(self._pending_views) > count:
             self._pending_views.popleft()
         for stamp, views in self._pending_views:
@@ -90,10 +92,11 @@ class ViewCheck:
         """Set how much the target's position and size may differ from the goal's.
 
         Args:
-            observation: of the present image.
-            L: (k, 6) of the features, in tolerances; rotations times the target's depth.
+            observation: observation of the present image.
+            L: (k, 6) interaction matrix of the features, in tolerances, for scaled rotations (rad
+                times the target's depth).
             covariance: (6, 6) of the camera's offset from the goal, with scaled rotations.
-            depth: of the target at the goal, m.
+            depth: depth of the target at the goal, m.
         """
         rows = [
             _compute_place_interaction(goal) if view.twist_from_control is None else
@@ -109,8 +112,8 @@ class ViewCheck:
         """Return whether the outline of the target differs from the goal's by more than noise.
 
         Args:
-            is_turned: whether the camera may be 180 degrees off, which changes the sign of third
-                moments.
+            is_turned: whether the camera may be rotated by 180 degrees from the goal, which changes
+                the signs of the third-order moments.
         """
         self.retain(MAX_WINDOW)
         if len(self._views) < MIN_VIEWS:
@@ -129,12 +132,13 @@ class ViewCheck:
         """Compare the target's position and size with the goal's.
 
         Args:
-            offset: (6,) of the camera from the goal by features and kinematics, m (rotations times
-                the target's depth).
+            offset: (6,) offset of the camera from the goal by features and kinematics, m (rotations
+                are multiplied by the target's depth).
 
         Returns:
             A description of the difference that no unmeasured motion explains, empty if there is
-            none; the camera motion (6,) that the features do not measure but the view shows.
+            none; the camera motion (6,) that the view shows although the features do not measure
+            it.
         """
         self.retain(MAX_WINDOW)
         if len(self._views) < MIN_VIEWS or self._expected_place is None:
@@ -143,7 +147,10 @@ class ViewCheck:
         return self._expected_place.compare(mean, unknown, offset)
 
     def _average_views(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the mean difference (c, 10) of c cameras' views, and its noise (c, 10)."""
+        """Return the mean differences (c, 10) between the views of c cameras and the goal.
+
+        Their noise (c, 10) is returned as well.
+        """
         rows = self._views.errors
         mean, deviation = rows.mean(axis=0), rows.std(axis=0) / np.sqrt(len(rows))
         numbers = SHAPE_NUMBERS + len(PLACE_FEATURES)
@@ -151,9 +158,10 @@ class ViewCheck:
 
 
 class _ExpectedPlace:
-    """Expected differences of the target's position and size; rows (3 c, 6) are their L.
+    """Expected differences of the target's position and size from those at the goal.
 
-    See `ViewCheck.set_expected_place`.
+    The matrix `rows` (3 c, 6) is their interaction matrix for c cameras. See
+    `ViewCheck.set_expected_place`.
     """
 
     def __init__(
@@ -165,7 +173,7 @@ class _ExpectedPlace:
         _, s, vt = np.linalg.svd(L)
         s = np.append(s, np.zeros(len(vt) - len(s)))
         unseen = vt[s * UNSEEN_MOTION * depth < 1.0]
-        # Directions that the features do not measure, with their effects on position and size.
+        # Directions that the features do not measure, and their effects on position and size.
         u, s, vt = np.linalg.svd(rows @ unseen.T, full_matrices=False)
         is_visible = s * depth > MIN_SHOWN_PART
         self._visible_directions, self._motions = (
@@ -199,11 +207,12 @@ def _list_goals(goal: Goal, cameras: list[str]) -> list[Goal]:
 
 
 def _compute_difference(measured: Moments | None, desired: Moments | None) -> np.ndarray:
-    """Return the difference (10,) between a view and the goal; zeros if they cannot be compared.
+    """Return the difference (10,) between a view and the goal.
 
-    It consists of the second- and third-order central moments of the outline, in tolerances, the
-    target's centre (normalised) and the logarithm of its size. Several poses can give the same
-    values of only six features.
+    The difference consists of the second- and third-order central moments of the outline, in
+    tolerances, the target's centre (normalised) and the logarithm of its size. Ten values are
+    compared, because several poses can have the same values of six features. Return zeros if view
+    and goal cannot be compared.
     """
     if measured is None or desired is None or measured.kind != desired.kind or desired.m00 <= 0.0:
         return np.zeros(SHAPE_NUMBERS + len(PLACE_FEATURES))
@@ -215,7 +224,7 @@ def _compute_difference(measured: Moments | None, desired: Moments | None) -> np
         measured.yg - desired.yg,
         0.5 * np.log(measured.area / desired.area),
     )
-    # The scale is a moment of squares; mixed moments can be smaller.
+    # The unit is the largest second-order moment; the mixed moment can be small.
     return np.concatenate(
         [
             second / (SECOND_ORDER_TOLERANCE * _normalise_moments(desired, 2).max()),
@@ -239,7 +248,7 @@ def _compute_place_interaction(goal: Goal) -> np.ndarray:
     plane = goal.plane or Plane.fronto_parallel(goal.distance)
     try:
         L = np.array(camera_features.compute_moment_features(moments, PLACE_FEATURES, plane).L)
-    except VisionError:  # moments of too low an order
+    except VisionError:  # the goal's moments are of too low an order
         return np.zeros((len(PLACE_FEATURES), 6))
     L[2] /= 2.0 * moments.area
     return L

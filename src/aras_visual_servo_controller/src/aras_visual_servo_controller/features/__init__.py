@@ -1,7 +1,7 @@
 """Visual features s, with their desired values s* and interaction matrices.
 
-`FEATURES` lists them by name; each module of this folder registers its own with
-`FEATURES.register`.
+The registry `FEATURES` contains them by name. Each module of this folder registers its features
+with `FEATURES.register`.
 """
 
 from .base import FEATURES, Feature, FeatureMeasurement, Stack, wrap

@@ -19,17 +19,18 @@ from ..goals.goal import Goal
 from ..kinematics.task import ALL_DIRECTIONS
 from ..observation.observation import Need, Observation
 
-# rad; rounding error of a rotation by pi. An angle this close to -pi counts as +pi.
+# Rounding error of a rotation by pi, rad. An angle this close to -pi is treated as +pi.
 HALF_TURN_TOLERANCE = 1e-6
-NEAR_HALF = 0.375  # part of the period above which an angle counts as close to half a turn
+NEAR_HALF = 0.375  # an angle above this fraction of its period is close to half a turn
 
 
 class DepthFraction(float):
-    """A tolerance for a length, as a part of the target's depth at the goal."""
+    """A tolerance for a length, as a fraction of the target's depth at the goal."""
 
 
 def scale_tolerances(tolerances: Sequence[float], goal: Goal) -> tuple[float, ...]:
-    """Return the tolerances (k,) at this goal, with lengths in m."""
+    """Return the tolerances (k,) for this goal; those that are a DepthFraction are converted to m.
+    """
     return tuple(
         float(t) * goal.distance if isinstance(t, DepthFraction) else float(t) for t in tolerances
     )
@@ -37,7 +38,7 @@ def scale_tolerances(tolerances: Sequence[float], goal: Goal) -> tuple[float, ..
 
 @dataclass(frozen=True, eq=False)
 class FeatureMeasurement:
-    """The value of a feature in one image: s, s*, their difference, and the interaction matrix.
+    """Measurement of a feature in one image: s, s*, their difference, and the interaction matrix.
 
     With the twist v = (vx, vy, vz, wx, wy, wz) of the camera in its own optical frame (m/s, rad/s),
     ds/dt = L v for a target at rest, and d(s - s*)/dt = L v + error_drift otherwise.
@@ -49,13 +50,14 @@ class FeatureMeasurement:
         s, desired: (k,) measured and desired values, s and s*.
         error: (k,) s - s*; differences of angles are wrapped.
         L: (k, 6) interaction matrix at the current view, with all six columns.
-        error_drift: (k,) part of d(s - s*)/dt that the camera does not cause, such as that of a
-            moving target or goal, 1/s times the unit of s.
+        error_drift: (k,) part of d(s - s*)/dt that the camera does not cause, for example the
+            effect of a moving target or goal, in units of s per second.
         ambiguity: camera rotation that the error cannot show, as text ('180°'); empty if there is
             none.
-        error_summary: (m,) one number for each name of the feature, which is published and compared
-            with the tolerances instead of the error of a whole image; None: the error itself.
-        notes: texts for the state of the loop.
+        error_summary: (m,) one number for each of the feature's `names`. It is published and
+            compared with the tolerances instead of the error, which has a component for each pixel
+            of an image. None if the error itself is used.
+        notes: texts that are added to the state of the loop.
     """
 
     s: np.ndarray
@@ -72,26 +74,30 @@ class Feature(ABC):
     """Base class of visual features s, which are compared with their values s* at the goal.
 
     A feature has k components, such as the normalised coordinates of four points, k = 8. It
-    computes s, s* and its interaction matrix L (k, 6) with ds/dt = L v; control law, joint limits
-    and singularities are handled elsewhere. `check_interaction_matrix` compares L with finite
-    differences.
+    computes s, s* and its interaction matrix L (k, 6) with ds/dt = L v. Control law, joint limits
+    and singularities are handled by other classes. `check_interaction_matrix` compares L with
+    finite differences.
 
-    A subclass implements `measure`. It is constructed without arguments, and its name as a scheme
-    is 'package.module:Class'.
+    A subclass implements `measure` and is constructed without arguments. To use it as a scheme,
+    give the name 'package.module:Class'.
 
     Attributes (of the class or of the instance):
         name: key of the feature's taught data in goal files.
-        needs: measurements that it needs from the image.
-        cameras: names of the cameras that it reads; empty: only the control camera.
-        camera_count: number of cameras that the user names in the scheme.
-        names, tolerances, units: (k,) of the components; a component has converged if |error| is
-            below its tolerance. A DepthFraction is a tolerance relative to the target's depth.
-        directions: (6,) bool, camera directions vx ... wz that it controls; the others are held.
-        weights: (k,) of the components in the least squares; None: all equal.
+        needs: measurements of the image that the feature needs.
+        cameras: names of the cameras whose images the feature uses; empty for only the control
+            camera.
+        camera_count: number of cameras that the user has to name for this feature in the scheme.
+        names, units: (k,) name and unit of each component.
+        tolerances: (k,) tolerance of each component, which has converged if |error| is below it. A
+            DepthFraction is a tolerance relative to the target's depth.
+        directions: (6,) whether the feature controls each of the camera directions vx ... wz. The
+            others are held by kinematics.
+        weights: (k,) weight of each component in the least squares; None if all are equal.
         is_geometric: whether s follows from the image positions of the target's points. The output
             of a network does not, so a deviation from L does not indicate a camera error.
-        is_stackable: whether it can be a part of a Stack. False if it has an error_summary, so that
-            other numbers are compared with the tolerances than those the law gets.
+        is_stackable: whether the feature can be combined with others in a Stack. False if it has an
+            error_summary, because the law then uses other numbers than those that are compared with
+            the tolerances.
     """
 
     name: ClassVar[str] = ""
@@ -107,7 +113,7 @@ class Feature(ABC):
     weights: np.ndarray | None = None
 
     def __init_subclass__(cls, **options: Any) -> None:
-        """Name a subclass after its class, unless it has its own name."""
+        """Use the name of the class as the name of the subclass, unless it defines its own."""
         super().__init_subclass__(**options)
         if not cls.name or cls.name == cls.__base__.__name__:
             cls.name = cls.__name__
@@ -117,7 +123,8 @@ class Feature(ABC):
         """Measure the feature in one image.
 
         Args:
-            observation: measurements of the image that `needs` lists, with camera, joints and pose.
+            observation: measurements of the image, as listed in `needs`, with camera, joints and
+                pose.
             goal: goal with its desired features.
 
         Raises:
@@ -126,37 +133,44 @@ class Feature(ABC):
         """
 
     def get_needs(self, *cameras: str) -> frozenset[Need]:
-        """Return what the feature needs of one camera's image; '' names the control camera."""
+        """Return the measurements that the feature needs from one camera's image.
+
+        The name '' denotes the control camera.
+        """
         return self.needs
 
     def desired_interaction(self, goal: Goal) -> np.ndarray:
         """Return L (k, 6) at the goal, for the desired and the mean interaction matrix.
 
         Raises:
-            ConfigurationError: the feature cannot compute it.
+            ConfigurationError: the feature cannot compute L at the goal.
         """
         raise ConfigurationError(
             f"{type(self).__name__} has no interaction matrix at the goal: use "
-            "interaction 'current', or give it desired_interaction(goal)"
+            "interaction 'current', or implement its method desired_interaction(goal)"
         )
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | float | None:
         """Return the accuracy of s in the last image.
 
-        It decides which camera directions are servoed (Task.uncertainty), and it bounds the
-        distance of a converged camera from its goal.
+        The accuracy decides which camera directions are servoed (`Task.uncertainty`), and bounds
+        the distance of a converged camera from its goal.
 
         Returns:
-            (k, m): the effects on s of m independent errors of one standard deviation; or the
-            standard deviation of independent components; None if s is exact.
+            An array (k, m) with the effects on s of m independent errors of one standard deviation
+            each; or one number, the standard deviation of all components if they are independent;
+            or None if s is exact.
         """
         return None
 
     def check(self, goal: Goal) -> None:
-        """Refuse a goal that this feature cannot servo to; called before the arm moves.
+        """Raise an error for a goal that this feature cannot servo to.
+
+        The method is called before the arm moves.
 
         Raises:
-            ConfigurationError: naming what the goal lacks; here, the data that `teach` returns.
+            ConfigurationError: the goal does not contain the data that `teach` returns. Subclasses
+                may require other data.
         """
         if type(self).teach is not Feature.teach and self.name not in goal.features:
             raise ConfigurationError(
@@ -167,14 +181,14 @@ class Feature(ABC):
     def teach(self, observation: Observation) -> Mapping[str, Any]:
         """Return the data of the view at the goal that the goal file stores.
 
-        The values are numbers, lists and strings for YAML; they come back as
-        `goal.features[name]`. Moments, kernel features, joints, camera and pose are always stored
-        in addition.
+        The values are numbers, lists and strings, which can be written as YAML. When the goal is
+        read again, they are in `goal.features[name]`. Moments, kernel features, joints, camera and
+        pose are always stored in addition.
         """
         return {}
 
     def reset(self) -> None:
-        """Forget earlier images."""
+        """Forget all earlier images."""
 
 
 FEATURES = Registry("feature", __package__, (Feature,), ConfigurationError)
@@ -182,22 +196,22 @@ FEATURES.__doc__ = "All built-in features by name; `create(name)` makes one."
 
 
 class Stack(Feature):
-    """Several features combined: s, s*, e and L are concatenated, each feature with its weight.
+    """Combination of several features: s, s*, e and L are concatenated, each with its weight.
 
     Attributes:
         features: the combined features, in order.
     """
 
     def __init__(self, features: Sequence[Feature], weights: Sequence[float] | None = None) -> None:
-        """Combine features, with one weight >= 0 for each.
+        """Combine the features, with one weight >= 0 for each of them.
 
         Raises:
-            ConfigurationError: there is no feature, a feature cannot be stacked, or the numbers of
-                features and weights differ.
+            ConfigurationError: there is no feature, a feature cannot be combined with others, or
+                the numbers of features and weights differ.
         """
         self.features = tuple(features)
         if not self.features:
-            raise ConfigurationError("a stack of features needs at least one")
+            raise ConfigurationError("a combination of features needs at least one feature")
         for feature in self.features:
             _check_stackable(feature, feature.is_stackable)
         weights = [1.0] * len(self.features) if weights is None else list(weights)
@@ -205,10 +219,11 @@ class Stack(Feature):
             isinstance(w, int | float | np.number) and np.isfinite(w) and w >= 0.0 for w in weights
         ):
             raise ConfigurationError(
-                f"weights {weights}: one number >= 0 for each of {len(self.features)} features"
+                f"weights {weights}: give one number >= 0 for each of the {len(self.features)} "
+                "features"
             )
         if not any(weights):
-            raise ConfigurationError(f"weights {weights}: one at least has to be above 0")
+            raise ConfigurationError(f"weights {weights}: at least one has to be above 0")
         self.needs = frozenset().union(*(f.needs for f in self.features))
         read = [name for f in self.features for name in f.cameras or ("",)]
         self.cameras = () if not any(read) else tuple(dict.fromkeys(read))
@@ -228,7 +243,7 @@ class Stack(Feature):
         ])
 
     def get_needs(self, *cameras: str) -> frozenset[Need]:
-        """Return what the features that read this camera need of its image."""
+        """Return the measurements that the features need from one camera's image."""
         return frozenset().union(*(
             f.get_needs(*cameras) for f in self.features
             if not {*cameras}.isdisjoint(f.cameras or ("",))
@@ -240,7 +255,7 @@ class Stack(Feature):
         for feature, part in zip(self.features, parts, strict=True):
             _check_stackable(feature, part.error_summary is None)
         rates = [np.broadcast_to(p.error_drift, np.shape(p.s)) for p in parts]
-        # The motion is unambiguous if one feature shows it completely.
+        # The camera rotation is unambiguous if at least one feature is unambiguous.
         ambiguities = {p.ambiguity for p in parts}
         return FeatureMeasurement(
             s=np.concatenate([p.s for p in parts]),
@@ -257,7 +272,8 @@ class Stack(Feature):
         return np.vstack([f.desired_interaction(goal) for f in self.features])
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | float | None:
-        """Return the accuracy of all features as a block diagonal matrix (independent errors)."""
+        """Return the accuracy of all features as a block diagonal matrix, for independent errors.
+        """
         parts = [f.accuracy(observation, goal) for f in self.features]
         if all(part is None for part in parts):
             return None
@@ -268,7 +284,7 @@ class Stack(Feature):
         ))  # fmt: skip
 
     def check(self, goal: Goal) -> None:
-        """Refuse a goal that this feature cannot servo to."""
+        """Raise an error for a goal that one of the features cannot servo to."""
         for feature in self.features:
             feature.check(goal)
         self._combine_descriptions()
@@ -283,8 +299,8 @@ def _check_stackable(feature: Feature, stackable: bool) -> None:
     if not stackable:
         name = feature.name or type(feature).__name__
         raise ConfigurationError(
-            f"{name} has other published errors than those the law gets and cannot be stacked: "
-            "use it alone, without weights"
+            f"{name} publishes other errors than the law uses and cannot be combined with other "
+            "features: use it alone, without weights"
         )
 
 
@@ -299,8 +315,8 @@ def get_plane(observation: Observation) -> Plane:
     if observation.depth is not None:
         raise MeasurementError("the depth image has no depth at the target")
     raise MeasurementError(
-        "the target's plane is not known in this view: it needs the depth of the goal and the pose "
-        "of the camera"
+        "the target's plane is not known in this view: the depth of the goal and the pose of the "
+        "camera are required"
     )
 
 
@@ -319,16 +335,17 @@ def compare_cameras(width: int, height: int, K: np.ndarray, camera: CameraModel)
 
 
 def wrap(angle: np.ndarray | float, period: float = 2.0 * np.pi) -> np.ndarray | float:
-    """Wrap an angle (rad), or several, modulo the period into [-period/2, period/2)."""
+    """Wrap one or several angles (rad) modulo the period to the range [-period/2, period/2)."""
     return (angle + 0.5 * period) % period - 0.5 * period
 
 
 def wrap_together(is_angle: np.ndarray, period: float = 2.0 * np.pi) -> np.ndarray:
-    """Wrap angles (k,) modulo the period, to a common side if they are close to half a turn.
+    """Wrap angles (k,) modulo the period, to the same side if they are close to half a turn.
 
-    There, rounding would otherwise wrap some angles to + and others to -, and their effects would
-    cancel. All angles are wrapped to within half a period of their common angle, which is that of
-    the sum of their unit vectors. A common angle of half a turn is taken as positive.
+    If each angle close to half a turn were wrapped separately, rounding would wrap some to + and
+    others to -, and their effects would cancel. Therefore all angles are wrapped to within half a
+    period of their common angle, which is the angle of the sum of their unit vectors. A common
+    angle of half a turn is taken as positive.
     """
     unit = np.exp(2j * np.pi / period * is_angle).sum(axis=0)
     common = float(np.angle(unit)) * period / (2.0 * np.pi)

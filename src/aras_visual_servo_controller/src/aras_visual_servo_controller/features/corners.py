@@ -1,8 +1,8 @@
 """Features of numbered points: corners of a polygon, dots, keypoints of a texture.
 
 Each feature is a function of image points p_i = (x_i, y_i) of a plane. Its interaction matrix
-follows from that of the points by the chain rule. Vanishing points, which depend on rotations only,
-have their own interaction matrix.
+follows from that of the points by the chain rule. Vanishing points are an exception: they depend on
+rotations only and have their own interaction matrix.
 
 References: F. Chaumette and S. Hutchinson, Visual servo control, parts I and II, IEEE Robotics and
 Automation Magazine 13(4), 2006 and 14(1), 2007; B. Espiau, F. Chaumette and P. Rives, A new
@@ -28,21 +28,21 @@ from .base import FEATURES, DepthFraction, FeatureMeasurement, get_plane, wrap, 
 from .points import TOLERANCE, PointFeature, backproject, compute_inverse_depth
 
 FULL_TURN = 2.0 * np.pi
-# Tolerances of a point's coordinates: X and Y, and Z along the optical axis.
+# Tolerances of the coordinates X, Y and Z of a point, where Z is along the optical axis.
 POINT_TOLERANCES = (
     DepthFraction(TOLERANCE),
     DepthFraction(TOLERANCE),
     DepthFraction(2.0 * TOLERANCE),
 )
-MIN_LENGTH = 1e-9  # normalised length below which a direction is undefined
+MIN_LENGTH = 1e-9  # the direction of a shorter side, in normalised coordinates, is undefined
 
 
 @FEATURES.register("numbered_points")
 class NumberedPoints(PointFeature):
     """s = (x_0, y_0, x_1, y_1, ...) of numbered points, in normalised coordinates.
 
-    Points of exact cameras, dots and markers have numbers. Corners of a segmented outline are
-    matched to those of the goal.
+    Dots, markers and the points of an exact camera have numbers. The corners of a segmented outline
+    have none; they are matched to the goal's corners.
     """
 
     needs = frozenset((Need.CORNERS,))
@@ -51,18 +51,19 @@ class NumberedPoints(PointFeature):
         """Return the points (n, 2) in this image, in normalised coordinates."""
         if observation.corners is None:
             raise MeasurementError(
-                f"{self.name}: no corners in this observation: is the target a polygon? (area "
-                "needs none)"
+                f"{self.name}: this observation has no corners: use a polygon as the target, or a "
+                "feature without corners, such as area"
             )
         return observation.corners
 
     def _match_to_goal(
         self, observation: Observation, desired: np.ndarray
     ) -> tuple[np.ndarray, str]:
-        """Return points (n, 2) in the order of the goal, and the ambiguity of the match.
+        """Return points (n, 2) in the order of the goal's points, and the ambiguity of the match.
 
         Raises:
-            MeasurementError: the number of points differs, or a coordinate is not finite.
+            MeasurementError: the number of points differs from the goal's, or a coordinate is not
+                finite.
         """
         points = self._check_count(observation, desired)
         if observation.is_numbered is False and Need.CORNERS in self.needs:
@@ -75,8 +76,9 @@ class CornerFeature(NumberedPoints):
 
     Attributes:
         component_names: names of the components of one element, such as a point or an edge.
-        periods: period of each component, rad; 0 if it is no angle.
-        component_tolerances, component_units: tolerance and unit of each component.
+        periods: period of each component, rad; 0 if the component is not an angle.
+        component_tolerances: tolerance of each component.
+        component_units: unit of each component.
     """
 
     component_names: ClassVar[tuple[str, ...]]
@@ -97,7 +99,7 @@ class CornerFeature(NumberedPoints):
         """Compute L (k, 6) from points (n, 2) and their inverse depths 1/Z (n,), 1/m."""
 
     def count_elements(self, count: int) -> int:
-        """Return the number of elements for `count` points."""
+        """Return the number of elements, such as points or edges, for `count` points."""
         return count
 
     def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
@@ -125,7 +127,10 @@ class CornerFeature(NumberedPoints):
     def _wrap_change(
         self, change: np.ndarray, modulo: Callable[[np.ndarray, float], np.ndarray] = wrap
     ) -> np.ndarray:
-        """Wrap the angles in a change of s, (k,) or (k, m), modulo their periods."""
+        """Wrap the angles in a change of s, (k,) or (k, m), modulo their periods.
+
+        The argument `modulo` is the function that wraps.
+        """
         for i, period in enumerate(self.periods):
             if period:
                 every = slice(i, None, len(self.component_names))
@@ -155,7 +160,9 @@ class CornerFeature(NumberedPoints):
 
 @FEATURES.register("polar_points")
 class PolarPoints(CornerFeature):
-    """s = (rho, theta) of each point about the principal point; a rotation is a straight path.
+    """s = (rho, theta) of each point, in polar coordinates about the principal point.
+
+    A rotation of the camera about its optical axis is a straight path in these coordinates.
 
     Reference: M. Iwatsuki and N. Okiyama, A new formulation of visual servoing based on
     cylindrical coordinate system, IEEE Transactions on Robotics 21(2), 2005.
@@ -207,9 +214,9 @@ class Points3D(CornerFeature):
 
 @FEATURES.register("depth")
 class Depth(CornerFeature):
-    """s = log Z of the centroid of the points, with s - s* = log(Z / Z*); ViSP's vpFeatureDepth.
+    """s = log Z of the centroid of the points, where Z is its depth; vpFeatureDepth in ViSP.
 
-    L = (0, 0, -1/Z, -y, x, 0), where (x, y) is the image of the centroid.
+    s - s* = log(Z / Z*). L = (0, 0, -1/Z, -y, x, 0), where (x, y) is the image of the centroid.
     """
 
     component_names, periods = ("log_Z",), (0.0,)
@@ -217,7 +224,7 @@ class Depth(CornerFeature):
     directions = (False, False, True, False, False, False)
 
     def count_elements(self, count: int) -> int:
-        """Return 1: all points have one common depth."""
+        """Return 1, because all points have one common depth."""
         return 1
 
     def values(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
@@ -235,7 +242,9 @@ class EdgeFeature(CornerFeature):
 
     @staticmethod
     def edges(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Return first and last ends (n, 2), lengths (n, 1) and directions (n, 2) of the edges.
+        """Return the first ends, last ends, lengths and directions of the edges.
+
+        Their shapes are (n, 2), (n, 2), (n, 1) and (n, 2).
 
         Raises:
             MeasurementError: two neighbouring points coincide.
@@ -244,14 +253,14 @@ class EdgeFeature(CornerFeature):
         step = ends - points
         length = np.hypot(step[:, 0], step[:, 1])[:, None]
         if length.min() < MIN_LENGTH:
-            raise MeasurementError("two neighbouring points coincide: they make no edge")
+            raise MeasurementError("two neighbouring points coincide and define no edge")
         return points, ends, length, step / length
 
     @staticmethod
     def edge_rates(
         points: np.ndarray, inverse_depth: np.ndarray, length: np.ndarray, direction: np.ndarray
     ) -> tuple[np.ndarray, ...]:
-        """Compute L (n, 6) of x and y of the first and last ends, of the length and the angle."""
+        """Compute L (n, 6) of each quantity of n edges: x and y of both ends, length and angle."""
         x, y = _split_point_interaction(points, inverse_depth)
         far_x, far_y = np.roll(x, -1, axis=0), np.roll(y, -1, axis=0)
         dx, dy = direction.T[:, :, None]
@@ -264,8 +273,8 @@ class EdgeFeature(CornerFeature):
 class Lines(EdgeFeature):
     """s = (rho, theta) of the line of each edge, x cos(theta) + y sin(theta) = rho.
 
-    The direction of an edge, from its point to the next, fixes the sign of the normal. Therefore
-    theta covers the full turn.
+    The direction of an edge, from its first to its last end, determines the sign of its normal.
+    Therefore theta covers the full turn.
     """
 
     component_names, periods = ("rho", "theta"), (0.0, FULL_TURN)
@@ -310,7 +319,10 @@ class Segments(EdgeFeature):
 
 @FEATURES.register("normalised_segments")
 class NormalisedSegments(EdgeFeature):
-    """s = (x_m / l, y_m / l, 1 / l, angle) of each edge; nearly linear in the translation."""
+    """s = (x_m / l, y_m / l, 1 / l, angle) of each edge, with its midpoint (x_m, y_m) and length l.
+
+    These features are nearly linear in the translation of the camera.
+    """
 
     component_names, periods = ("xn", "yn", "inverse_length", "angle"), (0.0, 0.0, 0.0, FULL_TURN)
     component_tolerances = (0.005, 0.005, 0.01, 0.005)
@@ -340,9 +352,10 @@ class NormalisedSegments(EdgeFeature):
 class VanishingPoints(CornerFeature):
     """s = (1/rho, alpha) of the vanishing points of a quadrilateral's two pairs of sides.
 
-    (rho, alpha) are the polar coordinates of the point in which parallel sides meet in the image;
-    1/rho is 0 if the target is parallel to the image. Vanishing points depend on rotations only:
-    with D the direction of the sides in the camera frame, dD/dt = D x omega.
+    The images of two parallel sides meet in their vanishing point, whose polar coordinates are
+    (rho, alpha); 1/rho is 0 if the target is parallel to the image. Vanishing points depend on
+    rotations only: the direction D of the sides in the camera frame changes by
+    dD/dt = D x omega.
     """
 
     component_names, periods = ("inverse_rho", "alpha"), (0.0, FULL_TURN)
@@ -350,7 +363,7 @@ class VanishingPoints(CornerFeature):
     directions = (False, False, False, True, True, True)
 
     def count_elements(self, count: int) -> int:
-        """Return 2: four points have two pairs of sides."""
+        """Return 2, because four points have two pairs of sides."""
         return 2
 
     def values(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
@@ -371,22 +384,30 @@ class VanishingPoints(CornerFeature):
 
     @staticmethod
     def _compute_directions(points: np.ndarray) -> np.ndarray:
-        """Compute unit directions (2, 3) of the side pairs 0-1, 3-2 and 1-2, 0-3."""
+        """Return the unit directions (2, 3) of the two pairs of parallel sides.
+
+        The pairs consist of the sides from point 0 to 1 and 3 to 2, and from 1 to 2 and 0 to 3.
+        """
         if len(points) != 4:
             raise MeasurementError(
-                f"vanishing points need the four corners of a parallelogram, not {len(points)}"
+                "vanishing points need the four corners of a parallelogram, but the target has "
+                f"{len(points)} corners"
             )
         p = np.column_stack([points, np.ones(4)])
         found = []
         for a, b, c, d in ((0, 1, 3, 2), (1, 2, 0, 3)):
             one, other = np.cross(p[a], p[b]), np.cross(p[c], p[d])
             meet = np.cross(one, other)
-            # Sign of the side's direction: its image runs towards the vanishing point or away.
+            # The sign tells whether the image of the side points towards the vanishing point or
+            # away from it.
             sign = (meet[:2] - p[a, :2] * meet[2]) @ (p[b, :2] - p[a, :2])
             size = np.linalg.norm(meet)
             same_line = size <= MIN_LENGTH * np.linalg.norm(one) * np.linalg.norm(other)
             if same_line or np.hypot(meet[0], meet[1]) < MIN_LENGTH * size:
-                raise MeasurementError("the sides of the target have no vanishing point")
+                raise MeasurementError(
+                    "two opposite sides of the target appear on one line, so that they have no "
+                    "vanishing point"
+                )
             found.append(meet * np.sign(sign) / size)
         return np.array(found)
 
@@ -394,6 +415,6 @@ class VanishingPoints(CornerFeature):
 def _split_point_interaction(
     points: np.ndarray, inverse_depth: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return L (n, 6) of x and of y of each point."""
+    """Return L (n, 6) of the x coordinates and L (n, 6) of the y coordinates of n points."""
     L = point_interaction(points, inverse_depth)
     return L[0::2], L[1::2]

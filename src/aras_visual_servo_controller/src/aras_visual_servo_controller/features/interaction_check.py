@@ -22,7 +22,7 @@ from .base import FEATURES, Feature, FeatureMeasurement
 
 Observe = Callable[[np.ndarray], Observation]
 
-# A hexagon without symmetry, 7 cm wide, in the plane z = 0 of the world.
+# Corners of a hexagon without symmetry, 7 cm wide, in the plane z = 0 of the world.
 CORNERS = np.array([(-0.03, -0.036, 0.0), (0.0, -0.036, 0.0), (0.004, 0.012, 0.0),
                     (0.034, 0.01, 0.0), (0.03, 0.036, 0.0), (-0.034, 0.034, 0.0)])  # fmt: skip
 # world_T_camera at the goal, 0.3 m above the hexagon.
@@ -35,8 +35,10 @@ TEST_POSES = np.array([
     Pose.from_rpy((-0.05, -0.035, 0.36), (np.pi - 0.15, -0.2, 0.9)).matrix(),
 ])  # fmt: skip
 CAMERA = CameraModel(640, 480, (600.0, 0.0, 319.5, 0.0, 600.0, 239.5, 0.0, 0.0, 1.0))
-EXACT_NEEDS = frozenset((Need.MOMENTS, Need.CONTOUR, Need.CORNERS))  # available without images
-STEP = 1e-4  # of the depth, and rad; the differences are then exact to about 1e-7
+# Measurements that exist without images.
+EXACT_NEEDS = frozenset((Need.MOMENTS, Need.CONTOUR, Need.CORNERS))
+# Motion in rad, or as a fraction of the depth. The finite differences are then exact to about 1e-7.
+STEP = 1e-4
 TOLERANCE = 1e-3
 MAX_ROWS = 12  # rows that a printed check lists
 
@@ -140,8 +142,8 @@ def check_interaction_matrix(
 
         L[:, j] D[j] = (e(+step) - e(-step)) / (2 step)
 
-    where e(h) is the error after a motion by h D[j] along or about axis j. A row of L passes if
-    the norm of its difference, in these units, is at most `tolerance` times the norm of the row.
+    where e(h) is the error after a motion by h D[j] along or about axis j. A row of L passes if the
+    norm of its difference, in these units, is at most `tolerance` times the norm of the row.
 
     Args:
         feature: the feature, its class, 'package.module:Class', or the name of a built-in feature.
@@ -251,13 +253,17 @@ def _format_percent(part: float) -> str:
 
 
 def _make_exact_observer(feature: Feature) -> Observe:
-    """Return exact observations of the hexagon; ConfigurationError if the feature needs more."""
+    """Return a function that computes exact observations of the hexagon.
+
+    Raises:
+        ConfigurationError: the feature needs other measurements.
+    """
     more = sorted(need.value for need in feature.needs - EXACT_NEEDS)
     if more or feature.camera_count > 1 or any(feature.cameras):
         what = f"needs {', '.join(more)}" if more else "reads cameras by name"
         raise ConfigurationError(
             f"{feature.name} {what}: give observe, a function that returns the Observation of a "
-            "camera at world_T_camera (4, 4)"
+            "camera at the pose world_T_camera (4, 4)"
         )
 
     def observe(world_T_camera: np.ndarray) -> Observation:
@@ -284,10 +290,14 @@ def _make_motion(axis: int, amount: float) -> np.ndarray:
 def _compute_error(
     feature: Feature, measured: FeatureMeasurement, reference: FeatureMeasurement
 ) -> np.ndarray:
-    """Return the error (k,), after a check that it has as many components as the reference."""
+    """Return the measured error (k,).
+
+    Raises:
+        ConfigurationError: the error has another number of components than the reference.
+    """
     if np.shape(measured.error) != np.shape(reference.error):
         raise ConfigurationError(
             f"{feature.name} has {np.size(reference.error)} components in one view and "
-            f"{np.size(measured.error)} in the next: L cannot be checked by differences"
+            f"{np.size(measured.error)} in the next: L cannot be checked by finite differences"
         )
     return np.asarray(measured.error, float)

@@ -1,27 +1,29 @@
 """The kernel features of 2015, with a corrected derivative.
 
-The camera node publishes the features, with x = i dx along the rows and y = j dy along the columns
-of the image (i, j from 1; dx = 0.017, dy = 0.0185 per pixel; I = 1 on the target),
+The camera node publishes the four features
 
     k0 = sum x^-2 I dx dy,  k1 = sum y^-2 I dx dy,  k2 = sum I dx dy,
     k3 = 1/2 atan2(2 mu11, mu20 - mu02)
 
-where k3 uses columns as x, like OpenCV's moments. It also publishes the inverse of a 4x4 Jacobian J
-for camera motions along the rows, along the columns, along the optical axis (relative to the
-distance) and about the optical axis (from rows to columns).
+where x = i dx along the rows and y = j dy along the columns of the image (i, j from 1; dx = 0.017
+and dy = 0.0185 per pixel), and I = 1 on the target. k3 uses columns as x, like OpenCV's moments.
+The node also publishes the inverse of a 4x4 Jacobian J for camera motions along the rows, along the
+columns, along the optical axis (relative to the distance) and about the optical axis (from rows to
+columns).
 
-J is not the derivative of k. This module corrects the following errors; the README describes their
-effects on the closed loop:
+J is not the derivative of k. This module corrects the following errors. The README describes their
+effects on the closed loop.
 
-- Rows 0 to 2 lack the factor dx dy of k0 to k2. The coupling with the rotation, in the same rows,
-  is therefore 3180 times too strong.
+- Rows 0 to 2 of J lack the factor dx dy of k0 to k2. Therefore the coupling with the rotation, in
+  the same rows, is 3180 times too strong.
 - The rotation is about the first pixel instead of the principal point.
-- The sign of row 3 is wrong: k3 is measured from columns to rows, the rotation from rows to
+- The sign of row 3 is wrong: k3 is measured from columns to rows, but the rotation from rows to
   columns.
-- Approaching the target enlarges and spreads it, which also changes k0 and k1. With the exponent
-  -2, both effects add up to exactly xc J00 and yc J11.
-- Depth and focal length scale kernel units to metres, so that the gain is a rate in 1/s. The
-  original integrated over 0.01 s independently of the elapsed time, with gains of 200 and 0.01,
+- A camera that approaches the target enlarges the target's image and moves it away from the
+  principal point, which also changes k0 and k1. With the exponent -2, both effects add up to
+  exactly xc J00 and yc J11.
+- Kernel units are converted to metres by depth and focal length, so that the gain is a rate in 1/s.
+  The original integrated over 0.01 s independently of the elapsed time, with gains of 200 and 0.01,
   which correspond to time constants of 5 s in translation and minutes in rotation.
 """
 
@@ -47,15 +49,17 @@ class Kernel(Feature):
     The errors of the first three are relative to their desired values; that of the angle is in rad.
 
     Attributes:
-        ratio: factors of the desired error rates. One row of pixels changes the angle of a nearly
-            square target by 0.03 rad between images; at full gain the camera would tremble.
-        max_pixel_ratio: largest accepted number of pixels, relative to the target's pixels. The
-            original's threshold of 250 counts every pixel that is not white as target.
+        ratio: factors on the desired error rates. The factor of the angle is smaller: a single row
+            of pixels changes the angle of a nearly square target by 0.03 rad between two images, so
+            that the camera would tremble at full gain.
+        max_pixel_ratio: largest accepted ratio of the number of counted pixels to the number of the
+            target's pixels. The original's threshold of 250 counts every pixel that is not white as
+            part of the target.
     """
 
     needs = frozenset((Need.KERNEL,))
     names = ("kernel_0", "kernel_1", "kernel_2", "kernel_3")
-    # 1 % of kernel 0 and 1 is half a pixel; 2 % of kernel 2 is 1 % of the distance.
+    # An error of 1 % of kernel 0 or 1 is half a pixel; 2 % of kernel 2 is 1 % of the distance.
     tolerances = (0.01, 0.01, 0.02, 0.04)
     units = ("", "", "", "rad")
     directions = LEVEL_CAMERA
@@ -72,7 +76,7 @@ class Kernel(Feature):
         if not (goal.kernel.features[:3] > 0.0).all():
             raise ConfigurationError(f"{goal.name}: kernel features 0 to 2 must be above 0")
         if goal.depth is None:
-            raise ConfigurationError(f"{goal.name} contains no depth of the target (m)")
+            raise ConfigurationError(f"{goal.name} contains no depth: set the target's depth (m)")
 
     def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
         """Measure s, s*, the error and L in one image."""
@@ -82,8 +86,8 @@ class Kernel(Feature):
         if data is None or data.shape != (20,):
             size = "none" if data is None else str(data.size)
             raise MeasurementError(
-                f"expected the 20 numbers of camera/kernel, got {size}: does this camera node "
-                "publish them?"
+                f"expected the 20 numbers of camera/kernel, got {size}: use a camera node that "
+                "publishes the kernel features"
             )
         k = data[16:]
         if not np.isfinite(data).all() or k[2] <= 0.0:
@@ -91,7 +95,7 @@ class Kernel(Feature):
         counted = round(k[2] / (DELTA_X * DELTA_Y))
         if 0 < self.max_pixel_ratio * observation.pixel_count < counted:
             raise MeasurementError(
-                f"camera/kernel counts {counted} pixels as target, which has "
+                f"camera/kernel counts {counted} pixels as target, but the target has "
                 f"{observation.pixel_count}: the ground is noisy or not white; lower the camera "
                 "node's ~original_threshold"
             )
@@ -107,7 +111,10 @@ class Kernel(Feature):
         return FeatureMeasurement(k, kernel.features, error, L / scale[:, None], ambiguity="180°")
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
-        """Return the accuracy: one row of pixels changes a feature by about its tolerance."""
+        """Return the accuracy of s.
+
+        One row of pixels changes a feature by about its tolerance.
+        """
         return np.diag(self.tolerances)
 
     @staticmethod
@@ -126,12 +133,14 @@ def _compute_interaction(J: np.ndarray, K: np.ndarray, depth: float) -> np.ndarr
     """Compute L (4, 6) with dk/dt = L v from the original's J (4, 4); see the module docstring."""
     area = DELTA_X * DELTA_Y
     fx, fy = K[0, 0], K[1, 1]
-    # The kernels count pixels from 1, K counts them from 0.
+    # The kernels count pixels from 1; K counts them from 0.
     row_centre, column_centre = (K[1, 2] + 1.0) * DELTA_X, (K[0, 2] + 1.0) * DELTA_Y
-    # Ratio of the kernel steps to the angular size of a pixel, for rows relative to columns.
+    # Ratio of the kernel steps to the angular size of a pixel: its value for rows divided by its
+    # value for columns.
     across = (fy * DELTA_X) / (fx * DELTA_Y)
     L = np.zeros((4, 6))
-    # Along the rows is the optical y axis, along the columns x; rows to columns is against z.
+    # The optical y axis is along the rows and the x axis along the columns. A rotation from rows to
+    # columns is opposite to a rotation about z.
     L[1, 0] = area * J[1, 1] * fx * DELTA_Y / depth
     L[0, 1] = area * J[0, 0] * fy * DELTA_X / depth
     L[:3, 2] = np.array([row_centre * J[0, 0], column_centre * J[1, 1], J[2, 2]]) * area / depth

@@ -1,6 +1,8 @@
-"""Photometric features: the grey levels of the whole image, and linear maps of them.
+"""Photometric features: the grey levels of the whole image, and linear functions of them.
 
-    dI/dt = -(dI/dx, dI/dy) (dx/dt, dy/dt) = L_I v,   one row for each pixel, with its depth.
+The interaction matrix L_I has one row for each pixel and depends on the depth of the pixel:
+
+    dI/dt = -(dI/dx, dI/dy) (dx/dt, dy/dt) = L_I v
 
 References: C. Collewet and E. Marchand, Photometric visual servoing, IEEE Transactions on
 Robotics 27(4), 2011; E. Marchand, Subspace-based direct visual servoing, IEEE RA-L 4(3), 2019
@@ -26,23 +28,25 @@ from ..goals.goal import Goal
 from ..observation.observation import Need, Observation
 from .base import FEATURES, Feature, FeatureMeasurement, compare_cameras, get_plane
 
-# grey levels; rounding and rendering noise in a fit of two images of the same view
+# Rounding and rendering noise of a fit of two images from the same view, in grey levels.
 GREY_NOISE = 0.2
-# weight of a smoothed pixel's error in a fit, because its neighbours share the error
+# Factor on a pixel's error in a fit of smoothed images, in which neighbouring pixels share the
+# error.
 NEIGHBOUR_FACTOR = 3.5
 SYMMETRY_ORDERS = (8, 7, 6, 5, 4, 3, 2)  # orders of rotational symmetry that are tested
-MAX_DEPTH = 500.0  # goal distances; more distant parts of the plane are ignored
-MIN_OVERLAP = 0.3  # part of the image that must be visible before and after the rotation
-BORDER = 10  # px at the image border that are ignored, because new scene parts enter there
-# part of the largest eigenvalue of L^T L below which the image has too little texture
+MAX_DEPTH = 500.0  # more distant parts of the plane are ignored; in units of the goal's distance
+MIN_OVERLAP = 0.3  # fraction of the image that must be visible before and after the rotation
+BORDER = 10  # width of the ignored image border, px; new parts of the scene enter there
+# The image has too little texture if an eigenvalue of L^T L is below this fraction of the largest.
 EIGENVALUE_TOLERANCE = 1e-12
 
 
 class _PixelRays:
-    """Rays of the pixels inside the border, for one camera, and their derivatives.
+    """Rays of one camera's pixels inside the border, and their derivatives.
 
-    x, y: (rows, columns) float32, normalised coordinates of each pixel.
-    ux, uy, vx, vy: derivatives of the pixel coordinates (u, v) by x and y.
+    Attributes:
+        x, y: (rows, columns) float32, normalised coordinates of each pixel.
+        ux, uy, vx, vy: derivatives of the pixel coordinates (u, v) with respect to x and y.
     """
 
     def __init__(self, camera: CameraModel) -> None:
@@ -64,7 +68,10 @@ class _PixelRays:
         self.vx, self.vy = crop(-by_column_y / scale), crop(by_column_x / scale)
 
     def compute_interaction(self, grey: np.ndarray, plane: Plane) -> np.ndarray:
-        """Compute L_I (6, pixels) float32 of an image (rows, columns) float32 of a plane."""
+        """Compute L_I (6, pixels) float32, transposed, for the image `grey` of a plane.
+
+        The image is an array (rows, columns) float32.
+        """
         by_u = cv2.Sobel(grey, cv2.CV_32F, 1, 0, ksize=1, scale=0.5)[self.inside]
         by_v = cv2.Sobel(grey, cv2.CV_32F, 0, 1, ksize=1, scale=0.5)[self.inside]
         x, y = self.x, self.y
@@ -85,14 +92,14 @@ class _PixelRays:
 class Luminance(Feature):
     """s = the grey levels of all pixels, reduced to six numbers by the normal equations.
 
-    With H = L_I^T L_I = R^T R and g = L_I^T e, the six numbers R^-T g with the interaction matrix R
-    have the same least-squares solution, v = -gain H^-1 g (Gauss-Newton). The root mean square
-    difference of the grey levels is compared with the tolerance.
+    Let e be the difference of the grey levels, H = L_I^T L_I = R^T R and g = L_I^T e. The six
+    numbers R^-T g, with the interaction matrix R, give the same least-squares solution v = -gain
+    H^-1 g as all pixels (Gauss-Newton). The root mean square of e is compared with the tolerance.
 
     Attributes:
-        blur: standard deviation of the Gaussian smoothing of both images, px; a larger value
-            enlarges the convergence domain.
-        damping: mu of Levenberg-Marquardt, H + mu diag(H).
+        blur: standard deviation of the Gaussian smoothing of both images, px; a larger one enlarges
+            the convergence domain.
+        damping: factor mu of the Levenberg-Marquardt method, which replaces H by H + mu diag(H).
     """
 
     needs = frozenset((Need.IMAGE,))
@@ -119,7 +126,7 @@ class Luminance(Feature):
     def check(self, goal: Goal) -> None:
         """Refuse a goal that this feature cannot servo to."""
         if goal.depth is None and goal.plane is None:
-            raise ConfigurationError(f"{goal.name} contains no depth of the target (m)")
+            raise ConfigurationError(f"{goal.name} contains no depth: set the target's depth (m)")
         try:
             data = base64.b64decode(goal.features[self.name]["png"])
             grey = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE)
@@ -129,7 +136,11 @@ class Luminance(Feature):
                 f"aras_visual_servo_controller teach --scheme {self.name})"
             ) from error
         if grey is None:
-            raise ConfigurationError(f"{goal.name}: the image of {self.name} is damaged")
+            raise ConfigurationError(
+                f"{goal.name}: the image that was taught for the feature {self.name} cannot be "
+                f"decoded: teach it again (rosrun aras_visual_servo_controller teach --scheme "
+                f"{self.name})"
+            )
         self._goal, self._goal_image, self._desired = goal, grey, self._smooth(grey)
         self._rays = None
 
@@ -140,8 +151,9 @@ class Luminance(Feature):
         now = self._smooth(get_grey_image(observation))
         if now.shape != self._desired.shape:
             raise MeasurementError(
-                f"the image has {now.shape[1]} x {now.shape[0]} pixels, the goal's "
-                f"{self._desired.shape[1]} x {self._desired.shape[0]}"
+                f"the image has {now.shape[1]} x {now.shape[0]} pixels, but the goal's image has "
+                f"{self._desired.shape[1]} x {self._desired.shape[0]}: teach the goal with this "
+                "camera"
             )
         if self._rays is None or self._rays.camera != observation.camera:
             self._check_camera(observation.camera, goal)
@@ -159,21 +171,21 @@ class Luminance(Feature):
         )
 
     def _find_symmetry(self, plane: Plane) -> str:
-        """Find the smallest rotation of the target after which its image is that of the goal.
+        """Find the smallest rotation of the target that does not change its image at the goal.
 
-        The target lies in `plane` at the goal. Return the angle as text, '90°'; '' if there is
-        none.
+        The target lies in `plane` at the goal. Return the angle as text, such as '90°', or '' if
+        there is no such rotation.
         """
         rays, camera = self._rays, self._rays.camera
         goal_image = self._desired[rays.inside]
         normal = np.array(plane) / np.linalg.norm(plane)
         directions = np.stack([rays.x.ravel(), rays.y.ravel(), np.ones(rays.x.size)])
         depth = 1.0 / np.maximum(np.array(plane) @ directions, plane.C / MAX_DEPTH)
-        # A pixel covers an area of the plane that grows with the cube of the depth.
+        # The area of the plane that one pixel covers increases with the cube of the depth.
         weight = np.abs(goal_image - np.median(goal_image)).ravel() * depth**3
         centre = directions @ (weight * depth) / max(weight.sum(), np.finfo(float).tiny)
         for folds in SYMMETRY_ORDERS:
-            # The homography of the rotation X' = R (X - centre) + centre of the plane's points.
+            # Homography of the rotation X' = R (X - centre) + centre of the plane's points X.
             turn = cv2.Rodrigues(2.0 * np.pi / folds * normal)[0]
             X, Y, Z = (turn + np.outer(centre - turn @ centre, plane)) @ directions
             u, v = (
@@ -188,7 +200,7 @@ class Luminance(Feature):
         return ""
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
-        """Return the accuracy of s, estimated from the last grey-level error at image edges."""
+        """Return the accuracy of s, estimated from the latest grey-level error at image edges."""
         error, rows = self._last_error
         slope = np.square(rows[0]) + np.square(rows[1])
         residual = np.sqrt(slope @ np.square(error) / slope.sum())
@@ -196,7 +208,8 @@ class Luminance(Feature):
 
     @staticmethod
     def _check_camera(camera: CameraModel, goal: Goal) -> None:
-        """Check that the goal was taught with this camera, as pixels are compared one by one."""
+        """Check that the goal was taught with this camera, as images are compared pixel by pixel.
+        """
         taught = goal.camera
         if taught is None:
             return
@@ -210,7 +223,7 @@ class Luminance(Feature):
             )
 
     def _reduce(self, error: np.ndarray, L: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Reduce e (n,) and L (6, n) to a short error with its interaction matrix, for the law."""
+        """Reduce e (n,) and L (6, n) to a short error with its interaction matrix."""
         H = (L @ L.T).astype(float)
         g = (L @ error).astype(float)
         return square_root(H + self.damping * np.diag(np.diag(H)), g)
@@ -221,13 +234,13 @@ class Luminance(Feature):
 
 @FEATURES.register("luminance_lm")
 class LuminanceDamped(Luminance):
-    """Levenberg-Marquardt on the grey levels, with the damping of Collewet and Marchand."""
+    """Levenberg-Marquardt control on the grey levels, with the damping of Collewet and Marchand."""
 
     damping: ClassVar[float] = 0.01
 
 
 class LuminanceMap(Luminance):
-    """Base class of linear maps s = B I of the image, with the rows B L_I.
+    """Base class of linear functions s = B I of the image I, with the interaction matrix B L_I.
 
     Attributes:
         count: number of components of s.
@@ -241,11 +254,12 @@ class LuminanceMap(Luminance):
         self._basis_rays: _PixelRays | None = None  # rays for which the basis was made
 
     def make_basis(self, rays: _PixelRays) -> np.ndarray:
-        """Return the basis B (count, pixels) of the pixels inside the border."""
+        """Return the basis B (count, pixels) for the pixels inside the border."""
         raise NotImplementedError
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
-        """Return the accuracy of s; the rows of the basis have length 1."""
+        """Return the accuracy of s, which is that of a grey level, as the rows of B have length 1.
+        """
         return GREY_NOISE * np.eye(len(self._basis))
 
     def _reduce(self, error: np.ndarray, L: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -276,14 +290,15 @@ class LuminanceDCT(LuminanceMap):
 
 @FEATURES.register("luminance_pca")
 class LuminancePCA(LuminanceMap):
-    """s = principal components of images that are generated by moving the goal image.
+    """s = principal components of images that are generated by transforming the goal image.
 
-    The generated views are random shifts, rotations and scalings with a fixed seed.
+    The images are generated by random shifts, rotations and scalings with a fixed seed.
     """
 
     count: ClassVar[int] = 20
     views: ClassVar[int] = 80
-    spread: ClassVar[tuple[float, float, float]] = (0.1, 0.2, 0.1)  # shift / width, rad, scale
+    # Largest shift (fraction of the width), rotation (rad) and scaling.
+    spread: ClassVar[tuple[float, float, float]] = (0.1, 0.2, 0.1)
 
     def make_basis(self, rays: _PixelRays) -> np.ndarray:
         """Return the basis B (count, pixels)."""
@@ -301,7 +316,7 @@ class LuminancePCA(LuminanceMap):
                 self._desired, moved, (columns, rows), borderMode=cv2.BORDER_REFLECT
             )
             views.append(view[rays.inside].ravel() - self._desired[rays.inside].ravel())
-        # V has few long rows: compute the components from the small matrix V V^T.
+        # V has few but long rows, so the components are computed from the small matrix V V^T.
         V = np.array(views)
         values, vectors = np.linalg.eigh((V @ V.T).astype(float))
         chosen = np.argsort(values)[::-1][: self.count]
@@ -310,7 +325,8 @@ class LuminancePCA(LuminanceMap):
 
 @FEATURES.register("photometric_moments")
 class PhotometricMoments(LuminanceMap):
-    """s = moments of the grey levels up to third order, with weights that fade to the border."""
+    """s = moments of the grey levels up to third order, with weights that decrease to the border.
+    """
 
     order: ClassVar[int] = 3
 
@@ -362,5 +378,5 @@ def get_grey_image(observation: Observation) -> np.ndarray:
     """
     image = observation.image
     if image is None:
-        raise MeasurementError("no image in this observation: exact features have none")
+        raise MeasurementError("this observation has no image, because its features are exact")
     return image if image.ndim == 2 else cv2.cvtColor(np.asarray(image), cv2.COLOR_RGB2GRAY)

@@ -20,22 +20,24 @@ from .luminance import Luminance, get_grey_image
 from .points import backproject as places_of
 from .pose import PoseInGoalFrame, compute_goal_frame_feature, estimate_planar_pose
 
-MATCH_RATIO = 0.8  # largest ratio of the best and second-best match distance (Lowe 2004)
+MATCH_RATIO = 0.8  # largest ratio of best to second-best match distance (Lowe 2004)
 MIN_MATCHES = 8  # smallest number of consistent matches
-MAX_REPROJECTION_ERROR = 3.0  # px; largest distance of a match from the homography
-# px by which SIFT keypoints are too far right and down, because SIFT first doubles the image
+MAX_REPROJECTION_ERROR = 3.0  # largest distance of a match from the homography, px
+# Offset of SIFT keypoints to the right and down, px, because SIFT first doubles the image.
 SIFT_OFFSET = 0.25
-MAX_DEPTH = 500.0  # goal distances; largest depth of a match, which may lie beyond the horizon
+# Largest depth of a match, in units of the goal's distance. A wrong match may be beyond the
+# horizon.
+MAX_DEPTH = 500.0
 
 
 @FEATURES.register("matches")
 class Matches(Luminance):
-    """s = (x, y) of every keypoint that matches one of the goal image, normalised.
+    """s = (x, y) of every keypoint that matches a keypoint of the goal image, normalised.
 
-    Keypoints are found by SIFT, or by ORB if `detector` is 'orb', in the image scaled down to at
-    most `max_width` pixels. (SIFT doubles the image first, so it works on up to 640 columns.)
-    Matches that do not fit one homography are rejected. The number of matches changes between
-    images; their root mean square distance is compared with the tolerance.
+    Keypoints are detected by SIFT, or by ORB if `detector` is 'orb', in the image scaled down to at
+    most `max_width` pixels. SIFT doubles the image first, so it works on up to 640 columns. Matches
+    that do not fit a common homography are rejected. As the number of matches changes between
+    images, their root mean square distance is compared with the tolerance.
     """
 
     names, tolerances, units = ("rms",), (0.001,), ("",)
@@ -57,8 +59,8 @@ class Matches(Luminance):
         places, self._goal_descriptors = self.detect_keypoints(self._goal_image)
         if len(places) < MIN_MATCHES or goal.camera is None:
             raise ConfigurationError(
-                f"{goal.name}: {len(places)} keypoints in its image, {MIN_MATCHES} are needed: "
-                "teach it with a textured target, or servo on moments"
+                f"{goal.name}: its image has {len(places)} keypoints, {MIN_MATCHES} are needed: "
+                "teach the goal with a textured target, or use the scheme moments"
             )
         self._goal_keypoints = places
         x, y, _ = goal.camera.normalise(*places.T)
@@ -79,13 +81,14 @@ class Matches(Luminance):
         )  # fmt: skip
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | float | None:
-        """Return the residual of the last matches after the best camera motion is removed."""
+        """Return the accuracy of s: the residual of the latest matches after the best motion."""
         return self._match_error
 
     def detect_keypoints(self, grey: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
-        """Detect keypoints (n, 2), px, and their descriptors (n, k) in a grey image (H, W).
+        """Detect keypoints in a grey image (H, W).
 
-        A subclass can override this method to use another detector.
+        Return their positions (n, 2), px, and their descriptors (n, k). A subclass can override
+        this method to use another detector.
         """
         scale = min(self.max_width / grey.shape[1], 1.0)
         if scale < 1.0:
@@ -126,7 +129,7 @@ class Matches(Luminance):
                 return np.column_stack([x, y]), self._desired_points[in_goal[inliers]]
         raise MeasurementError(
             f"{len(pairs)} keypoints match the goal image, {MIN_MATCHES} consistent ones are "
-            "needed: is the target in view, and textured?"
+            "needed: bring the target into view, and use a textured target"
         )
 
 
@@ -140,7 +143,7 @@ class MatchesORB(Matches):
 
 @FEATURES.register("matches_pose")
 class MatchesPose(Matches):
-    """Position-based servoing on matched keypoints: s = (g_t_c, theta u) of their plane."""
+    """Position-based servoing on matched keypoints of a plane: s = (g_t_c, theta u)."""
 
     is_stackable = True
     names, tolerances, units = zip(*PoseInGoalFrame.components, strict=True)
@@ -155,5 +158,5 @@ class MatchesPose(Matches):
         return FeatureMeasurement(s, np.zeros(6), s, L)
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
-        """Return the accuracy of s, the camera's offset, propagated from that of the matches."""
+        """Return the accuracy of s, which is propagated from that of the matches."""
         return np.linalg.pinv(self._L) * super().accuracy(observation, goal)

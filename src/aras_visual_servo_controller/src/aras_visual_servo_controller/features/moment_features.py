@@ -1,10 +1,11 @@
-"""Features that are formulas over image moments, given by the names of the camera package.
+"""Features that are given by formulas of image moments.
 
-`aras_visual_servo_camera.features` computes their values and interaction matrices. References: F.
-Chaumette, Image moments: a general and useful set of features for visual servoing, IEEE T-RO
-20(4), 2004; O. Tahri and F. Chaumette, Point-based and region-based image moments for visual
-servoing of planar objects, IEEE T-RO 21(6), 2005. A user-defined feature is a subclass of
-MomentFeature with other formulas.
+The formulas are names of `aras_visual_servo_camera.features`, which computes their values and
+interaction matrices. A user-defined feature is a subclass of MomentFeature with other formulas.
+
+References: F. Chaumette, Image moments: a general and useful set of features for visual servoing,
+IEEE T-RO 20(4), 2004; O. Tahri and F. Chaumette, Point-based and region-based image moments for
+visual servoing of planar objects, IEEE T-RO 21(6), 2005.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from .moments import ALPHA, CENTRE_TOLERANCE, DEPTH_TOLERANCE, LEVEL_CAMERA, Mom
 
 @FEATURES.register("basic_moments")
 class BasicMoments(MomentFeature):
-    """s = m00, m10, m01, m20, m11, m02 about the principal point: ViSP's vpFeatureMomentBasic."""
+    """s = m00, m10, m01, m20, m11, m02 about the principal point; vpFeatureMomentBasic in ViSP."""
 
     formulas = names = ("m00", "m10", "m01", "m20", "m11", "m02")
     tolerances, units = (1e-4, 1e-4, 1e-4, 1e-5, 1e-5, 1e-5), ("",) * 6
@@ -23,7 +24,7 @@ class BasicMoments(MomentFeature):
 
 @FEATURES.register("centred_moments")
 class CentredMoments(MomentFeature):
-    """s = mu20, mu11, mu02, mu30, mu21, mu12, mu03: ViSP's vpFeatureMomentCentered."""
+    """s = mu20, mu11, mu02, mu30, mu21, mu12, mu03; vpFeatureMomentCentered in ViSP."""
 
     formulas = names = ("mu20", "mu11", "mu02", "mu30", "mu21", "mu12", "mu03")
     tolerances, units = (1e-5,) * 3 + (1e-6,) * 4, ("",) * 7
@@ -31,7 +32,7 @@ class CentredMoments(MomentFeature):
 
 @FEATURES.register("gravity_centre")
 class GravityCentre(MomentFeature):
-    """s = xg, yg: ViSP's vpFeatureMomentGravityCenter."""
+    """s = xg, yg, the centre of gravity; vpFeatureMomentGravityCenter in ViSP."""
 
     formulas = names = ("xg", "yg")
     tolerances, units = (0.001, 0.001), ("", "")
@@ -40,7 +41,7 @@ class GravityCentre(MomentFeature):
 
 @FEATURES.register("gravity_centre_normalised")
 class NormalisedGravityCentre(MomentFeature):
-    """s = xn, yn = an (xg, yg), m; linear in the translation."""
+    """s = xn, yn = an (xg, yg), m; linear in the translation of a camera parallel to the target."""
 
     formulas = names = ("xn", "yn")
     tolerances, units = (CENTRE_TOLERANCE, CENTRE_TOLERANCE), ("m", "m")
@@ -49,7 +50,7 @@ class NormalisedGravityCentre(MomentFeature):
 
 @FEATURES.register("area")
 class Area(MomentFeature):
-    """s = a, the target's area in the normalised image: ViSP's vpFeatureMomentArea."""
+    """s = a, the target's area in normalised coordinates; vpFeatureMomentArea in ViSP."""
 
     formulas = names = ("area",)
     tolerances, units = (1e-4,), ("",)
@@ -58,7 +59,7 @@ class Area(MomentFeature):
 
 @FEATURES.register("area_normalised")
 class NormalisedArea(MomentFeature):
-    """s = an = Z* sqrt(a* / a), m; the depth of a target parallel to the image."""
+    """s = an = Z* sqrt(a* / a), m, which is the depth if the target is parallel to the image."""
 
     formulas = names = ("an",)
     tolerances, units = (DEPTH_TOLERANCE,), ("m",)
@@ -67,7 +68,7 @@ class NormalisedArea(MomentFeature):
 
 @FEATURES.register("alpha")
 class Alpha(MomentFeature):
-    """s = alpha, the orientation, rad; over the full turn if the shape has a direction."""
+    """s = alpha, the orientation, rad; it covers the full turn if the shape has a direction."""
 
     formulas = names = (ALPHA,)
     tolerances, units = (0.005,), ("rad",)
@@ -76,10 +77,11 @@ class Alpha(MomentFeature):
 
 @FEATURES.register("ellipse")
 class Ellipse(MomentFeature):
-    """s = xg, yg, n20, n11, n02 of an ellipse or circle, with n = mu / m00; vpFeatureEllipse.
+    """s = xg, yg, n20, n11, n02 of an ellipse or circle, with n = mu / m00.
 
-    n20, n11, n02 are a quarter of the squared semi-axes of the ellipse, so they fit any region.
-    A rotation about the axis of symmetry does not change s.
+    For an ellipse whose axes are parallel to x and y, n20 and n02 are a quarter of the squared
+    semi-axes. n20, n11 and n02 are defined for any region. A rotation about the axis of symmetry
+    does not change s. ViSP calls this feature vpFeatureEllipse.
     """
 
     formulas = ("xg", "yg", "mu20 / m00", "mu11 / m00", "mu02 / m00")
@@ -91,7 +93,7 @@ class Ellipse(MomentFeature):
 class Invariants(MomentFeature):
     """s = C1 ... C10 of Tahri and Chaumette 2005, invariant to rotation, shift and scale.
 
-    They depend on the two tilts of the target; vpFeatureMomentCInvariant in ViSP.
+    They depend on the two tilts of the target. ViSP calls them vpFeatureMomentCInvariant.
     """
 
     formulas = names = tuple(f"C{k}" for k in range(1, 11))
@@ -101,7 +103,7 @@ class Invariants(MomentFeature):
 
 @FEATURES.register("sx_sy")
 class Skewness(MomentFeature):
-    """s = Sx, Sy of Chaumette 2004, for the two tilts of a target without symmetry."""
+    """s = Sx, Sy of Chaumette 2004, which control the two tilts of a target without symmetry."""
 
     formulas = names = ("Sx", "Sy")
     tolerances, units = (0.001, 0.001), ("", "")
@@ -110,7 +112,7 @@ class Skewness(MomentFeature):
 
 @FEATURES.register("px_py")
 class Symmetry(MomentFeature):
-    """s = Px, Py of Chaumette 2004, for the two tilts of a symmetric target."""
+    """s = Px, Py of Chaumette 2004, which control the two tilts of a symmetric target."""
 
     formulas = names = ("Px", "Py")
     tolerances, units = (0.001, 0.001), ("", "")
@@ -119,7 +121,7 @@ class Symmetry(MomentFeature):
 
 @FEATURES.register("moments_pitch")
 class MomentsPitch(MomentFeature):
-    """s = xn, yn, an, Sy, alpha: the moments of the paper, with Sy to control the pitch."""
+    """s = xn, yn, an, Sy, alpha: the moments of the paper, and Sy to control the pitch."""
 
     formulas = names = ("xn", "yn", "an", "Sy", ALPHA)
     tolerances = (CENTRE_TOLERANCE, CENTRE_TOLERANCE, DEPTH_TOLERANCE, 0.001, 0.005)
@@ -129,7 +131,7 @@ class MomentsPitch(MomentFeature):
 
 @FEATURES.register("moments_six")
 class MomentsSix(MomentFeature):
-    """s = xn, yn, an, Sx, Sy, alpha: all six directions, for a target without symmetry."""
+    """s = xn, yn, an, Sx, Sy, alpha: all six camera directions, for a target without symmetry."""
 
     formulas = names = ("xn", "yn", "an", "Sx", "Sy", ALPHA)
     tolerances = (CENTRE_TOLERANCE, CENTRE_TOLERANCE, DEPTH_TOLERANCE, 0.001, 0.001, 0.005)

@@ -1,14 +1,15 @@
-"""Image moments of the target: formulas over moments, and the features of the paper.
+"""Image moments of the target: formulas of moments, and the features of the paper.
 
-With (xg, yg) the centre of gravity in normalised coordinates and a = m00 the area:
+With the centre of gravity (xg, yg) in normalised coordinates and the area a = m00:
 
     an = Z* sqrt(a*/a),   xn = an xg,   yn = an yg,   alpha = 1/2 atan2(2 mu11, mu20 - mu02)
 
-xn, yn and an are the position of the target in front of a camera parallel to it, m. alpha covers
-the full turn if the third-order moments of the target give it a direction; otherwise the error is
-ambiguous by half a turn, which the measurement reports. The features do not control the tilt of the
-camera; the inverse kinematics holds it. L has all six columns, for the plane of the target at the
-depth that follows from its area.
+For a camera parallel to the target, (xn, yn, an) is the position of the target in front of it, m.
+alpha covers the full turn if the third-order moments of the target give it a direction. Otherwise
+alpha is ambiguous by half a turn, which the measurement reports. The features do not control the
+tilt of the camera; the inverse kinematics keeps it constant. L has all six columns. It is computed
+for the plane of the target, whose depth follows from the area.
+
 Reference: O. Tahri and F. Chaumette, Point-based and region-based image moments for visual
 servoing of planar objects, IEEE Transactions on Robotics 21(6), 2005.
 """
@@ -31,30 +32,34 @@ from ..goals.goal import Goal
 from ..observation.observation import Need, Observation
 from .base import FEATURES, DepthFraction, Feature, FeatureMeasurement, wrap
 
-LEVEL_CAMERA = (True, True, True, False, False, True)  # vx, vy, vz, wz
+LEVEL_CAMERA = (True, True, True, False, False, True)  # controlled: vx, vy, vz, wz
 ALPHA, FULL_ALPHA = "alpha", "alpha_full"
-FULL_ALPHA_ORDER = 4  # order of the moments that alpha over the full turn needs, with its L
-# Rms amplitude of each of HARMONICS displacements of the measured outline, px times the target's
-# width in px. If image and goal come from the same camera, their errors are nearly equal, and only
-# SAME_CAMERA_PART of the amplitude counts. Measured on squares of 15 to 55 px, rendered with and
-# without physics (0.01 to 0.04).
-OUTLINE_ACCURACY, SAME_CAMERA_PART = 0.03, 0.12
-# Relative difference of the second moments below which the target is nearly round: pixel noise then
-# determines alpha, and alpha counts as taught with another camera.
+# Order of the moments that are needed for alpha over the full turn, and for its L.
+FULL_ALPHA_ORDER = 4
+# Errors of the measured outline are modelled by HARMONICS independent displacements. This is the
+# product of their rms amplitude (px) and the target's width (px). Measured on squares of 15 to 55
+# px, rendered with and without physics (0.01 to 0.04).
+OUTLINE_ACCURACY = 0.03
+# Fraction of this amplitude that remains in the difference of goal and image if both come from the
+# same camera, because their errors are nearly equal.
+SAME_CAMERA_PART = 0.12
+# A target is nearly round if the relative difference of its second moments is below this. Then
+# pixel noise determines alpha, and the accuracy of alpha is that of a goal from another camera.
 ROUND_TOLERANCE = 0.1
-HARMONICS = 9  # 1, cos phi, sin phi, ... cos 4 phi, sin 4 phi; phi: direction from the centre
-PARTS_PER_SIDE = 16  # integration steps per side of an outline
-# Tolerances of xn and yn, and of an: 0.5 and 1 mm for the laboratory's target, at 0.2 m.
-CENTRE_TOLERANCE, DEPTH_TOLERANCE = DepthFraction(0.0025), DepthFraction(0.005)
-STEP = 1e-5  # normalised; displacement of the outline for finite differences
+# 1, cos phi, sin phi, ... cos 4 phi, sin 4 phi, where phi is the direction from the centre.
+HARMONICS = 9
+PARTS_PER_SIDE = 16  # number of integration steps per side of an outline
+CENTRE_TOLERANCE = DepthFraction(0.0025)  # xn and yn: 0.5 mm for the laboratory's target, at 0.2 m
+DEPTH_TOLERANCE = DepthFraction(0.005)  # an: 1 mm for the laboratory's target
+STEP = 1e-5  # displacement of the outline for finite differences, in normalised coordinates
 class _GoalMoments:
-    """Quantities of one goal for formulas over moments, computed once."""
+    """Quantities of one goal that the formulas of moments need, computed once."""
 
     def __init__(self, goal: Goal, formulas: tuple[str, ...], tolerance: float) -> None:
         if goal.moments is None:
             raise ConfigurationError(f"{goal.name} holds no moments: teach it again")
         if goal.depth is None:
-            raise ConfigurationError(f"{goal.name} contains no depth of the target (m)")
+            raise ConfigurationError(f"{goal.name} contains no depth: set the target's depth (m)")
         self.goal, self._tolerance = goal, tolerance
         self.plane = goal.plane or Plane.fronto_parallel(goal.depth)
         try:
@@ -77,18 +82,21 @@ class _GoalMoments:
             name, reason = next(iter(found.degenerate.items()))
             raise ConfigurationError(f"{goal.name}: feature {name} is undefined there: {reason}")
         self.s, self.L = found.values, found.L
-        # Normal of the plane in the camera frame, and in the base frame if the pose is known.
+        # Normal of the target's plane in the camera frame. If the pose of the camera is known, the
+        # normal is also computed in the base frame.
         self.camera_normal = np.array(self.plane) / np.linalg.norm(self.plane)
         pose = goal.world_T_camera
         self.normal = None if pose is None else pose[:3, :3] @ self.camera_normal
-        # A patch of area A at depth Z has image area a = A (n . r) / Z^2 on the ray r = (x, y, 1).
+        # On the ray r = (x, y, 1), a patch of area A at depth Z with the normal n has the image
+        # area a = A (n . r) / Z^2.
         ray = (goal.moments.xg, goal.moments.yg, 1.0)
         depth = 1.0 / self.plane.inverse_depth(*ray[:2])
         self.patch_area = goal.moments.area * depth**2 / float(self.camera_normal @ ray)
 
     @cached_property
     def slopes(self) -> np.ndarray:
-        """Changes of the features (k, HARMONICS) per displacement of the goal's outline.
+        """Derivatives (k, HARMONICS) of the features with respect to displacements of the goal's
+        outline.
 
         `compute_displacement_moments` defines the displacements.
         """
@@ -109,21 +117,22 @@ class _GoalMoments:
         return np.transpose(columns) / STEP
 
     def select_formulas(self, moments: Moments) -> tuple[str, ...]:
-        """Return the formulas, with alpha over the full turn if shape and moments allow it."""
+        """Return the formulas; alpha covers the full turn if the shape and the moments allow it."""
         if not self._has_direction or moments.order < FULL_ALPHA_ORDER:
             return self._formulas
         return tuple(FULL_ALPHA if name == ALPHA else name for name in self._formulas)
 
 
 class MomentFeature(Feature):
-    """Base class of features over moments; a subclass sets `formulas`, one for each component.
+    """Base class of features that are formulas of moments.
 
-    The formulas use the names of `aras_visual_servo_camera.features`. `alpha` becomes `alpha_full`,
-    over the full turn, if the third-order moments of the goal give it a direction.
+    A subclass sets `formulas`, one for each component, which are names of
+    `aras_visual_servo_camera.features`. `alpha` is replaced by `alpha_full`, which covers the full
+    turn, if the third-order moments of the goal give it a direction.
 
     Attributes:
-        anisotropy: relative difference of the second moments below which a shape has no angle.
-            Pixels give even a square a small difference.
+        anisotropy: a shape whose second moments have a smaller relative difference has no angle.
+            The pixels of the image give even a square a small difference.
     """
 
     formulas: ClassVar[tuple[str, ...]]
@@ -142,7 +151,9 @@ class MomentFeature(Feature):
         goal_moments = self._prepare_goal(goal)
         moments = observation.moments
         if moments is None:
-            raise MeasurementError("no moments in this observation: is it the segmented target's?")
+            raise MeasurementError(
+                "this observation has no moments, which require a segmented target"
+            )
         formulas = goal_moments.select_formulas(moments)
         try:
             found = camera_features.compute_moment_features(
@@ -169,10 +180,11 @@ class MomentFeature(Feature):
         return self._prepare_goal(goal).L
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
-        """Return the accuracy of s, from displacements of the goal's outline."""
+        """Return the accuracy of s for random displacements of the goal's outline."""
         goal_moments = self._prepare_goal(goal)
         if not observation.pixel_count:
-            noise = observation.corner_accuracy  # exact outline with noise on its corners
+            # The outline is exact except for the noise of its corners.
+            noise = observation.corner_accuracy
             is_known = noise and observation.moments is not None
             return noise * goal_moments.slopes if is_known else None
         size = OUTLINE_ACCURACY / sqrt(observation.pixel_count) / observation.camera.K[0]
@@ -195,9 +207,10 @@ class MomentFeature(Feature):
     def _estimate_plane(
         observation: Observation, moments: Moments, goal_moments: _GoalMoments
     ) -> Plane:
-        """Return the plane of the observation if measured, else that of kinematics and area.
+        """Return the target's plane: the measured one, or an estimate by kinematics and area.
 
-        The orientation then follows from the kinematics, and the depth from the target's area.
+        The estimate has the orientation that follows from kinematics, and the depth that follows
+        from the target's area.
         """
         plane, centre = observation.plane, (moments.xg, moments.yg)
         if observation.is_plane_measured and plane.inverse_depth(*centre) > 0.0:
@@ -207,7 +220,9 @@ class MomentFeature(Feature):
             normal = observation.world_T_camera[:3, :3].T @ goal_moments.normal
         facing = float(normal @ (*centre, 1.0))
         if facing < 0.05:
-            raise MeasurementError("the camera looks along the target's plane, not on it")
+            raise MeasurementError(
+                "the camera views the target's plane edge-on or from behind"
+            )
         depth = sqrt(goal_moments.patch_area * facing / moments.area)
         return Plane(*(normal / (facing * depth)).tolist())
 
@@ -217,17 +232,18 @@ class ImageMoments(MomentFeature):
     """s = xn, yn, an (m) and alpha (rad), for vx, vy, vz and wz."""
 
     formulas = names = camera_features.PAPER_FEATURES
-    # For means over 1 s: joint friction causes smaller errors, camera noise a tenth of these.
+    # Tolerances of means over 1 s. Joint friction causes smaller errors, and camera noise a tenth
+    # of them.
     tolerances = (CENTRE_TOLERANCE, CENTRE_TOLERANCE, DEPTH_TOLERANCE, 0.005)
     units = ("m", "m", "m", "rad")
     directions = LEVEL_CAMERA
 
 
 def compute_displacement_moments(outline: np.ndarray, order: int) -> np.ndarray:
-    """Compute the changes of the raw moments for displacements of an outline (n, 2).
+    """Compute the derivatives of raw moments for displacements of an outline (n, 2).
 
-    The outline is displaced outwards by 1, cos phi, sin phi, ..., where phi is the direction from
-    its centre. The result is (HARMONICS, order + 1, order + 1).
+    Return an array (HARMONICS, order + 1, order + 1). The outline is displaced outwards by 1,
+    cos phi, sin phi, ..., where phi is the direction from its centre.
     """
     start, step = outline, np.roll(outline, -1, axis=0) - outline
     parts = (np.arange(PARTS_PER_SIDE) + 0.5) / PARTS_PER_SIDE

@@ -1,6 +1,7 @@
-"""Image points of the target: corners of the segmentation, or user-defined points.
+"""Image points of the target: corners of the segmented outline, or user-defined points.
 
-s = (x_0, y_0, x_1, y_1, ...) in normalised coordinates; for each point, with its depth Z,
+s = (x_0, y_0, x_1, y_1, ...) in normalised coordinates. Each point, with its depth Z, contributes
+two rows to the interaction matrix:
 
     L = [-1/Z  0    x/Z  xy      -(1+x^2)   y]
         [ 0   -1/Z  y/Z  1+y^2   -xy       -x]
@@ -29,30 +30,36 @@ from ..goals.goal import Goal
 from ..observation.observation import Need, Observation
 from .base import FEATURES, Feature, FeatureMeasurement, get_plane
 
-# If the goal was taught with the same camera, image and goal have nearly the same measurement
-# errors. Their difference is the first number in px plus the second times the mean distance of the
-# points from the goal. Measured on corners of targets 8 to 40 px wide, 0.001 to 0.3 px from the
-# goal: 0.0025 px and 0.15 of the distance. About half of this bounds the final errors of 120 runs.
+# Goal and image have nearly the same measurement errors if they come from the same camera. The
+# difference of these errors is SHARED_PIXEL_ERROR (px) plus SHARED_DISTANCE_ERROR times the mean
+# distance of the points from the goal. For corners of targets 8 to 40 px wide, 0.001 to 0.3 px from
+# the goal, 0.0025 px and 0.15 were measured. About half of these values bounds the final errors of
+# 120 runs.
 SHARED_PIXEL_ERROR, SHARED_DISTANCE_ERROR = 0.0012, 0.085
-# Factor on the corner spread that the sides of the outline give, at a distance of 1 px. It grows
-# with the square root of the distance, for distances above MIN_DISTANCE px. Measured on 1 092
-# rendered pairs of goal and image, 0.001 to 0.3 px apart: for markers and outlines of 10 to 110 px,
-# the camera's offset is 0.7 to 1.7 times the estimate, rms, and 2.0 times for outlines of 26 px
-# that are 0.1 to 0.3 px apart.
+# If the points are 1 px from the goal, the corner spread (by the sides of the outline) is
+# multiplied
+# by DEVIATION_FACTOR. The factor increases with the square root of the distance, for distances
+# above
+# MIN_DISTANCE px. Measured on 1 092 rendered pairs of goal and image, 0.001 to 0.3 px apart: the
+# rms
+# offset of the camera is 0.7 to 1.7 times the estimate for markers and outlines of 10 to 110 px,
+# and
+# 2.0 times for outlines of 26 px that are 0.1 to 0.3 px apart.
 DEVIATION_FACTOR, MIN_DISTANCE = 1.5, 0.006
-TOLERANCE = 0.001  # normalised: 0.1 px for f = 100 px, 0.2 mm at 0.2 m
+TOLERANCE = 0.001  # in normalised coordinates: 0.1 px for f = 100 px, 0.2 mm at 0.2 m
 
 
 class PointFeature(Feature):
     """Base class of features made of image points, such as those of your own image processing.
 
-    A subclass implements `points`; s, s*, e and L follow. The goal's points are those that `teach`
-    stored under this feature's name. If `is_ordered` is False and the points are not a marker's,
-    they are matched to the goal's points as a closed outline, up to a cyclic shift.
+    A subclass implements `points`; s, s*, e and L are computed from them. The goal's points are
+    those that `teach` has stored under the name of the feature. If `is_ordered` is False and the
+    points do not belong to a marker, they are treated as corners of a closed outline and matched to
+    the goal's points up to a cyclic shift.
 
     Attributes:
-        is_ordered: whether `points` always returns the same point first.
-        count: number of points; taken from the goal when the goal is checked.
+        is_ordered: whether `points` returns the points in the same order for every image.
+        count: number of points; set from the goal when the goal is checked.
     """
 
     is_ordered: ClassVar[bool] = True
@@ -78,17 +85,17 @@ class PointFeature(Feature):
         corners = self.read_desired_points(goal)
         self._set_count(len(corners))
         if goal.depth is None and goal.plane is None:
-            raise ConfigurationError(f"{goal.name} contains no depth of the target (m)")
+            raise ConfigurationError(f"{goal.name} contains no depth: set the target's depth (m)")
 
     def teach(self, observation: Observation) -> Mapping[str, Any]:
         """Return the data of the view at the goal that the goal file stores."""
         return {"points": np.asarray(self.points(observation), float).tolist()}
 
     def read_desired_points(self, goal: Goal) -> np.ndarray:
-        """Return the goal's points (n, 2).
+        """Return the goal's points (n, 2), in normalised coordinates.
 
         Raises:
-            ConfigurationError: the goal holds no points of this feature.
+            ConfigurationError: the goal contains no points of this feature.
         """
         taught = goal.features.get(self.name or type(self).__name__, {}).get("points")
         try:
@@ -119,7 +126,7 @@ class PointFeature(Feature):
         return point_interaction(desired, self._compute_goal_inverse_depth(goal, desired))
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
-        """Return the accuracy of s in the image measured last."""
+        """Return the accuracy of s in the latest image."""
         if not observation.corner_accuracy:
             return None
         desired = self.read_desired_points(goal)
@@ -146,23 +153,25 @@ class PointFeature(Feature):
     def _match_to_goal(
         self, observation: Observation, desired: np.ndarray
     ) -> tuple[np.ndarray, str]:
-        """Return points (n, 2) in the order of the goal, and the ambiguity of the match.
+        """Return points (n, 2) in the order of the goal's points, and the ambiguity of the match.
 
         Raises:
-            MeasurementError: the number of points differs, or a coordinate is not finite.
+            MeasurementError: the number of points differs from the goal's, or a coordinate is not
+                finite.
         """
         points = self._check_count(observation, desired)
         known = self.is_ordered or observation.is_numbered
         return (points, "") if known else self._match_outline(points, desired)
 
     def _check_count(self, observation: Observation, desired: np.ndarray) -> np.ndarray:
-        """Return the points (n, 2), after a check that there are as many as in the goal.
+        """Return the points (n, 2) of the image, as many as the goal has.
 
-        If the number of an outline's corners differs, as for a distant target, the corners are
-        searched again near the expected positions.
+        The outline of a distant target may have another number of corners. Then the corners are
+        searched for again near their expected positions.
 
         Raises:
-            MeasurementError: the number of points differs, or a coordinate is not finite.
+            MeasurementError: the number of points differs from the goal's, or a coordinate is not
+                finite.
         """
         points = np.asarray(self.points(observation), float)
         if not np.isfinite(points).all():
@@ -178,10 +187,11 @@ class PointFeature(Feature):
             raise MeasurementError(f"{message}; {error}") from error
 
     def _match_outline(self, points: np.ndarray, desired: np.ndarray) -> tuple[np.ndarray, str]:
-        """Return points (n, 2) of an outline in the order of the goal, and the ambiguity.
+        """Return points (n, 2) of an outline in the order of the goal's points, and the ambiguity.
 
-        Each of the n cyclic shifts is fitted by a similarity. Of those that fit about as well as
-        the best, the one with the rotation nearest to that of the last image is used.
+        Each of the n cyclic shifts is fitted by a similarity transform. Several shifts may fit
+        about as well as the best one. Of these, the one whose rotation is nearest to that of the
+        previous image is used.
         """
         z, g = (p[:, 0] + 1j * p[:, 1] for p in (points, desired))
         z, g = z - z.mean(), g - g.mean()
@@ -201,7 +211,7 @@ class PointFeature(Feature):
 
 @FEATURES.register("points")
 class Points(PointFeature):
-    """The corners of the segmented target's outline: s = (x_0, y_0, x_1, ...), normalised."""
+    """Corners of the segmented target's outline: s = (x_0, y_0, x_1, ...), normalised."""
 
     needs = frozenset((Need.CORNERS,))
     is_ordered: ClassVar[bool] = False
@@ -209,7 +219,7 @@ class Points(PointFeature):
     def points(self, observation: Observation) -> np.ndarray:
         """Return the points (n, 2) in this image, in normalised coordinates."""
         if observation.corners is None:
-            raise MeasurementError("no corners in this observation: is the target a polygon?")
+            raise MeasurementError("this observation has no corners: use a polygon as the target")
         return observation.corners
 
 
@@ -228,12 +238,12 @@ def compute_inverse_depth(plane: Plane, points: np.ndarray) -> np.ndarray:
 def estimate_corner_accuracy(
     observation: Observation, goal: Goal, points: np.ndarray, desired: np.ndarray
 ) -> np.ndarray:
-    """Estimate the accuracy (2n, m) of corners relative to the goal's, as in Feature.accuracy.
+    """Estimate the accuracy (2n, m) of corners relative to the goal's, see `Feature.accuracy`.
 
     Args:
         observation: observation with the accuracy of its corners.
         goal: goal with its camera.
-        points, desired: (n, 2) of image and goal, in the same order, normalised.
+        points, desired: (n, 2) points of image and goal, in the same order, normalised.
     """
     accuracy, identity = observation.corner_accuracy, np.eye(points.size)
     if goal.camera != observation.camera:
@@ -243,14 +253,17 @@ def estimate_corner_accuracy(
     if spread is None:
         common = SHARED_PIXEL_ERROR / fx + SHARED_DISTANCE_ERROR * sqrt(away)
         return max(min(accuracy, common), observation.corner_repeatability) * identity
-    # Noise moves the corners by at most their deviation: subtract it from the distance.
+    # Noise increases the distance of the corners from the goal, so its deviation is subtracted.
     deviation = compute_rms_deviation(spread)
     away = fx * sqrt(max(away - deviation**2, 0.0))
     return min(DEVIATION_FACTOR * sqrt(max(away, MIN_DISTANCE)), accuracy / deviation) * spread
 
 
 def _spread(observation: Observation, points: np.ndarray) -> np.ndarray | None:
-    """Return the corner spread (2n, m) in the order of points (n, 2); None for other points."""
+    """Return the corner spread (2n, m) in the order of `points` (n, 2).
+
+    Return None if the points are not the corners of the observation.
+    """
     if observation.corner_spread is None or observation.corner_spread.size == 0:
         return None
     same = (points[:, None] == observation.corners).all(axis=2)
@@ -261,5 +274,10 @@ def _spread(observation: Observation, points: np.ndarray) -> np.ndarray | None:
 
 
 def backproject(points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
-    """Compute points (n, 3) in the camera frame, m, from (n, 2), normalised, and 1/Z (n,)."""
+    """Compute points (n, 3) in the camera frame, m.
+
+    Args:
+        points: (n, 2) image points, normalised.
+        inverse_depth: (n,) inverse depths 1/Z of the points, 1/m.
+    """
     return np.column_stack([points, np.ones(len(points))]) / np.asarray(inverse_depth)[:, None]

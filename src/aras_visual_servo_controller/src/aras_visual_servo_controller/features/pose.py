@@ -1,9 +1,10 @@
 """Features of the pose between goal and camera, computed from numbered points of a plane.
 
-The goal's points and their plane give 3-D points; the pose follows from a homography, refined by
-Gauss-Newton on the image points. No model of the target is needed. Frames: c the current camera,
-g the camera at the goal, o the centroid of the points; a_R_b maps b to a.
-g the camera at the goal, o the centroid of the points; a_R_b maps b to a.
+The goal's points and their plane give 3-D points. The pose follows from a homography and is refined
+by Gauss-Newton on the image points. No model of the target is needed. Frames: c is the current
+camera, g the camera at the goal, o the centroid of the points; a_R_b maps b to a.
+
+References: F. Chaumette and S. Hutchinson, Visual servo control, part I, IEEE RAM 13(4), 2006
 (position-based control in both frames); E. Malis, F. Chaumette and S. Boudet, 2 1/2 D visual
 servoing, IEEE Transactions on Robotics and Automation 15(2), 1999.
 """
@@ -26,7 +27,8 @@ from .points import TOLERANCE
 from .points import backproject as places_of
 
 MAX_ITERATIONS, CONVERGED_STEP = 10, 1e-13
-PLANARITY_TOLERANCE = 1e-9  # ratio of singular values below which points count as collinear
+# Points are collinear if the ratio of their singular values is below this.
+PLANARITY_TOLERANCE = 1e-9
 
 
 class RelativePose(NumberedPoints):
@@ -41,10 +43,10 @@ class RelativePose(NumberedPoints):
     def compute_from_pose(
         self, c_T_g: np.ndarray, origin: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Compute s (k,) and L (k, 6) from the pose c_T_g (4, 4) of the goal camera.
+        """Compute s (k,) and L (k, 6) from the pose of the goal camera.
 
         Args:
-            c_T_g: pose of the goal camera in the current camera frame.
+            c_T_g: (4, 4) pose of the goal camera in the current camera frame.
             origin: (3,) centroid of the points in the goal camera frame, m.
         """
         raise NotImplementedError
@@ -55,8 +57,8 @@ class RelativePose(NumberedPoints):
         places = self._backproject_goal(goal)
         if len(places) < 4 or are_collinear(places):
             raise ConfigurationError(
-                f"{goal.name}: a pose needs four points that are not on one line: it has "
-                f"{len(places)}"
+                f"{goal.name}: a pose needs four points that are not on one line; the goal has "
+                f"{len(places)} points"
             )
 
     def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
@@ -70,7 +72,8 @@ class RelativePose(NumberedPoints):
         return FeatureMeasurement(s, desired, s - desired, L, ambiguity=ambiguity)
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
-        """Return the accuracy of s, propagated from that of the points by least squares."""
+        """Return the accuracy of s, which is propagated from that of the points by least squares.
+        """
         points = super().accuracy(observation, goal)
         if points is None:
             return None
@@ -98,7 +101,10 @@ ROTATION_COMPONENTS = tuple((name, 0.003, "rad") for name in ("ux", "uy", "uz"))
 
 @FEATURES.register("theta_u")
 class ThetaU(RelativePose):
-    """s = theta u of g_R_c, rad; L = (0, J), with J the inverse right Jacobian of the rotation."""
+    """s = theta u of g_R_c, rad.
+
+    L = (0, J), where J is the inverse right Jacobian of the rotation.
+    """
 
     components = ROTATION_COMPONENTS
     directions = (False, False, False, True, True, True)
@@ -112,7 +118,10 @@ class ThetaU(RelativePose):
 
 @FEATURES.register("translation")
 class Translation(RelativePose):
-    """s = g_t_c in the goal frame, m; the camera moves on a straight line. L = (g_R_c, 0)."""
+    """s = g_t_c, the camera's position in the goal frame, m; L = (g_R_c, 0).
+
+    The camera moves on a straight line.
+    """
 
     components = TRANSLATION_COMPONENTS
     directions = (True, True, True, False, False, False)
@@ -126,9 +135,9 @@ class Translation(RelativePose):
 
 @FEATURES.register("translation_camera")
 class TranslationCamera(RelativePose):
-    """s = c_t_o in the camera frame, m; the target's centroid moves straight in the image.
+    """s = c_t_o, the position of the points' centroid in the camera frame, m.
 
-    L = (-1, [c_t_o]x).
+    The centroid moves on a straight line in the image. L = (-1, [c_t_o]x).
     """
 
     components = TRANSLATION_COMPONENTS
@@ -143,7 +152,7 @@ class TranslationCamera(RelativePose):
 
 @FEATURES.register("pose")
 class PoseInGoalFrame(RelativePose):
-    """Position-based servoing: s = (g_t_c, theta u), translation in the goal frame."""
+    """Position-based servoing: s = (g_t_c, theta u), with the translation in the goal frame."""
 
     components = TRANSLATION_COMPONENTS + ROTATION_COMPONENTS
 
@@ -156,13 +165,13 @@ class PoseInGoalFrame(RelativePose):
 
 @FEATURES.register("model")
 class ModelPose(PoseInGoalFrame):
-    """Position-based servoing on the pose of a known mesh, which the tracker 'model' measures."""
+    """Position-based servoing on the pose of a known mesh, which the tracker `model` measures."""
 
 
 
 @FEATURES.register("pose_camera")
 class PoseCamera(RelativePose):
-    """Position-based servoing: s = (c_t_o, theta u), translation in the camera frame."""
+    """Position-based servoing: s = (c_t_o, theta u), with the translation in the camera frame."""
 
     components = TRANSLATION_COMPONENTS + ROTATION_COMPONENTS
 
@@ -176,7 +185,7 @@ class PoseCamera(RelativePose):
 
 @FEATURES.register("two_and_half_d")
 class TwoAndHalfD(RelativePose):
-    """2 1/2 D servoing: s = (x, y, log Z, theta u), with (x, y, Z) of the points' centroid."""
+    """2 1/2 D servoing: s = (x, y, log Z, theta u), with x, y and Z of the points' centroid."""
 
     components = (("x", 0.001, ""), ("y", 0.001, ""), ("log_Z", 0.005, ""), *ROTATION_COMPONENTS)
 
@@ -193,7 +202,11 @@ class TwoAndHalfD(RelativePose):
 
 
 def estimate_planar_pose(object_points: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Compute c_T_g (4, 4) from points (n, 2), normalised, of coplanar points (n, 3) in g, m.
+    """Compute the pose c_T_g (4, 4) of coplanar points.
+
+    Args:
+        object_points: (n, 3) points in frame g, m.
+        points: (n, 2) their normalised image points.
 
     Raises:
         MeasurementError: the points do not determine a pose.
@@ -212,12 +225,15 @@ def estimate_planar_pose(object_points: np.ndarray, points: np.ndarray) -> np.nd
     normal = np.cross(basis[0], basis[1])
     frame = np.column_stack([basis[0], basis[1], normal])
     U, _, Vt = np.linalg.svd(np.column_stack([H[:, 0], H[:, 1], np.cross(H[:, 0], H[:, 1])]))
-    R = U @ Vt @ frame.T  # a rotation: the determinant of such columns is positive
+    R = U @ Vt @ frame.T  # a rotation, because the determinant of these columns is positive
     return refine_pose(R, H[:, 2] - R @ middle, object_points, points)
 
 
 def _estimate_homography(plane_points: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Estimate H (3, 3) with points ~ H (plane_points, 1) by the direct linear transform."""
+    """Estimate H (3, 3) by the direct linear transform.
+
+    H maps (plane_points, 1) to points, up to scale.
+    """
     p = np.column_stack([plane_points, np.ones(len(plane_points))])
     A = np.zeros((2 * len(p), 9))
     A[0::2, 0:3] = A[1::2, 3:6] = p
@@ -248,28 +264,28 @@ def refine_pose(
 
 
 def are_collinear(points: np.ndarray) -> bool:
-    """Return whether points (n, 2) or (n, 3) lie on one line, or all coincide."""
+    """Return whether points (n, 2) or (n, 3) are on one line, or all coincide."""
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     return not spread[1] > PLANARITY_TOLERANCE * spread[0]
 
 
 def compute_goal_frame_feature(c_T_g: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Compute s = (g_t_c, theta u of g_R_c) (6,), m and rad, and its L (6, 6)."""
+    """Compute s (6,) and L (6, 6) of the feature s = (g_t_c, theta u of g_R_c), m and rad."""
     return _stack(_compute_translation(c_T_g), _compute_rotation(c_T_g))
 
 
 def _compute_translation(c_T_g: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Compute g_t_c (3,), m, and its L (3, 6)."""
+    """Compute s = g_t_c (3,), m, and its L (3, 6)."""
     g_R_c = c_T_g[:3, :3].T
     return -g_R_c @ c_T_g[:3, 3], np.hstack([g_R_c, np.zeros((3, 3))])
 
 
 def _compute_rotation(c_T_g: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Compute theta u of g_R_c (3,), rad, and its L (3, 6)."""
+    """Compute s = theta u of g_R_c (3,), rad, and its L (3, 6)."""
     turn = rotation_vector(c_T_g[:3, :3].T)
     return turn, np.hstack([np.zeros((3, 3)), rotation_vector_rate(turn)])
 
 
 def _stack(*parts: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Concatenate values and stack the rows of L."""
+    """Concatenate the values s of several features, and stack the rows of their L."""
     return np.concatenate([s for s, _ in parts]), np.vstack([L for _, L in parts])

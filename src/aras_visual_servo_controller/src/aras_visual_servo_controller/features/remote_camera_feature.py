@@ -1,4 +1,4 @@
-"""A feature that another camera than the control camera measures, such as `points@right`."""
+"""A feature that is measured by another camera than the control camera, such as `points@right`."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from ..goals.goal import Goal
 from ..observation.observation import Need, Observation
 from .base import Feature, FeatureMeasurement, scale_tolerances
 
-ROUNDING = 1e-6  # element of an adjoint matrix below which it counts as 0
+ROUNDING = 1e-6  # element of an adjoint matrix below which it is treated as 0
 
 
 class RemoteCameraFeature(Feature):
     """A feature measured by another camera than the control camera.
 
     Its L is transformed to the twist of the control camera. If the other camera exposed earlier, s
-    is extrapolated to the control camera's exposure. The feature controls those directions of the
-    control camera that move the other camera in the directions that the inner feature controls.
+    is extrapolated to the control camera's exposure. The feature controls the directions of the
+    control camera that move the other camera in a direction controlled by the wrapped feature.
     """
 
     def __init__(self, feature: Feature, camera: str) -> None:
@@ -37,10 +37,11 @@ class RemoteCameraFeature(Feature):
         self._describe(None)
 
     def _describe(self, control_T_camera: np.ndarray | None) -> None:
-        """Copy the description of the inner feature, which can depend on the goal.
+        """Copy the attributes of the wrapped feature, which can depend on the goal.
 
         Args:
-            control_T_camera: (4, 4) at the goal; None if the camera is the control camera.
+            control_T_camera: (4, 4) pose of the camera at the goal; None if it is the control
+                camera.
         """
         feature = self.feature
         self.names = tuple(f"{self.camera}.{name}" for name in feature.names)
@@ -76,7 +77,7 @@ class RemoteCameraFeature(Feature):
         return L @ adjoint(_compute_control_pose(goal, self.camera))
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
-        """Return the accuracy of s in the image measured last."""
+        """Return the accuracy of s in the latest image."""
         return self.feature.accuracy(observation.cameras[self.camera], self._make_camera_goal(goal))
 
     def check(self, goal: Goal) -> None:
@@ -101,11 +102,11 @@ class RemoteCameraFeature(Feature):
         self.feature.reset()
 
     def get_needs(self, *cameras: str) -> frozenset[Need]:
-        """Return what the feature needs of one camera's image."""
+        """Return the measurements that the feature needs from one camera's image."""
         return self.feature.get_needs(*cameras)
 
     def _make_camera_goal(self, goal: Goal) -> Goal:
-        """Return the goal for this camera and this feature."""
+        """Return the goal of this camera for the wrapped feature."""
         if self._cached_goals is None or self._cached_goals[0] is not goal:
             taught = goal.features.get(self.name)
             own = goal.cameras[self.camera]
@@ -117,21 +118,21 @@ class RemoteCameraFeature(Feature):
 
 
 def check_controllability(features: Iterable[Feature], fixed_cameras: str) -> None:
-    """Refuse a feature of a fixed camera whose target the arm does not move either.
+    """Raise an error for a feature of a fixed camera if the arm does not move its target either.
 
     Args:
         features: features of the scheme.
         fixed_cameras: name of the fixed camera.
 
     Raises:
-        ConfigurationError: a feature is measured by that camera.
+        ConfigurationError: a feature is measured by the fixed camera.
     """
     for feature in features:
         if isinstance(feature, RemoteCameraFeature) and feature.camera == fixed_cameras:
             raise ConfigurationError(
-                f"{feature.name}: camera '{fixed_cameras}' is fixed, and the arm does not move its "
-                "target: its image does not depend on the arm; do not name a camera that only "
-                "observes in a scheme"
+                f"{feature.name}: the image of camera '{fixed_cameras}' does not depend on the "
+                "arm: the camera is fixed, and the arm does not move its target; use features of "
+                "another camera"
             )
 
 

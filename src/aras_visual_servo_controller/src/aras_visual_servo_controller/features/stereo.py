@@ -1,4 +1,4 @@
-"""Features of two cameras: points in space by triangulation, and the pose computed from them.
+"""Features of two cameras: triangulated points, and the pose that is computed from them.
 
 The depth follows from the poses of the two cameras alone, without a plane or a model of the target.
 Reference: F. Chaumette, S. Hutchinson and P. Corke, Visual servoing, Springer Handbook of Robotics,
@@ -23,13 +23,13 @@ from .corners import POINT_TOLERANCES, NumberedPoints
 from .points import estimate_corner_accuracy
 from .pose import PLANARITY_TOLERANCE, PoseInGoalFrame, compute_goal_frame_feature
 
-MIN_DISPARITY = 2e-3  # distance of the cameras, in depths, below which depth is not measurable
-STEP = 1e-6  # normalised length, for finite differences
+MIN_DISPARITY = 2e-3  # smallest distance of the cameras, in depths, for a measurable depth
+STEP = 1e-6  # step of finite differences, in normalised coordinates
 
 
 @FEATURES.register("stereo_points")
 class StereoPoints(Feature):
-    """s = (X, Y, Z) of each corner in the frame of the first of two cameras, m: L = [-1  [X]x]."""
+    """s = (X, Y, Z) of each corner in the frame of the first of two cameras, m; L = [-1  [X]x]."""
 
     needs = frozenset((Need.CORNERS,))
     camera_count: ClassVar[int] = 2
@@ -53,12 +53,18 @@ class StereoPoints(Feature):
     def compute_from_points(
         self, points: np.ndarray, desired_points: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Compute s (k,), L (k, 6) and s* (k,) from points (n, 3) and desired points (n, 3), m."""
+        """Compute s (k,), L (k, 6) and s* (k,).
+
+        Args:
+            points: (n, 3) points in the frame of the first camera, m.
+            desired_points: (n, 3) these points at the goal, m.
+        """
         L = np.vstack([np.hstack([-np.eye(3), skew(place)]) for place in points])
         return points.ravel(), L, desired_points.ravel()
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
-        """Return the accuracy of s, propagated from that of the points by finite differences."""
+        """Return the accuracy of s, propagated from that of the image points by finite differences.
+        """
         views = [observation.cameras[name] for name in self.cameras]
         if not any(view.corner_accuracy for view in views):
             return None
@@ -97,7 +103,7 @@ class StereoPoints(Feature):
         """Return the data of the view at the goal that the goal file stores."""
         views = [observation.cameras[name] for name in self.cameras]
         found = [n.points(v) for n, v in zip(self._point_features, views, strict=True)]
-        if len(found[0]) == len(found[1]):  # use the order of the first camera
+        if len(found[0]) == len(found[1]):  # both cameras use the order of the first one
             found[1] = self._point_features[1]._match_to_goal(views[1], found[0])[0]
         return {"points": [np.asarray(points, float).tolist() for points in found]}
 
@@ -113,12 +119,15 @@ class StereoPoints(Feature):
     def _compute_relative_pose(
         self, views: Mapping[str, Observation] | Mapping[str, Goal]
     ) -> np.ndarray:
-        """Compute second_T_first (4, 4) of two views or goals, each at its own exposure."""
+        """Compute second_T_first (4, 4) of two views or goals.
+
+        The pose of each camera is that at its own exposure.
+        """
         first, second = (views[name].world_T_camera for name in self.cameras)
         return relative_pose(second, first)
 
     def _read_goal_points(self, goal: Goal) -> list[np.ndarray]:
-        """Return the goal's points, (n, 2) of each camera."""
+        """Return the goal's points (n, 2) of each camera."""
         taught = goal.features.get(self.name, {}).get("points", ())
         shapes = {np.shape(points) for points in taught}
         if len(taught) != self.camera_count or len(shapes) != 1 or len(min(shapes)) != 2:
@@ -128,7 +137,7 @@ class StereoPoints(Feature):
         return [np.array(points, float) for points in taught]
 
     def _triangulate_goal(self, goal: Goal) -> np.ndarray:
-        """Triangulate the goal's points (n, 3) in the first camera's frame, m."""
+        """Triangulate the goal's points; return them (n, 3) in the first camera's frame, m."""
         try:
             return triangulate(
                 *self._read_goal_points(goal), self._compute_relative_pose(goal.cameras)
@@ -137,7 +146,7 @@ class StereoPoints(Feature):
             raise ConfigurationError(f"{goal.name}: {error}") from error
 
     def _match_points(self, observation: Observation, goal: Goal) -> tuple[np.ndarray, str]:
-        """Return points (2, n, 2) of both cameras in the goal's order, and the ambiguity."""
+        """Return the points (2, n, 2) of both cameras in the goal's order, and the ambiguity."""
         found, ambiguities = [], []
         views = (observation.cameras[name] for name in self.cameras)
         for numbering, view, goal_points in zip(
@@ -151,13 +160,16 @@ class StereoPoints(Feature):
 
 @FEATURES.register("stereo_pose")
 class StereoPose(StereoPoints):
-    """Position-based servoing: s = (g_t_c, theta u) of the motion between goal and image points."""
+    """Position-based servoing on two cameras: s = (g_t_c, theta u).
+
+    The pose is the rigid motion between the triangulated points of the goal and of the image.
+    """
 
 
     def compute_from_points(
         self, points: np.ndarray, desired_points: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Compute s (k,), L (k, 6) and s* (k,) from points (n, 3) in space."""
+        """Compute s (k,), L (k, 6) and s* (k,) from points (n, 3) and desired points (n, 3), m."""
         s, L = compute_goal_frame_feature(estimate_rigid_motion(desired_points, points))
         return s, L, np.zeros(6)
 
@@ -166,9 +178,13 @@ class StereoPose(StereoPoints):
 
 
 def triangulate(first: np.ndarray, second: np.ndarray, second_T_first: np.ndarray) -> np.ndarray:
-    """Triangulate points (n, 3), m, in the first camera's frame from points (n, 2) in two cameras.
+    """Triangulate points; return them (n, 3) in the first camera's frame, m.
 
-    It is the least-squares solution of x Z = X and y Z = Y in both cameras.
+    Each point is the least-squares solution of x Z = X and y Z = Y in both cameras.
+
+    Args:
+        first, second: (n, 2) normalised image points of the two cameras.
+        second_T_first: (4, 4) pose of the first camera in the second camera's frame.
 
     Raises:
         MeasurementError: a point is behind a camera, for example after a wrong match.
@@ -180,12 +196,15 @@ def triangulate(first: np.ndarray, second: np.ndarray, second_T_first: np.ndarra
         right = np.array([0.0, 0.0, u * t[2] - t[0], v * t[2] - t[1]])
         places[i] = np.linalg.lstsq(rows, right, rcond=None)[0]
     if not (places[:, 2] > 0.0).all() or not (places @ R[2] + t[2] > 0.0).all():
-        raise MeasurementError("a point that two cameras see lies behind one: is it the same?")
+        raise MeasurementError(
+            "a point that is visible in two cameras lies behind one of them: the points of the two "
+            "images may have been matched incorrectly"
+        )
     return places
 
 
 def estimate_rigid_motion(before: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """Compute a_T_b (4, 4) that maps `before` (n, 3) to `after` by least squares (Kabsch).
+    """Compute a_T_b (4, 4), which maps `before` (n, 3) to `after` (n, 3) by least squares (Kabsch).
 
     Raises:
         MeasurementError: the points are collinear, or all coincide.

@@ -2,16 +2,16 @@
 
     joints: {J1: 0.0, J2: 0.0}                   # by name, rad or m
     camera_pose: {xyz: [...], rpy: [...]}        # base_T_camera, the optical frame
-    depth: 0.1917                                # of the target along the optical axis, m
+    depth: 0.1917                                # depth of the target's plane, m
     plane: [0.0, 0.0, 5.2]                       # 1/Z = A x + B y + C, 1/m; default: horizontal
     moments: {order: 6, m: [...], mu: [...]}     # normalised coordinates, as in ImageMoments
     kernel: {width: 320, height: 240, K: [9 numbers], features: [4 numbers]}
     camera: {width: 320, height: 240, K: [9 numbers], D: [], model: plumb_bob}
-    features: {points: {...}}                    # data taught by the features, by their names
+    features: {points: {...}}                    # taught data of each feature, by name
     target: {surface: 0.5905, ground: 0.59, boxes: [[low, high], ...]}   # if it is known
-    mounting: {xyz: [...], rpy: [...]}           # of the camera on its link, for the record
+    mounting: {xyz: [...], rpy: [...]}           # pose of the camera on its link
     marker: DICT_APRILTAG_36h11:0                # marker that is the target
-    camera_name: left                            # control camera, if there are several
+    camera_name: left                            # name of the control camera
     cameras: {right: {camera_pose: ..., plane: ..., moments: ..., camera: ...}}   # other cameras
 
 Moments do not depend on the intrinsic parameters; kernel features are valid for one camera only.
@@ -55,16 +55,17 @@ from .goal_file import (
 if TYPE_CHECKING:
     from ..kinematics import Arm
 
-DEFAULT_DEPTH = 0.2  # depth of the target if the goal does not contain it, m; the laboratory's
-# Position error, m, and orientation error, 0.1 m x rad, above which a pose is out of the arm's
-# reach.
+# Depth of the target if the goal does not contain it, m; that of the laboratory.
+DEFAULT_DEPTH = 0.2
+# A pose is out of the arm's reach if its error exceeds this: position in m, orientation in 0.1 m x
+# rad.
 REACH_TOLERANCE = 2e-3
-# Pose differences, m and rad, above which the camera's mounting has changed since teaching.
+# The camera's mounting has changed since teaching if the pose differs by more than this, m and rad.
 SAME_PLACE, SAME_ANGLE = 1e-4, 1e-3
 
 
 class GoalTeacher(Protocol):
-    """Interface of schemes and controllers that store data of an observation in the goal."""
+    """Interface of schemes and controllers whose features store data in the goal."""
 
     def teach(self, observation: Observation) -> Mapping[str, Mapping[str, Any]]:
         """Return the data that each feature stores in the goal, by feature name."""
@@ -79,18 +80,18 @@ class Goal:
     has z forward, x right, y down.
 
     Attributes:
-        name: of the file, for messages.
+        name: name of the goal file, for messages.
         joints: posture that brings the camera to the goal pose, by joint name, rad or m.
         world_T_camera: (4, 4) pose of the optical frame in the arm's base.
         depth: Z* of the target's plane along the optical axis, m.
-        plane: of the target in the optical frame.
-        moments: of the target in the goal's view.
-        kernel: kernel features of the original package.
-        camera: intrinsics of the camera that taught the goal.
-        features: data taught by the features, by their names.
+        plane: plane of the target in the optical frame.
+        moments: moments of the target in the goal's view.
+        kernel: kernel features of the original package, with the camera that measured them.
+        camera: intrinsics of the camera with which the goal was taught.
+        features: taught data of each feature, by feature name.
         target: geometry of the target in the arm's base.
-        mounting: (4, 4) pose of the camera on its link at teaching.
-        camera_name: name of the camera, for a scheme of several.
+        mounting: (4, 4) pose of the camera on its link when the goal was taught.
+        camera_name: name of the control camera, for a scheme with several cameras.
         other_cameras: goals of the other cameras, by name.
         marker: `DICTIONARY:number` of the marker that is the target.
     """
@@ -112,19 +113,22 @@ class Goal:
 
     @cached_property
     def distance(self) -> float:
-        """Depth of the target's plane on the optical axis, m; the scene's unit of length."""
+        """Depth of the target's plane on the optical axis, m, used as the scene's unit of length.
+        """
         if self.plane is not None and self.plane.C > 0.0:
             return 1.0 / self.plane.C
         return self.depth or DEFAULT_DEPTH
 
     @property
     def scale(self) -> float:
-        """Ratio of the target's depth to DEFAULT_DEPTH, by which lengths in settings are scaled."""
+        """Ratio of the target's depth to DEFAULT_DEPTH; lengths in settings are multiplied by it.
+        """
         return self.distance / DEFAULT_DEPTH
 
     @cached_property
     def cameras(self) -> dict[str, Goal]:
-        """Return the goal of each camera by name; this goal, the control camera's, is the first."""
+        """Return the goal of each camera by name, first this goal, which is the control camera's.
+        """
         return {self.camera_name: self, **self.other_cameras}
 
     @classmethod
@@ -139,12 +143,12 @@ class Goal:
         """Create a goal from an observation.
 
         Args:
-            scheme: whose features store their data in the goal; None: store moments, kernel and
-                pose only.
-            observation: made at the goal, from images, exact contours or points.
-            name: for messages.
-            depth: of the target, m; default: from the observation's plane.
-            target: geometry of the target, if it is known.
+            scheme: scheme whose features store their data in the goal; None to store only moments,
+                kernel features and pose.
+            observation: observation at the goal, from images, exact contours or points.
+            name: name of the goal, for messages.
+            depth: depth of the target, m; None to take it from the observation's plane.
+            target: geometry of the target; None if it is unknown.
 
         Raises:
             ConfigurationError: the target is not visible, or neither depth nor plane is known.
@@ -164,7 +168,7 @@ class Goal:
         if plane is None and depth is None and target is not None and pose is not None:
             plane = target.compute_plane(pose)
         if plane is None and depth is None:
-            raise ConfigurationError(f"{name}: give the depth of the target, m")
+            raise ConfigurationError(f"{name}: the target's depth is unknown; give the depth in m")
         depth = 1.0 / plane.C if depth is None else float(depth)
         joints = observation.joints
         values = {} if joints is None else {
@@ -183,7 +187,8 @@ class Goal:
     def _add_other_cameras(self, observation: Observation) -> Goal:
         """Return this goal with the goals of the other cameras of the observation.
 
-        If their views do not determine the target's plane, it is computed from this goal.
+        If the view of another camera does not determine the target's plane, the plane is computed
+        from this goal.
         """
         goal = self if self.plane is not None else replace(self, plane=self.make_level_plane())
         others = {}
@@ -200,7 +205,10 @@ class Goal:
         return replace(self, other_cameras=others)
 
     def for_arm(self, arm: Arm) -> Goal:
-        """Return the goal for this arm: pose from the joints, horizontal plane if none is given.
+        """Return the goal for this arm.
+
+        The pose is computed from the joints. If the goal has no plane, the target's plane is
+        assumed to be horizontal.
 
         Raises:
             ConfigurationError: the arm does not have one of the joints, a joint is missing or
@@ -216,10 +224,11 @@ class Goal:
     def for_cameras(self, arms: Mapping[str, CameraKinematics]) -> Goal:
         """Return the goal for several cameras, the control camera first.
 
-        A camera without a view in this goal gets one from the target's geometry, if it is known.
+        If the goal contains no view of a camera, the view is computed from the target's geometry,
+        if that is known.
 
         Args:
-            arms: kinematics of the cameras, by name.
+            arms: kinematics of each camera, by name.
 
         Raises:
             ConfigurationError: see `for_arm`.
@@ -245,7 +254,10 @@ class Goal:
         return replace(goal, other_cameras=others) if others else goal
 
     def find_posture(self, arm: Arm) -> np.ndarray | None:
-        """Return joints (n,) at the goal: stored ones, or a solution for its pose, or None."""
+        """Return joints (n,) at the goal: the stored ones, or a solution for the goal's pose.
+
+        Return None if there are neither joints nor a solution.
+        """
         if self.joints or self.world_T_camera is None:
             return self.get_joints(arm.names)
         try:
@@ -258,8 +270,8 @@ class Goal:
     def find_unreachable_reason(self, arm: Arm) -> str:
         """Describe why the arm cannot reach the goal's pose.
 
-        The text is empty if the arm can reach it to within REACH_TOLERANCE (an arm of few joints
-        rarely reaches a pose exactly), or if the goal contains joints.
+        Return an empty text if the arm can reach the pose to within REACH_TOLERANCE (an arm of few
+        joints rarely reaches a pose exactly), or if the goal contains joints.
         """
         if self.joints or self.world_T_camera is None:
             return ""
@@ -284,13 +296,13 @@ class Goal:
         return Plane(*(up / (self.depth * up[2])).tolist())
 
     def compute_plane(self, world_T_camera: np.ndarray) -> Plane | None:
-        """Return the plane of a target at rest in the frame of a camera pose (4, 4).
+        """Return the plane of a target at rest, in the camera frame at the pose `world_T_camera`.
 
-        The plane is None if the goal does not contain it, or if the camera lies in it.
+        Return None if the goal does not contain the plane, or if the camera is in the plane.
         """
         if self.plane is None or self.world_T_camera is None:
             return None
-        # The plane's points X, in the goal's camera frame, have (A, B, C) . X = 1.
+        # A point X of the plane, in the goal's camera frame, fulfils (A, B, C) . X = 1.
         normal, offset = self._plane_in_world
         height = offset - float(normal @ world_T_camera[:3, 3])
         if height == 0.0:
@@ -299,12 +311,12 @@ class Goal:
 
     @cached_property
     def _plane_in_world(self) -> tuple[np.ndarray, float]:
-        """Normal (3,) and offset of the plane in the arm's base: normal . X = offset."""
+        """Normal n (3,) and offset d of the plane in the arm's base: n . X = d."""
         normal = self.world_T_camera[:3, :3] @ np.array(self.plane)
         return normal, 1.0 + float(normal @ self.world_T_camera[:3, 3])
 
     def predict_from_pose(self, world_T_camera: np.ndarray) -> Goal:
-        """Compute the goal's view of the same target from another pose, by the target's geometry.
+        """Compute the goal for another camera pose and the same target, from the target's geometry.
 
         Raises:
             ConfigurationError: the geometry is unknown, or the target is not visible from that
@@ -339,7 +351,8 @@ class Goal:
     def compute_outline(self) -> np.ndarray:
         """Return the target's outline (n, 2) at the goal, normalised; (0, 2) if it is unknown.
 
-        It is computed from the geometry, else it is the ellipse with the target's moments.
+        The outline is computed from the target's geometry. If that is unknown, the outline is the
+        ellipse with the target's moments.
         """
         if self.target is not None and self.world_T_camera is not None:
             with contextlib.suppress(ServoError):
@@ -349,7 +362,7 @@ class Goal:
         return ellipse_of(self.moments)
 
     def get_joints(self, names: Sequence[str]) -> np.ndarray | None:
-        """Return the joints (n,) in the order of `names`; None if the goal has none.
+        """Return the joints (n,) in the order of `names`; None if the goal contains no joints.
 
         Raises:
             ConfigurationError: a joint is missing.
@@ -388,17 +401,18 @@ class Goal:
         """Read a goal file.
 
         Raises:
-            ConfigurationError: the file cannot be read, is too large or not YAML, or a key is
+            ConfigurationError: the file cannot be read, is too large or is not YAML, or a key is
                 wrong.
         """
         return cls.from_mapping(read_yaml(path, ConfigurationError, "the goal"), Path(path).name)
 
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any], name: str = "goal") -> Goal:
-        """Create a goal from a mapping as read from YAML, and check it.
+        """Create a goal from a mapping that was read from YAML, and check it.
 
         Raises:
-            ConfigurationError: naming the key, the error and the expected value.
+            ConfigurationError: an entry is wrong; the message names the key, the error and the
+                expected value.
         """
         fields = read_goal_fields(data, name)
         others = data.get("cameras") or {}
@@ -409,7 +423,7 @@ class Goal:
         })  # fmt: skip
 
     def to_yaml(self, heading: str = "") -> str:
-        """Return the text of the goal file; `heading` becomes a comment at its top."""
+        """Return the text of the goal file, with `heading` as a comment at its top."""
         moments, camera = self.moments, self.camera
         return write_goal_text({
             "joints": self.joints,

@@ -1,4 +1,7 @@
-"""Reading and writing of goal files; every key is checked, with a one-line message for an error."""
+"""Reading and writing of goal files.
+
+Every key is checked; an error is reported by a message of one line.
+"""
 
 from __future__ import annotations
 
@@ -23,8 +26,8 @@ from ..observation.observation import CAMERA
 from ..observation.target_geometry import TargetGeometry
 from .starts import PoseEntry, ThreeNumbers
 
-# Sine of the angle between the line of sight and the target's plane below which the target is not
-# visible.
+# The target is not visible if the sine of the angle between the line of sight and the target's
+# plane is below this.
 EDGE_ON_COSINE = 0.05
 MIN_DEPTH, MAX_DEPTH = 1e-3, 100.0  # allowed distance between target and camera, m
 Matrix = tuple[float, float, float, float, float, float, float, float, float]
@@ -51,7 +54,7 @@ class MomentsEntry:
 
 @dataclass(frozen=True)
 class KernelEntry:
-    """Kernel features in a goal file; K is the intrinsic matrix by rows, px."""
+    """Kernel features in a goal file; K is the intrinsic matrix, row by row, px."""
 
     width: int
     height: int
@@ -61,7 +64,7 @@ class KernelEntry:
 
 @dataclass(frozen=True)
 class GoalEntries:
-    """Entries of a goal file; see goal.py."""
+    """Entries of a goal file; goal.py describes them."""
 
     renamed_keys = {"seen_by": "camera_name"}
 
@@ -81,10 +84,10 @@ class GoalEntries:
 
 
 def read_goal_fields(data: Any, name: str) -> dict[str, Any]:
-    """Read the fields of a Goal, except its name, from a mapping as read from YAML."""
+    """Read the fields of a Goal, except its name, from a mapping that was read from YAML."""
     try:
         entries = build(GoalEntries, data, f"{name}: ", ConfigurationError)
-    except VisionError as error:  # raised by the camera model
+    except VisionError as error:  # the camera model raises this error
         raise ConfigurationError(f"{name}: {error}") from error
     target = entries.target
     return {
@@ -163,7 +166,7 @@ def _read_kernel(entry: KernelEntry | None) -> GoalKernel | None:
 
 
 def write_goal_text(entries: Mapping[str, Any], heading: str) -> str:
-    """Return the text of a goal file; empty entries are left out, `heading` becomes a comment."""
+    """Return the text of a goal file, with `heading` as a comment; empty entries are omitted."""
     data = {
         name: value for name, value in _to_plain_values(entries).items() if value not in (None, {})
     }

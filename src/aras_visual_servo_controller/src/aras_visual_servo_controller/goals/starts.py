@@ -32,20 +32,23 @@ class PoseEntry:
 def find_start_joints(
     start: Any, arm: Arm, package: Path, near: np.ndarray | None = None
 ) -> np.ndarray | None:
-    """Return the joints (n,) of a start, or None for 'none': servo from the present joints.
+    """Return the joints (n,) of a start pose.
+
+    Return None for the start 'none': the run starts from the present joints.
 
     Args:
-        start: 'none', a name of config/starts.yaml, n numbers (a list or a string), numbers by
+        start: 'none', a name of config/starts.yaml, n numbers (as a list or a string), numbers by
             joint name, or {xyz, rpy} of the camera in the arm's base.
-        arm: whose joints are returned.
+        arm: arm whose joints are returned.
         package: directory of this package.
-        near: joints (n,) from which the solution for a pose is searched. With the goal's posture
-            the arm reaches the goal without changing its configuration, for which an experiment has
-            checked collisions and occlusion. None: zero, or the nearest joints within the limits.
+        near: joints (n,) from which the search for a solution of a pose starts. If they are the
+            goal's joints, the arm reaches the goal without changing its configuration; for that, an
+            experiment has checked collisions and occlusion. None to start from zero, or from the
+            nearest joints within the limits.
 
     Raises:
-        ConfigurationError: an unknown name, a wrong count, a joint that the arm does not have, or a
-            pose out of its reach.
+        ConfigurationError: the name is unknown, the number of values is wrong, the arm does not
+            have a joint, or the pose is out of its reach.
     """
     if isinstance(start, str):
         text = start.replace(",", " ").strip("[] ")
@@ -85,7 +88,7 @@ def _read_joints(values: Mapping[str, Any], arm: Arm, name: str) -> np.ndarray:
         if joint not in arm.names:
             raise ConfigurationError(
                 f"parameter ~start is '{name}', which has a value for {joint}: the joints of this "
-                f"arm are {', '.join(arm.names)}; give values for these, or none"
+                f"arm are {', '.join(arm.names)}; give values for these, or set ~start to none"
             )
     missing = [joint for joint in arm.names if joint not in values]
     if missing:

@@ -4,11 +4,11 @@ import numpy as np
 
 from aras_visual_servo_base.compiled import jit
 
-# Part of the largest singular value below which one counts as 0; float64 rounding leaves 1e-15.
+# A singular value is treated as 0 if it is below this fraction of the largest one. The rounding of
+# float64 leaves 1e-15.
 ROUNDING_TOLERANCE = 1e-12
-# Largest cosine between rows that count as orthogonal, and maximum number of Jacobi sweeps (six are
-# usual).
-RIGHT_ANGLE, SWEEPS = 2e-15, 40
+RIGHT_ANGLE = 2e-15  # rows with a smaller cosine between them are treated as orthogonal
+SWEEPS = 40  # maximum number of Jacobi sweeps; six are usual
 
 
 @jit("f8[:,:]")
@@ -16,8 +16,8 @@ def svd(a):
     """Compute the singular value decomposition U (m, r), s (r,), V^T (r, n) of a (m, n).
 
     r = min(m, n), which may be 0; the singular values are in descending order. The algorithm is
-    one-sided Jacobi rotation (M. Hestenes, Inversion of matrices by biorthogonalization, 1958). The
-    vector of a zero singular value is 0 on the longer side.
+    one-sided Jacobi rotation (M. Hestenes, Inversion of matrices by biorthogonalization, 1958). If
+    a singular value is 0, its vector of length max(m, n) is 0.
 
     Raises:
         numpy.linalg.LinAlgError: an element is not finite.
@@ -28,7 +28,7 @@ def svd(a):
     for i in range(m):
         for j in range(n):
             if not abs(a[i, j]) < np.inf:
-                raise np.linalg.LinAlgError("singular values of a matrix that is not finite")
+                raise np.linalg.LinAlgError("a matrix that is not finite has no singular values")
             largest = max(largest, abs(a[i, j]))
     rows, turn = np.zeros((r, length)), np.eye(r)  # invariant: turn @ (shorter side of a) = rows
     if largest > 0.0:  # scaling prevents overflow and underflow of the squares
@@ -114,9 +114,9 @@ def multiply_vector(a, x):
 
 @jit("f8[:,:], f8[:], f8")
 def solve_least_squares(L, e, tolerance):
-    """Compute L^+ e (n,) of L (k, n).
+    """Compute the least-squares solution L^+ e (n,) for L (k, n) and e (k,).
 
-    Singular values up to `tolerance` times the largest count as 0.
+    Singular values up to `tolerance` times the largest one are treated as 0.
     """
     u, s, vt = svd(L)
     parts = multiply_vector(u.T, e)
@@ -127,9 +127,10 @@ def solve_least_squares(L, e, tolerance):
 
 @jit("f8[:,:], f8")
 def has_singular_values_above(a, bound):
-    """Return whether all singular values of a (m, n) are above `bound`.
+    """Return whether all singular values of a (m, n) are greater than `bound`.
 
-    This holds if the Cholesky decomposition of a a^T - bound^2 I (with the shorter side) exists.
+    They are if the Cholesky decomposition of a a^T - bound^2 I exists, where a^T a is used if a has
+    more rows than columns.
     """
     side = a if a.shape[0] <= a.shape[1] else a.T
     squares = multiply(side, side.T)
@@ -148,7 +149,10 @@ def has_singular_values_above(a, bound):
 
 @jit("f8[:], f8[:], f8[:]")
 def are_finite(a, b, c):
-    """Return whether three arrays (k,) are finite; 0 times a value that is not finite is NaN."""
+    """Return whether all elements of three arrays (k,) are finite.
+
+    The product of 0 and an element is NaN if the element is not finite.
+    """
     total = 0.0
     for array in (a, b, c):
         for value in array:

@@ -21,35 +21,39 @@ from ..errors import ConfigurationError, MeasurementError
 from .chain import Chain
 from .joint_sample import JointSample
 
-# A measured position is implausible if it is outside the limits by more than their span, a speed if
-# it exceeds the joint's maximum by this factor. Joints without limits have this span, rad or m.
-UNLIMITED_SPAN, IMPLAUSIBLE_SPEED = 1e4, 100.0
+# A measured position is implausible if it is outside the limits by more than the span between them.
+# A joint without limits has this span, rad or m.
+UNLIMITED_SPAN = 1e4
+# A measured speed is implausible if it exceeds the joint's maximum speed by this factor.
+IMPLAUSIBLE_SPEED = 100.0
 
 
 class Arm:
     """Pose and Jacobian of a camera as functions of the joints that move it.
 
     For joints q (n,), in rad or m, `pose(q)` is base_T_camera (4, 4) and `jacobian(q)` is J (6, n)
-    with v = J q_dot, the twist of the camera in its own optical frame, m/s and rad/s.
-    `from_urdf` constructs an arm from a robot description.
+    with v = J q_dot, the twist of the camera in its own optical frame, m/s and rad/s. `from_urdf`
+    constructs an arm from a robot description.
 
     The base is the root link of the robot, or a named link. The controller does not know the pose
     of the base in the world: `world_T_camera` in this package is `base_T_camera`.
 
     With a `target_frame` the camera need not be on the arm (eye-to-hand: the camera is fixed and
     the arm moves the target). Pose and Jacobian are then those of the camera's motion relative to
-    that link, and `world` is that link.
+    that link, and `world` in the names of poses denotes that link.
 
     Attributes:
-        names: (n,) of the joints, from the base to the camera, then those to the target.
-        lower, upper: (n,) limits of position, rad or m; infinite for continuous joints.
-        velocity, effort: (n,) maxima, rad/s or m/s and N m or N; infinite if not specified.
-        is_prismatic: (n,) bool.
-        camera_frame, base_frame, target_frame: links; target_frame '' means that no joint moves
-            the target.
+        names: (n,) names of the joints: first those from the base to the camera, then those from
+            the base to the target.
+        lower, upper: (n,) position limits, rad or m; infinite for continuous joints.
+        velocity: (n,) maximum speeds, rad/s or m/s; infinite if not specified.
+        effort: (n,) maximum efforts, N m or N; infinite if not specified.
+        is_prismatic: (n,) whether each joint is prismatic.
+        camera_frame, base_frame: links of the camera and the base.
+        target_frame: link that carries the target; '' if no joint moves the target.
         chain: the joints as arrays.
-        plausible_bounds: (3, n) lowest and highest positions and highest speeds that a measurement
-            can have.
+        plausible_bounds: (3, n) lowest positions, highest positions and highest speeds of a
+            plausible measurement.
     """
 
     def __init__(
@@ -75,7 +79,7 @@ class Arm:
             IMPLAUSIBLE_SPEED * np.clip(self.velocity, 1.0, UNLIMITED_SPAN),
         ])  # fmt: skip
         self._zero_velocities = _make_read_only(np.zeros(len(moving)))
-        # Joint names of the last message, and the rows of this arm's joints among them.
+        # Joint names of the latest joint state, and the indices of this arm's joints among them.
         self._row_cache: tuple[tuple[str, ...], list[int]] = ((), [])
         self.names = tuple(joint.name for joint in moving)
         self.is_prismatic = np.array([joint.kind == "prismatic" for joint in moving])
@@ -84,7 +88,7 @@ class Arm:
         self.target_frame = target_path[-1].child if target_path else ""
 
         self.chain = Chain.from_paths(camera_path, target_path, self.names, locked or {})
-        # The last joint positions of `pose_and_jacobian`, with their result.
+        # Latest joint positions that were passed to `pose_and_jacobian`, and its result for them.
         self._pose_cache: tuple[bytes, tuple[np.ndarray, np.ndarray]] | None = None
 
     @classmethod
@@ -104,14 +108,14 @@ class Arm:
             camera_frame: optical frame (z forward, x right, y down), or a link with a camera
                 sensor; see `find_camera_path`.
             base_frame: base link; '' for the root of the description.
-            joints: names of the joints to use, in this order; None: all that move the camera,
-                starting from the base. The other joints are at rest.
+            joints: names of the joints to use, in this order; None for all joints that move the
+                camera, starting from the base. The other joints are at rest.
             target_frame: link that carries the target, if the arm moves the target.
             locked: positions of the joints at rest, rad or m; 0 by default.
 
         Raises:
-            ConfigurationError: the description cannot be used; the message says what is missing
-                and suggests the nearest name.
+            ConfigurationError: the description cannot be used; the message says what is missing and
+                suggests the nearest name.
         """
         try:
             tree = parse_tree(urdf)
@@ -123,16 +127,18 @@ class Arm:
             raise ConfigurationError(f"robot description: {error}") from None
         if not path:
             raise ConfigurationError(
-                f"robot description: {camera_frame} is the base itself, no joint moves it"
+                f"robot description: {camera_frame} is the base itself, which no joint moves"
             )
         return cls(path, target_path, joints, locked)
 
     @staticmethod
     def find_fixed_pose(urdf: str, camera_frame: str, base_frame: str = "") -> np.ndarray | None:
-        """Return base_T_camera (4, 4) of a camera that no joint moves; None if a joint moves it.
+        """Return base_T_camera (4, 4) of a camera that no joint moves.
+
+        Return None if a joint moves the camera.
 
         Raises:
-            ConfigurationError: as in `from_urdf`.
+            ConfigurationError: see `from_urdf`.
         """
         try:
             path = find_camera_path(parse_tree(urdf), base_frame, camera_frame)
@@ -147,7 +153,7 @@ class Arm:
         return len(self.names)
 
     def pose(self, q: np.ndarray) -> np.ndarray:
-        """Compute `world_T_camera` (4, 4) for joints q (n,), read-only.
+        """Compute `world_T_camera` (4, 4) for joints q (n,); the array is read-only.
 
         The world is the frame in which the target is at rest: the base, or the target's own frame
         if the arm moves the target.
@@ -155,7 +161,7 @@ class Arm:
         return self.pose_and_jacobian(q)[0]
 
     def poses(self, positions: np.ndarray) -> np.ndarray:
-        """Compute `world_T_camera` (m, 4, 4) for m rows of joint positions (m, n)."""
+        """Compute `world_T_camera` for m joint positions (m, n); return an array (m, 4, 4)."""
         return self.chain.compute_poses(positions)
 
     def jacobian(self, q: np.ndarray) -> np.ndarray:
@@ -167,13 +173,17 @@ class Arm:
         return self.pose_and_jacobian(q)[1]
 
     def pose_and_jacobian(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Compute pose (4, 4) and Jacobian (6, n) for joints q (n,) together; both read-only."""
+        """Compute pose (4, 4) and Jacobian (6, n) for joints q (n,) together; the arrays are
+        read-only.
+        """
         q = np.asarray(q, float)
         if q.shape != self.lower.shape:
-            raise ValueError(f"an arm of {len(self.names)} joints was given joints {q.shape}")
+            raise ValueError(
+                f"joints have the shape {q.shape}, must have ({len(self.names)},) for this arm"
+            )
         key, cached = q.tobytes(), self._pose_cache
         if cached is not None and key == cached[0]:
-            return cached[1]  # for one image, several parts of the loop need the same result
+            return cached[1]  # several parts of the loop need the same result for one image
         pose, jacobian = self.chain.compute_pose_and_jacobian(q)
         result = _make_read_only(pose), _make_read_only(jacobian)
         self._pose_cache = key, result
@@ -185,10 +195,10 @@ class Arm:
         return frames[:, 9:12], frames[:, 12:]
 
     def joint_origins(self, positions: np.ndarray) -> np.ndarray:
-        """Compute the joint origins (m, n, 3) from base to camera in the base frame.
+        """Compute the joint origins from base to camera in the base frame, as an array (m, n, 3).
 
-        `positions` are joints (m, n). If the arm moves the target, not the camera, the result is
-        (m, 0, 3).
+        `positions` are joints (m, n). If the arm moves the target instead of the camera, the result
+        has the shape (m, 0, 3).
         """
         count = 0 if self.target_frame else len(self)
         found = np.zeros((len(positions), count, 3))
@@ -203,16 +213,22 @@ class Arm:
         velocities: Sequence[float] = (),
         stamp: float = 0.0,
     ) -> JointSample:
-        """Extract the arm's joints from a joint state, by name; missing velocities are 0.
+        """Extract the arm's joints from a joint state, by name.
+
+        If the joint state has no velocities, they are set to 0.
 
         Raises:
-            MeasurementError: a joint is missing, lengths differ, or a value is not plausible: not
+            MeasurementError: a joint is missing, the lengths differ, or a value is implausible: not
                 finite, or too far outside its limits.
         """
         if len(names) != len(positions):
-            raise MeasurementError(f"{len(names)} joint names but {len(positions)} positions")
+            raise MeasurementError(
+                f"a joint state has {len(names)} joint names but {len(positions)} positions"
+            )
         if len(velocities) not in (0, len(names)):
-            raise MeasurementError(f"{len(names)} joint names but {len(velocities)} velocities")
+            raise MeasurementError(
+                f"a joint state has {len(names)} joint names but {len(velocities)} velocities"
+            )
         rows = self._find_rows(names)
         q = np.array([positions[i] for i in rows], float)
         speed = self._zero_velocities
@@ -222,7 +238,10 @@ class Arm:
         return JointSample(float(stamp), self.names, _make_read_only(q), _make_read_only(speed))
 
     def _find_rows(self, names: Sequence[str]) -> list[int]:
-        """Return the indices of the arm's joints among these names; cached for the next message."""
+        """Return the indices of the arm's joints among these names.
+
+        The result is cached for the next joint state.
+        """
         names = tuple(names)
         if names != self._row_cache[0]:
             index = {name: i for i, name in enumerate(names)}
@@ -235,7 +254,7 @@ class Arm:
         return self._row_cache[1]
 
     def check(self, q: np.ndarray, velocities: np.ndarray | None = None) -> None:
-        """Check that positions and velocities (n,) are possible for the joints of this arm.
+        """Check that positions and velocities (n,) are plausible for the joints of this arm.
 
         Raises:
             MeasurementError: a value is not finite or implausibly large, or the lengths differ.
@@ -244,37 +263,40 @@ class Arm:
         speeds = self._zero_velocities if velocities is None else np.asarray(velocities, float)
         if not q.shape == speeds.shape == self.lower.shape:
             raise MeasurementError(
-                f"joint positions {q.shape} and velocities {speeds.shape} for an arm of "
-                f"{len(self.names)} joints"
+                f"joint positions and velocities have the shapes {q.shape} and {speeds.shape}, "
+                f"must have ({len(self.names)},) for this arm"
             )
         joint, is_speed = find_implausible_joint(q, speeds, *self.plausible_bounds)
         if joint >= 0 and not is_speed:
             raise MeasurementError(
-                f"{self.names[joint]} measured at {q[joint]:g}: no position that it can have "
-                f"({self.lower[joint]:g} to {self.upper[joint]:g})"
+                f"the measured position {q[joint]:g} of {self.names[joint]} is impossible (limits "
+                f"{self.lower[joint]:g} to {self.upper[joint]:g})"
             )
         if joint >= 0:
             raise MeasurementError(
-                f"{self.names[joint]} measured at a speed of {speeds[joint]:g}: no speed that "
-                f"it can have (limit {self.velocity[joint]:g})"
+                f"the measured speed {speeds[joint]:g} of {self.names[joint]} is impossible (limit "
+                f"{self.velocity[joint]:g})"
             )
 
     def inverse_kinematics(
         self, world_T_camera: np.ndarray, q0: np.ndarray, tolerance: float = 1e-7,
         cost: Callable[[np.ndarray], float] | None = None,
     ) -> np.ndarray:
-        """Find joints (n,) within the limits that put the camera at a pose (4, 4), from q0 (n,).
+        """Find joints (n,) within the limits that move the camera to a pose (4, 4).
 
         Args:
-            tolerance: largest pose error, m and 0.1 m x rad. Most solutions are exact to 1e-12;
-                near a singularity of the arm, a few iterations leave up to 1e-8.
-            cost: function that returns the cost >= 0 of joints (n,). The first solution without
-                cost is returned, otherwise the cheapest found; None: the first solution.
+            world_T_camera: (4, 4) desired pose of the camera.
+            q0: (n,) joints from which the search starts.
+            tolerance: largest pose error: position in m, orientation in 0.1 m x rad. Most solutions
+                are exact to 1e-12; near a singularity of the arm, an error of up to 1e-8 remains.
+            cost: function that returns the cost >= 0 of joints (n,). The first solution with the
+                cost 0 is returned; if there is none, the solution with the lowest cost. None to
+                return the first solution.
 
         Raises:
-            UnreachableError: no solution was found; it contains the remaining distance.
+            UnreachableError: no solution was found. The error contains the remaining distance.
         """
-        # Imported here, because SciPy's optimisers take a third of a second to import.
+        # Imported here, because the import of SciPy's optimisers takes a third of a second.
         from .inverse_kinematics import solve_inverse_kinematics
 
         return solve_inverse_kinematics(
@@ -284,10 +306,10 @@ class Arm:
 
 @jit("f8[:], f8[:], f8[:], f8[:], f8[:]")
 def find_implausible_joint(q, velocities, lower, upper, max_speeds):
-    """Return the first joint with an implausible value, and whether the value is its velocity.
+    """Return the first joint with an implausible value, and whether this value is its velocity.
 
-    Positions are checked before velocities. The joint is -1 if all values are plausible. A value
-    that is not finite fails every comparison.
+    Positions are checked before velocities. The index is -1 if all values are plausible. A value
+    that is not finite fails every comparison, so it is implausible.
     """
     for i in range(len(q)):
         if not lower[i] <= q[i] <= upper[i]:
@@ -301,10 +323,10 @@ def find_implausible_joint(q, velocities, lower, upper, max_speeds):
 def find_camera_path(tree: UrdfTree, base: str, camera_frame: str) -> list[Joint]:
     """Return the joints from the base to the camera's optical frame (z forward, x right, y down).
 
-    A link of the description is taken as the optical frame. If the link carries a camera sensor
-    and its name does not end in `_optical_frame`, the pose of the sensor gives the viewing
-    direction. A frame `x_optical_frame` that the description lacks is that of the sensor on the
-    link `x_link`.
+    If `camera_frame` is a link, it is taken as the optical frame, unless it carries a camera sensor
+    and its name does not end in `_optical_frame`: then the optical frame follows from the pose of
+    the sensor. If the description lacks a frame `x_optical_frame`, the frame of the sensor on the
+    link `x_link` is used.
 
     Raises:
         DescriptionError: there is no such frame, or its viewing direction is not known.
@@ -320,8 +342,8 @@ def find_camera_path(tree: UrdfTree, base: str, camera_frame: str) -> list[Joint
             return path
         raise DescriptionError(
             f"link '{link}' carries no camera sensor that defines a viewing direction: "
-            f"describe '{camera_frame}' in it, z forward, x right and y down, or name as "
-            "camera_frame a link that looks along its z axis"
+            f"add the frame '{camera_frame}' (z forward, x right, y down) to the description, or "
+            "name as camera_frame a link whose z axis is the viewing direction"
         )
     xyz, rpy = xyz_rpy_from_matrix(optical_pose(tree.cameras[link].matrix()))
     frame = camera_frame if camera_frame != link else f"{link}{OPTICAL}"
@@ -333,22 +355,22 @@ def _check_joint(joint: Joint) -> None:
     if not joint.is_movable and joint.kind != "fixed":
         raise DescriptionError(
             f"joint '{joint.name}' on the path to the camera is '{joint.kind}': "
-            f"{', '.join(MOVING_KINDS)} and fixed are known"
+            f"only {', '.join(MOVING_KINDS)} and fixed are supported"
         )
     if joint.is_movable and joint.mimic is not None:
         raise DescriptionError(
-            f"joint '{joint.name}' mimics another and moves the camera: chains with such joints "
-            "are not supported"
+            f"joint '{joint.name}' mimics another joint and moves the camera, which is not "
+            "supported"
         )
     lower, upper, _, _ = _read_limits(joint)
     if not lower < upper:
         raise DescriptionError(
-            f"joint '{joint.name}': lower limit {lower:g} must be below the upper {upper:g}"
+            f"joint '{joint.name}': lower limit {lower:g} must be below upper limit {upper:g}"
         )
 
 
 def _read_limits(joint: Joint) -> tuple[float, float, float, float]:
-    """Return lower, upper, velocity and effort limits of a joint; infinite without a limit."""
+    """Return lower, upper, velocity and effort limits of a joint; a missing limit is infinite."""
     if joint.limits is None:
         return -np.inf, np.inf, np.inf, np.inf
     lower, upper = joint.limits.lower, joint.limits.upper
@@ -361,7 +383,10 @@ def _read_limits(joint: Joint) -> tuple[float, float, float, float]:
 def _select_joints(
     moving: list[Joint], joints: Sequence[str] | None
 ) -> list[Joint]:
-    """Return the joints with the given names, in the given order; None: all moving joints."""
+    """Return the joints with the given names, in the given order.
+
+    If `joints` is None, return all joints that move the camera or the target.
+    """
     if joints is None:
         return moving
     by_name = {joint.name: joint for joint in moving}
@@ -371,7 +396,7 @@ def _select_joints(
                 f"no joint {name} moves the camera; {suggest(name, by_name)}"
             )
     if len(set(joints)) != len(joints):
-        raise ConfigurationError(f"joints {', '.join(joints)}: one is named twice")
+        raise ConfigurationError(f"joints {', '.join(joints)}: a joint is named twice")
     return [by_name[name] for name in joints]
 
 

@@ -1,6 +1,6 @@
 """Compiled forward kinematics and Jacobian of a joint chain.
 
-The node and the offline runner use the same code, so their results are bit-identical.
+The ROS node and the offline runner both use this code, so their results are bit-identical.
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,14 +20,15 @@ class Chain(NamedTuple):
     """Joints between a base and a camera, and to a target that the arm moves.
 
     Attributes:
-        order: (n,) joints, each after its parent.
-        parents: (n,) parent joint of each joint; -1: the base.
-        is_prismatic: (n,) bool.
-        signs: (n,) 1 if the joint moves the camera, -1 if it moves the target, 0 if both.
+        order: (n,) indices of the joints, each after its parent.
+        parents: (n,) index of each joint's parent joint; -1 for the base.
+        is_prismatic: (n,) whether each joint is prismatic.
+        signs: (n,) 1 if the joint moves the camera, -1 if it moves the target, 0 if it moves both.
         origins: (n, 4, 4) frame of each joint at position 0, in its parent's frame.
         axes: (n, 3) axis of each joint, in its own frame.
-        end_joints: (2,) joints that carry camera and target; -1: the base.
-        tip_frames: (2, 4, 4) camera and target in the frames of those joints.
+        end_joints: (2,) indices of the joints that carry the camera and the target; -1 for the
+            base.
+        tip_frames: (2, 4, 4) frames of the camera and the target, in the frames of those joints.
     """
 
     order: np.ndarray
@@ -44,9 +45,10 @@ class Chain(NamedTuple):
         cls, camera_path: Sequence[Joint], target_path: Sequence[Joint], names: Sequence[str],
         locked: Mapping[str, float],
     ) -> "Chain":
-        """Construct the chain of the joints `names` on the paths from the base to both ends.
+        """Construct the chain on the paths from the base to the camera and to the target.
 
-        The other joints are fixed at their positions in `locked`, or at 0.
+        The chain has the joints `names`. The other joints are fixed at their positions in `locked`,
+        or at 0.
         """
         count = len(names)
         chain = cls(
@@ -79,7 +81,8 @@ class Chain(NamedTuple):
         return chain
 
     def compute_frames(self, q: np.ndarray) -> np.ndarray:
-        """Compute rotation, origin and axis of each joint in the base frame, as rows (n, 15)."""
+        """Compute rotation, origin and axis of each joint in the base frame, as an array (n, 15).
+        """
         frames = np.empty((len(self.order), 15))
         _compute_frames(*self[:3], *self[4:6], np.asarray(q, float), frames)
         return frames
@@ -91,7 +94,7 @@ class Chain(NamedTuple):
         return pose, jacobian
 
     def compute_poses(self, positions: np.ndarray) -> np.ndarray:
-        """Compute `target_T_camera` (m, 4, 4) for joints (m, n)."""
+        """Compute `target_T_camera` for joint positions (m, n); return an array (m, 4, 4)."""
         poses = np.empty((len(positions), 4, 4))
         _compute_poses(*self, np.asarray(positions, float), poses, np.empty((6, len(self.order))))
         return poses
@@ -101,7 +104,7 @@ NO_JOINTS = Chain.from_paths((), (), (), {})
 
 
 def _compute_joint_motion(joint: Joint, position: float) -> np.ndarray:
-    """Compute the motion (4, 4) of a joint at a position, rad or m, in its own frame."""
+    """Compute the motion (4, 4) of a joint at a position (rad or m), in the joint's own frame."""
     twist = np.zeros(6)
     along = slice(0, 3) if joint.kind == "prismatic" else slice(3, 6)
     twist[along] = position * np.array(joint.axis)
@@ -110,7 +113,8 @@ def _compute_joint_motion(joint: Joint, position: float) -> np.ndarray:
 
 @jit("f8[::1], f8[:,:], f8[::1]", allocates=False)
 def _transform_frame(frame, transform, out):
-    """Write the frame (rotation, origin) times the transform (4, 4) into `out`."""
+    """Multiply a frame (rotation, origin) by the transform (4, 4) and write the product into `out`.
+    """
     for i in range(3):
         x, y, z = frame[3 * i], frame[3 * i + 1], frame[3 * i + 2]
         for j in range(3):
@@ -194,7 +198,10 @@ def _compute_poses(
     poses,
     jacobian,
 ):
-    """Write target_T_camera for m rows of joints into `poses`; `jacobian` (6, n) is work space."""
+    """Write target_T_camera of m joint positions (m, n) into `poses` (m, 4, 4).
+
+    `jacobian` (6, n) is working memory.
+    """
     for m in range(len(poses)):
         compute_pose_and_jacobian(
             order,

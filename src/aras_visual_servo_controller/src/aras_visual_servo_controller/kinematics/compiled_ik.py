@@ -12,15 +12,17 @@ from .chain import CHAIN_SIGNATURE, compute_pose_and_jacobian
 from .held_directions import compute_held_directions
 from .limits import compute_velocity_ranges
 
-# If the singular values of L are above this part of the largest, all twists have full weight.
+# All twists have full weight if the singular values of L are above this fraction of the largest.
 WELL_CONDITIONED = 0.05
-# A weak joint motion is damped as if the task had at least this sensitivity to it.
+# Smallest sensitivity of the task to a joint motion that is assumed for the damping of the motion.
 MIN_DEMAND = 0.3
-SINGULAR_TOLERANCE = 1e-9  # part of the largest singular value below which one is a rounding error
-STRAIGHT_TOLERANCE = 1e-9  # rad; at a smaller bend of an elbow, its side would be rounding noise
-# rad or m; a smaller joint motion leaves the Jacobian practically unchanged, also near an elbow.
+# Smaller singular values, as a fraction of the largest, are rounding errors.
+SINGULAR_TOLERANCE = 1e-9
+STRAIGHT_TOLERANCE = 1e-9  # rad; if an elbow is bent less, rounding determines its side
+# A joint motion of less than this, in rad or m, hardly changes the Jacobian, even near a straight
+# elbow.
 SMALL_MOTION = 0.002
-REUSE_TIME = 0.05  # s that constant velocities may be reused: the image period of a slow camera
+REUSE_TIME = 0.05  # time for which velocities may be reused, s: the image period of a slow camera
 
 
 @jit("f8[:]")
@@ -36,7 +38,7 @@ def _norm(a):
 def _build_rows(
     L, rate, held_directions, held_speeds, free, scaled_jacobian, hold_onset, hold_full
 ):
-    """Compute the directions that the solution must move in, with their velocities and weights.
+    """Compute the directions in which the camera has to move, with their velocities and weights.
 
     The task is inverted only in the directions that are not held, so that it does not affect the
     held ones.
@@ -46,16 +48,16 @@ def _build_rows(
         rate: (k,) desired rate of the task.
         held_directions: (p, 6) directions that are held.
         held_speeds: (p,) desired velocities along the held directions.
-        free: (6 - p, 6) the other directions.
+        free: (6 - p, 6) directions that are not held.
         scaled_jacobian: (6, n) Jacobian of the arm.
         hold_onset, hold_full: singular value at which the arm starts to control a held direction,
             and at which it controls the direction fully.
 
     Returns:
-        basis (m, 6), orthonormal directions; velocities (m,) along them; weights (m,), 0 to 1, used
-        if the arm cannot realise all of them.
+        Orthonormal directions (m, 6); the velocities (m,) along them; weights (m,), 0 to 1, for the
+        case that the arm cannot achieve all of these velocities.
     """
-    # Held directions, sorted by how well the arm can move along them.
+    # Sort the held directions by how well the arm can move the camera along them.
     u_held, reach, _ = svd(multiply(held_directions, scaled_jacobian))
     along, hold = multiply(u_held.T, held_directions), multiply_vector(u_held.T, held_speeds)
     weights = np.empty(len(reach))
@@ -85,7 +87,7 @@ def _build_rows(
         for j in range(6):
             basis[i, j] = others[i, j]
         speed[i] = projected[i] / s[i]
-        # A twist that hardly changes the features has less weight.
+        # A twist that hardly changes the features gets a smaller weight.
         weight[i] = min(1.0, s[i] / (WELL_CONDITIONED * s[0]))
     return basis, speed, weight
 
@@ -94,20 +96,21 @@ def _build_rows(
 def _solve_damped(
     scaled_jacobian, basis, desired, weights, preferred, free, fixed, damping, damping_below, units
 ):
-    """Compute joint velocities for the desired twist, and the redundant part of a secondary motion.
+    """Compute joint velocities for the desired twist, and the part of others that keeps it.
 
     Args:
         scaled_jacobian: (6, n) Jacobian of the arm.
-        basis, desired, weights: result of `_build_rows`.
+        basis, desired, weights: directions, velocities and weights that `_build_rows` returns.
         preferred: (n,) velocities that secondary tasks prefer.
-        free: (n,) joints that may move.
+        free: (n,) whether each joint may move freely.
         fixed: (n,) velocities of the other joints.
         damping: maximum damping.
         damping_below: singular value of the Jacobian below which a motion is damped.
         units: (n,) motion of each joint that has the same weight as the others.
 
     Returns:
-        (n,) velocities for the desired twist; (n,) part of `preferred` that does not affect it.
+        The velocities (n,) for the desired twist; the part (n,) of `preferred` that does not affect
+        the twist.
     """
     joints = np.flatnonzero(free)
     arm = np.empty((6, len(joints)))
@@ -132,7 +135,7 @@ def _solve_damped(
         for i in range(m):
             for j in range(len(joints)):
                 damped[i, j] = task[i, j]
-        # Scale the damping with the sensitivity of the task in that direction.
+        # The damping in a direction increases with the sensitivity of the task to it.
         sensitivity = multiply(rows, u_arm)
         for i in range(strong, len(s)):
             strength = max(_norm(sensitivity[:, i]), MIN_DEMAND)
@@ -162,7 +165,10 @@ def _solve_damped(
 
 @jit("f8[:], f8[:]")
 def _find_scale(desired, room):
-    """Return the largest factor <= 1 with |factor desired| <= room (n,), and the limiting joint."""
+    """Return the largest factor <= 1 for which |factor desired| <= room, and the limiting joint.
+
+    Both arguments are arrays (n,).
+    """
     part, joint = 1.0, 0
     for i in range(len(desired)):
         size = abs(desired[i])
@@ -173,20 +179,22 @@ def _find_scale(desired, room):
 
 @jit("f8[:], f8[:], f8[:], f8[:], f8[:,:], f8, b1, f8[:], f8[:], f8[:]")
 def _limit_velocities(desired, secondary, low, high, limits, dt, is_limited, previous, total, task):
-    """Limit velocities by position range, speed and acceleration.
+    """Limit velocities by the ranges of position, speed and acceleration.
 
     Args:
         desired: (n,) velocities for the task.
         secondary: (n,) velocities that do not affect the task.
-        low, high: (n,) result of `compute_velocity_ranges`.
-        is_limited: whether the acceleration is limited, starting from `previous`.
-        previous: (n,) velocities commanded before.
-        total, task: (n,) last solution and its part for the task; if `previous` equals `total`, the
-            acceleration of the task is counted from `task`.
+        low, high: (n,) lowest and highest velocities that `compute_velocity_ranges` returns.
+        limits: (5, n) see `solve_velocities`.
+        dt: time for which the velocities are applied, s.
+        is_limited: whether the acceleration is limited, starting from the velocities `previous`.
+        previous: (n,) velocities that were commanded before.
+        total, task: (n,) last solution, and its part for the task. If `previous` equals `total`,
+            the acceleration of the task is measured from `task`.
 
     Returns:
-        Velocities (n,); their part for the task (n,); its scale; the joint whose limit reduced the
-        scale, or -1.
+        The velocities (n,); their part (n,) for the task; the scale of this part; the index of the
+        joint whose limit reduced the scale, or -1.
     """
     count, fastest, acceleration = len(desired), limits[2], limits[3]
     part, slowest = _find_scale(desired, fastest)
@@ -213,12 +221,12 @@ def _limit_velocities(desired, secondary, low, high, limits, dt, is_limited, pre
     for i in range(count):
         lowest, highest = max(low[i], -fastest[i]), min(high[i], fastest[i])
         if is_limited:
-            # A joint that cannot brake hard enough for its range brakes as hard as it can.
+            # A joint that cannot brake in time for the end of its range brakes as hard as it can.
             slower, faster = previous[i] - acceleration[i] * dt, previous[i] + acceleration[i] * dt
             lowest = min(max(lowest, slower), faster)
             highest = min(max(highest, slower), faster)
         velocities[i] = min(max(primary[i] + others[i], lowest), highest)
-        # The secondary tasks get the range that the task leaves.
+        # The secondary tasks get the range of velocities that the task leaves.
         towards[i] = secondary[i] - others[i]
         room[i] = highest - velocities[i] if towards[i] > 0.0 else velocities[i] - lowest
     part, _ = _find_scale(towards, room)
@@ -232,7 +240,7 @@ def _limit_velocities(desired, secondary, low, high, limits, dt, is_limited, pre
 
 @jit("f8[:], f8[:], f8[:], f8, f8")
 def _passes_straight(q, elbow, velocities, reach_bend, dt):
-    """Return whether this step would remove more than half of an elbow's small bend."""
+    """Return whether this step removes more than half of the bend of an almost straight elbow."""
     bend, speed = q[int(elbow[0])] - elbow[1], velocities[int(elbow[0])]
     side = np.sign(bend) if abs(bend) > STRAIGHT_TOLERANCE else elbow[2]
     return abs(bend) < reach_bend and speed * side < 0.0 and abs(speed) * dt > 0.5 * abs(bend)
@@ -256,11 +264,11 @@ def _solve_within_ranges(
     reach_bend,
     damping,
 ):
-    """Solve repeatedly until no joint leaves its range and no elbow passes its straight position.
+    """Solve repeatedly, until no joint leaves its range and no elbow passes its straight position.
 
     Returns:
-        The result of `_solve_damped`; (n,) joints that may move; joints stopped at a limit; and
-        whether an elbow was kept from becoming straight.
+        The result of `_solve_damped`; whether each joint (n,) may move freely; the indices of the
+        joints that are stopped at a limit; whether an elbow was kept from becoming straight.
     """
     count = len(q)
     free, fixed = np.ones(count, np.bool_), np.zeros(count)
@@ -270,7 +278,7 @@ def _solve_within_ranges(
         near, back = False, True
         for elbow in elbows:
             near |= free[int(elbow[0])] and abs(q[int(elbow[0])] - elbow[1]) < reach_bend
-        if near:  # try the Jacobian of bent elbows, used if it bends the elbows further
+        if near:  # also try the Jacobian of bent elbows, and use it if it bends the elbows further
             solution, spare = _solve_damped(
                 bent_jacobian,
                 basis,
@@ -323,7 +331,7 @@ def _solve_within_ranges(
 
 @jit("f8[:,:], f8")
 def _scale_rotations(twists, length):
-    """Multiply the rotations of twists (6, n) by the length, m/s."""
+    """Return twists (6, n) with the rotations multiplied by the length, m/s."""
     scaled = np.empty(twists.shape)
     for i in range(6):
         factor = length if i > 2 else 1.0
@@ -334,9 +342,10 @@ def _scale_rotations(twists, length):
 
 @jit("f8[:], f8[:,:], f8")
 def _bend_elbows(q, elbows, reach_bend):
-    """Return the joints (n,) with elbows bent by at least `reach_bend`, and whether they differ.
+    """Return the joints (n,) with all elbows bent by at least `reach_bend`.
 
-    `elbows` has one row of the fields of Elbow for each elbow.
+    The second result is whether these joints differ from q. `elbows` has one row with the fields of
+    Elbow for each elbow.
     """
     bent, other = q.copy(), False
     for elbow in elbows:
@@ -387,25 +396,27 @@ def solve_velocities(
     """Compute the solution of `DifferentialIK.solve`.
 
     Args:
-        order … tip_frames: fields of the Chain; a chain without joints: `pose` and `jacobian` are
-            inputs.
+        order … tip_frames: fields of the Chain. For a chain without joints, `pose` and `jacobian`
+            are inputs.
         q: (n,) joint positions.
         pose, jacobian: (4, 4) and (6, n) at q; written unless the chain has no joints.
-        goal: (4, 4) pose at which directions that the task does not control are held.
-        L, rate, modelled: (k, 6), (k,) and (6,) of the task.
-        preferred: (n,) velocities of the secondary tasks, without the range tasks.
-        range_tasks: (p, 3, n) rows of the secondary tasks that are a JointRangeTask.
+        goal: (4, 4) pose at which the directions that the task does not control are held.
+        L, rate, modelled: (k, 6), (k,) and (6,) fields of the task.
+        preferred: (n,) velocities of the secondary tasks, except the range tasks.
+        range_tasks: (p, 3, n) lower bound, upper bound and gain of each JointRangeTask.
         elbows: (m, 7) fields of each Elbow.
-        limits: (5, n) lower, upper, velocity, acceleration and units; see `_solve_damped`.
+        limits: (5, n) lower and upper position, velocity, acceleration, and units of the joints;
+            see `_solve_damped` for the units.
         dt, is_limited, previous: see `_limit_velocities`.
         last: (2, n) last velocities, and their part for the task.
-        settings: the fields of IKSettings.
+        settings: fields of IKSettings.
 
     Returns:
-        velocities and primary (n,); desired, achieved and infeasible twist (6,), in SI units;
-        scale; the joint that limited the speed, or -1; joints stopped at a limit; whether an elbow
-        would become straight; whether the infeasible twist is large enough to be reported; whether
-        the velocities can be reused; distances (n,) to the position limits.
+        The velocities (n,) and their part (n,) for the task; the desired, the achieved and the
+        infeasible twist (6,), in SI units; the scale of the task; the index of the joint that
+        limits the speed, or -1; the indices of the joints that are stopped at a limit; whether an
+        elbow would become straight; whether the infeasible twist is large enough to be reported;
+        whether the velocities can be reused; the distances (n,) to the position limits.
     """
     length, reach, bent = settings[0], settings[6], jacobian
     if len(order) > 0:

@@ -1,29 +1,32 @@
 """Differential inverse kinematics: from a task to joint velocities.
 
-With L the task's interaction matrix, J the arm's Jacobian and H the directions that the task does
-not control, the velocities q_dot solve in the least-squares sense
+Let L be the task's interaction matrix, J the arm's Jacobian, and H the matrix of the directions
+that the task does not control. The joint velocities q_dot are the least-squares solution of
 
     L J q_dot = e_dot        H J q_dot = hold_gain (goal - now)
 
-where twists are scaled so that 1 rad has the weight of a length.
+where twists are scaled so that 1 rad has the weight of a length. The second equation holds the
+camera at the goal in the directions H.
 
-Damping: near a singularity of the arm, the weak joint motions v_i (those with singular values s_i
-of J below a bound) are damped by rows d_i v_i. All other motions are exact (Nakamura and Hanafusa
-1986; damping of single directions: Maciejewski and Klein 1988). A held direction that the arm can
-hardly move, such as the roll of a camera on two nearly parallel axes, is released gradually.
+Damping: near a singularity of the arm, the weak joint motions v_i (whose singular values s_i of J
+are below a bound) are damped by additional rows d_i v_i. All other motions are exact (Nakamura and
+Hanafusa 1986; damping of single directions: Maciejewski and Klein 1988). A held direction that the
+arm can hardly move, such as the roll of a camera on two nearly parallel axes, is released
+gradually.
 
-Secondary tasks are added up, z, and projected: q_dot += (I - A^+ T) z.
+Secondary tasks: their velocities are added up to z and projected, q_dot += (I - A^+ T) z, where T
+contains the rows of both equations above and A those rows and the damping.
 
-Limits: a joint at the end of its range stops, and the other joints realise the task as well as
-possible. Speed and acceleration limits scale the task without changing its direction; the secondary
+Limits: a joint at the end of its range stops, and the other joints perform the task as well as
+possible. Speed and acceleration limits scale the task without changing its direction. The secondary
 tasks get the remaining speed.
 
-Stretched elbows (see `elbow.py`), where the camera cannot move along the arm to first order:
+Stretched elbows (see `elbow.py`) cannot move the camera along the arm to first order:
 
 - On the way out, the elbow approaches its straight position but never passes it. The damping
-  ensures this in continuous time; in addition, one step removes at most half of the remaining bend.
-- On the way back, J is computed for an elbow bent by `reach_bend`, because bending moves the camera
-  only to second order.
+  ensures this in continuous time. In addition, one step removes at most half of the remaining bend.
+- On the way back, J is computed for an elbow bent by `reach_bend`, because bending a straight elbow
+  moves the camera only to second order.
 """
 
 from __future__ import annotations
@@ -56,14 +59,17 @@ class IKSettings:
 
     Attributes:
         length: length that has the same weight as 1 rad of camera rotation, m.
-        damping: maximum damping, m per unit of joint.
-        damping_below: singular value of J below which a joint motion is damped, m per unit.
+        damping: maximum damping, m per rad or m of joint motion.
+        damping_below: singular value of J below which a joint motion is damped, in the same unit.
         hold_gain: rate at which held directions return to the goal, 1/s.
-        hold_onset, hold_full: camera rotation per unit of joint, rad, above which a held direction
-            is controlled at all, and fully.
+        hold_onset: camera rotation (rad) per rad or m of joint motion above which a held direction
+            is controlled partly.
+        hold_full: camera rotation per joint motion above which a held direction is controlled
+            fully.
         reach_bend: bend of an elbow for which J is computed on the way back from straight, rad.
-        reported_speed: infeasible part of the desired twist that is reported, m/s.
-        reported_part: infeasible part that is reported, relative to the desired twist.
+        reported_speed: smallest infeasible part of the desired twist that is reported, m/s.
+        reported_part: smallest infeasible part that is reported, as a fraction of the desired
+            twist.
         prismatic_unit: motion of a prismatic joint that has the same weight as 1 rad of a revolute
             joint, m.
     """
@@ -97,12 +103,13 @@ class DifferentialIK:
     """Differential inverse kinematics of an arm, with limits, damping and secondary tasks.
 
     It solves L J q_dot = e_dot in the least-squares sense for the joint velocities q_dot (n,), in
-    rad/s or m/s. Directions that the task does not control are held as at the goal. Weak motions of
-    a nearly singular arm are damped. The docstring of this module has equations and sources.
+    rad/s or m/s. The camera is held at the goal in directions that the task does not control. Weak
+    motions of a nearly singular arm are damped. Equations and sources are in the docstring of this
+    module.
 
     Attributes:
-        goal: `reference_T_camera` (4, 4) at which directions that a task does not control are held;
-            None: the camera pose at the first call of `solve` after a reset.
+        goal: `reference_T_camera` (4, 4), the pose at which the camera is held in directions that a
+            task does not control; None for its pose at the first call of `solve` after a reset.
         other_tasks: secondary tasks that are not a JointRangeTask.
         setting_values, limit_rows, has_acceleration_limits, elbow_rows, range_tasks,
             last_velocities: inputs of `solve_velocities`, as arrays.
@@ -120,10 +127,11 @@ class DifferentialIK:
 
         Args:
             arm: arm that provides pose and Jacobian of the camera.
-            limits: limits of position, speed and acceleration; None: those of the description.
+            limits: limits of position, speed and acceleration; None for those of the robot
+                description.
             tasks: secondary tasks, which use the redundancy of the arm.
-            settings: parameters; None: the defaults, for an arm of usual size.
-            elbows: elbows that can stretch; None: those found in the arm.
+            settings: parameters; None for the defaults, which suit an arm of usual size.
+            elbows: elbows that can stretch; None to search for them in the arm.
         """
         self.arm = arm
         self.limits = limits if limits is not None else Limits.for_arm(arm)
@@ -153,7 +161,7 @@ class DifferentialIK:
     def reset(self) -> None:
         """Forget the last velocities and the pose at which directions are held."""
         self._cached_view: np.ndarray | None = None
-        # The last velocities, and their part for the task; NaN: there are none yet.
+        # Last velocities, and their part for the task; NaN before the first solution.
         self.last_velocities = np.full((2, len(self.arm.names)), np.nan)
 
     def solve(
@@ -164,8 +172,9 @@ class DifferentialIK:
         Args:
             q: (n,) joint positions, rad or m.
             task: task with L (k, 6), desired_rate (k,) and modelled (6,).
-            dt: time for which the velocities will be commanded, s; 0: only speeds are limited.
-            previous: (n,) velocities commanded before, for the acceleration limits.
+            dt: time for which the velocities will be commanded, s; if it is 0, only speeds are
+                limited.
+            previous: (n,) velocities that were commanded before, for the acceleration limits.
 
         Raises:
             ValueError: an input is not finite, or has a wrong shape.
@@ -173,7 +182,7 @@ class DifferentialIK:
         """
         q, dt = np.asarray(q, float), float(dt)
         if not (are_finite(q, q, q) and math.isfinite(dt)):
-            raise ValueError(f"inverse kinematics: not finite: joints {q}, dt {dt}")
+            raise ValueError(f"inverse kinematics: joints {q} or dt {dt} are not finite")
         preferred = np.zeros(len(q))
         for entry in self.other_tasks:
             preferred += entry.velocity(q)
@@ -221,7 +230,7 @@ class DifferentialIK:
         if is_straight:
             return ["the arm is stretched: the commanded motion leads beyond its reach"]
         if is_stopped:
-            return []  # the joint that is stopped at its limit has already been named
+            return []  # the reason already names the joint that is stopped at its limit
         missing = np.abs(infeasible_twist * self._scale)
         main = np.flatnonzero(missing > 0.5 * missing.max())
         words = ", ".join(f"{DIRECTIONS[i]} {infeasible_twist[i]:.3g} {UNITS[i]}" for i in main)
@@ -235,18 +244,18 @@ def solve_ik(
     period: float = 0.0,
     velocities: np.ndarray | None = None,
 ) -> IKSolution:
-    """Compute joint velocities for the camera motion of a task: L J q_dot = e_dot.
+    """Compute the joint velocities q_dot for the camera motion of a task: L J q_dot = e_dot.
 
     Args:
-        task: L (k, 6) and the desired rate (k,) of the error.
+        task: task with L (k, 6) and the desired rate e_dot (k,) of the error.
         q: (n,) joint positions, rad or m.
         differential_ik: inverse kinematics of the arm, with limits and secondary tasks.
-        period: time for which the velocities will be commanded, s; 0: not known.
-        velocities: (n,) velocities commanded before, for the acceleration limits.
+        period: time for which the velocities will be commanded, s; 0 if it is unknown.
+        velocities: (n,) velocities that were commanded before, for the acceleration limits.
 
     Returns:
-        The solution, with velocities (n,) in rad/s or m/s. Directions that the features do not
-        measure well enough are not part of the task.
+        The solution, with velocities (n,) in rad/s or m/s. Camera directions that the features do
+        not measure accurately enough are not part of the task.
 
     Raises:
         ServoError: the velocities are not finite.

@@ -1,8 +1,9 @@
-"""Elbows: joints at which an arm can stretch, between two axes parallel to their own.
+"""Elbows: joints at which an arm can be stretched.
 
-At a stretched elbow the camera cannot move along the arm to first order; bending moves the camera
-only to second order. The laboratory's arm works there: its desired poses are stretched, or within
-0.1 mm of it.
+The axes of the joint before and the joint after an elbow are parallel to its own axis. At a
+stretched elbow, the camera cannot move along the arm to first order, because bending the elbow
+moves it only to second order. The laboratory's arm works in such postures: at its desired poses, it
+is stretched to within 0.1 mm.
 """
 
 from collections.abc import Sequence
@@ -15,8 +16,8 @@ from aras_visual_servo_base.names import suggest
 from ..errors import ConfigurationError
 from .arm import Arm
 
-PARALLEL_TOLERANCE = 1e-4  # rad; descriptions write pi as 3.1416
-MIN_LINK_LENGTH = 1e-3  # m; a link shorter than this does not stretch
+PARALLEL_TOLERANCE = 1e-4  # rad; robot descriptions write pi as 3.1416
+MIN_LINK_LENGTH = 1e-3  # m; a shorter link cannot be stretched
 
 
 @dataclass(frozen=True)
@@ -26,10 +27,11 @@ class Elbow:
     Attributes:
         joint: index of the elbow.
         straight_position: position of the elbow at which the arm is stretched, rad.
-        bend_side: +1 or -1: direction in which a straight elbow bends.
+        bend_side: +1 or -1, the direction in which a straight elbow bends.
         joint_before, joint_after: indices of the neighbouring joints with parallel axes.
-        share_before, share_after: rotations of those joints as parts of a small bend, so that the
-            direction of the arm and the orientation of the camera do not change.
+        share_before, share_after: rotations of those joints as fractions of a small bend of the
+            elbow, such that the direction of the arm and the orientation of the camera do not
+            change.
     """
 
     joint: int
@@ -42,14 +44,14 @@ class Elbow:
 
 
 def find_elbows(arm: Arm, sides: dict[str, float] | None = None) -> tuple[Elbow, ...]:
-    """Return the elbows of an arm: three parallel axes in a row that stretch within the limits.
+    """Return the elbows of an arm that can be stretched within the joint limits.
 
     Args:
         arm: arm to search.
-        sides: +1 or -1 by name of the elbow; the default is +1.
+        sides: +1 or -1 for each elbow, by name; the default is +1.
 
     Raises:
-        ConfigurationError: `sides` names a joint that is no elbow, or a side is not +1 or -1.
+        ConfigurationError: `sides` names a joint that is not an elbow, or a side is not +1 or -1.
     """
     sides = sides or {}
     places, axes = arm.joint_frames(np.zeros(len(arm.names)))

@@ -1,6 +1,7 @@
-"""Held directions: camera directions that a task does not control are held as at the goal.
+"""Held directions: camera directions in which the camera is held at the goal.
 
-Rotations in twists are multiplied by a length, so that all six components are in m/s.
+The task does not control these directions. Rotations in twists are multiplied by a length, so that
+all six components are in m/s.
 """
 
 from math import atan2, pi, sqrt
@@ -28,7 +29,7 @@ def _dot(a, b):
 def _compute_rotation_error(pose, goal, length, errors):
     """Write the rotation from pose to goal, in the camera frame, into errors[3:6].
 
-    It is axis times angle, rad, times the length.
+    The rotation is written as axis times angle (rad) times the length.
     """
     R, odd, axis = np.zeros((3, 3)), np.empty(3), np.empty(3)
     for i in range(3):
@@ -42,7 +43,8 @@ def _compute_rotation_error(pose, goal, length, errors):
     angle = atan2(sine, cosine)
     factor = 0.5 * angle / sine if sine > 1e-6 else 0.5
     if sine <= 1e-4 and cosine <= 0.0:
-        # Near half a turn the symmetric part is exact: (R + R^T) / 2 - cosine = (1 - cosine) u u^T.
+        # Near half a turn the axis u follows from the symmetric part of R, which is accurate there:
+        # (R + R^T) / 2 - cosine I = (1 - cosine) u u^T.
         longest = 0
         for i in range(3):
             if R[i, i] > R[longest, longest]:
@@ -62,11 +64,11 @@ def _compute_rotation_error(pose, goal, length, errors):
 def _hold_vertical(pose, goal, length, row, held_directions, errors):
     """Compute the rotations that return the reference's vertical to its direction at the goal.
 
-    The vertical is the z axis of the reference frame, seen in the camera frame. The two rotations
-    are written into `held_directions` (p, 6) and `errors` (p,), starting at `row`.
+    The vertical is the z axis of the reference frame, expressed in the camera frame. The two
+    rotations are written into `held_directions` (p, 6) and `errors` (p,), starting at `row`.
 
     Args:
-        pose, goal: `reference_T_camera` (4, 4), now and at the goal.
+        pose, goal: present and desired `reference_T_camera` (4, 4).
         length: length that has the same weight as 1 rad, m.
     """
     now, desired = pose[2, :3], goal[2, :3]
@@ -79,14 +81,14 @@ def _hold_vertical(pose, goal, length, row, held_directions, errors):
     for i in range(3):
         first[i] /= size
     _cross(now, first, second)
-    # A rotation of the camera by w moves a fixed direction c by -w x c in the camera frame.
+    # A rotation of the camera by w changes a fixed direction c by -w x c in the camera frame.
     _cross(desired, now, turn)
     sine, cosine = sqrt(_dot(turn, turn)), _dot(now, desired)
     if sine >= 1e-9:
         factor = length * atan2(sine, cosine) / sine
         errors[row] = factor * _dot(turn, first)
         errors[row + 1] = factor * _dot(turn, second)
-    elif cosine <= 0.0:  # upside down: both rotation directions are equivalent
+    elif cosine <= 0.0:  # the reference is upside down, and both rotation directions are equivalent
         errors[row] = length * pi
     for i in range(3):
         held_directions[row, 3 + i], held_directions[row + 1, 3 + i] = first[i], second[i]
@@ -96,18 +98,17 @@ def _hold_vertical(pose, goal, length, row, held_directions, errors):
 def compute_held_directions(pose, goal, modelled, length):
     """Compute the directions in which the camera is held, and its offset from the goal along them.
 
-    If a task controls wz but not wx and wy, the vertical (z axis) of the reference keeps its
-    direction in the camera frame, and rotation about the vertical is free for any tilt.
+    If a task controls wz but not wx and wy, the vertical (z axis of the reference) is held at its
+    direction in the camera frame. Then the rotation about the vertical is free for any tilt.
 
     Args:
-        pose, goal: `reference_T_camera` (4, 4), now and at the goal.
-        modelled: (6,) bool, directions that the task controls.
+        pose, goal: present and desired `reference_T_camera` (4, 4).
+        modelled: (6,) whether the task controls each direction.
         length: length that has the same weight as 1 rad, m.
 
     Returns:
-        Orthonormal held directions (p, 6); the offset of the camera along them (p,), which
-        rate = gain * offset reduces to 0, m (angles times the length); orthonormal free directions
-        (6 - p, 6).
+        The orthonormal held directions (p, 6); the desired displacements (p,) of the camera along
+        them, m (angles times the length); the orthonormal free directions (6 - p, 6).
     """
     known = 0
     for i in range(6):

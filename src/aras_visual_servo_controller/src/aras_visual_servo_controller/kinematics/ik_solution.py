@@ -17,24 +17,24 @@ class IKSolution:
     Twists are those of the camera in its own frame, m/s and rad/s.
 
     Attributes:
-        velocities: (n,) m/s and rad/s.
+        velocities: (n,) joint velocities, m/s or rad/s.
         primary: (n,) part of the velocities that serves the task, without secondary tasks.
         desired_twist: (6,) twist that the task and the held directions require.
         achieved_twist: (6,) twist that the velocities produce.
         infeasible_twist: (6,) part of the desired twist that the arm cannot produce in this
             configuration, before speed limits apply.
-        scale: factor by which speed or acceleration limits slow the task; 1: no limit applies.
+        scale: factor by which speed or acceleration limits slow the task; 1 if no limit applies.
         margins: (n,) distance to the nearer position limit, rad or m.
         stopped_joints: names of joints that were stopped at their limits.
         limiting_joint: name of the joint whose limit slowed the task; '' if there is none.
         reasons: limits that reduced the motion, as text; empty if there are none.
         L: (k, 6) interaction matrix of the task, SI units.
         jacobian: (6, n) Jacobian of the arm, SI units.
-        modelled: (6,) bool, directions that the task controls.
+        modelled: (6,) whether the task controls each direction.
         reuse_time: time for which the velocities may be reused, s: REUSE_TIME if the arm moves
             slowly and no limit applies until then, otherwise 0.
-        recorded_singular_values: singular values of L and of L J, if read from a record instead of
-            computed.
+        recorded_singular_values: singular values of L and of L J that were read from a record; None
+            if they are computed.
     """
 
     velocities: np.ndarray
@@ -62,10 +62,11 @@ class IKSolution:
         singular_values: tuple[np.ndarray, np.ndarray],
         scale: float = 1.0,
     ) -> IKSolution:
-        """Construct the solution from the fields of a message, which holds neither L nor J.
+        """Construct the solution from the fields of a message, which contains neither L nor J.
 
         Args:
-            singular_values: of L in its modelled directions, and of L J, in descending order.
+            singular_values: singular values of L in its modelled directions, and singular values of
+                L J, both in descending order.
         """
         none = np.full(len(velocities), np.nan)
         return cls(
@@ -94,7 +95,7 @@ class IKSolution:
 
     @property
     def singular_values(self) -> np.ndarray:
-        """Singular values of L J in descending order, (min(k, n),)."""
+        """Singular values (min(k, n),) of L J in descending order."""
         return (
             self._svd_LJ[1]
             if self.recorded_singular_values is None
@@ -119,7 +120,10 @@ class IKSolution:
 
 
 def rank(singular_values: np.ndarray) -> int:
-    """Return the number of singular values, in descending order, above the rounding error."""
+    """Return the number of singular values that exceed the rounding error.
+
+    The values are in descending order.
+    """
     if not singular_values.size or singular_values[0] <= 0.0:
         return 0
     return int((singular_values > ROUNDING_TOLERANCE * singular_values[0]).sum())

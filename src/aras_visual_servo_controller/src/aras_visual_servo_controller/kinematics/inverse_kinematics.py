@@ -10,12 +10,13 @@ from aras_visual_servo_base.poses import rotation_vector, rotation_vector_rate, 
 from ..errors import UnreachableError
 
 ROTATION_LENGTH = 0.1  # m; length that has the same weight as 1 rad
-ATTEMPTS = 16  # initial guesses, the given one first
+ATTEMPTS = 16  # number of initial guesses; the given one is the first
 
 
-# Computes pose (4, 4) and Jacobian (6, n) of the camera for joints (n,): Arm.pose_and_jacobian.
+# Function that computes the pose (4, 4) and the Jacobian (6, n) of the camera for joints (n,), such
+# as `Arm.pose_and_jacobian`.
 PoseAndJacobian = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
-# Returns the cost >= 0 of joints (n,); 0 is best.
+# Function that returns the cost >= 0 of joints (n,); 0 is the best.
 Cost = Callable[[np.ndarray], float]
 
 
@@ -33,13 +34,13 @@ def solve_inverse_kinematics(
     See `Arm.inverse_kinematics` for the arguments.
 
     Raises:
-        UnreachableError: no solution was found; it contains the smallest remaining distance.
+        UnreachableError: no solution was found. The error contains the smallest remaining distance.
         ValueError: `world_T_camera` is not a rigid transform.
     """
     goal = np.asarray(world_T_camera, float)
     rotation = goal[:3, :3] if goal.shape == (4, 4) else np.zeros((3, 3))
     if not (np.isfinite(goal).all() and np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6)):
-        raise ValueError("a pose of the camera has to be a rigid (4, 4) array")
+        raise ValueError("a camera pose must be a rigid transform, an array (4, 4)")
     q0 = np.asarray(q0, float)
     low = np.where(np.isfinite(lower), lower, q0 - 2.0 * np.pi)
     high = np.where(np.isfinite(upper), upper, q0 + 2.0 * np.pi)
@@ -49,7 +50,7 @@ def solve_inverse_kinematics(
     guess = q0
     for attempt in range(ATTEMPTS):
         guess = np.clip(guess, low, high)
-        # least_squares takes small steps, so a solution near the initial guess is found.
+        # least_squares takes small steps, so it finds a solution near the initial guess.
         found = scipy.optimize.least_squares(
             _compute_residual,
             np.clip(guess, low + 1e-9, high - 1e-9),
@@ -70,7 +71,7 @@ def solve_inverse_kinematics(
                 return found.x
             if cheapest is None or costs < cheapest[0]:
                 cheapest = costs, found.x
-        # The guess of a continuous joint is at most one turn away from q0.
+        # The guess for a continuous joint is at most one turn away from q0.
         reach = np.minimum(high - low, 2.0 * np.pi) * min(1.0, 0.2 + attempt / ATTEMPTS)
         guess = q0 + random.uniform(-0.5, 0.5, len(q0)) * reach
     if cheapest is not None:
@@ -80,7 +81,7 @@ def solve_inverse_kinematics(
     turn = float(np.linalg.norm(residual[3:])) / ROTATION_LENGTH
     x, y, z = goal[:3, 3]
     raise UnreachableError(
-        f"camera position ({x:.4f}, {y:.4f}, {z:.4f}) m with its attitude is out of the arm's "
+        f"camera position ({x:.4f}, {y:.4f}, {z:.4f}) m with its orientation is out of the arm's "
         f"reach: the nearest posture found is {distance * 1e3:.3g} mm and {np.degrees(turn):.3g} "
         "degrees away",
         distance=distance,
@@ -90,7 +91,10 @@ def solve_inverse_kinematics(
 def _compute_residual(
     q: np.ndarray, pose_and_jacobian: PoseAndJacobian, goal: np.ndarray
 ) -> np.ndarray:
-    """Compute the pose error (6,) in the camera frame: translation, ROTATION_LENGTH x rotation."""
+    """Compute the pose error (6,) in the camera frame.
+
+    It consists of the translation and of the rotation times ROTATION_LENGTH.
+    """
     pose, _ = pose_and_jacobian(q)
     place = pose[:3, :3].T @ (goal[:3, 3] - pose[:3, 3])
     turn = rotation_vector(pose[:3, :3].T @ goal[:3, :3])

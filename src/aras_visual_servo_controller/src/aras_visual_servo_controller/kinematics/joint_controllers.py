@@ -18,7 +18,7 @@ class RosController:
     """A joint controller of ros_control.
 
     name: name of the controller.
-    joints: joints that it moves, in the order of its commands.
+    joints: joints that the controller moves, in the order of its commands.
     kind: command type: 'position', 'velocity' or 'effort'.
     is_group: whether a command is an array of all joints.
     """
@@ -55,14 +55,14 @@ def choose_controllers(
 ) -> list[RosController]:
     """Choose the controllers for commands of one type: one for each joint, or one for all.
 
-    If the parameters contain no controller of a joint, its name is used: the one in
-    `controller_names`, unless that name contains another type, or else JOINT_KIND_controller.
+    If the parameters contain no controller of a joint, the name in `controller_names` is used. If
+    that is missing or contains another command type, the name is JOINT_KIND_controller.
 
     Args:
         parameters: parameters of the robot's namespace.
         joints: joints to command.
         kind: command type: 'position', 'velocity' or 'effort'.
-        controller_names: names of controllers by joint; one of another type is ignored.
+        controller_names: names of controllers by joint; a controller of another type is ignored.
         namespace: namespace, for messages.
 
     Raises:

@@ -13,15 +13,15 @@ from ..errors import MeasurementError
 
 @dataclass(frozen=True, eq=False)
 class JointSample:
-    """Measured or commanded joints, in the arm's order.
+    """Measured or commanded positions and velocities of the joints, in the arm's order.
 
     Attributes:
         stamp: time of the sample, s.
-        names: n names.
-        positions: (n,) rad or m, read-only.
-        velocities: (n,) rad/s or m/s, read-only.
-        is_uncertain: whether no joint state close to the stamp was received, so that the actual
-            positions can differ.
+        names: names of the n joints.
+        positions: (n,) positions, rad or m, read-only.
+        velocities: (n,) velocities, rad/s or m/s, read-only.
+        is_uncertain: whether the actual positions can differ, because no joint state close to the
+            stamp was received.
     """
 
     stamp: float
@@ -56,7 +56,7 @@ class JointSample:
 
 
 def make_read_only_copy(values: ArrayLike) -> np.ndarray:
-    """Return a read-only float64 copy."""
+    """Return a read-only copy of an array as float64."""
     values = np.array(values, float)
     values.setflags(write=False)
     return values

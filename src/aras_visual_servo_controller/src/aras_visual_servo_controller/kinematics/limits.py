@@ -1,4 +1,4 @@
-"""Joint limits of the commands: those of the description, narrowed by parameters."""
+"""Joint limits of the commands: those of the robot description, narrowed by parameters."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -11,18 +11,19 @@ from aras_visual_servo_base.names import suggest
 from ..errors import ConfigurationError
 from .arm import Arm
 
-# One number for all joints, one for each in the arm's order, or some by joint name.
+# One number for all joints, one number for each joint in the arm's order, or numbers by joint name.
 JointValues = float | Sequence[float] | Mapping[str, float] | None
 
 
 @dataclass(frozen=True, eq=False)
 class Limits:
-    """Limits of the commands, in the arm's order: rad or m, and their rates.
+    """Joint limits of the commands, in the arm's order.
 
     Attributes:
         names: (n,) names of the joints.
-        lower, upper: (n,) position limits; infinite if there is no limit.
-        velocity, acceleration: (n,) maxima, > 0; infinite if there is no limit.
+        lower, upper: (n,) position limits, rad or m; infinite if there is no limit.
+        velocity, acceleration: (n,) largest velocities and accelerations, > 0, in rad/s or m/s and
+            rad/s² or m/s²; infinite if there is no limit.
     """
 
     names: tuple[str, ...]
@@ -40,9 +41,10 @@ class Limits:
         velocity: JointValues = None,
         acceleration: JointValues = None,
     ) -> "Limits":
-        """Return the arm's limits, replaced by narrower ones where given.
+        """Return the arm's limits, replaced by the given ones.
 
-        Without `acceleration`, accelerations are not limited.
+        The given limits must not be wider than the arm's. Without `acceleration`, accelerations are
+        not limited.
 
         Raises:
             ConfigurationError: a joint is unknown, a count is wrong, or a limit is not a number,
@@ -69,20 +71,23 @@ class Limits:
             for key, wider in (
                 ("lower", low < arm.lower[i] - 1e-9),
                 ("upper", high > arm.upper[i] + 1e-9),
-                # A velocity of 0 in a description means that the limit is not known.
+                # A velocity of 0 in a robot description means that the limit is unknown.
                 ("velocity", 0.0 < arm.velocity[i] * (1.0 + 1e-9) < values["velocity"][i]),
             ):
                 if wider:
                     raise ConfigurationError(
-                        f"limits of {name}: {key} {values[key][i]:g} is beyond the robot's own, "
-                        f"{own[key][i]:g}"
+                        f"limits of {name}: {key} {values[key][i]:g} is beyond the robot's own "
+                        f"limit {own[key][i]:g}"
                     )
         for array in values.values():
             array.setflags(write=False)
         return cls(arm.names, **values)
 
     def find_narrowed(self, arm: Arm) -> dict[str, list[str]]:
-        """Return the joints whose position limits are narrower than the arm's, by parameter."""
+        """Return the joints whose position limits are narrower than the arm's own.
+
+        They are returned by the name of the parameter that narrows the limits.
+        """
         narrower = {"lower": self.lower > arm.lower, "upper": self.upper < arm.upper}
         return {
             key: [name for name, one in zip(self.names, which, strict=True) if one]
@@ -95,7 +100,10 @@ class Limits:
                 if margin < 0.0]  # fmt: skip
 
     def margins(self, q: np.ndarray) -> np.ndarray:
-        """Compute the distance (n,) of joints q to the nearer limit, rad or m; negative outside."""
+        """Return the distance (n,) of joints q to their nearer limit, rad or m.
+
+        The distance is negative if a joint is outside its limits.
+        """
         return np.minimum(q - self.lower, self.upper - q)
 
 
@@ -110,7 +118,7 @@ def _merge_limits(
             for name, value in override.items():
                 if name not in names:
                     raise ConfigurationError(
-                        f"limits: {key} of an unknown joint {name}; {suggest(name, names)}"
+                        f"limits: {key} names the unknown joint {name}; {suggest(name, names)}"
                     )
                 values[names.index(name)] = float(value)
         elif np.ndim(override) == 0:
@@ -119,8 +127,8 @@ def _merge_limits(
             values[:] = [float(value) for value in override]
         else:
             raise ConfigurationError(
-                f"limits: {len(override)} values of {key} for {len(names)} joints "
-                f"({', '.join(names)})"
+                f"limits: {key} has {len(override)} values, must have one for each of "
+                f"{', '.join(names)}"
             )
     except (TypeError, ValueError) as error:
         raise ConfigurationError(f"limits: {key} is {override!r}: {error}") from error
@@ -130,7 +138,10 @@ def _merge_limits(
 
 
 def check_within_limits(q: np.ndarray, limits: Limits | Arm, what: str) -> None:
-    """Raise ConfigurationError if joints (n,) are outside the limits; `what` names their source."""
+    """Raise a ConfigurationError if joints q (n,) are outside the limits.
+
+    `what` names the source of q in the message.
+    """
     for i in np.flatnonzero(~((q >= limits.lower) & (q <= limits.upper))):
         raise ConfigurationError(
             f"{what} puts {limits.names[i]} at {q[i]:.4f}, outside its limits "
@@ -140,21 +151,22 @@ def check_within_limits(q: np.ndarray, limits: Limits | Arm, what: str) -> None:
 
 @jit("f8, f8, f8")
 def compute_stopping_speed(room, acceleration, dt):
-    """Compute the maximum speed, held for dt (s), from which a joint can stop within its room.
+    """Compute the largest speed from which a joint can stop within `room`.
 
-    It solves v dt + v^2 / 2a = room, so that all later steps of any length stay within the room.
+    The speed is maintained for dt (s) before the joint brakes. It solves v dt + v^2 / 2a = room, so
+    that all later steps of any length stay within the room.
     """
     if dt <= 0.0 or room == np.inf:
         return np.inf
     if acceleration == np.inf:
         return room / dt
-    # Solution of the quadratic equation in the form without cancellation for a small room.
+    # Solution of the quadratic equation in a form without cancellation for a small room.
     return 2.0 * room / (dt + np.sqrt(dt * dt + 2.0 * room / acceleration))
 
 
 @jit("f8[:], f8[:,:], f8")
 def compute_velocity_ranges(q, limits, dt):
-    """Compute the lowest and highest velocities (n,) within the position limits for dt (s).
+    """Compute the lowest and the highest velocities (n,) that keep the joints in range for dt (s).
 
     A joint outside its range may return, but not move further out.
     """

@@ -1,4 +1,4 @@
-"""Secondary tasks, which use the redundancy that the camera task leaves.
+"""Secondary tasks, which use the redundancy of the arm.
 
 Each task proposes joint velocities. Their sum is projected onto the motions that do not affect the
 camera task.
@@ -17,15 +17,18 @@ from .limits import Limits
 
 
 class SecondaryTask(ABC):
-    """Base class of secondary tasks, which propose joint velocities for joints q (n,)."""
+    """Base class of secondary tasks, which propose joint velocities."""
 
     @abstractmethod
     def velocity(self, q: np.ndarray) -> np.ndarray:
-        """Compute the proposed joint velocities (n,), rad/s or m/s, before projection."""
+        """Compute the proposed velocities (n,), rad/s or m/s, at joints q (n,), before projection.
+        """
 
 
 class JointRangeTask(SecondaryTask):
-    """Attraction of joints into ranges: velocity_i = gain_i (q_i within its range - q_i).
+    """Attraction of joints into ranges: velocity_i = gain_i (r_i - q_i).
+
+    Here r_i is the position within the range of joint i that is nearest to q_i.
 
     Attributes:
         rows: (3, n) lower and upper ends of the ranges, rad or m, and gains, 1/s.
@@ -69,26 +72,34 @@ class PostureTask(JointRangeTask):
 
 
 class JointLimitAvoidance(JointRangeTask):
-    """Repulsion of joints from their position limits, within a margin.
+    """Repulsion of joints from their position limits.
 
-    velocity_i = gain (depth of q_i inside the margin), directed away from the limit.
+    velocity_i = gain d_i, where d_i is the depth by which q_i has entered the margin at a limit.
+    The velocity is directed away from the limit.
     """
 
     def __init__(self, limits: Limits, margin: float = 0.2, gain: float = 2.0) -> None:
-        """Set the margin, rad or m, at most a quarter of a joint's range, and the gain, 1/s."""
+        """Set margin and gain.
+
+        Args:
+            limits: position limits of the joints.
+            margin: width of the margin at each limit, rad or m, at most a quarter of a joint's
+                range.
+            gain: gain of the repulsion, 1/s.
+        """
         margins = np.minimum(margin, 0.25 * (limits.upper - limits.lower))
         gains = np.full(len(margins), gain)
         self.rows = np.array([limits.lower + margins, limits.upper - margins, gains])
 
 
 class SingularityAvoidance(SecondaryTask):
-    """Gradient ascent of the manipulability w(q) = sqrt(det(J J^T)), if w is small.
+    """Gradient ascent of the manipulability w(q) = sqrt(det(J J^T)), active if w is small.
 
         velocity = gain (1 - w / bound) grad w / max(|grad w|, max_gradient)   for w < bound, else 0
 
-    The velocity vanishes at the bound, and at an optimum, where the gradient vanishes. (The
-    laboratory's step has constant length and therefore oscillates about the optimum.) The task uses
-    only the redundancy; stretched elbows are treated by DifferentialIK.
+    The velocity vanishes at the bound and, with the gradient, at an optimum. (The step of the
+    laboratory's controller has a constant length and therefore oscillates about the optimum.) The
+    task uses only the redundancy of the arm; DifferentialIK deals with stretched elbows.
     """
 
     def __init__(
@@ -103,7 +114,7 @@ class SingularityAvoidance(SecondaryTask):
 
         Args:
             arm: arm whose Jacobian is used.
-            directions: indices of the directions of (vx, vy, vz, wx, wy, wz) that w includes.
+            directions: indices of the rows of J that are used for w, out of vx, vy, vz, wx, wy, wz.
             gain: maximum speed, rad/s.
             bound: value of w below which the task is active.
             max_gradient: gradient of w above which the step has its full length.

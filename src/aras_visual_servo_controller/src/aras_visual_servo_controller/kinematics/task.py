@@ -14,8 +14,9 @@ from .algebra import ROUNDING_TOLERANCE, is_task_finite, solve_least_squares, sv
 ALL_DIRECTIONS = (True,) * 6
 DIRECTIONS = ("vx", "vy", "vz", "wx", "wy", "wz")
 UNITS = ("m/s",) * 3 + ("rad/s",) * 3
-# Largest standard deviation of the camera's offset, as measured by one image, in depths and rad, at
-# which a direction is servoed. Noise moves the camera by some tenths of the standard deviation.
+# Largest uncertainty of the camera's offset along a direction at which the direction is servoed. It
+# is the standard deviation of the offset that one image gives, in depths or rad. Noise moves the
+# camera by some tenths of it.
 MAX_UNCERTAINTY = 0.3
 
 
@@ -24,19 +25,20 @@ class Task:
     """Camera task L v = desired_rate, where v is the camera twist in the optical frame.
 
     A scheme returns a task for each image. `DifferentialIK` finds the joint velocities q_dot that
-    solve L J q_dot = desired_rate in the least-squares sense, with the arm's Jacobian J.
-    v = (vx, vy, vz, wx, wy, wz) is in m/s and rad/s.
+    solve L J q_dot = desired_rate in the least-squares sense, with the arm's Jacobian J. v = (vx,
+    vy, vz, wx, wy, wz) is in m/s and rad/s.
 
     Attributes:
-        L: (k, 6) interaction matrix with all six columns, k <= 6; a taller matrix is reduced to
-            six rows with the same solution.
-        desired_rate: (k,) desired rate of the error, e_dot, in 1/s times the unit of e.
-        modelled: (6,) bool; directions of the camera that the task controls. The other directions
-            are held as at the goal.
-        depth: depth of the target, m; a translation by it has the same weight as 1 rad.
-        accuracy: accuracy of the measured error: (k, m), the effects of m independent errors of
-            one standard deviation; or one standard deviation of all rows; 0: exact.
-        rank_tolerance: part of the largest singular value below which one counts as 0.
+        L: (k, 6) interaction matrix with all six columns, k <= 6. A matrix with more rows is
+            reduced to six rows with the same solution.
+        desired_rate: (k,) desired rate of the error, e_dot, in units of e per second.
+        modelled: (6,) whether the task controls each direction of the camera. In the other
+            directions, the camera is held at the goal.
+        depth: depth of the target, m. A translation by this depth has the same weight as 1 rad.
+        accuracy: accuracy of the measured error: an array (k, m) with the effects of m independent
+            errors of one standard deviation each; or one number, the standard deviation of all
+            rows; 0 if the error is exact.
+        rank_tolerance: singular values below this fraction of the largest one are treated as 0.
     """
 
     L: np.ndarray
@@ -63,7 +65,7 @@ class Task:
                 f"{rate.shape}"
             )
         if modelled.shape != (6,):
-            raise TaskError(f"modelled directions: six are needed, got {modelled.shape}")
+            raise TaskError(f"modelled must have the shape (6,), got {modelled.shape}")
         if not is_task_finite(L, rate):
             raise TaskError("the interaction matrix or the desired rate is not finite")
         accuracy = self.accuracy
@@ -71,8 +73,8 @@ class Task:
             accuracy = _read_array(accuracy)
             if accuracy.ndim != 2 or len(accuracy) != len(L) or not np.isfinite(accuracy).all():
                 raise TaskError(
-                    f"accuracy of shape {accuracy.shape} for {len(L)} features: (k, m) finite "
-                    "numbers are needed"
+                    f"accuracy must be finite and have the shape ({len(L)}, m), got "
+                    f"{accuracy.shape}"
                 )
         if len(L) > 6:
             L, rate, accuracy = _reduce_rows(L, rate, accuracy)
@@ -95,7 +97,9 @@ class Task:
         """Construct the task of L (k, 6), for any k, and desired_rate (k,).
 
         Args:
-            modelled: (6,) bool.
+            L: (k, 6) interaction matrix.
+            desired_rate: (k,) desired rate of the error.
+            modelled: (6,) whether the task controls each direction.
             weights: (k,) weights of the rows, >= 0, which multiply the rows of L and the rates.
             depth, accuracy, rank_tolerance: attributes of the task.
 
@@ -110,8 +114,8 @@ class Task:
             )
             if weights.shape != desired_rate.shape or L.ndim != 2 or not (weights >= 0.0).all():
                 raise TaskError(
-                    f"weights of shape {weights.shape} for {len(desired_rate)} features; they "
-                    "must be >= 0"
+                    f"weights must be >= 0 and have the shape ({len(desired_rate)},), got "
+                    f"{weights.shape}"
                 )
             L, desired_rate = weights[:, None] * L, weights * desired_rate
             accuracy = np.diag(accuracy * weights) if np.ndim(accuracy) == 0 else (
@@ -121,12 +125,15 @@ class Task:
 
     @classmethod
     def from_twist(cls, twist: ArrayLike, modelled: ArrayLike = ALL_DIRECTIONS) -> Task:
-        """Construct the task of a desired twist (6,), in the modelled directions only."""
+        """Construct the task of a desired twist (6,).
+
+        Only its components in the modelled directions are desired.
+        """
         twist, modelled = _read_array(twist), np.array(modelled, bool)
         if twist.shape != (6,):
-            raise TaskError(f"a twist has shape (6,), got {twist.shape}")
+            raise TaskError(f"a twist must have the shape (6,), got {twist.shape}")
         if modelled.shape != (6,):
-            raise TaskError(f"modelled directions: six are needed, got {modelled.shape}")
+            raise TaskError(f"modelled must have the shape (6,), got {modelled.shape}")
         return cls.from_interaction(np.eye(6)[modelled], twist[modelled], modelled)
 
     @cached_property
@@ -136,7 +143,7 @@ class Task:
 
     @cached_property
     def _svd(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Singular value decomposition of L in its modelled directions, lengths in depths."""
+        """Singular value decomposition of L in its modelled directions, with lengths in depths."""
         return svd((self.L * self._scale)[:, self.modelled])
 
     @property
@@ -148,8 +155,8 @@ class Task:
     def uncertainty(self) -> np.ndarray:
         """Uncertainty (r,) of the camera's offset along each singular direction of L.
 
-        It is the standard deviation of the offset measured by one image, in depths and rad; inf for
-        a direction that no feature shows.
+        The uncertainty is the standard deviation of the offset that one image gives, in depths or
+        rad. It is inf for a direction that no feature measures.
         """
         u, s, _ = self._svd
         is_measurable = s > self.rank_tolerance * s[0]
@@ -160,14 +167,14 @@ class Task:
 
     @property
     def rank(self) -> int:
-        """Number of camera directions with an uncertainty up to MAX_UNCERTAINTY."""
+        """Number of camera directions whose uncertainty is at most MAX_UNCERTAINTY."""
         return int((self.uncertainty <= MAX_UNCERTAINTY).sum())
 
     @cached_property
     def measurable_task(self) -> Task:
-        """The task without directions whose uncertainty exceeds MAX_UNCERTAINTY.
+        """Task without the directions whose uncertainty exceeds MAX_UNCERTAINTY.
 
-        It is the task itself if there are none, and if the features are exact.
+        If there are no such directions, or if the features are exact, it is the task itself.
         """
         if not np.any(self.accuracy) and self.rank_tolerance == ROUNDING_TOLERANCE:
             return self
@@ -181,7 +188,8 @@ class Task:
 
     @property
     def dropped_reason(self) -> str:
-        """Description of the commanded motion that is not servoed, with the reason; else empty."""
+        """Description of the desired motion that is not servoed, and why; empty if there is none.
+        """
         measurable = self.measurable_task
         if measurable is self:
             return ""
@@ -222,11 +230,11 @@ def _read_array(values: ArrayLike) -> np.ndarray:
 def _reduce_rows(
     L: np.ndarray, desired_rate: np.ndarray, accuracy: np.ndarray | float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray | float]:
-    """Reduce L to six rows with the same normal equations, and so the same solutions.
+    """Reduce L to six rows with the same normal equations, and so with the same solutions.
 
     With L^T L = V S^2 V^T, the rows are S V^T and the rates S^-1 V^T L^T rate. A matrix of up
     to 512 rows is reduced by a QR decomposition instead, which keeps full precision. An accuracy
-    that is one number does not change.
+    that is one number is not changed.
     """
     apart = np.ndim(accuracy) == 2
     if len(L) <= 512:

@@ -1,4 +1,7 @@
-"""Control laws, which compute the desired rate of each error. `LAWS` lists them by name."""
+"""Control laws, which compute the desired rate of each error.
+
+The registry `LAWS` contains them by name.
+"""
 
 from .base import LAWS, Law
 from .proportional import Proportional

@@ -12,10 +12,10 @@ from .base import LAWS, Law, gain
 
 @LAWS.register("adaptive")
 class Adaptive(Law):
-    """High gain near the goal, low far from it (ViSP's vpAdaptiveGain).
+    """Adaptive gain, which is high near the goal and low far from it (vpAdaptiveGain in ViSP).
 
-    de/dt = -g(n) e,  g(n) = (zero - infinity) exp(-slope n / (zero - infinity)) + infinity, with
-    n the largest component of L^+ e (m and rad).
+    de/dt = -g(n) e, where n is the largest component of L^+ e (m and rad) and
+    g(n) = (zero - infinity) exp(-slope n / (zero - infinity)) + infinity.
     """
 
     zero: float = gain(5.0, "gain at the goal")
@@ -23,12 +23,12 @@ class Adaptive(Law):
     slope: float = parameter(30.0, "1/(s m)", above=0.0, help="slope of the gain at the goal")
 
     def check(self) -> None:
-        """Refuse parameters that are out of bounds or do not fit together."""
+        """Raise an error for parameters that are out of bounds or do not fit together."""
         super().check()
         if self.zero <= self.infinity:
             raise ConfigurationError(
-                f"law {self.name}: zero is {self.zero:g} 1/s, it must exceed infinity, "
-                f"{self.infinity:g} 1/s"
+                f"law {self.name}: zero is {self.zero:g} 1/s, must be greater than infinity "
+                f"({self.infinity:g} 1/s)"
             )
 
     def desired_error_rate(

@@ -13,32 +13,33 @@ from aras_visual_servo_base.settings import check, parameter
 
 from ..errors import ConfigurationError
 
-# 1/s; a higher gain is probably an error of units: at 30 images/s even 60/s oscillates.
+# A higher gain, 1/s, is probably given in a wrong unit: at 30 images per second even 60 oscillates.
 MAX_GAIN = 1000.0
 
 
 def gain(default: float, help: str = "decay rate of the error") -> Any:
-    """Return the declaration of a parameter that is a gain, 1/s."""
+    """Declare a parameter of a law that is a gain, 1/s."""
     return parameter(default, "1/s", above=0.0, most=MAX_GAIN, help=help)
 
 
 @dataclass(eq=False)
 class Law(ABC):
-    """A control law maps the error to its desired rate. Base class of all laws.
+    """Base class of control laws, which map the error to its desired rate.
 
     With the error e = s - s*, the law is a function e_dot = f(e, L, t), such as e_dot = -gain e.
     The camera twist v is then computed from L v = e_dot in the least-squares sense.
 
-    A subclass implements `desired_error_rate`. Every law is a dataclass: its parameters are
-    annotated attributes, `gain: float = 5.0`, or are declared with unit and bounds by `parameter`.
-    Parameters of type float can be changed while the law runs, also by dynamic_reconfigure. A law
-    that keeps state between images clears it in `reset`, which is also called after construction.
+    A subclass implements `desired_error_rate`. Every law is a dataclass. Its parameters are
+    annotated attributes, such as `gain: float = 5.0`, or are declared with unit and bounds by
+    `parameter`. Parameters of type float can be changed while the law runs, also by
+    dynamic_reconfigure. A law that stores state between images clears it in `reset`, which is also
+    called after construction.
 
     Source: F. Chaumette and S. Hutchinson, Visual servo control, part I, IEEE Robotics and
     Automation Magazine 13(4), 2006.
 
     Attributes:
-        name: short name, for messages.
+        name: short name of the law, for messages.
     """
 
     name: ClassVar[str] = ""
@@ -62,26 +63,27 @@ class Law(ABC):
         t: float,
         dt: float,
     ) -> np.ndarray:
-        """Compute the desired rate of the error, e_dot (k,), in 1/s times the unit of e.
+        """Compute the desired rate of the error, e_dot (k,), in units of e per second.
 
         Args:
-            error: (k,) e = s - s*.
-            L: (k, 6) interaction matrix; columns of directions that the scheme does not control
-                are 0.
+            error: (k,) error e = s - s*.
+            L: (k, 6) interaction matrix; columns of directions that the scheme does not control are
+                0.
             pseudo_inverse_error: (6,) L^+ e, the error as a displacement of the camera in its own
                 frame, m and rad.
             t: time since servoing started, or restarted after the target was lost, s.
-            dt: time since the previous image, s; 0.0 for the first.
+            dt: time since the previous image, s; 0.0 for the first image.
         """
 
     def reset(self) -> None:  # noqa: B027 - a law without state needs no reset
-        """Clear integrals and other state that the law keeps between images."""
+        """Clear integrals and other state that the law stores between images."""
 
     def check(self) -> None:
-        """Refuse parameters that are out of bounds or do not fit together.
+        """Raise an error for parameters that are out of bounds or do not fit together.
 
         Raises:
-            ConfigurationError: naming the parameter, its value and what is allowed.
+            ConfigurationError: a parameter is wrong; the message names it, its value and what is
+                allowed.
         """
         check(self, ConfigurationError, f"law {self.name}: ")
 

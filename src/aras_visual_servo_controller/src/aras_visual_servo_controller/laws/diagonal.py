@@ -21,11 +21,12 @@ class Diagonal(Law):
     )
 
     def check(self) -> None:
-        """Refuse parameters that are out of bounds or do not fit together."""
+        """Raise an error for parameters that are out of bounds or do not fit together."""
         super().check()
         if not self.values:
-            raise ConfigurationError(f"law {self.name}: values is empty, it must hold a gain for "
-                                     "each feature")  # fmt: skip
+            raise ConfigurationError(
+                f"law {self.name}: values is empty; give a gain for each feature"
+            )
 
     def desired_error_rate(
         self,
@@ -42,6 +43,7 @@ class Diagonal(Law):
         """
         if len(error) != len(self.values):
             raise ConfigurationError(
-                f"law {self.name}: {len(self.values)} values for {len(error)} features"
+                f"law {self.name}: values has {len(self.values)} gains, must have one for each of "
+                f"the {len(error)} features"
             )
         return -np.array(self.values) * error

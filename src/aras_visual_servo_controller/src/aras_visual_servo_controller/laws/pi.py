@@ -11,11 +11,11 @@ from .base import LAWS, Law, gain
 
 @LAWS.register("pi")
 class ProportionalIntegral(Law):
-    """Integral action, de/dt = -gain e - integral * (integral of e dt), with a bounded integral.
+    """Proportional-integral law, de/dt = -gain e - integral * (integral of e dt).
 
     It follows a target of constant velocity without error; a proportional law lags behind by
-    speed / gain. Each component of the integral term is limited to `bound` times `gain` times the
-    largest error so far, which prevents windup.
+    speed / gain. To prevent windup, each component of the integral term is limited to `bound` times
+    `gain` times the largest error so far.
     """
 
     gain: float = gain(5.0)
@@ -25,7 +25,7 @@ class ProportionalIntegral(Law):
     )
 
     def reset(self) -> None:
-        """Clear the state kept between images."""
+        """Clear the state that the law stores between images."""
         self._error_integral: np.ndarray | None = None
         self._largest_error: np.ndarray | None = None
 

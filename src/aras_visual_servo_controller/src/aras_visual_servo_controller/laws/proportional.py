@@ -9,7 +9,7 @@ from .base import LAWS, Law, gain
 
 @LAWS.register("proportional")
 class Proportional(Law):
-    """Exponential decay, de/dt = -gain e: every error decays as exp(-gain t).
+    """Proportional law, de/dt = -gain e: every error decays as exp(-gain t).
 
     Source: F. Chaumette and S. Hutchinson, Visual servo control, part I, IEEE Robotics and
     Automation Magazine 13(4), 2006.

@@ -11,7 +11,7 @@ def create_law(
     """Create a law from its short name or 'package.module:Class'.
 
     Args:
-        name: such as 'proportional' or 'pi'; LAWS lists all names.
+        name: name of the law, such as 'proportional' or 'pi'; LAWS contains all names.
         continuous_start: rate mu of a ContinuousStart that wraps the law, 1/s; 0 for none.
         ramp: time constant of a Ramp that wraps the law, s; 0 for none.
         parameters: parameters of the law.

@@ -14,8 +14,8 @@ from .base import LAWS, MAX_GAIN, Law, gain
 class SlidingMode(Law):
     """Sliding mode, de/dt = -gain e - reach sat(e / width), which rejects bounded disturbances.
 
-    It reaches the boundary layer |e| <= `width` in finite time. Inside, the switching term is
-    linear, which avoids chatter.
+    The error reaches the boundary layer |e| <= `width` in finite time. Inside this layer, the
+    switching term is linear, which avoids chatter.
     """
 
     gain: float = gain(5.0)
@@ -25,7 +25,7 @@ class SlidingMode(Law):
     width: float = parameter(0.01, above=0.0, help="boundary layer, units of the error")
 
     def check(self) -> None:
-        """Refuse parameters that are out of bounds or do not fit together."""
+        """Raise an error for parameters that are out of bounds or do not fit together."""
         super().check()
         steepest = self.gain + self.reach / self.width
         if steepest > MAX_GAIN:

@@ -10,10 +10,10 @@ from .base import Law
 
 
 class ContinuousStart(Law):
-    """Continuous start: the camera starts from rest for any first error (as in ViSP).
+    """Continuous start: the camera starts from rest, whatever the first error is (as in ViSP).
 
-    The initial displacement L^+ e(0) is subtracted and decays as exp(-mu t): the wrapped law gets
-    e' = e - L (L^+ e(0)) exp(-mu t), with mu in 1/s.
+    The initial displacement L^+ e(0) is subtracted from the error, and this part decays as exp(-mu
+    t). The wrapped law gets e' = e - L (L^+ e(0)) exp(-mu t), with mu in 1/s.
 
     Reference: N. Mansard and F. Chaumette, Task sequencing for high-level sensor-based control,
     IEEE T-RO 23(1), 2007.
@@ -25,9 +25,10 @@ class ContinuousStart(Law):
     )
 
     def reset(self) -> None:
-        """Clear the state kept between images."""
+        """Clear the state that the law stores between images."""
         self.law.reset()
-        self._initial_motion: tuple[float, np.ndarray] | None = None  # time and L^+ e
+        # Start time, and L^+ e at that time.
+        self._initial_motion: tuple[float, np.ndarray] | None = None
 
     def desired_error_rate(
         self,
@@ -46,13 +47,13 @@ class ContinuousStart(Law):
 
 
 class Ramp(Law):
-    """Ramp: the desired rate of the wrapped law, multiplied by 1 - exp(-t / time); time in s."""
+    """Ramp: the desired rate of the wrapped law is multiplied by 1 - exp(-t / time), time in s."""
 
     law: Law = parameter(internal=True)
     time: float = parameter(0.1, "s", above=0.0, help="time constant")
 
     def reset(self) -> None:
-        """Clear the state kept between images."""
+        """Clear the state that the law stores between images."""
         self.law.reset()
         self._start_time: float | None = None
 

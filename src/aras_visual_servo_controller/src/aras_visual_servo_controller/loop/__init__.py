@@ -1,1 +1,1 @@
-"""Servo loop: from an observation to the joint commands of every tick."""
+"""Servo loop: from an observation to joint commands."""

@@ -1,4 +1,7 @@
-"""Joint commands between images: integrated from velocities, limited, and stopped smoothly."""
+"""Joint commands between images.
+
+The commands are integrated from velocities, limited, and stopped smoothly.
+"""
 
 from __future__ import annotations
 
@@ -16,8 +19,8 @@ if TYPE_CHECKING:
     from ..kinematics.limits import Limits
 
 
-# A joint has jumped between two samples if it moved farther than JUMP times `lead` and JUMP_SPEEDS
-# times the distance at the greater of its two speeds.
+# A joint has jumped between two samples if it moved farther than JUMP times `lead`, and farther
+# than JUMP_SPEEDS times the distance that it covers at the greater of its two speeds.
 JUMP, JUMP_SPEEDS = 0.5, 4.0
 
 
@@ -25,10 +28,10 @@ class CommandIntegrator:
     """Integrator that turns joint velocities into a continuous joint command.
 
     Attributes:
-        command: (n,) rad or m; None before `start_at`.
+        command: (n,) commanded positions, rad or m; None before `start_at`.
         velocity: (n,) latest velocity of the command, rad/s or m/s.
-        is_late: (n,) bool, joints that the last `integrate` waited for.
-        lead: (n,) see ServoSettings.
+        is_late: (n,) whether the last call of `integrate` waited for each joint.
+        lead: (n,) distance by which the command may be ahead of each joint, see ServoSettings.
     """
 
     def __init__(self, names: Sequence[str], limits: Limits, settings: ServoSettings) -> None:
@@ -49,7 +52,8 @@ class CommandIntegrator:
         self.command = np.array(positions, float)
 
     def adopt_joints(self, positions: np.ndarray) -> None:
-        """Set the command to the joints (n,) if they were moved while it was at rest."""
+        """Set the command to the joint positions (n,) if these were changed while it was at rest.
+        """
         arrived = np.asarray(self.settings.arrived, float)
         if self.command is not None and (np.abs(positions - self.command) > arrived).any():
             self.start_at(positions)
@@ -59,7 +63,12 @@ class CommandIntegrator:
         self.is_late = np.zeros(len(self.names), bool)
 
     def yield_to(self, is_late: Sequence[bool], dt: float) -> None:
-        """Stop while another node commands joints (n,), which count as late meanwhile."""
+        """Stop the command while another node commands the joints.
+
+        Args:
+            is_late: (n,) whether each joint is regarded as late meanwhile.
+            dt: time step, s.
+        """
         self.is_late = np.array(is_late)
         self.brake(dt)
 
@@ -69,14 +78,15 @@ class CommandIntegrator:
         return not self.velocity.any()
 
     def integrate(self, velocities: np.ndarray, measured: np.ndarray, dt: float) -> str:
-        """Integrate velocities (n,) over dt (s), given the measured joints (n,).
+        """Integrate velocities (n,) over dt (s), given the measured joint positions (n,).
 
         If a joint does not follow because of friction or an obstacle, all joints wait for it: a
-        motion of the others alone would take the camera off its path. Joints with velocity commands
-        never receive the integrated command; after a stop it is set to the measured positions.
+        motion of the others alone would move the camera off its path. Joints that receive velocity
+        commands never receive the integrated command; after a stop it is set to the measured
+        positions.
 
         Returns:
-            What did not move as commanded, as text; empty if everything did.
+            A description of what did not move as commanded; empty if everything did.
         """
         if dt <= 0.0:
             return ""
@@ -98,7 +108,7 @@ class CommandIntegrator:
         )
 
     def set_command(self, command: np.ndarray, velocity: np.ndarray) -> None:
-        """Set the command (n,) and its velocity (n,), with no late joints."""
+        """Set the command (n,) and its velocity (n,), and mark no joint as late."""
         self.is_late = np.zeros(len(self.names), bool)
         self._braking, self.velocity, self.command = None, velocity, command
 
@@ -129,7 +139,7 @@ class CommandIntegrator:
         self.command, self.velocity = bounded, np.where(bounded == after, velocity, 0.0)
 
     def _compute_bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the bounds (n,), (n,) of the command.
+        """Return the lower and the upper bounds (n,) of the command.
 
         A joint beyond its limit may only move back.
         """
@@ -139,16 +149,16 @@ class CommandIntegrator:
     def make_command(
         self, t: float, measured: JointSample | None, effort: np.ndarray, reason: str, phase: str
     ) -> Command:
-        """Create the command for the joint controllers at t (s), in the chosen output.
+        """Create the command for the joint controllers, in the chosen output.
 
-        The command has no values before joints were measured.
+        The command has no values before the joints are measured.
 
         Args:
-            t: s.
-            measured: latest joints, or None.
+            t: time of the command, s.
+            measured: latest joint sample, or None.
             effort: (n,) largest efforts, N m or N.
-            reason: what limits or stops the motion.
-            phase: of the loop.
+            reason: what limits or stops the motion, as text.
+            phase: phase of the loop.
         """
         if self.command is None or measured is None:
             return Command(t, self.names, reason=reason, phase=phase)
@@ -165,7 +175,7 @@ class CommandIntegrator:
         """Scale the velocities (n,) of a joint controller to the limits of the joints.
 
         Returns:
-            The velocities, and which limits scaled them, as text.
+            The velocities, and a description of the limits that scaled them.
         """
         limits, reasons = self.limits, []
         ratio = np.abs(velocities) / np.asarray(limits.velocity)
@@ -191,8 +201,8 @@ def integrate_command(command, velocity, velocities, measured, lower, upper, lea
     """Integrate the command (n,) by one step.
 
     Returns:
-        The new command (n,), which moves back but not on if it is beyond a limit; its velocity
-        (n,); which joints (n,) a limit stops; which joints (n,) do not follow.
+        The new command (n,); its velocity (n,); whether a limit stops each joint; whether each
+        joint is late. A command beyond a limit may only move back.
     """
     after = np.empty(len(command))
     stopped, late = np.empty(len(command), np.bool_), np.empty(len(command), np.bool_)
@@ -201,7 +211,7 @@ def integrate_command(command, velocity, velocities, measured, lower, upper, lea
         after[i] = min(max(target, min(lower[i], command[i])), max(upper[i], command[i]))
         stopped[i] = after[i] != target
         before, ahead = abs(command[i] - measured[i]), abs(after[i] - measured[i])
-        # A joint at its commanded position is not late, however long the first step is. Otherwise a
+        # A joint at its commanded position is not late, even if the first step is long. Otherwise a
         # flying camera with a desired speed above 5 rad/s would never start to move.
         is_lagging = before > 0.5 * lead[i]
         late[i] = is_lagging and ahead > lead[i] + lag * abs(velocity[i]) and ahead > before
@@ -210,7 +220,10 @@ def integrate_command(command, velocity, velocities, measured, lower, upper, lea
 
 @jit("f8[:], f8[:], f8[:], f8[:], f8[:], f8")
 def has_jumped(positions, before, velocities, velocities_before, lead, dt):
-    """Return whether a joint moved farther in dt (s) than its speeds explain; lead: one or (n,)."""
+    """Return whether a joint moved farther in dt (s) than its speeds explain.
+
+    `lead` is one number, or a number for each joint.
+    """
     for i in range(len(positions)):
         distance = abs(positions[i] - before[i])
         speed = max(abs(velocities[i]), abs(velocities_before[i]))

@@ -1,16 +1,22 @@
 """Servo loop without ROS: from images to joint commands, at two rates.
 
-    process_image(observation): compute -> solve_ik, once per image; has no effect if it fails
-    update(t, joints):          solve_ik -> commands, also between images
+    process_image(observation): called for each image: compute -> solve_ik
+    update(t, joints):          called for each joint state: solve_ik -> commands
 
-Phases: `waiting` (for joint states or images), `approaching` (moving to the start pose, without
-images), `servoing`, `converged` (the mean error over `hold` seconds is within the tolerances; the
-loop stays closed), `holding` (no safe task: the arm stops smoothly and continues with the next
-valid image), `stopped` (until `start`).
+A call of `process_image` that fails has no effect.
 
-Commands are integrated from the last command, not from the measured positions: a joint that
-friction holds is pushed until it moves. The distance between command and joint is limited. Time is
-given by the stamps and by `update`, simulated or not; the loop does not read a clock.
+Phases:
+
+- `waiting`: the loop waits for joint states or images.
+- `approaching`: the arm moves to the start pose, without images.
+- `servoing`: the arm reduces the error.
+- `converged`: the mean error over `hold` seconds is within the tolerances; the loop stays closed.
+- `holding`: there is no safe task; the arm stops smoothly and continues with the next valid image.
+- `stopped`: the arm is stopped until `start`.
+
+Commands are integrated from the last command, not from the measured positions: if friction holds a
+joint, the command increases until the joint moves. The distance between command and joint is
+limited. The loop does not read a clock: it takes the time from the stamps and from `update`.
 """
 
 from __future__ import annotations
@@ -47,12 +53,12 @@ from .servo_control import ServoControl
 if TYPE_CHECKING:
     from ..kinematics.ik_solution import IKSolution
 
-# An image this far in the future was exposed before the clock was reset, s.
+# A stamp that is this far in the future, s, is from before a reset of the clock.
 MAX_STAMP_LEAD = 1.0
 
 
 class Servo(ServoControl):
-    """Servo loop: call `update` for each joint state and `process_image` for each image.
+    """Servo loop; call `update` for each joint state and `process_image` for each image.
 
     The loop closes v = L^+ e_dot around one scheme and one arm. `process_image` computes the joint
     velocities for an image; `update` integrates them into commands (n,) of positions, velocities or
@@ -60,14 +66,15 @@ class Servo(ServoControl):
     used or the scheme fails, the arm stops and `reason` says why.
 
     Attributes:
-        scheme, arm, differential_ik, settings: as given.
-        goal: for this arm, see `Goal.for_arm`.
+        scheme, arm, differential_ik, settings: arguments of the constructor.
+        goal: goal for this arm, see `Goal.for_arm`.
         unreachable_reason: why the arm cannot reach the goal's pose, as text; empty if it can.
-        phase, reason: of the loop now.
-        source: of the images, for messages.
-        integrator: integrates the commands.
-        executor: computes the joint velocities between images.
-        state: the latest ServoState, None before the first.
+        phase: present phase of the loop.
+        reason: what limits or stops the loop, as text.
+        source: source of the images, for messages.
+        integrator: integrator of the commands.
+        executor: object that computes the joint velocities between images.
+        state: latest ServoState; None before the first image.
         on_record: function that is called with each record of the diagnosis, or None.
     """
 
@@ -92,7 +99,7 @@ class Servo(ServoControl):
         if self.is_approaching:
             if self._start_approach is self._to_start or not observation.valid:
                 return self._record(observation)
-            # the target is visible on the path back
+            # The target is visible, although the arm is still on its path back.
             self._start_approach, self._have_joints_jumped = None, True
         joints = observation.joints if observation.joints is not None else self._joints
         if joints is None:
@@ -100,7 +107,7 @@ class Servo(ServoControl):
             return self._record(observation)
         start_time = None if self.clock is None else self.clock()
         solution = None
-        try:  # nothing changes unless all of these calls succeed
+        try:  # nothing is changed unless all of these calls succeed
             self.arm.check(joints.positions, joints.velocities)
             if self._is_paused and self.integrator.is_at_rest:
                 # The arm is at rest: reset integrals and the initial transient of the law.
@@ -177,12 +184,13 @@ class Servo(ServoControl):
     ) -> Command:
         """Advance the loop to the time t (s) and return the joint command.
 
-        If t is before the last time, the clock was reset, and the loop is reset.
+        If t is before the previous time, the clock was reset, and the loop is reset, too.
 
         Args:
-            t: s.
-            joints: new measurement, or None.
-            missing_reason: why the joints could not be measured; stops the arm.
+            t: present time, s.
+            joints: new joint sample, or None.
+            missing_reason: why the joints could not be measured, as text. If it is given, the arm
+                is stopped.
         """
         t = float(t)
         if not np.isfinite(t):
@@ -217,7 +225,7 @@ class Servo(ServoControl):
         return self._make_command(t, measured, self._execute_task(t, dt, measured) or self.reason)
 
     def _execute_task(self, t: float, dt: float, measured: JointSample) -> str:
-        """Integrate the velocities of the present task; return what limited them, as text."""
+        """Integrate the velocities of the present task, and return what limits them, as text."""
         self.executor.activate_pending(t)
         if self._foreign_nodes:
             self.integrator.yield_to(
@@ -225,7 +233,7 @@ class Servo(ServoControl):
             )
             return ""
         if self.executor.task is not None and dt <= 0.0:
-            return ""  # at the stamp of an image; newer joints follow as time advances
+            return ""  # t is the stamp of an image; newer joints follow as time advances
         try:
             result = self.executor.compute_velocities(t, dt, measured, self._start_stamp)
         except SchemeTimeoutError as error:
@@ -249,7 +257,7 @@ class Servo(ServoControl):
         return self.reason
 
     def _check_watchdog(self, t: float) -> None:
-        """Stop the arm if no new task arrives in time."""
+        """Stop the arm if no new task has arrived in time."""
         if self._has_new_answer:
             self._has_new_answer, self._answer_time = False, t
         if self.phase not in (SERVOING, CONVERGED):
@@ -275,23 +283,23 @@ class Servo(ServoControl):
 
     @property
     def is_only_executing(self) -> bool:
-        """Return whether the next ticks only execute the present task."""
+        """Return whether the next updates only execute the present task."""
         return self.phase in (SERVOING, CONVERGED) and not (
             self._has_new_answer or self._have_joints_jumped
         )
 
     @property
     def answer_timing(self) -> tuple[float, float]:
-        """Return the time of the last processed image, and for how long its task may act, s."""
+        """Return the time of the last processed image, and how long its task may be executed, s."""
         settings = self.settings
         return self._answer_time, max(settings.watchdog, settings.watchdog_images * self._period)
 
     def apply_updates(self, joints: JointSample, lag_reason: str) -> None:
-        """Take over the result of ticks that were computed elsewhere, up to these joints.
+        """Apply the result of updates that were computed elsewhere, up to these joints.
 
         Args:
-            joints: after the last tick.
-            lag_reason: which joints were late in the last tick, as text.
+            joints: joint sample of the last update.
+            lag_reason: which joints were late in the last update, as text.
         """
         self._now, self._joints, self._lag_reason = joints.stamp, joints, lag_reason
 
@@ -314,7 +322,7 @@ class Servo(ServoControl):
         is_faulty: bool = False,
         arrival_status: ArrivalStatus = NOT_ARRIVED,
     ) -> ServoState:
-        """Create the state of this image and add the outcome of the diagnosis."""
+        """Create the state of this image, with the outcome of the diagnosis."""
         text = self.reason if reason is None else reason
         state = ServoState(
             float(observation.stamp), self.phase,

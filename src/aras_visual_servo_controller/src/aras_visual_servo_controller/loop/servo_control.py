@@ -52,7 +52,7 @@ CONTROLLER_OUTPUTS = ("position", "velocity", "acceleration")
 
 
 class ServoControl:
-    """Parts and state of a servo loop, and the methods that start and stop it; see Servo."""
+    """State of a servo loop, and the methods that start and stop it; see Servo."""
 
     def __init__(
         self,
@@ -67,9 +67,9 @@ class ServoControl:
         """Create the loop.
 
         Args:
-            clock: function that returns processor time, s, to measure the computation time of the
-                scheme.
-            name: of the scheme, for messages.
+            clock: function that returns the processor time, s, with which the computation time of
+                the scheme is measured.
+            name: name of the scheme, for messages.
 
         Raises:
             ConfigurationError: goal, start or settings do not fit the arm or the scheme.
@@ -134,7 +134,7 @@ class ServoControl:
         try:
             self._reset_scheme()
         except SchemeError as error:
-            self._halt(HOLDING, str(error))  # the next image tries again
+            self._halt(HOLDING, str(error))  # the check is repeated for the next image
 
     def start(self) -> None:
         """Continue after `stop` or `hold` and reset the scheme at the next image."""
@@ -154,8 +154,8 @@ class ServoControl:
         """Stop the arm smoothly until `start`, regardless of images.
 
         Args:
-            reason: of the halt.
-            held_outcome: outcome to report; None: 'held', as requested by a client.
+            reason: why the arm is stopped, as text.
+            held_outcome: outcome to report; None for 'held', the outcome of a client's request.
         """
         self._hold_reason = reason or "held"
         self._halt(HOLDING, self._hold_reason)
@@ -164,28 +164,29 @@ class ServoControl:
         )
 
     def time_out(self, duration: float) -> None:
-        """End the run after its duration (s); an open outcome is then diagnosed."""
+        """End the run after its duration (s), and diagnose an outcome that is still open."""
         self._add_record(RunEvent("timed_out", time=duration))
 
     def mark_joint_jump(self) -> None:
-        """Note that the joints may have moved: commands then start at their measured positions."""
+        """Note that the joints may have moved, so that commands restart at the measured positions.
+        """
         self._have_joints_jumped = True
 
     def set_foreign_nodes(self, nodes: Mapping[str, str]) -> None:
-        """Set the other nodes that command joints now, by joint; empty: none."""
+        """Set the nodes that command joints besides this one, by joint; empty if there are none."""
         ended, self._foreign_nodes = bool(self._foreign_nodes) and not nodes, dict(nodes)
         if ended:
             self.resume_own_commands()
 
     @property
     def is_yielding(self) -> bool:
-        """Return whether another node commands joints, so that the loop waits."""
+        """Return whether the loop waits because another node commands joints."""
         return bool(self._foreign_nodes)
 
     def resume_own_commands(self) -> None:
-        """Command the joints again after another node did, from their present positions.
+        """Resume commanding the joints, from their present positions, after another node did.
 
-        If no target has been visible since, the arm first returns to its last commanded pose.
+        If no target has been visible since then, the arm first returns to its last commanded pose.
         """
         if self.phase == HOLDING and not self._hold_reason and self.integrator.command is not None:
             self._start_approach = self._make_approach(
@@ -195,7 +196,8 @@ class ServoControl:
 
     def _make_approach(self, joints: Sequence[float], destination: str) -> StartApproach:
         """Create the path to joints (n,)."""
-        from .start_approach import StartApproach  # many runs need no approach
+        # Imported here, because many runs need no approach.
+        from .start_approach import StartApproach
 
         limits, settings = self.differential_ik.limits, replace(self.settings, start=tuple(joints))
         return StartApproach(
@@ -206,7 +208,7 @@ class ServoControl:
     def is_waiting_for_joints(self) -> bool:
         """Return whether the command waits for joints to follow.
 
-        It does not while the loop is stopped or held on request.
+        Return False while the loop is stopped or held on request.
         """
         if self.phase == APPROACHING:
             return bool(self._start_approach.reason)
@@ -219,30 +221,34 @@ class ServoControl:
 
     @property
     def is_approaching(self) -> bool:
-        """Return whether the start pose is not reached yet; images are not processed until then."""
+        """Return whether the arm is still moving to the start pose; then images are not processed.
+        """
         return self._start_approach is not None and not self._start_approach.is_done
 
     @property
     def outcome(self) -> Outcome:
-        """Return what is known about the run so far."""
+        """Return the present outcome of the run."""
         return self.diagnosis.outcome
 
     @property
     def command(self) -> np.ndarray | None:
-        """Return the integrated positions (n,), or None before the first tick."""
+        """Return the integrated positions (n,), or None before the first update."""
         return None if self.integrator.command is None else self.integrator.command.copy()
 
     # -- shared ----------------------------------------------------------------------------
 
     def _adopt_jumped_joints(self, measured: JointSample) -> bool:
-        """Set the command to the measured joints if they may have jumped; return whether so."""
+        """Set the command to the measured joints if they may have jumped.
+
+        Return whether it was set.
+        """
         jumped, self._have_joints_jumped = self._have_joints_jumped, False
         if jumped:
             self.integrator.start_at(measured.positions)
         return jumped
 
     def _hold_after_timeout(self, error: SchemeTimeoutError, what: str) -> None:
-        """Hold until `start`, because a scheme that hangs would do so at every image."""
+        """Hold until `start` after a timeout, because the scheme would hang at every image."""
         reason = f"{error}, at the {what}"
         found = make_outcome("scheme_fault", reason)
         self.hold(reason, found.with_remedy(TIMEOUT_ADVICE, *found.remedy.changes))
@@ -253,7 +259,7 @@ class ServoControl:
                        scheme=self.name)  # fmt: skip
 
     def _pause(self) -> None:
-        """Clear the task; the scheme is reset at the next image."""
+        """Remove the task, and reset the scheme at the next image."""
         self.executor.clear()
         self._is_paused = True
         self._has_new_answer, self._answer_time = False, None
@@ -272,7 +278,7 @@ class ServoControl:
         return self.diagnosis.add(record)
 
     def _add_foreign_nodes(self, reason: str) -> str:
-        """Append the other nodes that command joints to a reason."""
+        """Return a reason with the other nodes that command joints appended."""
         return "; ".join(
             text for text in (reason, describe_foreign_nodes(self._foreign_nodes)) if text
         )

@@ -23,7 +23,8 @@ class StartApproach:
         """Create the path.
 
         Args:
-            velocity, acceleration: (n,) largest values of the joints, rad/s or m/s, and per second.
+            velocity: (n,) largest joint speeds, rad/s or m/s.
+            acceleration: (n,) largest joint accelerations, rad/s² or m/s².
             destination: name of the end of the path, for messages.
         """
         n = len(names)
@@ -39,7 +40,7 @@ class StartApproach:
         """Restart the path at the next command."""
         self.is_done = False
         self.reason = ""
-        # Initial joints (n,), start time and duration, s.
+        # Initial joints (n,) of the path, start time, s, and duration, s.
         self._path: tuple[np.ndarray, float, float] | None = None
         self._push_offset = np.zeros(len(self.names))
         self._arrival_time: float | None = None
@@ -50,12 +51,12 @@ class StartApproach:
         Args:
             t: time, s.
             dt: time since the last command, s.
-            positions: (n,) measured.
+            positions: (n,) measured joint positions.
         """
         if self._path is None:
             origin = np.array(positions, float)
-            # Smoothstep has a peak speed of 1.5 times the mean, and an acceleration of 6 distance /
-            # time^2 at both ends.
+            # A smoothstep has a peak speed of 1.5 times the mean speed, and an acceleration of 6
+            # distance / time^2 at both ends.
             distance = np.abs(self.start - origin)
             min_duration = np.maximum(
                 1.5 * distance / self._speed, np.sqrt(6.0 * distance / self._acceleration)

@@ -1,4 +1,4 @@
-"""Execution of the present task between images, or of a joint controller."""
+"""Execution between images: of the present task, or of a joint controller."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ if TYPE_CHECKING:
     from ..kinematics.ik_solution import IKSolution
 
 
-ROUNDING = 1e-12  # s
+ROUNDING = 1e-12  # s; rounding error of times
 
 
 class TaskExecutor:
     """Source of the joint velocities between images.
 
     Attributes:
-        task: that is executed now; None if there is none, or if the scheme commands joints itself.
+        task: task that is executed; None if there is none, or if the scheme commands joints itself.
         is_joint_controlled: whether the scheme commands joints itself.
-        pending_tasks: tasks that wait until the delay is over, with the time at which they start,
-            s.
-        cached_velocities: time of computation, s, velocities (n,), time for which they are valid,
-            s, and what limits them, as text; None if they have to be computed.
+        pending_tasks: tasks that wait until the delay is over, each with the time at which it
+            starts, s.
+        cached_velocities: time at which velocities were computed, s; the velocities (n,); time for
+            which they are valid, s; what limits them, as text. None if they have to be computed.
     """
 
     def __init__(
@@ -47,15 +47,15 @@ class TaskExecutor:
         """Create the executor.
 
         Args:
-            name: of the scheme, for messages.
-            integrator: contains the present command.
+            name: name of the scheme, for messages.
+            integrator: integrator of the commands.
         """
         self.name, self.scheme, self.differential_ik = name, scheme, differential_ik
         self.integrator, self.settings = integrator, settings
         self.clear()
 
     def clear(self) -> None:
-        """Remove all tasks."""
+        """Remove the present task and all pending tasks."""
         self.task: Task | None = None
         self.is_joint_controlled = False
         self.pending_tasks: deque[tuple[float, Task]] = deque()
@@ -64,13 +64,13 @@ class TaskExecutor:
     def set_task(
         self, task: Task | None, solution: IKSolution | None, stamp: float, now: float | None
     ) -> None:
-        """Set the task of an image, at once or after the delay.
+        """Set the task of an image, either immediately or after the delay.
 
         Args:
-            task: None: the scheme commands joints itself.
-            solution: joint velocities for the task, used as long as they are valid.
-            stamp: of the image, s.
-            now: of the last tick, s; None before the first.
+            task: task of the image; None if the scheme commands joints itself.
+            solution: joint velocities for the task, which are used as long as they are valid.
+            stamp: stamp of the image, s.
+            now: time of the last update, s; None before the first.
         """
         if task is None:
             self.is_joint_controlled = True
@@ -83,20 +83,22 @@ class TaskExecutor:
                 self.cached_velocities = now, solution.velocities, solution.reuse_time, reasons
 
     def activate_pending(self, t: float) -> None:
-        """Activate the tasks whose delay is over at t (s)."""
+        """Activate the tasks whose delay is over at the time t (s)."""
         while self.pending_tasks and self.pending_tasks[0][0] <= t + ROUNDING:
             self.task, self.cached_velocities = self.pending_tasks.popleft()[1], None
 
     def compute_velocities(
         self, t: float, dt: float, measured: JointSample, start_stamp: float
     ) -> tuple[np.ndarray, str] | None:
-        """Compute joint velocities (n,) and what limits them, as text; None without a task.
+        """Compute joint velocities (n,), and describe what limits them.
+
+        Return None if there is no task.
 
         Args:
-            t: time of this tick, s.
-            dt: time since the last tick, s.
-            measured: joints.
-            start_stamp: start of servoing, s.
+            t: time of this update, s.
+            dt: time since the last update, s.
+            measured: joint sample of this update.
+            start_stamp: time at which servoing started, s.
 
         Raises:
             SchemeError: the scheme's joint controller failed.
@@ -127,7 +129,7 @@ class TaskExecutor:
     def _update_controller(
         self, t: float, dt: float, measured: JointSample
     ) -> tuple[np.ndarray, str]:
-        """Return the velocities (n,) of a scheme that commands joints, within the limits."""
+        """Return the velocities (n,) of a scheme that commands joints, and what limits them."""
         output = call_user_code(
             self.scheme.update, t, dt, measured, limit=self.settings.scheme_timeout,
             scheme=self.name,

@@ -1,4 +1,4 @@
-"""Teaching of goals: move to a pose, collect views there and average them. Without ROS."""
+"""Teaching of goals without ROS: move to a pose, collect views there, and average them."""
 
 from __future__ import annotations
 
@@ -24,16 +24,19 @@ from ..schemes import JointController, Scheme
 from .start_approach import StartApproach
 
 NO_IMAGES = "no images arrive"
-OUTLINE_POINTS = 400  # points of a computed outline, about as many as an outline from an image has
+# Number of points of a computed outline, similar to that of an outline from an image.
+OUTLINE_POINTS = 400
 
 
 class Teacher:
-    """Collector of valid views of one pose from joint states and images.
+    """Collector of valid views from one pose.
+
+    Its inputs are joint states and images.
 
     Attributes:
-        camera_rig: makes the observations.
+        camera_rig: cameras that make the observations.
         views: valid observations so far.
-        refused_count: images since the last valid one.
+        refused_count: number of images since the last valid one.
         reason: why the last image was not valid.
     """
 
@@ -47,8 +50,9 @@ class Teacher:
         """Create the teacher.
 
         Args:
-            start_joints: joints (n,) to move to first.
-            send: function that receives the commands (n,) on the path.
+            start_joints: joints (n,) to which the arm moves first; None to stay at the present
+                joints.
+            send: function that sends the commands (n,) on the path.
         """
         self.arm, self.camera_rig = arm, camera_rig
         self._send = send
@@ -62,7 +66,7 @@ class Teacher:
 
     @property
     def is_ready(self) -> bool:
-        """Return whether joints are known and the pose is reached, if one was given."""
+        """Return whether the joints are known and the pose, if one was given, is reached."""
         return self._sample is not None and (
             self._start_approach is None or self._start_approach.is_done
         )
@@ -91,7 +95,8 @@ class Teacher:
             self.reason = NO_IMAGES
 
     def _restart_if_moved(self) -> bool:
-        """Return to the pose if the arm was moved, and remove the views of the other pose."""
+        """If the arm was moved, return to the pose and remove the views that were collected so far.
+        """
         offset = np.abs(self._sample.positions - self._start_approach.start)
         is_moved = bool((offset > 2.0 * np.asarray(self._start_approach.settings.arrived)).any())
         if is_moved:
@@ -100,10 +105,10 @@ class Teacher:
         return is_moved
 
     def set_source(self, camera: str, source: Source) -> None:
-        """Do nothing: the caller reports the source of a camera's images itself."""
+        """Do nothing, because the caller reports the source of a camera's images itself."""
 
     def add_image(self, stamp: float, observe_frame: ObserveFrame, camera: str = "") -> None:
-        """Add an image if the pose is reached; an empty camera name means the control camera."""
+        """Add an image if the pose is reached; an empty camera name denotes the control camera."""
         if not self.is_ready:
             return
         merged = self.camera_rig.add_image(
@@ -135,21 +140,21 @@ def make_mean_goal(
     depth: float | None = None,
     target_goal: Goal | None = None,
 ) -> Goal:
-    """Average several views of one pose to a goal.
+    """Create a goal from the mean of several views from one pose.
 
     Args:
         views: valid observations.
-        scheme: whose features store their data in the goal.
-        arm: for the pose of the mean joints.
-        name: of the goal.
-        depth: of the target, m; None: by the geometry in `target_goal`.
+        scheme: scheme whose features store their data in the goal.
+        arm: arm that gives the pose at the mean joints.
+        name: name of the goal.
+        depth: depth of the target, m; None to compute it from the geometry in `target_goal`.
         target_goal: goal with the same target, or None.
 
     Raises:
         ConfigurationError: there is no view, or the depth is unknown.
     """
     if not views:
-        raise ConfigurationError(f"{name}: no valid view to teach a goal from")
+        raise ConfigurationError(f"{name}: there is no valid view of the target")
     target = None if target_goal is None else target_goal.target
     goals = [Goal.teach(scheme, view, name, depth, target) for view in views]
     joints = {key: float(np.mean([g.joints[key] for g in goals])) for key in goals[0].joints}
@@ -160,7 +165,7 @@ def make_mean_goal(
 
 
 def _average_goals(goals: Sequence[Goal]) -> Goal:
-    """Return the first of several goals of one pose, with their mean moments and features."""
+    """Return the first of several goals at one pose, with the mean moments and features of all."""
     first = goals[0]
     moments = first.moments
     if moments is not None:
@@ -181,14 +186,15 @@ def _average_goals(goals: Sequence[Goal]) -> Goal:
 
 
 def complete_by_geometry(goal: Goal, scheme: Scheme | JointController) -> Goal:
-    """Add the data that the scheme needs to a goal, as an exact camera at the goal measures it.
+    """Add the data that the scheme needs to a goal, as measured by an exact camera at the goal.
 
-    The goal is returned unchanged if it is complete, if the target's geometry is unknown, or if the
-    outline is not sufficient for the features; the check of the goal then reports what is missing.
+    Return the goal unchanged if it is complete, if the target's geometry is unknown, or if the
+    outline is not sufficient for the features. In these cases the check of the goal reports what is
+    missing.
 
     Args:
-        goal: for an arm, see `Goal.for_arm`.
-        scheme: whose features need the data.
+        goal: goal for an arm, see `Goal.for_arm`.
+        scheme: scheme whose features need the data.
     """
     try:
         scheme.check(goal)
@@ -199,7 +205,8 @@ def complete_by_geometry(goal: Goal, scheme: Scheme | JointController) -> Goal:
             outline = _sample_sides(goal.target.compute_outline(goal.world_T_camera))
             view = FeatureObserver(None, scheme.needs).observe_exact_features(
                 0.0, goal.camera, world_T_camera=goal.world_T_camera, plane=goal.plane,
-                contour=outline, points=find_corners(outline),  # detected as in images
+                # The corners are found as in an image.
+                contour=outline, points=find_corners(outline),
             )  # fmt: skip
             taught = {key: dict(entry) for key, entry in scheme.teach(view).items()}
         except (ServoError, VisionError):
@@ -209,7 +216,8 @@ def complete_by_geometry(goal: Goal, scheme: Scheme | JointController) -> Goal:
 
 
 def _sample_sides(corners: np.ndarray) -> np.ndarray:
-    """Return points (m, 2) along a polygon's sides, in proportion to the length of each side."""
+    """Return points (m, 2) on a polygon's sides, their number in proportion to the side's length.
+    """
     sides = np.roll(corners, -1, axis=0) - corners
     lengths = np.linalg.norm(sides, axis=1)
     counts = np.maximum(1, np.round(OUTLINE_POINTS * lengths / lengths.sum())).astype(int)
@@ -218,9 +226,10 @@ def _sample_sides(corners: np.ndarray) -> np.ndarray:
 
 
 def average_entries(entries: Sequence[Any]) -> Any:
-    """Average the data taught by features: numbers and lists of numbers; otherwise return the last.
+    """Return the mean of entries that were taught by a feature.
 
-    Lists of different lengths cannot be averaged; the last one is returned.
+    Entries are numbers or lists of numbers. Other entries, and lists of different lengths, cannot
+    be averaged; then the last entry is returned.
     """
     last = entries[-1]
     if isinstance(last, dict):

@@ -1,1 +1,1 @@
-"""Observations from images and joint states: pairing by stamps, and the target's geometry."""
+"""Observations: what is known of each image, its joint states, and the target's geometry."""

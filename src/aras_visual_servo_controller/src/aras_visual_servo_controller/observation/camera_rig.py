@@ -1,7 +1,7 @@
-"""Cameras of a scheme: their observers by name, and one observation of all of them.
+"""Cameras of a scheme, which make one observation of all of them.
 
-The first camera is the control camera: the loop's twist is its twist, and each of its images is
-processed once. Of every other camera the image of the same exposure is used, or else the newest
+The first camera is the control camera: the loop computes its twist, and each of its images is
+processed once. From every other camera, the image of the same exposure is used, or else the newest
 image before it.
 """
 
@@ -23,18 +23,18 @@ from ..kinematics.joint_sample import JointSample
 from .feature_observer import FeatureObserver
 from .observation import Observation
 
-MAX_WAITING_IMAGES = 8  # images of a camera that wait for those of others
-# Largest difference between stamps of the same exposure, as a part of the shorter of two cameras'
-# periods: triggered cameras may have different clocks.
+MAX_WAITING_IMAGES = 8  # number of images of a camera that can wait for those of others
+# Largest difference between two stamps of the same exposure, as a fraction of the shorter of the
+# two cameras' periods: triggered cameras may have different clocks.
 SAME_EXPOSURE_PART = 0.25
-ROUNDING = 1e-6  # s
-SAME_STAMP = 1e-9  # largest difference of equal stamps, s
+ROUNDING = 1e-6  # s; rounding error of periods
+SAME_STAMP = 1e-9  # s; stamps that differ by less are equal
 
 ObserveFrame = Callable[[JointSample | None, tuple[JointSample, ...]], Observation]
 
 
 class FixedCameraKinematics:
-    """Kinematics of a fixed camera with a fixed target, used instead of an arm."""
+    """Kinematics of a fixed camera with a fixed target, which are used instead of an arm."""
 
     def __init__(self, world_T_camera: np.ndarray) -> None:
         """Create the kinematics from `world_T_camera` (4, 4)."""
@@ -46,18 +46,23 @@ class FixedCameraKinematics:
 
 
 class InverseCameraKinematics:
-    """Kinematics of a camera relative to which the arm moves opposite to the control camera.
+    """Kinematics of a camera that moves opposite to the control camera, relative to its target.
 
     One of the two cameras is mounted on the end effector and views a fixed target. The other one is
     fixed and views a target that the end effector carries.
 
     Attributes:
-        fixed_pose: (4, 4) constant pose of the camera in the frame in which the control camera's
+        fixed_pose: (4, 4) constant pose of this camera in the frame in which the control camera's
             target is at rest.
     """
 
     def __init__(self, arm: Arm, fixed_pose: np.ndarray) -> None:
-        """Create the kinematics; `arm` describes the camera's motion relative to its own target."""
+        """Create the kinematics.
+
+        Args:
+            arm: arm that describes the camera's motion relative to its own target.
+            fixed_pose: see the attribute.
+        """
         self._arm, self.fixed_pose = arm, np.array(fixed_pose, float)
 
     def pose(self, q: np.ndarray) -> np.ndarray:
@@ -77,7 +82,7 @@ def make_camera_kinematics(
         urdf: text of the robot description that contains the other camera.
         control: arm of the control camera.
         other: arm of the other camera.
-        name: of the other camera.
+        name: name of the other camera.
 
     Raises:
         ConfigurationError: the two cameras are moved by different joints, their targets are carried
@@ -119,8 +124,8 @@ class _WaitingImage:
     """An image that waits for those of other cameras.
 
     Attributes:
-        stamp: of the exposure, s.
-        observe_frame: function that makes its observation.
+        stamp: stamp of the exposure, s.
+        observe_frame: function that makes the observation of this image.
         observation: result of that function; None before the call.
     """
 
@@ -133,10 +138,11 @@ class CameraRig:
     """Observers of a scheme's cameras.
 
     Attributes:
-        observers: by name; the first is the control camera's.
+        observers: observer of each camera by name, the control camera's first.
         find_joints: function that returns the joints at a stamp (s), or None; set by the loop's
             owner.
-        missing_camera: name of the camera whose image the last one waits for; empty if none.
+        missing_camera: name of the camera for whose image the last image waits; empty if it does
+            not wait.
     """
 
     def __init__(self, observers: Iterable[FeatureObserver]) -> None:
@@ -164,8 +170,9 @@ class CameraRig:
         """Add an image of the camera `name`, exposed at `stamp` (s).
 
         Returns:
-            The stamp of the control camera's newest image that has all matching images, and the
-            function that observes them together; None if there is none.
+            The stamp of the newest image of the control camera for which the images of all other
+            cameras are available, and the function that observes these images together; None if
+            there is no such image.
         """
         if not self._other_observers:
             return stamp, observe_frame
@@ -186,7 +193,7 @@ class CameraRig:
     def _find_matching_image(self, name: str, stamp: float) -> _WaitingImage | None:
         """Return the image of another camera that matches a stamp.
 
-        The result is None if the image is still expected, according to the camera's period so far.
+        Return None if this image has not arrived yet, according to the camera's period so far.
         """
         period = self._estimate_period(name)
         shorter = min(period, self._estimate_period(self.control.name))
@@ -200,7 +207,7 @@ class CameraRig:
         return newest if is_final or period and last + period > stamp + tolerance else None
 
     def _estimate_period(self, name: str) -> float:
-        """Return the period of a camera's images so far, s; 0 if it is unknown."""
+        """Return the period of a camera's images, s; 0 if it is unknown."""
         return min((b - a for a, b in pairwise(self._recent_stamps[name])), default=0.0)
 
     def _observe_together(
@@ -253,7 +260,10 @@ class CameraRig:
     def _compute_twist_from_control(
         self, name: str, control: Observation, here: np.ndarray | None
     ) -> np.ndarray | None:
-        """Return the matrix from the control camera's twist; see Observation.twist_from_control."""
+        """Return the matrix that maps the control camera's twist to the twist of another camera.
+
+        See `Observation.twist_from_control`.
+        """
         arm = self.observers[name].arm
         if isinstance(arm, FixedCameraKinematics):
             return np.zeros((6, 6))

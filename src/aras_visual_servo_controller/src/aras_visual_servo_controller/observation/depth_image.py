@@ -8,17 +8,17 @@ import numpy as np
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.undistortion import CameraModel
 
-MIN_PIXELS = 12  # smallest number of pixels with a depth for a fit
+MIN_PIXELS = 12  # smallest number of pixels with a depth that are needed for a fit
 
 
 def fit_plane(depth: np.ndarray, camera: CameraModel, outline: np.ndarray | None) -> Plane | None:
     """Fit the plane 1/Z = A x + B y + C to the target's pixels, by least squares in 1/Z.
 
     Args:
-        depth: (rows, columns), m along the optical axis; 0 or not finite: unknown.
-        camera: its intrinsics.
-        outline: points (n, 2) of the target, normalised; pixels within their convex hull are used.
-            None: all pixels.
+        depth: (rows, columns) depth along the optical axis, m; 0 or not finite if it is unknown.
+        camera: intrinsics of the camera.
+        outline: (n, 2) points of the target, normalised. The pixels within their convex hull are
+            used; None to use all pixels.
 
     Returns:
         The plane, or None if fewer than MIN_PIXELS of these pixels have a depth.

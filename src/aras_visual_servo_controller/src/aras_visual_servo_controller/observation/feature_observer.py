@@ -1,4 +1,4 @@
-"""Observer: measures in each frame what the scheme needs, and the motion since the last frame."""
+"""Observer of one camera, which measures the quantities that the scheme needs."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from .frame import Frame
     from .image_reader import ImageReader
 
-# Largest plausible normalised coordinate; 29 is 88 degrees off the optical axis.
+# Largest plausible normalised coordinate; 30 is 88 degrees from the optical axis.
 MAX_COORDINATE = 30.0
 
 
@@ -40,19 +40,20 @@ def observe(
     plane: Plane | None = None,
     world_T_camera: np.ndarray | None = None,
 ) -> Observation:
-    """Measure in a frame what the scheme needs: moments, contour, corners, plane.
+    """Measure the quantities that the scheme needs in a frame: moments, contour, corners, plane.
 
     Args:
         frame: image, exact features in px, or moments.
-        joints: at the exposure; None: unknown.
-        observer: contains the arm, the scheme's needs, the goal's plane and the last frame.
-        camera: intrinsics used to read the pixels; None: those of the frame.
-        commands: sent since the exposure.
-        plane: of the target, if it is known better than by goal and kinematics.
-        world_T_camera: (4, 4), if it is known better than by the joints.
+        joints: joints at the exposure; None if they are unknown.
+        observer: observer with the arm, the scheme's needs, the goal's plane and the last frame.
+        camera: intrinsics with which the pixels are read; None for those of the frame.
+        commands: commands that were sent since the exposure.
+        plane: plane of the target, if it is known more accurately than from goal and kinematics.
+        world_T_camera: (4, 4) pose of the camera, if it is known more accurately than from the
+            joints.
 
     Returns:
-        The observation; it is not `valid` and has a reason if the target is not found.
+        The observation. If the target is not found, it is not `valid` and has a reason.
     """
     camera = frame.camera if camera is None else camera
     if frame.image is not None:
@@ -77,16 +78,18 @@ def observe(
 class FeatureObserver:
     """Source of the observations of one camera: images, moments, or exact geometry.
 
-    The stamp and pose of the last observation are stored for `dt` and motion of the next one.
+    The stamp and pose of the last observation are stored, to compute the time step and the motion
+    of the next one.
 
     Attributes:
-        arm: for the camera's pose; None: no poses, unless they are given.
-        needs: quantities that the scheme needs; no others are measured.
-        compute_plane: function from world_T_camera (4, 4) to the target's plane in the camera's
-            frame or None, such as `Goal.compute_plane`; None: no planes, unless they are given.
+        arm: arm that gives the camera's pose; None if poses are unknown unless they are given.
+        needs: quantities that the scheme needs; other quantities are not measured.
+        compute_plane: function that returns the target's plane in the camera's frame, or None, for
+            world_T_camera (4, 4), such as `Goal.compute_plane`; None if planes are unknown unless
+            they are given.
         images: reader of images for `observe_image`, created for the first image.
-        segmentation: selects the target's pixels.
-        name: of the camera.
+        segmentation: method that selects the target's pixels.
+        name: name of the camera.
     """
 
     def __init__(
@@ -101,7 +104,8 @@ class FeatureObserver:
         """Create the observer.
 
         Args:
-            tracker: of the points used as corners; None: corners of the outline.
+            tracker: tracker of the points that are used as corners; None to use the corners of the
+                outline.
         """
         self.arm, self.compute_plane, self.name = arm, compute_plane, name
         self.tracker = tracker
@@ -119,7 +123,7 @@ class FeatureObserver:
 
     @cached_property
     def images(self) -> ImageReader:
-        """Reader of images; not needed for exact features."""
+        """Reader of images, which is not needed for exact features."""
         from .image_reader import ImageReader
 
         return ImageReader(self.needs, self.segmentation, self.tracker)
@@ -138,14 +142,16 @@ class FeatureObserver:
         """Measure an image with the pipeline of the camera package.
 
         Args:
-            stamp: of the exposure, s.
+            stamp: stamp of the exposure, s.
             image: `Image`, or (rows, columns) grey or (rows, columns, 3) RGB, uint8.
-            camera: its intrinsics.
-            joints: at the exposure.
-            commands: sent since the exposure.
-            depth: (rows, columns), m.
-            plane: of the target, if it is known better than by goal and kinematics.
-            world_T_camera: (4, 4), if it is known better than by the joints.
+            camera: intrinsics of the camera.
+            joints: joints at the exposure.
+            commands: commands that were sent since the exposure.
+            depth: (rows, columns) depth image, m.
+            plane: plane of the target, if it is known more accurately than from goal and
+                kinematics.
+            world_T_camera: (4, 4) pose of the camera, if it is known more accurately than from the
+                joints.
         """
         valid, reason, plane, fields = self.images.read(
             image, camera, self._find_pose(joints, world_T_camera), depth, plane
@@ -196,8 +202,8 @@ class FeatureObserver:
 
         Args:
             stamp, camera, joints, commands, plane: see `observe_image`.
-            world_T_camera: (4, 4); default: from the joints.
-            contour: (n, 2) outline, normalised: its moments are exact, its vertices are the
+            world_T_camera: (4, 4) pose of the camera; None to compute it from the joints.
+            contour: (n, 2) outline, normalised. Its moments are exact, and its vertices are the
                 corners.
             points: (n, 2) corners, if they are not the vertices of the contour.
             noise: standard deviation of the noise added to the coordinates, normalised.
@@ -223,7 +229,10 @@ class FeatureObserver:
     def _find_pose(
         self, joints: JointSample | None, world_T_camera: np.ndarray | None
     ) -> np.ndarray | None:
-        """Return world_T_camera (4, 4) as given, else by the joints; None if both are unknown."""
+        """Return world_T_camera (4, 4) as given, or else from the joints.
+
+        Return None if both are unknown.
+        """
         if world_T_camera is None and joints is not None and self.arm is not None:
             return self.arm.pose(joints.positions)
         return world_T_camera
@@ -266,7 +275,7 @@ class FeatureObserver:
 
 
 def explain_implausible(moments: Moments) -> str:
-    """Describe why no camera can measure these moments; the text is empty if they are plausible."""
+    """Describe why no camera can measure these moments; empty text if they are plausible."""
     if not (abs(moments.xg) < MAX_COORDINATE and abs(moments.yg) < MAX_COORDINATE):
         return f"implausible moments: the target's centre at {moments.xg:.3g}, {moments.yg:.3g}"
     if not 0.0 < moments.m00 < (2.0 * MAX_COORDINATE) ** 2:

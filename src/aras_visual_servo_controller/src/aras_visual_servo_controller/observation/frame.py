@@ -1,4 +1,6 @@
-"""Frame: the data of one exposure, which are an image, exact features, or a camera node's moments.
+"""Frame: the data of one exposure of a camera.
+
+These data are an image, exact features, or the moments that a camera node measured.
 """
 
 from __future__ import annotations
@@ -16,7 +18,10 @@ NANOSECONDS = 1_000_000_000
 
 
 def to_seconds(stamp_ns: int) -> float:
-    """Convert a stamp to s, rounded as in ROS, so that both give the same number."""
+    """Convert a stamp from ns to s.
+
+    The result is rounded as in ROS, so that both give the same number.
+    """
     return float(stamp_ns // NANOSECONDS) + (stamp_ns % NANOSECONDS) / 1e9
 
 
@@ -25,9 +30,11 @@ class MeasuredTarget:
     """Target measured by another process, such as the camera node.
 
     Attributes:
-        moments: in normalised coordinates; None: not measured.
-        valid, reason: whether the target was found, and why not.
-        kernel: (20,) camera/data of the original package; None: not measured.
+        moments: moments in normalised coordinates; None if they were not measured.
+        valid: whether the target was found.
+        reason: why it was not found.
+        kernel: (20,) numbers of the original package's topic camera/data; None if they were not
+            measured.
         pixel_count: number of pixels of the target.
         touched_borders: borders of the image that the target touches.
     """
@@ -42,22 +49,25 @@ class MeasuredTarget:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """One exposure of a camera; without an image and features, the target is not in view.
+    """One exposure of a camera.
 
-    A frame comes from a renderer, a bag or a topic; `observe` turns it into an `Observation`.
-    Pixels are (row, column) in arrays and (u, v), right and down, in outlines and points.
+    A frame comes from a renderer, a bag or a topic; `observe` turns it into an `Observation`. If it
+    has neither an image nor features, the target is not in view. Pixels are indexed (row, column)
+    in arrays. In outlines and points they have coordinates (u, v), to the right and downwards.
 
     Attributes:
         stamp_ns: time of the exposure, ns of simulated time.
-        image: (rows, columns[, channels]) uint8, in the encoding `encoding`; None: no image.
-        depth: (rows, columns), m along the optical axis; None: no depth image.
-        outline, points: (n, 2) and (m, 2) exact outline and corners of the target, px.
-        name: of the camera.
-        target_mask: (rows, columns), 255 for the target's pixels of a label image; None: no label
+        image: (rows, columns[, channels]) uint8, in the encoding `encoding`; None if there is no
             image.
+        depth: (rows, columns) depth along the optical axis, m; None if there is no depth image.
+        outline: (n, 2) exact outline of the target, px.
+        points: (m, 2) exact corners of the target, px.
+        name: name of the camera.
+        target_mask: (rows, columns), 255 for the target's pixels of a label image; None if there is
+            no label image.
         jitter: standard deviation of the noise in outline and points, px.
-        camera: intrinsics of the camera; None: the reader knows them.
-        target: moments instead of an image, or None.
+        camera: intrinsics of the camera; None if the reader knows them.
+        target: target that was measured by another process, instead of an image; or None.
     """
 
     stamp_ns: int

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from .frame import Frame
 
-MeasuredFields = dict[str, object]  # measured values by field of Observation
+MeasuredFields = dict[str, object]  # measured values by the name of their field of Observation
 
 
 class ImageReader:
@@ -37,8 +37,9 @@ class ImageReader:
 
         Args:
             needs: quantities to measure.
-            segmentation: selects the target's pixels.
-            tracker: of the points used as corners; None: corners of the outline.
+            segmentation: method that selects the target's pixels.
+            tracker: tracker of the points that are used as corners; None to use the corners of the
+                outline.
         """
         self.needs, self.tracker = needs, tracker
         self.pipeline = Pipeline(PipelineSettings(segmentation))
@@ -56,17 +57,18 @@ class ImageReader:
         depth: np.ndarray | None,
         plane: Plane | None,
     ) -> tuple[bool, str, Plane | None, MeasuredFields]:
-        """Measure the needed quantities.
+        """Measure the needed quantities in an image.
 
         Args:
             image: `Image`, or (rows, columns) grey or (rows, columns, 3) RGB, uint8.
-            camera: its intrinsics.
-            pose: world_T_camera (4, 4), if it is known.
-            depth: (rows, columns), m.
-            plane: of the target, if it is known better than by the image.
+            camera: intrinsics of the camera.
+            pose: world_T_camera (4, 4); None if it is unknown.
+            depth: (rows, columns) depth image, m.
+            plane: plane of the target, if it is known more accurately than from the image.
 
         Returns:
-            Whether the target was found, why not, its plane if it is known, and the other fields.
+            Whether the target was found; why it was not found; its plane, or None if it is unknown;
+            the other fields of the observation.
         """
         if not isinstance(image, Image):
             image = Image(np.asarray(image), "mono8" if np.ndim(image) == 2 else "rgb8")
@@ -105,7 +107,7 @@ class ImageReader:
     def _measure_target(
         self, image: Image, camera: CameraModel, needs: frozenset[Need]
     ) -> tuple[bool, str, MeasuredFields]:
-        """Measure the target with the pipeline."""
+        """Measure the target with the pipeline of the camera package."""
         self.pipeline.set_camera(camera)
         try:
             measured = self.pipeline.measure(image)

@@ -1,9 +1,9 @@
-"""History of joint states by stamp, which gives the joints at the exposure of an image.
+"""History of joint states, which gives the joints at the exposure of an image.
 
 Images and joint states arrive over different connections. Between two samples the joints are
-interpolated; after the last sample they are extrapolated with its velocity. In lockstep, where runs
-have to be bit-identical, only samples up to the exposure are used, and the image waits until all of
-them have arrived. Then the order of arrival does not matter.
+interpolated; after the last sample they are extrapolated with its velocity. In lockstep, runs have
+to be bit-identical and must not depend on the order of arrival. Therefore the image waits until all
+samples up to its exposure have arrived, and later samples are not used.
 """
 
 from __future__ import annotations
@@ -16,13 +16,15 @@ import numpy as np
 
 from ..kinematics.joint_sample import JointSample
 
-# Largest time to the nearest sample for which joints are known, s.
+# Joints are known only if the nearest sample is not farther away than this, s.
 MAX_AGE = 0.1
-# Time to the nearest sample, in sample periods, up to which extrapolation is reliable: one sample
-# may still be in transit.
+# Extrapolation is reliable up to this number of sample periods, because one sample may still be in
+# transit.
 MAX_PERIODS = 1.5
-MEDIAN_PERIODS = 8  # number of periods whose median is used, so that lost samples do not change it
-ROUNDING = 1e-6  # s, more than the rounding of stamps, less than any period of samples
+# The period is the median over this number of periods, so that lost samples do not change it.
+MEDIAN_PERIODS = 8
+# s; greater than the rounding error of stamps and smaller than any period of samples.
+ROUNDING = 1e-6
 
 
 class JointHistory:
@@ -33,7 +35,11 @@ class JointHistory:
     """
 
     def __init__(self, length: int = 64) -> None:
-        """Create the history; `length`: number of samples to store."""
+        """Create the history.
+
+        Args:
+            length: number of samples to store.
+        """
         self._samples: deque[JointSample] = deque(maxlen=length)
         self.newest: JointSample | None = None
 
@@ -48,7 +54,7 @@ class JointHistory:
     def estimate_velocities(self, sample: JointSample) -> JointSample:
         """Return a sample of positions with velocities estimated from the newest stored sample.
 
-        The velocities stay zero if the newest sample is too old or missing.
+        The velocities remain zero if the newest stored sample is missing or too old.
         """
         newest = self.newest
         if newest is None or not 0.0 < sample.stamp - newest.stamp <= MAX_AGE + ROUNDING:
@@ -69,7 +75,7 @@ class JointHistory:
     def is_complete_to(self, stamp: float) -> bool:
         """Return whether all samples up to `stamp` have arrived, according to the sample period.
 
-        The result is False with fewer than two samples, whose period is unknown.
+        Return False if there are fewer than two samples, because their period is unknown.
         """
         if len(self._samples) < 2:
             return False
@@ -80,9 +86,9 @@ class JointHistory:
         """Return the joints at an instant, or None if no sample is close enough.
 
         Args:
-            stamp: s.
-            earlier_only: extrapolate from the last sample at or before the stamp, and ignore later
-                ones.
+            stamp: time of the instant, s.
+            earlier_only: whether to ignore later samples and extrapolate from the last sample at or
+                before the stamp.
         """
         before = after = None
         for sample in reversed(self._samples):
@@ -119,7 +125,7 @@ class JointHistory:
     def _is_far(self, distance: float) -> bool:
         """Return whether a time difference (s) to a sample is too large to extrapolate.
 
-        The result is False for a single sample, whose period is unknown.
+        Return False if there is only one sample, because the period is unknown.
         """
         return (
             len(self._samples) > 1 and distance > MAX_PERIODS * self._estimate_period() + ROUNDING

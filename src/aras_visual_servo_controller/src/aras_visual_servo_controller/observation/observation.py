@@ -1,7 +1,7 @@
-"""Observation: one immutable record of all that is known of one image, made by `observe`.
+"""Observation: an immutable record of everything that is known of one image.
 
-Features read observations and store nothing themselves. The camera's optical frame has z forward, x
-right, y down; `a_T_b` (4, 4) maps b to a.
+`observe` makes an observation. Features read observations and store nothing themselves. In the
+camera's optical frame, z points forward, x to the right and y down. `a_T_b` (4, 4) maps b to a.
 """
 
 from __future__ import annotations
@@ -34,7 +34,8 @@ class Need(Enum):
     KERNEL = "kernel"
 
 
-# Quantities measured on the segmented target; without a target the observation is not valid.
+# Quantities that are measured on the segmented target. If the target is not found, the observation
+# is not valid.
 SEGMENTED = frozenset((Need.MOMENTS, Need.CONTOUR, Need.CORNERS, Need.KERNEL))
 
 
@@ -49,50 +50,56 @@ class Observation:
     right and y = Y/Z downwards. `a_T_b` (4, 4) maps b to a.
 
     Attributes:
-        stamp: time of the exposure, s of simulated time.
-        dt: time since the previous observation, s; 0.0 for the first.
-        valid, reason: whether the segmentation found the target, and why not. A scheme with its own
-            image processing decides for itself.
-        camera: K, D and lens; `normalise` and `project` convert between pixels and rays.
-        joints: at the exposure, interpolated by stamp.
-        world_T_camera: (4, 4) at the exposure, by kinematics ("world" is the arm's base).
+        stamp: time of the exposure, in s of simulated time.
+        dt: time since the previous observation, s; 0.0 for the first one.
+        valid: whether the segmentation found the target. A scheme with its own image processing
+            decides this itself.
+        reason: why the target was not found.
+        camera: camera model with K, D and lens. Its methods `normalise` and `project` convert
+            between pixels and rays.
+        joints: joints at the exposure, interpolated between joint states.
+        world_T_camera: (4, 4) pose of the camera at the exposure, by kinematics ("world" is the
+            arm's base).
         moments: image moments of the segmented target, in normalised coordinates.
         contour: (n, 2) outline of the target, normalised, with subpixel accuracy.
         corners: (n, 2) corners of the outline, in its order, normalised.
-        corner_accuracy: rms error of the corners without noise, normalised; 0: exact.
-        corner_spread: (2n, m) effects on x_0, y_0, x_1, ... of independent errors, one standard
-            deviation each, estimated from the scatter of edge points about their fitted lines. The
-            errors decrease towards a goal taught with the same camera. None: unknown.
-        corner_repeatability: the part of this error that differs between a goal and an image of the
-            same camera, normalised.
-        corner_noise: standard deviation of noise in corners and contour, normalised, if their
-            source declares it.
-        is_numbered: whether each corner is identified individually, as those of a marker are; None:
-            the corners are exact, and a scheme uses them as it needs.
+        corner_accuracy: rms error of the corners in an image without noise, normalised; 0 if they
+            are exact.
+        corner_spread: (2n, m) effects of m independent errors, of one standard deviation each, on
+            x_0, y_0, x_1, ... They are estimated from the scatter of edge points about their fitted
+            lines. As the camera approaches a goal that was taught with the same camera, the errors
+            decrease. None if they are unknown.
+        corner_repeatability: part of the corners' error that differs between a goal and an image of
+            the same camera, normalised.
+        corner_noise: standard deviation of the noise in corners and contour, normalised, as
+            declared by their source.
+        is_numbered: whether each corner is identified individually, as the corners of a marker are;
+            None for exact corners, which a scheme may treat either way.
         marker: `DICTIONARY:number` of the marker that has these corners; empty if there is none.
         pixel_count: number of pixels of the target; 0 if unknown.
         touched_borders: borders of the image that the target touches: left, right, top, bottom.
         image: (rows, columns) or (rows, columns, 3) RGB, uint8.
         depth: (rows, columns) float32, m along the optical axis.
-        plane: of the target, from the depth image if it is needed, otherwise from goal and
-            kinematics; None if both are unknown.
+        plane: plane of the target, from the depth image if the scheme needs it, otherwise from goal
+            and kinematics; None if it is unknown.
         is_plane_measured: whether the plane comes from the depth image. A plane from goal and
             kinematics is wrong if the camera model is wrong or the target was moved.
-        kernel: (20,) camera/data of the original package for this image.
+        kernel: (20,) numbers of the original package's topic camera/data for this image.
         previous_T_camera: (4, 4) motion since the previous observation, from the joints; None for
-            the first, and if the joints at one of the two are extrapolated too far.
-        commands: joint commands sent since the exposure.
-        name: of the camera.
-        other_cameras: observations of the other cameras of a scheme of several, by name.
-        twist_from_control: (6, 6) matrix of a camera other than the control camera, which is the
-            first of the scheme. The camera's twist relative to its target is this matrix times the
-            twist of the control camera, each in its own frame. It is zero if the arm moves neither
-            the camera nor its target; None: this is the control camera.
-        motion_since_exposure: (6,) motion of such a camera from its own exposure to that of the
-            control camera, in its own frame, as the twist that causes it in one second; None if it
-            is unknown, or for the control camera.
-        has_other_target: whether the arm carries only one of the targets of this camera and of the
-            control camera; world_T_camera and plane then refer to the target of this camera.
+            the first observation, or if the joints of one of the two are extrapolated too far.
+        commands: joint commands that were sent since the exposure.
+        name: name of the camera.
+        other_cameras: observations of the scheme's other cameras, by name.
+        twist_from_control: (6, 6) matrix that maps the twist of the control camera (the first
+            camera of the scheme) to the twist of this camera relative to its target, each in its
+            own frame. The matrix is zero if the arm moves neither this camera nor its target; None
+            if this is the control camera.
+        motion_since_exposure: (6,) motion of this camera from its own exposure to that of the
+            control camera, in its own frame, as the twist that causes the motion in one second;
+            None if it is unknown, or if this is the control camera.
+        has_other_target: whether the arm carries the target of only one of the two cameras, this
+            one or the control camera. Then world_T_camera and plane refer to the target of this
+            camera.
     """
 
     stamp: float
@@ -128,26 +135,27 @@ class Observation:
 
     @property
     def cameras(self) -> dict[str, Observation]:
-        """Return the observation of each camera by name; the first is this one.
+        """Return the observation of each camera by name, this one first.
 
-        Their stamps are equal if the images were exposed together.
+        The observations have the same stamp if the images were exposed together.
         """
         return {self.name: self, **self.other_cameras}
 
     @property
     def is_from_image(self) -> bool:
-        """Return whether the observation comes from an image and not from exact geometry."""
+        """Return whether the observation was measured in an image, not computed from geometry."""
         return self.image is not None or self.depth is not None or self.pixel_count > 0
 
     def without_pixels(self) -> Observation:
-        """Return the observation without images and depth images, as a run record stores it."""
+        """Return the observation without images and depth images, for the record of a run."""
         others = {name: view.without_pixels() for name, view in self.other_cameras.items()}
         if self.image is None and self.depth is None and not others:
             return self
         return replace(self, image=None, depth=None, other_cameras=others)
 
     def with_noise(self) -> Observation:
-        """Return the observation with the declared noise included in the corners' accuracy."""
+        """Return the observation with the declared noise included in the accuracy of the corners.
+        """
         if not self.corner_noise:
             return self
         return replace(
@@ -161,13 +169,13 @@ class Observation:
         return L if self.twist_from_control is None else L @ self.twist_from_control
 
     def compute_change_since_exposure(self, L: np.ndarray) -> np.ndarray | float:
-        """Return the change of features between this exposure and the control camera's.
+        """Return the change of features from this exposure to that of the control camera.
 
-        It is a first-order approximation by L (k, 6), and 0 if both images were exposed together.
+        It is computed to first order from L (k, 6). It is 0 if both images were exposed together.
         """
         return 0.0 if self.motion_since_exposure is None else L @ self.motion_since_exposure
 
     @cached_property
     def motion(self) -> np.ndarray | None:
-        """The motion previous_T_camera as the twist (6,) that causes it in one second."""
+        """The motion previous_T_camera, as the twist (6,) that causes it in one second."""
         return None if self.previous_T_camera is None else logarithm(self.previous_T_camera)

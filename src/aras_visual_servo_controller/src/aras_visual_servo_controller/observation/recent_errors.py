@@ -1,4 +1,4 @@
-"""Buffer of recent errors in one array, for fast evaluation."""
+"""Buffer of recent rows of numbers in one array, for fast evaluation."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 
 class RecentErrors:
-    """Rows of numbers with their stamps, the newest last."""
+    """Recent rows of numbers, each with its stamp, the newest last."""
 
     def __init__(self) -> None:
         self.clear()
@@ -22,16 +22,22 @@ class RecentErrors:
 
     @property
     def stamps(self) -> np.ndarray:
-        """Return the increasing stamps (m,), s; a view that is valid until the next `add`."""
+        """Return the increasing stamps (m,), s.
+
+        The array is a view that is valid until the next call of `add`.
+        """
         return self._stamps[self._start : self._end]
 
     @property
     def errors(self) -> np.ndarray:
-        """Return the rows (m, k); a view that is valid until the next `add`."""
+        """Return the rows (m, k).
+
+        The array is a view that is valid until the next call of `add`.
+        """
         return self._rows[self._start : self._end]
 
     def add(self, stamp: float, error: np.ndarray) -> None:
-        """Add one row (k,); a row of another length removes all previous rows."""
+        """Add one row (k,); previous rows of another length are removed."""
         if self._rows.shape[1] != len(error):
             self.clear()
             self._rows = np.empty((len(self._stamps), len(error)))
@@ -41,11 +47,12 @@ class RecentErrors:
         self._end += 1
 
     def drop_oldest(self, count: int) -> None:
-        """Remove the oldest rows."""
+        """Remove the `count` oldest rows."""
         self._start += count
 
     def _make_room(self) -> None:
-        """Move the rows to the front, of arrays twice as long if more than half is in use."""
+        """Move the rows to the front of the arrays, and double these if more than half is in use.
+        """
         count = len(self)
         size = len(self._stamps) * (2 if 2 * count > len(self._stamps) else 1)
         stamps, rows = np.empty(size), np.empty((size, self._rows.shape[1]))

@@ -36,12 +36,12 @@ class GeometryEntry:
 
 @dataclass(frozen=True, eq=False)
 class TargetGeometry:
-    """Boxes in the world (the arm's base), parallel to its axes, visible above a horizontal ground.
+    """Boxes above a horizontal ground, parallel to the axes of the world (the arm's base).
 
     Attributes:
         boxes: (n, 2, 3) lowest and highest corner of each of one or two boxes, m.
         ground: height below which the boxes are invisible, m.
-        surface: height of the target's plane that interaction matrices use, m.
+        surface: height of the target's plane, which is used for interaction matrices, m.
     """
 
     boxes: np.ndarray
@@ -55,7 +55,7 @@ class TargetGeometry:
         The default of `surface` is the top of the first box.
 
         Raises:
-            ConfigurationError: the message starts with `where`.
+            ConfigurationError: a value is wrong; the message starts with `where`.
         """
         entry = build(GeometryEntry, data, where, ConfigurationError)
         boxes = np.array(entry.boxes).reshape(-1, 2, 3)
@@ -76,12 +76,14 @@ class TargetGeometry:
         if not (np.isfinite(boxes).all() and np.isfinite(surface) and not np.isnan(ground)):
             raise ConfigurationError(f"{where}: a number is not finite")
         if not (boxes[:, 0] < boxes[:, 1]).all():
-            raise ConfigurationError(f"{where}: the first corner of a box must be its lowest")
+            raise ConfigurationError(
+                f"{where}: the first corner of a box must have its lowest coordinates"
+            )
         boxes.setflags(write=False)
         return cls(boxes, ground, surface)
 
     def to_mapping(self) -> dict[str, Any]:
-        """Return the geometry as plain numbers for YAML."""
+        """Return the geometry as numbers and lists for YAML."""
         return {"surface": float(self.surface), "ground": float(self.ground),
                 "boxes": self.boxes.tolist()}  # fmt: skip
 
@@ -89,7 +91,7 @@ class TargetGeometry:
         """Return the depth Z (m) at which the optical axis meets the surface.
 
         Raises:
-            ServoError: the axis meets the surface behind the camera, or nowhere.
+            ServoError: the axis meets the surface behind the camera, or not at all.
         """
         down = world_T_camera[2, 2]
         depth = (self.surface - world_T_camera[2, 3]) / down if down != 0.0 else -1.0
@@ -98,10 +100,10 @@ class TargetGeometry:
         return float(depth)
 
     def compute_plane(self, world_T_camera: np.ndarray) -> Plane:
-        """Return the surface in the optical frame, 1/Z = A x + B y + C.
+        """Return the plane of the surface in the optical frame, 1/Z = A x + B y + C.
 
         Raises:
-            ServoError: the camera lies in the surface.
+            ServoError: the camera is in the surface.
         """
         height = self.surface - world_T_camera[2, 3]
         if height == 0.0:
@@ -109,7 +111,7 @@ class TargetGeometry:
         return Plane(*(world_T_camera[2, :3] / height).tolist())
 
     def compute_outline(self, world_T_camera: np.ndarray) -> np.ndarray:
-        """Return the silhouette (n, 2) of all boxes together, in normalised image coordinates.
+        """Return the common silhouette (n, 2) of all boxes, in normalised image coordinates.
 
         Raises:
             ServoError: a box is not in front of the camera, or the boxes do not overlap in the
@@ -128,7 +130,7 @@ class TargetGeometry:
         )
         points = (corners - world_T_camera[:3, 3]) @ world_T_camera[:3, :3]
         if (points[:, 2] <= 0.0).any():
-            raise ServoError("the target is behind the camera: nothing to project")
+            raise ServoError("the target is behind the camera and cannot be projected")
         return convex_hull(points[:, :2] / points[:, 2:])
 
 
@@ -137,7 +139,10 @@ def _cross(o: Sequence[float], a: Sequence[float], b: Sequence[float]) -> float:
 
 
 def convex_hull(points: np.ndarray) -> np.ndarray:
-    """Return the convex hull (n, 2) in counterclockwise order (Andrew's monotone chain)."""
+    """Return the convex hull (n, 2) of points, in counterclockwise order.
+
+    The algorithm is Andrew's monotone chain.
+    """
     ordered = sorted(map(tuple, points))
     hull: list[tuple] = []
     for chain in (ordered, ordered[::-1]):
@@ -151,14 +156,14 @@ def convex_hull(points: np.ndarray) -> np.ndarray:
 
 
 def _are_inside(points: np.ndarray, polygon: np.ndarray) -> np.ndarray:
-    """Return which (n,) of the points (n, 2) lie within a convex polygon (k, 2)."""
+    """Return whether each of the points (n, 2) is inside a convex polygon (k, 2)."""
     x, y = (points[:, None] - polygon).transpose(2, 0, 1)
     u, v = (next_vertices(polygon) - polygon).T
     return (u * y - v * x > 0.0).all(axis=1)
 
 
 def _find_crossings(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Return the points (n, 2) where edges of two polygons cross."""
+    """Return the points (n, 2) in which edges of two polygons cross."""
     along = next_vertices(one) - one
     (ux, uy), (vx, vy) = along.T[..., None], (other - next_vertices(other)).T
     wx, wy = (other - one[:, None]).transpose(2, 0, 1)
@@ -172,7 +177,7 @@ def _find_crossings(one: np.ndarray, other: np.ndarray) -> np.ndarray:
 def unite_star_shapes(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     """Return the outline of two overlapping convex polygons.
 
-    The outline is star-shaped about a common point.
+    The outline is star-shaped about a point that is common to both.
     """
     crossings = _find_crossings(one, other)
     if len(crossings) < 2:
@@ -190,6 +195,6 @@ def ellipse_of(moments: Moments) -> np.ndarray:
     spread = np.array([[mu(2, 0), mu(1, 1)], [mu(1, 1), mu(0, 2)]]) / m.m00
     squares, axes = np.linalg.eigh(spread)
     around = np.linspace(0.0, 2.0 * np.pi, ELLIPSE_CORNERS, endpoint=False)
-    # Half an axis of a filled ellipse is twice the standard deviation along it.
+    # A semi-axis of a filled ellipse is twice the standard deviation along it.
     reach = axes * (2.0 * np.sqrt(np.maximum(squares, 0.0)))
     return np.array([m.xg, m.yg]) + np.stack([np.cos(around), np.sin(around)], 1) @ reach.T

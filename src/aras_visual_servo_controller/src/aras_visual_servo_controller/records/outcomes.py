@@ -25,7 +25,8 @@ START_CLOSER = multiply("start", 0.5)
 JOINTS_DO_NOT_FOLLOW = "joints_do_not_follow"
 NO_REMEDY = Remedy()
 
-# Remedy by kind of outcome; empty if nothing has to be changed. {joints} are the joints concerned.
+# Remedy for each kind of outcome; empty if nothing has to be changed. {joints} stands for the names
+# of the joints concerned.
 REMEDIES = {
     "running": Remedy(),
     "converged": Remedy(),
@@ -99,8 +100,9 @@ KINDS = tuple(REMEDIES)
 class Outcome:
     """Outcome of a run: its kind, the reason as text, and the remedy.
 
-    open_distance, open_angle: 99.7 % bounds of the distance between an arrived camera and its goal,
-    m and rad; inf if it is unbounded along a direction, NaN if it is unknown.
+    Attributes:
+        open_distance, open_angle: 99.7 % bounds of the distance (m) and the angle (rad) between an
+            arrived camera and its goal; inf if there is no bound, NaN if it is unknown.
     """
 
     kind: str = "running"
@@ -124,7 +126,7 @@ def make_outcome(kind: str, reason: str = "", joints: str = "") -> Outcome:
 
     Args:
         kind: one of KINDS.
-        reason: as text.
+        reason: reason of the outcome, as text.
         joints: names of the joints concerned.
     """
     remedy = REMEDIES[kind]
@@ -136,11 +138,12 @@ class PoseUncertainty:
     """Remaining uncertainty of an arrival.
 
     Attributes:
-        distance, angle: 99.7 % bounds of the distance between camera and goal, m and rad; inf if it
-            is unbounded along a direction, NaN if the scheme has no L.
-        description: the bounds as text, such as '180° and 0.6 mm' or '1 direction'; empty if
+        distance, angle: 99.7 % bounds of the distance (m) and the angle (rad) between camera and
+            goal; inf if there is no bound, NaN if the scheme has no L.
+        description: bounds as text, such as '180° and 0.6 mm' or '1 direction'; empty if they are
             negligible.
-        reason, remedy: cause of the uncertainty, and how to reduce it.
+        reason: cause of the uncertainty.
+        remedy: how to reduce it.
     """
 
     distance: float = nan
@@ -156,10 +159,10 @@ class ArrivalStatus:
 
     Attributes:
         is_reached: whether the camera is at its goal.
-        pending_reason: why it is not although the features are within their tolerances, as text;
-            else empty.
+        pending_reason: why the camera is not at its goal although the features are within their
+            tolerances, as text; otherwise empty.
         wrong_pose_reason: why the camera is at another pose although every feature is at its goal,
-            as text; else empty.
+            as text; otherwise empty.
         pose_uncertainty: remaining uncertainty; None until the goal is reached.
     """
 

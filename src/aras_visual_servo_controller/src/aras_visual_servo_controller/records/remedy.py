@@ -1,4 +1,4 @@
-"""Remedies: a sentence for users, with changes of settings that a program can apply."""
+"""Remedies: advice for users, with changes of settings that a program can apply."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 OPERATIONS = ("set", "multiply", "remove")
-# Descriptions of the scaled quantities whose key is not self-explanatory.
+# Descriptions of quantities that are multiplied and whose keys are not self-explanatory.
 KEY_DESCRIPTIONS = {
     "start": "the start's offset from the goal",
     "goal": "the goal's offset from the start",
@@ -20,9 +20,12 @@ KEY_DESCRIPTIONS = {
 class Change:
     """One change of a setting.
 
-    key: dotted key of the experiment, or a parameter of the controller: 'gain', 'target.motion'.
-    operation: 'set' the key to the value, 'multiply' its value by the value, or 'remove' the key,
-        so that its default is used.
+    Attributes:
+        key: dotted key of the experiment, such as 'target.motion', or a parameter of the
+            controller, such as 'gain'.
+        operation: 'set' the key to the value, 'multiply' its value by the value, or 'remove' the
+            key, so that its default is used.
+        value: value of the operation; None for 'remove'.
     """
 
     key: str
@@ -31,7 +34,9 @@ class Change:
 
     def __post_init__(self) -> None:
         if self.operation not in OPERATIONS:
-            raise ValueError(f"operation '{self.operation}' is none of {', '.join(OPERATIONS)}")
+            raise ValueError(
+                f"operation '{self.operation}' is unknown; use one of {', '.join(OPERATIONS)}"
+            )
 
     def __str__(self) -> str:
         if self.operation == "remove":
@@ -43,17 +48,22 @@ class Change:
 
 
 class Remedy(str):
-    """Advice as a sentence that ends with its changes.
+    """Advice to the user, as a text that ends with the changes of settings.
 
     Attributes:
-        changes: that a program can apply; empty if only a person can help.
+        changes: changes that a program can apply; empty if only a person can help.
     """
 
     __slots__ = ("changes",)
     changes: tuple[Change, ...]
 
     def __new__(cls, advice: str = "", *changes: Change) -> Remedy:
-        """Create the remedy from `advice`, which says what a person should do, and its changes."""
+        """Create the remedy.
+
+        Args:
+            advice: what a person should do.
+            changes: changes that a program can apply.
+        """
         text = " and ".join(map(str, changes))
         remedy = super().__new__(cls, ": ".join(filter(None, (advice, text))))
         remedy.changes = changes
@@ -69,7 +79,7 @@ def set_value(key: str, value: Any) -> Change:
 
 
 def multiply(key: str, factor: float) -> Change:
-    """Return the change that multiplies the value of a key; the factor is rounded to two digits."""
+    """Return the change that multiplies a key's value; the factor is rounded to two digits."""
     return Change(key, "multiply", float(f"{factor:.2g}"))
 
 
@@ -85,7 +95,7 @@ def _restore(sentence: str, changes: tuple[Change, ...]) -> Remedy:
 
 
 def _format_value(value: Any) -> str:
-    """Format a value as YAML in one line."""
+    """Format a value as one line of YAML."""
     if isinstance(value, Mapping):
         return "{" + ", ".join(f"{key}: {_format_value(one)}" for key, one in value.items()) + "}"
     if isinstance(value, list | tuple):

@@ -1,4 +1,7 @@
-"""Record of a run, one entry per image and per event: the input of the diagnosis."""
+"""Record of a run, with an entry for each image and each event.
+
+The record is the input of the diagnosis.
+"""
 
 from __future__ import annotations
 
@@ -20,16 +23,16 @@ class RunContext:
     """Constant data of a run.
 
     Attributes:
-        settings: of the loop.
-        goal, scheme: None if only events are diagnosed.
+        settings: settings of the loop.
+        goal, scheme: goal and scheme of the run; None if only events are diagnosed.
         jacobian: function from joints (n,) to the arm's Jacobian (6, n); None if there is no arm.
-        unreachable_reason: why the arm cannot reach the pose where the goal was taught; '' if it
+        unreachable_reason: why the arm cannot reach the pose at which the goal was taught; '' if it
             can.
-        names: of the n joints.
-        joint_units: (n,) motion of each joint that counts as 1 rad or 1 m.
-        narrowed_limits: by parameter, the joints whose limits it makes narrower than the robot's
-            own.
-        elbows: of the arm.
+        names: names of the n joints.
+        joint_units: (n,) motion of each joint that corresponds to 1 rad or 1 m.
+        narrowed_limits: joints whose limits are made narrower than the robot's own, by the name of
+            the parameter that does so.
+        elbows: elbows of the arm.
         joints_beyond_limits: joints that exceed their limits at the goal.
     """
 
@@ -47,11 +50,11 @@ class RunContext:
 
 @dataclass(frozen=True, eq=False)
 class JointRecord:
-    """State of the joints at an image, (n,) each.
+    """State of the n joints at an image.
 
     Attributes:
-        is_late: whether the loop waits for the joint.
-        commanded_velocities, measured_velocities: rad/s or m/s.
+        is_late: (n,) whether the loop waits for each joint.
+        commanded_velocities, measured_velocities: (n,) velocities, rad/s or m/s.
     """
 
     is_late: np.ndarray
@@ -64,12 +67,12 @@ class ImageRecord:
     """Record of one image.
 
     Attributes:
-        state: of the loop, before the diagnosis: stamp, phase, scheme output, joint velocities,
-            joints, arrival.
-        observation: of the image, without its pixels.
-        age: time from the exposure until the command acts, s.
+        state: state of the loop before the diagnosis: stamp, phase, scheme output, joint
+            velocities, joints, arrival.
+        observation: observation of the image, without its pixels.
+        age: time from the exposure until the command computed from it acts, s.
         is_faulty: whether the scheme failed.
-        joints: None before any were measured.
+        joints: state of the joints; None before the first measurement.
         foreign_nodes: other nodes that command joints, by joint.
     """
 
@@ -87,10 +90,10 @@ class RunEvent:
 
     Attributes:
         kind: 'started', 'scheme_failed', 'joints_unmeasured', 'halted', 'starved' or 'timed_out'.
-        reason: of a failure.
-        outcome: of a halt.
-        time: when the watchdog stopped the arm, or duration after which the run ended, s.
-        period: of the images before the watchdog stopped the arm, s.
+        reason: reason of a failure.
+        outcome: outcome of a halt.
+        time: time at which the watchdog stopped the arm, or duration after which the run ended, s.
+        period: period of the images before the watchdog stopped the arm, s.
     """
 
     kind: str

@@ -1,4 +1,4 @@
-"""Settings, states and commands of the servo loop, with their texts."""
+"""Settings, states and commands of the servo loop, and texts that describe them."""
 
 from __future__ import annotations
 
@@ -27,36 +27,38 @@ PerJoint = float | tuple[float, ...] | Mapping[str, float]
 
 
 def joint_parameter(default: float | None, unit: str = "", **bounds: float) -> Any:
-    """Declare a setting that can be given per joint."""
+    """Declare a setting that can be given for each joint."""
     text = "a number, a list of numbers in the arm's order, or {joint: number}"
     return parameter(default, unit, expected=text, **bounds)
 
 
 @dataclass(frozen=True)
 class ServoSettings:
-    """Settings of the servo loop; joint settings are one number for all joints or one per joint.
+    """Settings of the servo loop.
 
-    They define the unit, default and bounds of the corresponding parameters of the node and of
-    experiments. The command may be ahead of a joint by `lead` + `lag` times its speed; then all
-    joints wait for that joint.
+    A setting of the joints is one number for all joints, or one number for each joint. The fields
+    define unit, default and bounds of the corresponding parameters of the node and of experiments.
+    The command may be ahead of a joint by `lead` + `lag` times the joint's speed. If it is farther
+    ahead, all joints wait for that joint.
 
-    start: joints (n,) to go to before servoing; None: servo from the present joints.
-    duration: s, servoing time after which the run times out; inf: never.
+    start: joints (n,) to go to before servoing; None to servo from the present joints.
+    duration: s, servoing time after which the run times out; inf for no limit.
     hold: s, time over which the mean error has to be within the tolerances.
-    approach_speed: part of max_velocity on the path to the start.
-    arrived: m, rad, largest distance from the start that counts as reached.
+    approach_speed: speed on the path to the start, as a fraction of max_velocity.
+    arrived: m, rad, largest distance from the start at which the start is reached.
     push: 1/s, rate at which the command is increased for a joint that stops short of the start.
     settle: s, time at rest at the start before servoing.
-    longest_step: s, longest time between ticks that is integrated in full.
+    longest_step: s, longest time between two updates that is integrated in full.
     lead: m, rad, distance by which a command may be ahead of its joint.
     lag: s, additional lead per unit of joint speed.
     delay: s, simulated time from an exposure until its command acts. In lockstep, where commands
         are sent only with images, a command acts from the first image after its delay.
     watchdog: s, time without a new task after which the arm is stopped.
-    watchdog_images: image periods without a new task after which the arm is stopped, if longer.
+    watchdog_images: number of image periods without a new task after which the arm is stopped, if
+        that is longer.
     stop_time: s, time in which a stop brings the arm to rest.
-    scheme_timeout: s, wall time that a call of the scheme's code may take before the loop holds as
-        after a fault of the scheme.
+    scheme_timeout: s, wall time that a call of the scheme's code may take. After that, the loop
+        holds the arm as after a fault of the scheme.
     resolve_period: s, time for which joint velocities are used before they are computed again.
     output: commanded quantity: position, velocity or effort.
     stiffness: N/m, N m/rad, joint stiffness of the effort output.
@@ -78,8 +80,8 @@ class ServoSettings:
     watchdog_images: float = parameter(3.0, least=0.0)
     scheme_timeout: float = parameter(30.0, "s", above=0.0)
     stop_time: float = parameter(0.15, "s", above=0.0, most=10.0)
-    # Velocities of an arm that moves slowly, away from its limits, are used until the next image or
-    # for 0.05 s.
+    # If the arm moves slowly and is away from its limits, the velocities are used longer than this:
+    # until the next image or for 0.05 s.
     resolve_period: float = parameter(0.01, "s", above=0.0)
     output: str = parameter("position", choices=OUTPUTS)
     stiffness: PerJoint = joint_parameter(0.0, "N/m, N m/rad", least=0.0)
@@ -93,7 +95,8 @@ class ServoSettings:
         """Check that the settings fit an arm with these joints.
 
         Raises:
-            ConfigurationError: naming the setting, its value and the expected value.
+            ConfigurationError: a setting is wrong; the message names it, its value and the expected
+                value.
         """
         for key in ("arrived", "lead", "stiffness", "damping", "start"):
             value = getattr(self, key)
@@ -114,20 +117,25 @@ class ServoSettings:
 
 @dataclass(frozen=True)
 class Source:
-    """Source of the images, for messages: content, topic and the sending node."""
+    """Source of the images, for messages: content, topic and sending node."""
 
     content: str = "image"
     topic: str = ""
     sender: str = ""
 
     def describe_silence(self, seconds: float | None = None) -> str:
-        """Describe that no images arrive from the source, optionally for how long (s)."""
+        """Return a text that says that no images arrive from the source.
+
+        Args:
+            seconds: how long none have arrived, s; None if it is not reported.
+        """
         text = f"no {self.content}" + (f" on {self.topic}" if self.topic else "")
         text += "" if seconds is None else f" for {seconds:.2f} s"
         return text + (f" (is {self.sender} running?)" if self.sender else "")
 
     def describe_stamp_lead(self, seconds: float) -> str:
-        """Describe that the stamps of the source are ahead of the clock by `seconds`."""
+        """Return a text that says that the stamps of the source are `seconds` ahead of the clock.
+        """
         where = f" on {self.topic}" if self.topic else ""
         advice = "(check that both use the same use_sim_time)"
         return f"{self.content}{where} are stamped {seconds:.2f} s ahead of the clock {advice}"
@@ -135,15 +143,15 @@ class Source:
 
 @dataclass(frozen=True, eq=False)
 class Command:
-    """Joint command of one tick.
+    """Joint command of one update.
 
     Attributes:
-        stamp: of the tick, s.
-        names: of the n joints.
-        values: (n,) to be sent; None: nothing.
+        stamp: time of the update, s.
+        names: names of the n joints.
+        values: (n,) values to send; None to send nothing.
         kind: quantity of the values, one of OUTPUTS.
         reason: what limits or stops the motion; empty if nothing does.
-        phase: of the loop after this tick.
+        phase: phase of the loop after this update.
     """
 
     stamp: float
@@ -155,7 +163,7 @@ class Command:
 
     @property
     def positions(self) -> np.ndarray | None:
-        """Return the positions (n,) if positions are sent, else None."""
+        """Return the positions (n,) of a position command; None for other commands."""
         return self.values if self.kind == "position" else None
 
 
@@ -164,19 +172,20 @@ class ServoState:
     """State of the loop at one image, or at an event without an image.
 
     Attributes:
-        stamp: of the exposure, s.
+        stamp: stamp of the exposure, s.
         phase: WAITING, APPROACHING, SERVOING, CONVERGED, HOLDING or STOPPED.
-        outcome, reason, remedy: result of the diagnosis so far. The reason is that of the outcome,
-            followed by what limits the loop now.
+        outcome, reason, remedy: result of the diagnosis so far. The reason is the reason of the
+            outcome, followed by what limits the loop at present.
         scheme: name of the scheme; empty if it is unknown.
-        scheme_output: measurement and task of the scheme; None if it has none.
-        ik_solution: joint velocities for the task, singular values of L J, and so on. A state that
-            was read from messages has no SchemeOutput.task: see IKSolution.from_record.
-        joints: measured, at the exposure.
-        command: (n,) integrated positions; None before the first command.
-        computation_time: s that the scheme took, if a clock was given.
-        fault: traceback of the scheme's fault, in the state where it appeared first.
-        has_processed_image: False for an image that came late, and for a report between images.
+        scheme_output: measurement and task of the scheme; None if there is no measurement.
+        ik_solution: joint velocities for the task, with the singular values of L J. A state that
+            was read from messages has no SchemeOutput.task; see IKSolution.from_record.
+        joints: measured joints at the exposure.
+        command: (n,) integrated positions of the command; None before the first command.
+        computation_time: computation time of the scheme, s, if a clock was given.
+        fault: traceback of the scheme's fault, in the first state with this fault.
+        has_processed_image: whether the image was processed; False for an image that is late, and
+            for a report between images.
         arrival_status: whether the camera is at its goal, with the remaining uncertainty.
     """
 
@@ -196,7 +205,10 @@ class ServoState:
     arrival_status: ArrivalStatus = NOT_ARRIVED
 
     def with_outcome(self, run_outcome: Outcome) -> ServoState:
-        """Return the state with an outcome: its reason, followed by the loop's, and its remedy."""
+        """Return the state with an outcome.
+
+        Its reason is the outcome's reason followed by the loop's, and its remedy is the outcome's.
+        """
         reason = self.reason
         if run_outcome.reason and not run_outcome.is_open:
             is_other = reason and reason not in run_outcome.reason
@@ -209,7 +221,8 @@ class ServoState:
 
     @property
     def desired_twist(self) -> np.ndarray:
-        """Return the desired twist (6,) of the camera in its optical frame; zero without a task."""
+        """Return the desired twist (6,) of the camera in its optical frame; zeros without a task.
+        """
         if self._task is None:
             return np.zeros(6) if self.ik_solution is None else self.ik_solution.desired_twist
         return self._task.twist
@@ -221,7 +234,7 @@ class ServoState:
 
     @property
     def rank(self) -> int:
-        """Return the rank of L, restricted to the directions that the task models."""
+        """Return the rank of L in the directions that the task controls."""
         if self._task is None:
             return rank(self.singular_values_L)
         return self._task.rank
@@ -233,7 +246,7 @@ class ServoState:
 
     @property
     def singular_values_L(self) -> np.ndarray:
-        """Return the singular values of L in its modelled directions, largest first."""
+        """Return the singular values of L in its modelled directions, in descending order."""
         if self._task is None:
             return np.zeros(0) if self.ik_solution is None else self.ik_solution.singular_values_L
         return self._task.singular_values

@@ -1,1 +1,1 @@
-"""ROS interface of the controller: conversion of messages, topics, services and the node."""
+"""ROS interface of the controller: messages, topics, services and the node."""

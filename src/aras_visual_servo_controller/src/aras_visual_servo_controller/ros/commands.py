@@ -15,13 +15,16 @@ from aras_visual_servo_ros.parameters import get_namespace
 from ..kinematics.joint_controllers import choose_controllers
 from ..settings import Settings
 
-STOP_TIMEOUT = 0.5  # s of wall time to wait for the controller's service
-# Commands that can wait for a slow connection. Controllers use the last, recorders need all.
+STOP_TIMEOUT = 0.5  # wall time for which the node waits for the controller's service, s
+# Number of commands that can wait for a slow connection: controllers use only the last one, but
+# recorders need all.
 QUEUE_SIZE = 10
 
 
 class CommandTopics:
-    """Publishers of one arm's commands, to the controller of each joint or to one for all.
+    """Publishers of one arm's commands.
+
+    There is one topic for the controller of each joint, or one topic for the controller of all.
 
     Attributes:
         is_self_subscribed: whether this node itself subscribes to the topics.
@@ -60,11 +63,13 @@ class CommandTopics:
             self._joint_publishers[name] = rospy.Publisher(topic, Float64, queue_size=QUEUE_SIZE)
 
     def send(self, values: np.ndarray, joint: str = "") -> None:
-        """Publish values (n,) in m and rad, m/s and rad/s, or N and N m, as the controllers need.
+        """Publish values (n,) for the controllers.
 
         Args:
-            values: values of all joints.
-            joint: name of the only joint to command; '': all. A group always gets all values.
+            values: values of all joints: positions in rad or m, velocities in rad/s or m/s, or
+                efforts in N m or N.
+            joint: name of the only joint to command; '' for all. A group controller always gets all
+                values.
         """
         numbers = values.tolist()
         if self._group_publisher is not None:
@@ -76,14 +81,14 @@ class CommandTopics:
                 publish(publisher, Float64(value))
 
     def list_topics(self) -> Iterator[tuple[str, tuple[str, ...]]]:
-        """Iterate over the topics, each with the joints that it commands."""
+        """Iterate over the topics and the joints that each of them commands."""
         for name, publisher in self._joint_publishers.items():
             yield publisher.resolved_name, (name,)
         if self._group_publisher is not None:
             yield self._group_publisher.resolved_name, self._names
 
     def list_unsubscribed(self) -> list[str]:
-        """Return the command topics without subscribers, apart from this node."""
+        """Return the command topics that have no subscribers apart from this node."""
         publishers = [
             p for p in (*self._joint_publishers.values(), self._group_publisher) if p is not None
         ]
@@ -98,7 +103,7 @@ class CommandTopics:
 
 
 def publish(publisher: rospy.Publisher, message: object) -> None:
-    """Publish a message; ignore a topic that the shutdown of the node has closed."""
+    """Publish a message, unless the shutdown of the node has closed the topic."""
     try:
         publisher.publish(message)
     except rospy.ROSException:
@@ -107,9 +112,9 @@ def publish(publisher: rospy.Publisher, message: object) -> None:
 
 
 def stop_controller(namespace: str) -> bool:
-    """Stop the controller in a namespace, which also commands the joints.
+    """Stop the controller node in a namespace, because it also commands the joints.
 
-    Return whether the service answered.
+    Return whether its service answered.
     """
     with contextlib.suppress(rospy.ROSException, rospy.ServiceException, OSError):
         name = f"{namespace}/controller/stop"

@@ -1,4 +1,4 @@
-"""Watching the robot description on the parameter server, and reading it."""
+"""Detection and reading of the robot description on the parameter server."""
 
 from __future__ import annotations
 
@@ -9,11 +9,14 @@ import rospy
 
 from aras_visual_servo_base import safe_xml
 
-PERIOD = 0.2  # s of wall time between two checks
+PERIOD = 0.2  # wall time between two checks, s
 
 
 class DescriptionWatch:
-    """Detection of a new robot description, at the start and whenever a robot is started again."""
+    """Detection of a new robot description.
+
+    A description is new at the start, and after a robot has been started again.
+    """
 
     def __init__(self, parameter: str) -> None:
         self._parameter = parameter
@@ -21,10 +24,11 @@ class DescriptionWatch:
         self._start_count, self._check_time = 0, -math.inf
 
     def find_new(self, start_count: int | None) -> str:
-        """Return a description that was not returned before; '' if there is none.
+        """Return a robot description that was not returned before; '' if there is none.
 
         Args:
-            start_count: number of times that joint states have started; None: there is no loop yet.
+            start_count: number of times that joint states have started; None if there is no loop
+                yet.
         """
         now = time.monotonic()
         if start_count == self._start_count or now - self._check_time < PERIOD:
@@ -33,7 +37,7 @@ class DescriptionWatch:
         try:
             urdf = str(rospy.get_param(self._parameter, ""))
         except OSError:
-            return ""  # the master is not reachable, which the node reports
+            return ""  # the master is not reachable; the node reports this
         if urdf and urdf != self._urdf:
             self._urdf, self._start_count = urdf, 0
             return urdf

@@ -15,9 +15,9 @@ from .commands import CommandTopics
 class ForeignCommandListener:
     """Subscriber of the joints' command topics, which records commands of other nodes.
 
-    It subscribes when this is first requested, since it also receives the commands of its own node
-    and most runs do not need it. It stays subscribed, because rospy leaks a file descriptor for
-    every subscriber that is unregistered.
+    It subscribes when this is first requested, because it also receives the commands of its own
+    node, and most runs do not need it. It stays subscribed, because rospy leaks a file descriptor
+    for every subscriber that is unregistered.
     """
 
     def __init__(self, commands: CommandTopics) -> None:
@@ -29,15 +29,18 @@ class ForeignCommandListener:
         self._latest: dict[str, tuple[str, float]] = {}
 
     def listen(self, is_active: bool) -> None:
-        """Start or stop reporting commands; returns at once."""
+        """Start or stop reporting commands, without blocking."""
         self._is_active = is_active
-        # Subscribing blocks while the master is not reachable, so it runs in a thread.
+        # A subscription blocks while the master is not reachable, so it is made in a thread.
         if is_active and not self._is_subscribing:
             self._is_subscribing = True
             threading.Thread(target=self._subscribe, name="foreign commands", daemon=True).start()
 
     def read_latest(self) -> Mapping[str, tuple[str, float]]:
-        """Return by joint: the node that last commanded it, and the wall time (monotonic), s."""
+        """Return the node that last commanded each joint, by joint name.
+
+        The second value is the time of that command, s of monotonic wall time.
+        """
         with self._lock:
             return dict(self._latest) if self._is_active else {}
 

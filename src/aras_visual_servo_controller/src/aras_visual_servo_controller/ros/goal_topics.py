@@ -12,7 +12,10 @@ from ..loop.servo import Servo
 
 
 class GoalTopics:
-    """Latched publishers of the camera pose at the goal and of the target's outline seen there."""
+    """Latched publishers of the goal.
+
+    They publish the camera pose at the goal, and the outline of the target in the goal's view.
+    """
 
     def __init__(self, namespace: str) -> None:
         """Advertise the topics in `namespace`."""
@@ -24,7 +27,10 @@ class GoalTopics:
         )
 
     def publish(self, servo: Servo) -> None:
-        """Publish the goal of a loop; without a known pose, publish only the outline."""
+        """Publish the goal of a loop.
+
+        If its pose is unknown, publish only the outline.
+        """
         if servo.unreachable_reason:
             rospy.logwarn("%s; the arm goes as near as it can", servo.unreachable_reason)
         arm, pose = servo.arm, servo.differential_ik.goal
@@ -38,7 +44,7 @@ class GoalTopics:
 
 
 def make_pose_message(a_T_b: np.ndarray, frame: str) -> PoseStamped:
-    """Convert a pose (4, 4) in the frame a to geometry_msgs/PoseStamped."""
+    """Convert a pose a_T_b (4, 4) to geometry_msgs/PoseStamped in the frame a."""
     message = PoseStamped()
     message.header.frame_id = frame
     pose = Pose.from_matrix(a_T_b)
@@ -47,7 +53,10 @@ def make_pose_message(a_T_b: np.ndarray, frame: str) -> PoseStamped:
 
 
 def make_outline_message(outline: np.ndarray, frame: str) -> PolygonStamped:
-    """Convert a normalised outline (n, 2) to PolygonStamped, on the camera's plane z = 1."""
+    """Convert a normalised outline (n, 2) to geometry_msgs/PolygonStamped.
+
+    The polygon is in the plane z = 1 of the camera frame.
+    """
     message = PolygonStamped()
     message.header.frame_id = frame
     message.polygon.points = [Point32(float(x), float(y), 1.0) for x, y in outline]

@@ -1,4 +1,4 @@
-"""Input of images for schemes that process images: image, camera_info, and depth if needed."""
+"""Input of images for schemes that process images: image, camera_info, and depth image."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class ImageInput:
     def __init__(self, topics: CameraEntry, runner: LoopRunner, observer: FeatureObserver) -> None:
         self._runner, self._observer = runner, observer
         self._camera: CameraModel | None = None
-        # The newest image of each kind that was received before camera_info.
+        # Newest image of each kind that was received before the camera_info.
         self._early_images: dict[str, Image] = {}
         self._lock = threading.Lock()
         depth = Need.DEPTH in observer.needs
@@ -83,7 +83,8 @@ class ImageInput:
         with self._lock:
             camera = self._camera
             if camera is None:
-                # In lockstep, time waits for the first image, which can arrive before camera_info.
+                # In lockstep, the simulation waits for the first image, which can arrive before the
+                # camera_info.
                 if kind in self._early_images:
                     rospy.logwarn_throttle(5.0, "images wait for their camera_info")
                 self._early_images[kind] = message

@@ -13,10 +13,16 @@ from .measurement_input import MeasurementInput
 
 
 class Inputs:
-    """Subscribers of one loop."""
+    """Subscribers to the inputs of one loop."""
 
     def __init__(self, settings: Settings, runner: LoopRunner, e_stop: str = "") -> None:
-        """Subscribe; `e_stop` is the topic of the arm's emergency stop, or ''."""
+        """Subscribe to the topics.
+
+        Args:
+            settings: settings of the loop.
+            runner: loop that receives the inputs.
+            e_stop: topic of the arm's emergency stop; '' if there is none.
+        """
         self._runner = runner
         topic = f"{settings.namespace.rstrip('/')}/joint_states"
         joints = rospy.Subscriber(

@@ -1,4 +1,4 @@
-"""Services start, stop and hold, and the action servo_to_target."""
+"""Services `start`, `stop` and `hold`, and the action `servo_to_target`."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from ..records.state import CONVERGED, STOPPED, ServoState
 from ..runner.loop_runner import LoopRunner
 from .ros_publisher import RosPublisher
 
-FEEDBACK_PERIOD = 0.05  # s of wall time between two feedback messages
-STATUS_PERIOD = 0.2  # s of wall time between two status messages, as in actionlib
+FEEDBACK_PERIOD = 0.05  # wall time between two feedback messages, s
+STATUS_PERIOD = 0.2  # wall time between two status messages, s, as in actionlib
 
 
 class LoopOwner(Protocol):
@@ -45,7 +45,8 @@ class LoopServices:
             auto_start=False,
         )
         self._action.start()
-        # actionlib's timer uses simulated time: it stops with the simulation and ends at a reset.
+        # The timer of actionlib uses simulated time, so it would stop with the simulation and end
+        # at a reset of the clock.
         self._action.action_server.status_timer.shutdown()
         threading.Thread(target=self._publish_status, name="status", daemon=True).start()
 

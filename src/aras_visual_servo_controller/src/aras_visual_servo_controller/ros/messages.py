@@ -14,12 +14,12 @@ from ..msg import ServoReport, ServoState
 from ..records.outcomes import PoseUncertainty
 from ..records.state import ServoState as State
 
-# Placeholder for an image without valid intrinsics, which is not used for computation.
+# Placeholder for an image without valid intrinsics; it is not used in computations.
 UNKNOWN_CAMERA = CameraModel(1, 1, tuple(np.eye(3).flat))
 
 
 def read_camera(message: ImageMoments) -> tuple[CameraModel, str]:
-    """Return the camera of a message, and the fault of its intrinsics as text ('' if none)."""
+    """Return the camera of a message, and what is wrong with its intrinsics ('' if nothing is)."""
     try:
         return CameraModel.from_message(message), ""
     except VisionError as error:
@@ -37,7 +37,7 @@ def read_moments(message: ImageMoments) -> tuple[Moments | None, str]:
 
 
 def make_state_message(state: State, scheme: str, frame: str, names: tuple[str, ...]) -> ServoState:
-    """Convert the state of one image to a ServoState message; the caller sets the stamp."""
+    """Convert the state of one image to a ServoState message, whose stamp the caller sets."""
     message = ServoState(scheme=scheme, phase=state.phase, reason=state.reason)
     message.header.frame_id = frame
     message.joint_names = list(names)
@@ -60,7 +60,7 @@ def make_state_message(state: State, scheme: str, frame: str, names: tuple[str, 
 
 
 def make_report_message(state: State, frame: str, names: tuple[str, ...]) -> ServoReport:
-    """Convert the state of the loop to a ServoReport message; the caller sets the stamp."""
+    """Convert the state of the loop to a ServoReport message, whose stamp the caller sets."""
     message = ServoReport(
         phase=state.phase, outcome=state.outcome, reason=state.reason, remedy=state.remedy
     )

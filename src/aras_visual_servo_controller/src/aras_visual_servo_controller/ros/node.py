@@ -21,12 +21,13 @@ from .node_settings import read_node_settings
 from .reconfigure import GainServer
 from .ros_publisher import RosPublisher
 
-WATCH_PERIOD = 0.02  # s of wall time between two checks
-SHUTDOWN_TIME = 0.2  # s of wall time for rospy's threads to send the last messages
+WATCH_PERIOD = 0.02  # wall time between two checks, s
+SHUTDOWN_TIME = 0.2  # wall time that rospy's threads get for sending the last messages, s
 
 
 class ControllerNode:
-    """The node: it builds the loop when the robot description is available, and supervises it."""
+    """The node, which creates the loop when the robot description is available, and supervises it.
+    """
 
     def __init__(self, settings: Settings, raw_settings: dict[str, object]) -> None:
         self._settings, self._raw_settings = settings, raw_settings
@@ -37,7 +38,11 @@ class ControllerNode:
         self._goal_topics = GoalTopics(settings.namespace.rstrip("/"))
 
     def build_loop(self, urdf: str) -> None:
-        """Build the loop with its topics; ConfigurationError if settings do not fit the robot."""
+        """Create the loop and its topics.
+
+        Raises:
+            ConfigurationError: the settings do not fit the robot.
+        """
         settings = self._settings.for_robot(read_robot_name(urdf), self._raw_settings)
         arm = settings.make_arm(urdf)
         others = settings.make_other_cameras(urdf, arm)
@@ -46,7 +51,8 @@ class ControllerNode:
             self._inputs.close()
         before, self.publisher = self.publisher, RosPublisher(settings, arm.names, arm.camera_frame)
         if before is not None:
-            # The old topics close last: a topic that reopens at once can lose its subscribers.
+            # The old topics are closed last, because a topic that is closed and reopened at the
+            # same time can lose its subscribers.
             before.close()
         arms = {settings.list_cameras(servo.scheme)[0]: arm, **others}
         rig = settings.make_camera_rig(arms, servo.scheme, servo.goal)
@@ -70,7 +76,9 @@ class ControllerNode:
         self._inputs = Inputs(settings, self.runner, find_e_stop_topic(urdf, settings.namespace))
 
     def spin(self) -> None:
-        """Supervise the loop until ROS shuts down, in wall time because simulated time can stop.
+        """Supervise the loop until ROS shuts down.
+
+        The checks use wall time, because simulated time can stop.
 
         Raises:
             ConfigurationError: the settings do not fit a robot.
@@ -83,7 +91,7 @@ class ControllerNode:
                 self.runner.check_timeouts()
 
     def close(self) -> None:
-        """Command zero velocities and efforts, if these are the output of the loop."""
+        """Command zero velocities or efforts, if these are the output of the loop."""
         if self.runner is not None and self.runner.settings.output != "position":
             self._inputs.close()
             self.runner.shut_down("the node ends")

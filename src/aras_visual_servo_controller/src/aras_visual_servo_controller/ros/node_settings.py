@@ -1,4 +1,4 @@
-"""Reading and checking of the node's private parameters."""
+"""Reading of the node's private parameters, which are checked."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from .reconfigure import NAMESPACE as GAINS
 
 
 def read_node_settings() -> tuple[Settings, dict[str, object]]:
-    """Return the settings of this node, and its parameters as they were given.
+    """Return the settings of this node, and the parameters that the user has given.
 
     Raises:
-        ConfigurationError: one line about a wrong parameter, scheme, law or goal.
+        ConfigurationError: a parameter, the scheme, the law or the goal is wrong.
     """
     raw_settings = rospy.get_param("~", {})
     raw_settings.pop(GAINS[1:], None)
     raw_settings.setdefault("lockstep", rospy.get_param("/gazebo/speed_mode", "") == "lockstep")
     settings = Settings.from_mapping(raw_settings, find_package_folder())
-    settings.list_cameras(settings.make_scheme())  # report errors now, without a robot
+    settings.list_cameras(settings.make_scheme())  # report errors now, before a robot is available
     if settings.desired != "auto":
         settings.load_goal()
     return settings, raw_settings
@@ -45,6 +45,8 @@ def read_robot_settings(raw_settings: dict[str, object]) -> tuple[Settings, Arm]
     settings = Settings.from_mapping(raw_settings, find_package_folder())
     urdf = str(rospy.get_param(settings.description, ""))
     if not urdf:
-        raise ConfigurationError(f"no robot description on parameter {settings.description}")
+        raise ConfigurationError(
+            f"there is no robot description on parameter {settings.description}"
+        )
     settings = settings.for_robot(read_robot_name(urdf), raw_settings)
     return settings, settings.make_arm(urdf)

@@ -1,4 +1,7 @@
-"""Conversion of recorded messages, of this or an older version, to states of the loop."""
+"""Conversion of recorded messages to states of the loop.
+
+The messages may be of this version or of an older one.
+"""
 
 from __future__ import annotations
 
@@ -19,10 +22,10 @@ if TYPE_CHECKING:
 
 
 def read_state(message: ServoState, report: ServoReport | None = None) -> State:
-    """Convert a ServoState and the report of the same image to a state.
+    """Convert a ServoState message and the ServoReport of the same image to a state.
 
-    Values that only the report contains are NaN without it. The scheme output has no task, and the
-    IK solution has neither L nor Jacobian.
+    Without a report, the values that only the report contains are NaN. The scheme output has no
+    task, and the IK solution has neither L nor Jacobian.
     """
     stamp, names = message.header.stamp.to_sec(), tuple(message.joint_names)
     output = solution = joints = None
@@ -61,6 +64,6 @@ def read_state(message: ServoState, report: ServoReport | None = None) -> State:
 
 
 def read_twist(message: Twist) -> np.ndarray:
-    """Convert a geometry_msgs/Twist to (6,)."""
+    """Convert a geometry_msgs/Twist to an array (6,)."""
     return np.array([getattr(part, axis) for part in (message.linear, message.angular)
                      for axis in "xyz"])  # fmt: skip

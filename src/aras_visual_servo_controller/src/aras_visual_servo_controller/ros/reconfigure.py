@@ -1,4 +1,4 @@
-"""Gains of the law as dynamic_reconfigure parameters, while the loop runs."""
+"""Parameters of dynamic_reconfigure for the gains of the control law."""
 
 from __future__ import annotations
 
@@ -19,11 +19,14 @@ if TYPE_CHECKING:
     from .loop_services import LoopOwner
 
 NAMESPACE = "~gains"
-MIN_GAIN = 1e-3  # lower bound of a gain, unless its given value is smaller
+MIN_GAIN = 1e-3  # lower bound of a gain, unless the configured gain is smaller
 
 
 class GainServer:
-    """Reconfigure server with one number for each gain of the law, including a wrapped law."""
+    """Server of dynamic_reconfigure with one number for each gain of the law.
+
+    The gains of a wrapped law are included.
+    """
 
     def __init__(self, owner: LoopOwner) -> None:
         self._owner = owner
@@ -45,10 +48,10 @@ class GainServer:
 
 
 def set_gains(servo: Servo, values: dict[str, Value]) -> None:
-    """Change the gains of the loop's laws, all of them or none.
+    """Change the gains of the loop's laws, either all of them or none.
 
     Raises:
-        ConfigurationError: a law refuses a value; all gains then keep their old values.
+        ConfigurationError: a law does not accept a value; all gains then keep their old values.
     """
     gains: dict[Law, dict[str, float]] = {}
     for name, law in _find_laws(servo).items():
@@ -64,7 +67,7 @@ def set_gains(servo: Servo, values: dict[str, Value]) -> None:
 
 
 def _find_laws(servo: Servo) -> dict[str, Law]:
-    """Return the law that each gain belongs to, by the name of the gain."""
+    """Return the law to which each gain belongs, by the name of the gain."""
     laws: dict[str, Law] = {}
     law = getattr(servo.scheme, "law", None)
     while isinstance(law, Law):

@@ -17,23 +17,29 @@ from .commands import CommandTopics, publish
 from .foreign_commands import ForeignCommandListener
 from .messages import make_report_message, make_state_message
 
-LISTENERS_TIMEOUT = 5.0  # s of wall time to wait for a recorder
-REPEAT_WARNING = 5.0  # s of wall time between two warnings
+LISTENERS_TIMEOUT = 5.0  # wall time for which the node waits for a recorder, s
+REPEAT_WARNING = 5.0  # wall time between two warnings, s
 
 
 class RosPublisher:
-    """LoopListener that publishes to ROS.
+    """LoopListener that publishes the output of the loop to ROS.
 
     Attributes:
         names: names of the joints.
         command_topics: publishers of the joint commands.
-        foreign_commands: commands of other nodes on these topics.
+        foreign_commands: listener for commands of other nodes on these topics.
         state_publisher: publisher of controller/state.
         latest_state: state that was reported last.
     """
 
     def __init__(self, settings: Settings, names: Sequence[str], frame: str) -> None:
-        """Advertise the topics; `frame` is the optical frame of the control camera."""
+        """Advertise the topics.
+
+        Args:
+            settings: settings with the names of the topics.
+            names: names of the joints.
+            frame: optical frame of the control camera.
+        """
         self._settings, self.names, self._frame = settings, tuple(names), frame
         namespace = settings.namespace.rstrip("/")
         self.command_topics = CommandTopics(settings, self.names, settings.output)
@@ -49,7 +55,8 @@ class RosPublisher:
         )
         self.latest_state: State | None = None
         self._logged, self._log_time = ("", ""), -math.inf
-        self._check_time: float | None = None  # last check for subscribers of the commands
+        # Time of the last check whether the commands have subscribers.
+        self._check_time: float | None = None
 
     def wait_for_listeners(self) -> None:
         """Wait for a recorder to connect, before the node sends or receives anything."""
@@ -77,10 +84,10 @@ class RosPublisher:
             self._check_listeners()
 
     def report(self, state: State) -> None:
-        """Publish the state of one image, and log a change of phase or reason."""
+        """Publish the state for one image, and log a change of the phase or the reason."""
         self.latest_state = state
         frame = self._frame
-        # Time.from_sec truncates, so the stamp could be 1 ns before that of the image.
+        # Time.from_sec truncates, so that the stamp could be 1 ns before that of the image.
         stamp = rospy.Time(0, round(1e9 * max(state.stamp, 0.0)))
         message = make_state_message(state, self._settings.scheme, frame, self.names)
         message.header.stamp = stamp

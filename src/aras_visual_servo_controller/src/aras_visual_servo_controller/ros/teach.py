@@ -23,11 +23,11 @@ from .node_settings import read_robot_settings
 
 
 def collect_views(arguments: argparse.Namespace) -> Goal:
-    """Collect views of the target, after driving to a pose if `--go` is given.
+    """Collect views of the target and return the goal; with `--go`, move to a pose first.
 
     Raises:
-        ServoError: too few images arrive in time, or as many successive images as are to be
-            averaged are unusable; with the reason.
+        ServoError: too few images arrive in time, or too many successive images are unusable. The
+            message gives the reason.
     """
     init_node("teach", anonymous=True)
     raw_settings = {**rospy.get_param("~", {}), "scheme": arguments.scheme}
@@ -55,9 +55,10 @@ def collect_views(arguments: argparse.Namespace) -> Goal:
     inputs = Inputs(settings, teacher)
     deadline = time.monotonic() + arguments.timeout
     while len(teacher.views) < arguments.images:
-        if teacher.refused_count >= arguments.images:  # further images would not be usable either
+        # Further images would probably be unusable, too.
+        if teacher.refused_count >= arguments.images:
             raise ServoError(
-                f"the last {teacher.refused_count} images show nothing that could be taught "
+                f"the last {teacher.refused_count} images show nothing that can be taught "
                 f"({teacher.reason}): bring the target into view and teach again"
             )
         if rospy.is_shutdown() or time.monotonic() > deadline:
@@ -65,13 +66,14 @@ def collect_views(arguments: argparse.Namespace) -> Goal:
             reason = "; ".join(filter(None, (teacher.reason, describe_foreign_nodes(nodes))))
             raise ServoError(
                 f"after {arguments.timeout:.0f} s only {len(teacher.views)} of {arguments.images} "
-                f"images ({reason}): are the simulator and the camera node running, and is "
-                "the target in view?"
+                f"images ({reason}): start the simulator and the camera node, and bring the target "
+                "into view"
             )
         time.sleep(0.02)
     inputs.close()
     target_goal = None
-    if arguments.depth is None and not settings.model:  # a model already determines the plane
+    # A mesh model already determines the plane of the target.
+    if arguments.depth is None and not settings.model:
         target_goal = Goal.load(package / "config" / "goal_2016.yaml")
     views = teacher.views[: arguments.images]
     return make_mean_goal(views, scheme, arm, arguments.file.name, arguments.depth, target_goal)

@@ -23,10 +23,10 @@ from ..kinematics import Arm
 
 
 def make_goal_from_geometry(path: Path, urdf: Path) -> Goal:
-    """Compute the goal of a file for an exact camera on this robot; needs no ROS.
+    """Compute the goal of a file for an exact camera on this robot, without ROS.
 
     Raises:
-        ConfigurationError: the file has no geometry or no joints, or does not fit the robot.
+        ConfigurationError: the file contains no geometry or no joints, or does not fit the robot.
     """
     try:
         arm = Arm.from_urdf(urdf.read_text(encoding="utf-8"))
@@ -65,11 +65,11 @@ def main(argv: list[str] | None = None) -> int:
             raise ConfigurationError("--depth has to be above 0 m")
         if arguments.geometry:
             if arguments.urdf is None:
-                raise ConfigurationError("--geometry needs --urdf, the robot's description")
+                raise ConfigurationError("--geometry needs --urdf FILE, the robot description")
             goal = make_goal_from_geometry(arguments.geometry, arguments.urdf)
             heading = "View of an exact camera on the target at this pose, from its geometry."
         else:
-            from .teach import collect_views  # only this needs ROS
+            from .teach import collect_views  # imported here, because only this import needs ROS
 
             goal = collect_views(arguments)
             heading = f"Taught from {arguments.images} images."

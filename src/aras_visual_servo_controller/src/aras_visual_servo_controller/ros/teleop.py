@@ -24,14 +24,18 @@ from ..teleop.jog import Jog
 from .commands import CommandTopics, stop_controller
 from .node_settings import read_robot_settings
 
-PERIOD = 0.02  # s of wall time between two commands
+PERIOD = 0.02  # wall time between two commands, s
 
 
 class Teleop:
     """Teleoperation of one arm by one operator at a terminal."""
 
     def __init__(self) -> None:
-        """Connect to the robot; ConfigurationError without a robot or for an unknown joint."""
+        """Connect to the robot.
+
+        Raises:
+            ConfigurationError: there is no robot, or a joint is unknown.
+        """
         settings, arm = read_robot_settings({})
         self._arm = arm
         self._limits, self._namespace = settings.make_limits(arm), settings.namespace.rstrip("/")
@@ -53,7 +57,7 @@ class Teleop:
         rospy.Subscriber(topic, JointState, self._on_joints, queue_size=1)
         rospy.Subscriber(str(rospy.get_param("~joy", "/joy")), Joy, self._on_joy, queue_size=1)
         device = Path(str(rospy.get_param("~joystick", "/dev/input/js0")))
-        with contextlib.suppress(OSError):  # no gamepad: the keyboard is enough
+        with contextlib.suppress(OSError):  # without a gamepad, the keyboard is sufficient
             self._gamepad = JoyDevice(device)
 
     def run(self) -> int:
@@ -98,7 +102,7 @@ class Teleop:
         return command
 
     def _send_command(self) -> bool:
-        """Send the current command of the jog motion, if there is one; return whether there is."""
+        """Send the current command, if the arm has to move; return whether it was sent."""
         with self._jog_lock:
             command = self._jog.update(time.monotonic(), self._measured)
         if command is None:
@@ -118,7 +122,7 @@ class Teleop:
             self._jog.set_twist(twist, time.monotonic())
 
     def _stop_controller(self) -> None:
-        """Stop the controller before the first motion, since it also commands the joints."""
+        """Stop the controller before the first motion, because it also commands the joints."""
         if self._has_stopped_controller:
             return
         self._has_stopped_controller = True

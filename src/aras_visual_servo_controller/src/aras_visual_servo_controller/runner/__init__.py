@@ -1,1 +1,1 @@
-"""The loop in time: processing of stamped joint states and images, and sending of commands."""
+"""Execution of the loop: stamped joint states and images are processed, and commands are sent."""

@@ -1,7 +1,7 @@
-"""Compiled updates of the loop between two images: joint states in, commands out.
+"""Compiled updates of the loop between two images, from joint states to commands.
 
 They replace LoopRunner.add_joint_state for successive joint states while the arm servoes and
-nothing unusual happens. They use the same compiled functions, without the Python objects.
+nothing unusual happens. They call the same compiled functions, without the Python objects.
 """
 
 from __future__ import annotations
@@ -26,26 +26,30 @@ from ..loop.task_executor import ROUNDING
 if TYPE_CHECKING:
     from .loop_runner import LoopRunner
 
-# Indices of `clock`: last update, latest joint state, solution of the velocities and its validity,
-# last command, s; index of the current one of the two tasks.
+# Indices of the array `clock`, whose times are in s: last update, latest joint state, computation
+# of
+# the present velocities, time for which these are valid, last command. The last element is the
+# index
+# of the current task, 0 or 1.
 NOW, NEWEST, SOLVED_AT, VALID_FOR, SENT_AT, TASK = range(6)
-# Indices of `rows`, (n,) each: command and its velocity, current solution, command that was sent
-# last; positions and velocities of the latest joint state; whether a limit stopped a joint.
+# Indices of the array `rows`, each row (n,): command, its velocity, present solution, command that
+# was sent last, positions and velocities of the latest joint state, whether a limit stopped each
+# joint.
 COMMAND, VELOCITY, SOLUTION, SENT_COMMAND, Q, V, STOPPED = range(7)
-# Indices of `settings`: fields of ServoSettings; time and validity of the last processed image, s;
-# start times of the second task and of a possible third, s.
+# Indices of the array `settings`.
 (
-    LONGEST_STEP,
+    LONGEST_STEP,  # the first four: fields of ServoSettings
     WATCHDOG,
     LAG,
     SOLVE_PERIOD,
-    ANSWER_TIME,
-    ANSWER_LIFETIME,
-    SECOND_TASK_TIME,
-    THIRD_TASK_TIME,
+    ANSWER_TIME,  # time of the last processed image, s
+    ANSWER_LIFETIME,  # time for which its task may be executed, s
+    SECOND_TASK_TIME,  # time at which the second task starts, s
+    THIRD_TASK_TIME,  # time at which a third task starts, s
 ) = range(8)
-# Results of an update: Python must process the joint state; no new command; a new command.
-NEEDS_PYTHON, SAME_COMMAND, NEW_COMMAND = range(3)
+NEEDS_PYTHON = 0  # result of an update: Python has to process the joint state
+SAME_COMMAND = 1  # result of an update: the command has not changed
+NEW_COMMAND = 2  # result of an update: there is a new command
 UPDATE_SIGNATURE = (
     f"Tuple(({CHAIN_SIGNATURE})), f8[::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], "
     "f8[::1], "
@@ -75,17 +79,21 @@ def process_joint_state(
     limits,
     has_acceleration_limits,
 ):
-    """Process one joint state and compute the command; return NEEDS_PYTHON to fall back to Python.
+    """Process one joint state and compute the command.
+
+    Return NEEDS_PYTHON if Python has to process the joint state.
 
     Args:
-        q, v, stamp: (n,), (n,) and s of the joint state.
+        q, v: (n,) positions and velocities of the joint state.
+        stamp: stamp of the joint state, s.
         chain: fields of the Chain.
         clock, rows, settings: arrays with the indices above.
-        last_velocities, setting_values, goal, range_tasks, elbows, limits: as in
+        last_velocities, setting_values, goal, range_tasks, elbows, limits: see
             `solve_velocities`.
         bounds: (3, n) bounds of plausible joint states.
         lead: (n,) distance by which a command may be ahead of its joint.
-        L, desired_rates, modelled: (2, k, 6), (2, k), (2, 6) of the current task and the next.
+        L, desired_rates, modelled: (2, k, 6), (2, k), (2, 6) fields of the current task and of the
+            next one.
         has_acceleration_limits: whether accelerations are limited.
     """
     t = max(stamp, clock[NOW])
@@ -148,13 +156,13 @@ def process_joint_state(
 
 
 class CompiledUpdates:
-    """Conversion of a runner's state to the arrays of `process_joint_state`, and back."""
+    """Conversion of a runner's state to the arguments of `process_joint_state`, and back."""
 
     def __init__(self, runner: LoopRunner) -> None:
         self._runner = runner
         servo, ik = runner.servo, runner.servo.differential_ik
         arm, settings = servo.arm, servo.settings
-        # User-defined inverse kinematics, tasks and arms can only be called from Python.
+        # User-defined inverse kinematics, tasks and arms can be called only from Python.
         self._is_possible = (
             type(arm) is Arm and type(ik) is DifferentialIK and not ik.other_tasks
             and settings.output == "position"
@@ -166,9 +174,9 @@ class CompiledUpdates:
             )  # fmt: skip
 
     def make_arguments(self) -> tuple[np.ndarray | tuple | bool, ...] | None:
-        """Return the arguments of `process_joint_state` from `chain` on.
+        """Return the arguments of `process_joint_state`, starting with `chain`.
 
-        Return None if Python must process the next joint state.
+        Return None if Python has to process the next joint state.
         """
         runner = self._runner
         servo, newest = runner.servo, runner.history.newest
@@ -205,7 +213,7 @@ class CompiledUpdates:
 
     @property
     def command(self) -> np.ndarray:
-        """Current command (n,)."""
+        """Present command (n,)."""
         return self._rows[COMMAND]
 
     def apply_results(

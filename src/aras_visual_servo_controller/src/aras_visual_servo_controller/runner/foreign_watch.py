@@ -1,4 +1,7 @@
-"""Detection of other nodes that command the joints, by the motion of the joints and by topic."""
+"""Detection of other nodes that command the joints.
+
+They are detected by the motion of the joints and by their messages on the command topics.
+"""
 
 from __future__ import annotations
 
@@ -14,8 +17,8 @@ from ..records.outcomes import JOINTS_DO_NOT_FOLLOW
 from ..records.state import HOLDING, Command
 from ..settings import Settings
 
-QUIET_TIME = 1.0  # s without a foreign command after which the loop commands the joints again
-# s of wall time for which commands are observed after the last sign of another node
+QUIET_TIME = 1.0  # the loop commands the joints again after this time without a foreign command, s
+# Wall time for which commands are observed after the last sign of another node, s.
 LISTENING_TIME = 5.0
 
 
@@ -23,24 +26,35 @@ class ForeignCommands(Protocol):
     """Interface to the commands that other nodes send to the joints."""
 
     def listen(self, is_active: bool) -> None:
-        """Start or stop receiving commands; returns at once."""
+        """Start or stop receiving commands, without blocking."""
 
     def read_latest(self) -> Mapping[str, tuple[str, float]]:
-        """Return by joint: the node that last commanded it, and the wall time (monotonic), s."""
+        """Return the node that last commanded each joint, by joint name.
+
+        The second value is the time of that command, s of monotonic wall time.
+        """
 
 
 class ForeignWatch:
-    """Detection of foreign commands to the joints of one loop.
+    """Detection of commands from other nodes to the joints of one loop.
 
     Attributes:
-        can_name_nodes: whether commands of other nodes can be received, so that nodes have names.
+        can_name_nodes: whether the commands of other nodes can be received, which gives the nodes'
+            names.
     """
 
     def __init__(
         self, servo: Servo, history: JointHistory, settings: Settings,
         commands: ForeignCommands | None,
     ) -> None:
-        """Set the source of other nodes' commands; None if they cannot be received."""
+        """Create the detection.
+
+        Args:
+            servo: the loop.
+            history: history of its joint states.
+            settings: settings of the loop.
+            commands: source of other nodes' commands; None if they cannot be received.
+        """
         self._servo, self._history, self._settings = servo, history, settings
         self._commands, self._suspicion_time = commands, -np.inf
         self._lead = np.atleast_1d(np.asarray(servo.settings.lead, float))
@@ -49,12 +63,14 @@ class ForeignWatch:
 
     def reset(self) -> None:
         """Forget the past motion of the joints, because they get a new command."""
-        # (n,) distance of the joints from the command when it stopped changing
+        # Distance (n,) of the joints from the command at the time when the command stopped
+        # changing.
         self._joint_errors: np.ndarray | None = None
-        self._acting_stamp: float | None = None  # last apparent effect of a foreign command, s
+        # Time of the last motion that a foreign command may have caused, s.
+        self._acting_stamp: float | None = None
 
     def find_nodes(self, wall: float) -> None:
-        """Report the nodes that command the joints at wall time `wall`, s.
+        """Report to the loop which nodes command the joints at the wall time `wall`, s.
 
         Commands are received only while joints do not follow, and for LISTENING_TIME afterwards.
         """
@@ -72,14 +88,14 @@ class ForeignWatch:
         """Return whether a position command that joints have not followed may be sent again.
 
         A joint that moves away from its command follows foreign commands, even if these cannot be
-        received. Nothing is sent until the joint has been at rest for QUIET_TIME; the loop then
-        continues from the measured position.
+        received. In this case nothing is sent until the joint has been at rest for QUIET_TIME. Then
+        the loop continues from the measured position.
         """
         newest = self._history.newest
         if newest is None or not self._servo.is_waiting_for_joints:
             return False
         if command.stamp - newest.stamp > self._settings.watchdog:
-            return False  # the current joint positions are not known
+            return False  # the present joint positions are unknown
         behind = np.abs(command.values - newest.positions)
         if self._joint_errors is None:
             self._joint_errors = behind
@@ -89,7 +105,8 @@ class ForeignWatch:
                 command.stamp,
             )
         elif self._acting_stamp is None and self._servo.phase == HOLDING:
-            self._acting_stamp = command.stamp  # farther from the command than the loop allows
+            # The joint is farther from the command than the loop allows.
+            self._acting_stamp = command.stamp
         if self._acting_stamp is None:
             return True
         if command.stamp - self._acting_stamp >= QUIET_TIME:

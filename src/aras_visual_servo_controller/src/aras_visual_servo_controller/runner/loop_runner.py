@@ -1,11 +1,13 @@
-"""Event-driven execution of the loop, by joint states, images and the passing of time. No ROS.
+"""Event-driven execution of the loop, without ROS.
+
+The events are joint states, images and the passing of time:
 
     joint states ─► history ─► Servo.update ─► commands
     images ──────► joints at the exposure ─► Observation ─► Servo.process_image ─► reports
     check_timeouts (called by another thread) ─► smooth stop if nothing is received
 
-The time of the loop is that of the joint states' stamps; without joint states it follows the clock.
-The loop restarts only if the clock goes back, not for messages that are late or have no stamp.
+The time of the loop is given by the stamps of the joint states; without joint states it follows the
+clock. The loop restarts only if the clock goes back, not if a message is late or has no stamp.
 """
 
 from __future__ import annotations
@@ -41,12 +43,12 @@ from ..records.state import (
 from ..settings import Settings
 from .foreign_watch import ForeignCommands, ForeignWatch
 
-REPORT_PERIOD = 1.0 / 30.0  # s between reports without images, as for a camera
-SILENT_TIME = 0.05  # s without a joint state after which the time follows the clock
-STOPPED_CLOCK_TIME = 0.5  # s of wall time after which a clock that does not advance is reported
+REPORT_PERIOD = 1.0 / 30.0  # period of reports without images, s, as for a camera
+SILENT_TIME = 0.05  # without a joint state for this time, s, the time follows the clock
+STOPPED_CLOCK_TIME = 0.5  # a clock that has not advanced for this wall time, s, is reported
 RESUME_ADVICE = "resume the simulation, or start the simulator again"
-REPEAT_PERIOD = 0.1  # s after which a command that a joint does not follow is sent again
-MAX_CLOCK_SKEW = 0.5  # s; a stamp that differs more from the clock comes from another clock
+REPEAT_PERIOD = 0.1  # period at which a command that a joint does not follow is sent again, s
+MAX_CLOCK_SKEW = 0.5  # a stamp that differs more from the clock, s, comes from another clock
 
 
 class LoopListener(Protocol):
@@ -63,7 +65,7 @@ class LoopListener(Protocol):
 
 
 class LoopRunner:
-    """Execution of one loop; every method may be called from any thread."""
+    """Execution of one loop; every method may be called by any thread."""
 
     def __init__(
         self,
@@ -75,10 +77,10 @@ class LoopRunner:
         wall_clock: Callable[[], float] = time.monotonic,
         foreign: ForeignCommands | None = None,
     ) -> None:
-        """Set up the loop.
+        """Create the runner.
 
         Args:
-            servo: the loop.
+            servo: loop to execute.
             camera_rig: cameras that make the observations.
             settings: settings of the loop.
             listener: receiver of commands and reports.
@@ -97,7 +99,7 @@ class LoopRunner:
         self._joints_time = self._answer_time = wall_clock()
         self._image_times = dict.fromkeys(camera_rig.observers, wall_clock())
         self._silence_report_time = -np.inf
-        self._clock_moved_time = wall_clock()  # when the clock last advanced
+        self._clock_moved_time = wall_clock()  # wall time at which the clock last advanced
         self._is_starved = self._is_e_stopped = self._is_ended = False
         self.start_count = 0  # number of times that joint states have started
         self._sources: dict[str, Source] = {}
@@ -133,7 +135,7 @@ class LoopRunner:
             if self._stamp is None:
                 self.start_count += 1
             elif stamp <= self._stamp:
-                return  # older than the latest
+                return  # the joint state is older than the latest one
             self._stamp, self._joints_arrival = stamp, now
             try:
                 sample = self.servo.arm.read_joints(names, positions, velocities, stamp)
@@ -149,7 +151,8 @@ class LoopRunner:
                     sample.positions, newest.positions, sample.velocities, newest.velocities,
                     self._lead, dt,
                 ):  # fmt: skip
-                    self.servo.mark_joint_jump()  # a jump, or a long gap
+                    # The joints have jumped, or no joint states were received for long.
+                    self.servo.mark_joint_jump()
             self.history.add(sample)
             if self._foreign_watch.can_name_nodes:
                 self._foreign_watch.find_nodes(self._wall_clock())
@@ -173,7 +176,7 @@ class LoopRunner:
             camera = camera or self.camera_rig.control.name
             ahead = stamp - self._update_clock()
             if ahead > MAX_CLOCK_SKEW and not self.settings.lockstep:
-                # It was sent before the clock went back, or the camera uses another clock.
+                # The image was sent before the clock went back, or the camera uses another clock.
                 self._stamps_ahead[camera] = ahead
                 return
             self._stamps_ahead.pop(camera, None)
@@ -201,15 +204,15 @@ class LoopRunner:
             return
         joints, newest = self.history.interpolate(stamp, earlier_only=lockstep), self.history.newest
         if newest is not None and stamp - newest.stamp > MAX_AGE:
-            return  # the joints at the exposure are not known
-        since: list[JointSample] = []  # commands since the exposure
+            return  # the joints at the exposure are unknown
+        since: list[JointSample] = []  # commands that were sent since the exposure
         for command in reversed(self.commands):
             if command.stamp < stamp:
                 break
             since.append(command)
         state = self.servo.process_image(observe_frame(joints, tuple(reversed(since))))
         if not state.has_processed_image:
-            return  # late, or already processed
+            return  # the image is late or was already processed
         if state.fault:
             self._listener.log(state.fault)
         if state.phase in (SERVOING, CONVERGED):
@@ -219,7 +222,10 @@ class LoopRunner:
         self._report(state)
 
     def check_timeouts(self) -> None:
-        """Stop the arm if nothing is received; must be called often, from another thread."""
+        """Stop the arm if no inputs are received.
+
+        This method must be called often by another thread.
+        """
         with self._lock:
             now, wall = self._update_clock(), self._wall_clock()
             if self._stamp is not None and not self.settings.lockstep:
@@ -249,24 +255,27 @@ class LoopRunner:
             self.servo.start()
 
     def stop(self, reason: str = "stopped") -> None:
-        """Bring the arm smoothly to rest, and wait for `start`."""
+        """Stop the arm smoothly, and wait for `start`."""
         with self._lock:
             self._is_starved = False
             self.servo.stop(reason)
 
     def hold(self, reason: str = "held") -> None:
-        """Bring the arm smoothly to rest, and hold its position until `start`."""
+        """Stop the arm smoothly, and hold its position until `start`."""
         with self._lock:
             self._is_starved = False
             self.servo.hold(reason)
 
     def emergency_stop(self, pressed: bool) -> None:
-        """Handle the emergency stop; after it no command is repeated until `start`."""
+        """Handle the emergency stop; afterwards no command is sent again until `start`."""
         with self._lock:
             self._is_e_stopped |= pressed
 
     def shut_down(self, reason: str) -> None:
-        """Stop, and send nothing more; a velocity or effort output ends with zeros."""
+        """Stop the arm, and send no more commands.
+
+        If the output is velocity or effort, the last command is zero.
+        """
         with self._lock:
             self.servo.stop(reason)
             self._is_ended = True
@@ -278,7 +287,7 @@ class LoopRunner:
                 )
 
     def apply_change(self, change: Callable[[Servo], None]) -> None:
-        """Change the loop by a function, between two of its steps."""
+        """Change the loop by calling `change` between two of its steps."""
         with self._lock:
             change(self.servo)
 
@@ -288,10 +297,11 @@ class LoopRunner:
         self.history.clear()
         self.commands.clear()
         self._pending_image: tuple[float, ObserveFrame] | None = None
-        # s by which the stamp of a camera's last image, which was ignored, was ahead of the clock
+        # For each camera: by how much the stamp of its last image, which was ignored, was ahead of
+        # the clock, s.
         self._stamps_ahead: dict[str, float] = {}
-        self._stamp: float | None = None  # of the latest joint state
-        self._joints_arrival = 0.0  # clock time when it was received
+        self._stamp: float | None = None  # stamp of the latest joint state
+        self._joints_arrival = 0.0  # clock time at which it was received
         self.update_time: float | None = None  # time of the last update
         self._now: float | None = None
         self.sent_values: np.ndarray | None = None
@@ -300,7 +310,7 @@ class LoopRunner:
         self._report_stamp = -np.inf
 
     def _update_clock(self) -> float:
-        """Return the clock time, s; restart the loop if the clock went back."""
+        """Return the clock time, s, and restart the loop if the clock went back."""
         now = self._clock()
         if self._now is not None and now < self._now:
             self._listener.log(f"simulated time went back to {now:.3f} s: restarting the loop")
@@ -316,7 +326,7 @@ class LoopRunner:
         return now
 
     def _describe_stopped_clock(self) -> str:
-        """Describe a clock that has not advanced for long; '' while it advances."""
+        """Return a text that says for how long the clock has not advanced; '' if it advances."""
         if self._wall_clock() - self._clock_moved_time < STOPPED_CLOCK_TIME:
             return ""
         return f"the clock has stopped at {self._now:.3f} s (is the simulator paused, or gone?)"
@@ -324,7 +334,7 @@ class LoopRunner:
     def _update(
         self, t: float, sample: JointSample | None = None, missing_reason: str = ""
     ) -> Command:
-        # A delayed joint state can be older than an update by the clock.
+        # A delayed joint state can be older than an update that followed the clock.
         t = self.update_time = t if self.update_time is None else max(t, self.update_time)
         command = self.servo.update(t, sample, missing_reason)
         if command.kind == "position" and command.values is not None:
@@ -339,14 +349,14 @@ class LoopRunner:
         self._report_periodically(command, None)
 
     def _send(self, command: Command, repeat: bool = False) -> None:
-        """Send a command; repeat equal positions only if a joint does not follow."""
+        """Send a command; with `repeat`, send equal positions again if a joint does not follow."""
         values = command.values
         if self._is_ended or values is None or not are_finite(values, values, values):
             return
         if self.sent_values is None and self.servo.phase == STOPPED:
             return  # before the first start, another node may command the joints
         if self.servo.is_yielding and command.positions is not None:
-            self.sent_values = None  # the controller has commands of another node now
+            self.sent_values = None  # the controller has received commands of another node
             return
         same = self.sent_values is not None and values.tolist() == self.sent_values.tolist()
         if not same:
@@ -360,7 +370,7 @@ class LoopRunner:
     def _is_due_again(self, command: Command) -> bool:
         """Return whether a position command must be sent again.
 
-        Its controller may not have received it, for example because it was loaded later.
+        The controller may not have received it, for example because it was loaded later.
         """
         allowed = not self._is_e_stopped and self._foreign_watch.can_resend(command)
         return allowed and command.stamp - self._sent_stamp >= REPEAT_PERIOD - 1e-9
@@ -391,7 +401,7 @@ class LoopRunner:
             self._foreign_watch.reset()
 
     def _report_periodically(self, command: Command, joints: JointSample | None) -> None:
-        """Report the state without an image, at the rate of a camera."""
+        """Report the state without an image, as often as a camera delivers images."""
         if not 0.0 <= command.stamp - self._report_stamp < REPORT_PERIOD:
             state = ServoState(
                 command.stamp, self.servo.phase, reason=command.reason, joints=joints,
@@ -404,7 +414,7 @@ class LoopRunner:
         self._listener.report(state)
 
     def _report_silence(self, wall: float, now: float) -> None:
-        """Report which inputs are missing, once per second."""
+        """Report once per second which inputs are missing."""
         settings, missing, kind = self.settings, [], "too_few_images"
         if wall - self._joints_time > settings.joint_timeout:
             kind = "no_joint_states"
@@ -431,6 +441,9 @@ class LoopRunner:
         self._report(ServoState(now, phase, found.kind, reason, found.remedy))
 
     def _make_silence_outcome(self, kind: str, reason: str) -> Outcome:
-        """Return the outcome while nothing is received, with the remedy of a stopped clock."""
+        """Return the outcome while no inputs are received.
+
+        If the clock has stopped, its remedy says how to continue it.
+        """
         found = make_outcome(kind, reason)
         return found.with_remedy(RESUME_ADVICE) if self._describe_stopped_clock() else found

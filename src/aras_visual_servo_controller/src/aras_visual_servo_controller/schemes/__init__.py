@@ -1,4 +1,7 @@
-"""Visual servoing schemes, created by name. Most schemes are one or more features with a law."""
+"""Visual servoing schemes, which are created by name.
+
+Most schemes consist of one or more features and a control law.
+"""
 
 from .base import SCHEMES, JointController, Scheme, SchemeOutput
 from .feature_scheme import INTERACTIONS, FeatureScheme

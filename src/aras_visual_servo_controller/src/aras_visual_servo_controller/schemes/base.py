@@ -26,26 +26,26 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class SchemeOutput:
-    """Output of a scheme or joint controller for one image; k is the number of features.
+    """Output of a scheme or joint controller for one image; k is the number of components.
 
-    A `Scheme` returns a task, L v = e_dot, from which the joint velocities are computed; a
+    A `Scheme` returns a task, L v = e_dot, from which the joint velocities are computed. A
     `JointController` returns no task. The other fields are published and used for diagnosis.
 
     Attributes:
-        names: names of the features.
+        names: names of the k components.
         features, desired: (k,) s and s*.
-        error: (k,) measured error s - s*, angles wrapped, as published and compared with the
-            tolerances.
+        error: (k,) measured error s - s*, with wrapped angles. It is published and compared with
+            the tolerances.
         task: desired motion of the camera; None for a JointController.
-        L: (k, 6) interaction matrix used by the law, for the record; None if there is none.
-        residual: (m,) full error, with L (m, 6), if `error` only summarises it, as for whole
-            images; None if `error` is the full error.
-        error_drift: (k,) rate of the error that the camera does not cause, such as that of a moving
-            target, 1/s times the unit of s.
-        filtered_error: (k,) low-pass filtered error passed to the law; None without a filter.
+        L: (k, 6) interaction matrix that the law uses, for the record; None if there is none.
+        residual: (m,) full error, if `error` is only a summary of it, as for features of a whole
+            image; L is then (m, 6). None if `error` is the full error.
+        error_drift: (k,) rate of the error that the camera does not cause, for example the effect
+            of a moving target, in units of s per second.
+        filtered_error: (k,) low-pass filtered error that the law uses; None without a filter.
         ambiguity: camera rotation that the error cannot show, as text ('180°'); empty if there is
             none.
-        notes: texts for the state of the loop.
+        notes: texts that are added to the state of the loop.
     """
 
     names: tuple[str, ...]
@@ -65,10 +65,11 @@ class SchemeBase(ABC):
     """Common base of schemes and joint controllers.
 
     Attributes (of the class or of the instance):
-        needs: measurements that it needs from the image.
-        cameras: names of the cameras that it reads; '' or an empty tuple is the control camera.
-        names, tolerances, units: (k,) of the features; a feature has converged if |error| is below
-            its tolerance.
+        needs: measurements of the image that it needs.
+        cameras: names of the cameras whose images it uses; '' or an empty tuple denotes the control
+            camera.
+        names, units: (k,) name and unit of each component of the error.
+        tolerances: (k,) tolerance of each component, which has converged if |error| is below it.
     """
 
     needs: frozenset[Need] = frozenset((Need.MOMENTS,))
@@ -78,22 +79,27 @@ class SchemeBase(ABC):
     units: Sequence[str] = ()
 
     def check(self, goal: Goal) -> None:
-        """Refuse a goal that this scheme cannot servo to; called before the arm moves.
+        """Raise an error for a goal that this scheme cannot servo to.
+
+        The method is called before the arm moves.
 
         Raises:
-            ConfigurationError: naming what the goal lacks.
+            ConfigurationError: the goal lacks data; the message names them.
         """
 
     def get_needs(self, *cameras: str) -> frozenset[Need]:
-        """Return what the scheme needs of one camera's image; '' names the control camera."""
+        """Return the measurements that the scheme needs from one camera's image.
+
+        The name '' denotes the control camera.
+        """
         return self.needs
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
-        """Return the accuracy of the features in the last image; see Feature.accuracy."""
+        """Return the accuracy of the features in the latest image; see Feature.accuracy."""
         return None
 
     def teach(self, observation: Observation) -> Mapping[str, Mapping[str, Any]]:
-        """Return what the goal file stores of the view at the goal, by feature name."""
+        """Return the data of the view at the goal that the goal file stores, by feature name."""
         return {}
 
 
@@ -101,9 +107,9 @@ class Scheme(SchemeBase):
     """Base class of schemes, including user-defined ones, constructed as `YourScheme(law)`.
 
     A scheme maps an observation to a task of the camera, L v = e_dot, with v in the camera's
-    optical frame (m/s, rad/s). Most schemes are one `Feature` with a law and need no class: the
-    name of the feature is enough. Derive from `Scheme` if the twist does not follow from e and L
-    alone, as in partitioned or predictive control.
+    optical frame (m/s, rad/s). Most schemes are one `Feature` with a law. They need no class of
+    their own, only the name of the feature. Derive from `Scheme` if the twist does not follow from
+    e and L alone, as in partitioned or predictive control.
 
     A subclass implements `compute`.
 
@@ -123,7 +129,7 @@ class Scheme(SchemeBase):
         """Compute the features of an image and the task that follows from them.
 
         Args:
-            observation: measurements of the image; not `valid` if the segmentation found no
+            observation: measurements of the image. It is not `valid` if the segmentation found no
                 target.
             goal: goal with its desired features.
             t: time since servoing started, or restarted after the target was lost, s.
@@ -136,19 +142,19 @@ class Scheme(SchemeBase):
         """
 
     def reset(self) -> None:
-        """Forget earlier images."""
+        """Forget all earlier images."""
         self.law.reset()
 
 
 class JointController(SchemeBase):
-    """A controller that computes joint commands itself, such as MPC; constructed without arguments.
+    """Base class of controllers that compute joint commands themselves, such as MPC.
 
     `process_image` is called for each image. `update` is called for each joint state and returns
     positions, velocities or accelerations of the n joints in the order of `arm.names`. The
     position, speed and acceleration limits and the watchdog apply as for schemes.
 
-    A subclass implements `process_image` and `update`. `self.arm` is set by `reset` before the
-    first image.
+    A subclass implements `process_image` and `update`, and is constructed without arguments.
+    `self.arm` is set by `reset` before the first image.
 
     Attributes (of the class or of the instance), in addition to those of SchemeBase:
         output: quantity that `update` returns: 'position' (rad, m), 'velocity' or 'acceleration'.
@@ -179,10 +185,11 @@ class JointController(SchemeBase):
         Args:
             t: time since servoing started, s.
             dt: time since the previous call, s.
-            joints: measured joint positions and velocities, rad or m, per s.
+            joints: measured joint positions (rad or m) and velocities (rad/s or m/s).
 
         Returns:
-            (n,) quantity named by `output`: rad or m, per s, or per s².
+            An array (n,) of the quantity that `output` names: positions (rad or m), velocities
+            (rad/s or m/s) or accelerations (rad/s² or m/s²).
         """
 
     def reset(self, arm: Arm) -> None:
@@ -190,7 +197,7 @@ class JointController(SchemeBase):
         self.arm = arm
 
 
-# The name of a feature is also the name of the scheme that consists of this feature alone.
+# The name of a feature also denotes the scheme that consists of this feature alone.
 SCHEMES = Registry(
     "scheme", __package__, (Scheme, JointController, Feature), ConfigurationError, (FEATURES,)
 )

@@ -1,13 +1,15 @@
 """Estimation of the interaction matrix L from measured motion, without camera model or depth.
 
-Broyden's rule makes the smallest change of L that explains the last camera motion v,
+With gain = 1, Broyden's rule makes the smallest change of L that explains the change de of the
+features by the last camera motion v:
 
     L <- L + gain (de - L v) v^T W / (floor^2 + v^T W v)
 
-where de is the change of the features and W makes rotations comparable to translations.
+Here W makes rotations comparable to translations, and floor reduces the change if the motion is so
+small that noise dominates.
 
-Reference: J. A. Piepmeier, G. V. McMurray and H. Lipkin, Uncalibrated dynamic visual servoing,
-IEEE Transactions on Robotics and Automation 20(1), 2004.
+Reference: J. A. Piepmeier, G. V. McMurray and H. Lipkin, Uncalibrated dynamic visual servoing, IEEE
+Transactions on Robotics and Automation 20(1), 2004.
 """
 
 from __future__ import annotations
@@ -19,11 +21,13 @@ from aras_visual_servo_base.poses import logarithm
 from ..features.base import FeatureMeasurement
 from ..observation.observation import Observation
 
-# Weight of 1 rad, as a part of the translation that moves the features as far as 1 rad does.
+# Let d be the translation, in m, that moves the features as far as a rotation by 1 rad. A rotation
+# by
+# 1 rad has the weight of this fraction of d.
 ROTATION_WEIGHT = 0.5
-MIN_STEP = 1 / 600  # part of that translation at which half of the feature change is noise
-UNKNOWN_MOTION = 0.6  # m; that translation if L is zero
-LONGEST_JUMP = 1.0  # a larger change of an error is an angle that wrapped
+MIN_STEP = 1 / 600  # camera motion at which half of the feature change is noise, as a fraction of d
+UNKNOWN_MOTION = 0.6  # value of d if L is zero, m
+LONGEST_JUMP = 1.0  # if an error changes by more than this, it is an angle that wrapped
 
 
 class Broyden:
@@ -38,9 +42,10 @@ class Broyden:
         """Set the parameters of the estimator.
 
         Args:
-            gain: part of the prediction error that one update corrects, in (0, 1].
-            floor: camera motion whose feature change is half noise, m; None: computed from L.
-            start: initial L (k, 6); None: the feature's own L in the first image.
+            gain: fraction of the prediction error that one update corrects, in (0, 1].
+            floor: camera motion at which half of the feature change is noise, m; None to compute it
+                from L.
+            start: initial L (k, 6); None for the feature's own L in the first image.
         """
         self.gain, self.floor = float(gain), floor
         self.start = None if start is None else np.array(start, float)
@@ -49,8 +54,9 @@ class Broyden:
     def reset(self) -> None:
         """Discard the estimate and the last image."""
         self._L: np.ndarray | None = None
-        self._weights, self._floor = np.ones(6), 0.0  # W and floor; set with the first L
-        self._last_measurement: tuple[float, np.ndarray] | None = None  # stamp, error
+        self._weights, self._floor = np.ones(6), 0.0  # W and floor, which are set with the first L
+        # Stamp and error of the last image.
+        self._last_measurement: tuple[float, np.ndarray] | None = None
 
     def __call__(self, observation: Observation, measured: FeatureMeasurement) -> np.ndarray:
         """Update L (k, 6) with this image and return it."""
@@ -59,7 +65,8 @@ class Broyden:
         if self._L is None or len(self._L) != len(error):
             known = self.start if self.start is not None else measured.L
             self._L = np.array(known, float)
-            # Translation, m, that moves the features as far as 1 rad: for points, the distance.
+            # Translation, m, that moves the features as far as 1 rad; for points it is their
+            # distance.
             moving, turning = (np.linalg.norm(part) for part in np.hsplit(self._L, 2))
             length = turning / moving if moving > 0.0 and turning > 0.0 else UNKNOWN_MOTION
             self._weights = np.repeat((1.0, (ROTATION_WEIGHT * length) ** 2), 3)

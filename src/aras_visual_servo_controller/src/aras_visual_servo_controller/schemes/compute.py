@@ -1,4 +1,4 @@
-"""The call of a scheme for one image, with checks of its output."""
+"""Call of a scheme for one image, with checks of its output."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ def compute(
         limit: wall time that the scheme may take, s.
 
     Returns:
-        The output for k features, with float64 arrays. Its task holds L (k, 6) and the desired
-        rate (k,) of the error; it is None for a joint controller.
+        The output for k features, with float64 arrays. Its task contains L (k, 6) and the desired
+        rate (k,) of the error; the task of a joint controller is None.
 
     Raises:
         MeasurementError: this image cannot be used for control.
@@ -58,7 +58,10 @@ def compute(
         array = to_float_array(getattr(output, field))
         if array is None or array.shape != (count,):
             shape = "no numbers" if array is None else f"shape {array.shape}"
-            raise SchemeError(f"scheme {name} returned {field} of {shape} for {count} names")
+            raise SchemeError(
+                f"scheme {name} returned {field} of {shape} for {count} names; one number for each "
+                "name is needed"
+            )
         arrays[field] = array
     if not are_finite(*arrays.values()):
         for field, array in arrays.items():
@@ -87,5 +90,5 @@ def compute(
             f"scheme {name} returned the task {type(output.task).__name__} instead of a Task"
         )
     if all(arrays[field] is getattr(output, field) for field in arrays):
-        return output  # the usual case: no array was converted
+        return output  # this is the usual case, in which no array was converted
     return dataclasses.replace(output, **arrays)

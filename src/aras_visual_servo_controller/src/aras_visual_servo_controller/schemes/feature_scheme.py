@@ -21,29 +21,32 @@ from .feature_scheme_base import FeatureSchemeBase
 from .output_checks import check_array
 
 INTERACTIONS = ("current", "desired", "mean", "estimated")
-# s; a longer gap between images, or a larger jump of an angle, restarts the error filter.
-LONGEST_GAP, LONGEST_JUMP = 0.3, 1.0
-# Singular values of L below this part of the largest count as noise, if features come from images
-# and have no stated accuracy.
+LONGEST_GAP = 0.3  # a longer gap between two images, s, restarts the filter of the error
+LONGEST_JUMP = 1.0  # a larger jump of an error, such as an angle that wraps, restarts the filter
+# Singular values of L below this fraction of the largest one are treated as noise, if the features
+# come from images and their accuracy is not given.
 NOISE_RANK_TOLERANCE = 1e-4
-# If the smallest singular value is above this part of the largest, L is well conditioned and no
-# direction is dropped because of noise. The L of pose features is always well conditioned.
+# L is well conditioned if its smallest singular value is above this fraction of the largest one.
+# Then no direction is dropped because of noise. The L of pose features is always well conditioned.
 WELL_CONDITIONED = 0.05
 Estimator = Callable[[Observation, FeatureMeasurement], np.ndarray]
 
 
 class FeatureScheme(FeatureSchemeBase):
-    """Scheme e_dot = law(e) with L at the current view, at the goal, their mean, or estimated.
+    """Scheme e_dot = law(e) on one or more features.
+
+    The interaction matrix L is that at the current view, that at the goal, the mean of both, or an
+    estimate.
 
     Attributes:
         feature: the feature, or the Stack of several features.
         law: control law.
         interaction: one of INTERACTIONS.
-        smoothing: time constant of a low-pass filter on the error, s; 0 for none. The law gets the
-            filtered error, SchemeOutput.filtered_error; `error` stays as measured.
-        ratio: (k,) factors of the desired error rates, or None.
+        smoothing: time constant of a low-pass filter on the error, s; 0 for none. The law uses the
+            filtered error, SchemeOutput.filtered_error; SchemeOutput.error is not filtered.
+        ratio: (k,) factors on the desired error rates, or None.
         estimator: callable that returns L (k, 6) for an observation and its measurement, with an
-            optional `reset()`, for interaction 'estimated'; the default is Broyden's rule.
+            optional method `reset`, for interaction 'estimated'. The default is Broyden's rule.
     """
 
     def __init__(
@@ -63,7 +66,7 @@ class FeatureScheme(FeatureSchemeBase):
             raise ConfigurationError(describe_unknown("interaction", interaction, INTERACTIONS))
         if estimator is not None and interaction != "estimated":
             raise ConfigurationError(
-                f"an estimator is for interaction 'estimated', not '{interaction}'"
+                f"an estimator can be used only with interaction 'estimated', not '{interaction}'"
             )
         if interaction == "estimated" and estimator is None:
             from .broyden import Broyden
@@ -75,7 +78,8 @@ class FeatureScheme(FeatureSchemeBase):
             len(ratio) != len(self.feature.names) or not (np.asarray(ratio) > 0.0).all()
         ):
             raise ConfigurationError(
-                f"ratio {ratio}: one number above 0 for each of {', '.join(self.feature.names)}"
+                f"ratio {ratio}: give one number above 0 for each of "
+                f"{', '.join(self.feature.names)}"
             )
         self.interaction, self.smoothing, self.estimator = interaction, float(smoothing), estimator
         self.ratio = None if ratio is None else np.array(ratio, float)
@@ -84,7 +88,7 @@ class FeatureScheme(FeatureSchemeBase):
         self._filter_state: tuple[float, np.ndarray] | None = None
 
     def reset(self) -> None:
-        """Forget earlier images."""
+        """Forget all earlier images."""
         super().reset()
         if self.estimator is not None and hasattr(self.estimator, "reset"):
             self.estimator.reset()
@@ -95,7 +99,7 @@ class FeatureScheme(FeatureSchemeBase):
         self._modelled = np.array(self.feature.directions, bool)
 
     def check(self, goal: Goal) -> None:
-        """Refuse a goal that this scheme cannot servo to."""
+        """Raise an error for a goal that this scheme cannot servo to."""
         super().check(goal)
         if self.interaction in ("desired", "mean"):
             self.feature.desired_interaction(goal)
@@ -121,7 +125,8 @@ class FeatureScheme(FeatureSchemeBase):
         )
         desired_rate = check_array(self.law, "desired_error_rate", desired_rate, filtered.shape)
         if self.interaction == "mean":
-            # The mean L converges as 2 tan(theta / 2), not theta: limit the rate to that of pi.
+            # For a rotation by theta, the mean L gives a rate in proportion to 2 tan(theta / 2)
+            # instead of theta. Limit it to the rate for theta = pi.
             angle = float(np.linalg.norm(camera_error[3:]))
             desired_rate = desired_rate * (np.pi / max(angle, np.pi))
         if self.ratio is not None:
@@ -151,10 +156,10 @@ class FeatureScheme(FeatureSchemeBase):
     def _estimate_accuracy(
         self, L: np.ndarray, observation: Observation, goal: Goal
     ) -> dict[str, Any]:
-        """Return the arguments `accuracy` or `rank_tolerance` of the Task, if L is ill-conditioned.
+        """Return the argument `accuracy` or `rank_tolerance` of the Task, if L is ill-conditioned.
 
-        To make rows of different units comparable, L (k, 6) is scaled to rows of length 1, with
-        lengths relative to the distance at the goal.
+        To make rows of different units comparable, the rows of L (k, 6) are scaled to length 1,
+        with lengths relative to the distance at the goal.
         """
         scaled = L[:, self._modelled] * np.repeat((goal.distance, 1.0), 3)[self._modelled]
         lengths = np.linalg.norm(scaled, axis=1, keepdims=True)
@@ -178,10 +183,11 @@ class FeatureScheme(FeatureSchemeBase):
         return desired if self.interaction == "desired" else 0.5 * (measured.L + desired)
 
     def _filter_error(self, error: np.ndarray, stamp: float) -> np.ndarray:
-        """Return the error (k,) after a first-order low-pass; a gap or a jump restarts the filter.
+        """Return the error (k,) after a first-order low-pass filter.
 
-        Image edges have a finite number of grey levels. The angle of a nearly square target
-        therefore jumps by some mrad between images, which makes a joint with friction tremble.
+        A gap between two images or a jump of the error restarts the filter. The filter is needed
+        because image edges have a finite number of grey levels: the angle of a nearly square target
+        jumps by some mrad between images, which makes a joint with friction tremble.
         """
         if self._filter_state is not None:
             before, value = self._filter_state
@@ -198,7 +204,7 @@ class FeatureScheme(FeatureSchemeBase):
 def _compute_pseudo_inverse_error(
     L: np.ndarray, error: np.ndarray, weights: np.ndarray | None
 ) -> np.ndarray:
-    """Return L^+ error (6,), from the normal equations if L has many rows."""
+    """Return L^+ error (6,), which is computed from the normal equations if L has many rows."""
     if weights is not None:
         L, error = weights[:, None] * L, weights * error
     if len(L) > 64:

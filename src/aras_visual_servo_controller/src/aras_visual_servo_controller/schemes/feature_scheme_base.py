@@ -17,10 +17,10 @@ from .output_checks import check_accuracy, check_measurement, check_taught_entry
 
 
 class FeatureSchemeBase(Scheme):
-    """Scheme on one feature, or on a Stack; a subclass implements `compute`.
+    """Base class of schemes on one feature, or on a Stack of several features.
 
-    `compute` gets s, s*, e and L from `check_measurement(feature.measure(
-    require_visible(observation), goal))`.
+    A subclass implements `compute`, in which it gets s, s*, e and L from
+    `check_measurement(feature.measure(require_visible(observation), goal))`.
 
     Attributes:
         feature: feature that is servoed; by default an instance of `feature_class`.
@@ -36,19 +36,19 @@ class FeatureSchemeBase(Scheme):
         self._describe()
 
     def reset(self) -> None:
-        """Forget earlier images."""
+        """Forget all earlier images."""
         super().reset()
         self.feature.reset()
         self._row_count = 0
 
     def check(self, goal: Goal) -> None:
-        """Refuse a goal that this scheme cannot servo to."""
+        """Raise an error for a goal that this scheme cannot servo to."""
         self.feature.check(goal)
         self._describe()
         self.tolerances = scale_tolerances(self.feature.tolerances, goal)
 
     def get_needs(self, *cameras: str) -> frozenset[Need]:
-        """Return what the scheme needs of one camera's image."""
+        """Return the measurements that the scheme needs from one camera's image."""
         return self.feature.get_needs(*cameras)
 
     @property
@@ -57,20 +57,25 @@ class FeatureSchemeBase(Scheme):
         return self.feature.features if isinstance(self.feature, Stack) else (self.feature,)
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
-        """Return the accuracy of the features in the image measured last."""
+        """Return the accuracy of the features in the latest image."""
         found = self.feature.accuracy(observation, goal)
         return None if found is None else check_accuracy(self.feature, found, self._row_count)
 
     def teach(self, observation: Observation) -> Mapping[str, Mapping[str, Any]]:
         """Return the data of the view at the goal that the goal file stores, by feature name."""
         taught = {f.name: check_taught_entry(f, f.teach(observation)) for f in self.features}
-        # Feature.check requires an entry of every feature that overrides `teach`, even if empty.
+        # Feature.check requires an entry, which may be empty, for every feature that overrides
+        # `teach`.
         required = {f.name for f in self.features if type(f).check is Feature.check
                       and type(f).teach is not Feature.teach}  # fmt: skip
         return {name: entry for name, entry in taught.items() if entry or name in required}
 
     def require_visible(self, observation: Observation) -> Observation:
-        """Return the observation; MeasurementError if a target that the feature needs is lost."""
+        """Return the observation.
+
+        Raises:
+            MeasurementError: a target that the feature needs is lost.
+        """
         if not observation.other_cameras:
             if self.needs & SEGMENTED and not observation.valid:
                 raise MeasurementError(observation.reason or "the target is not visible")
@@ -83,7 +88,11 @@ class FeatureSchemeBase(Scheme):
         return observation
 
     def check_measurement(self, measurement: object) -> FeatureMeasurement:
-        """Return the result of `feature.measure` with float64 arrays; SchemeError if not valid."""
+        """Return the result of `feature.measure` with float64 arrays.
+
+        Raises:
+            SchemeError: the result is not valid.
+        """
         measured = check_measurement(self.feature, measurement)
         self._row_count = len(measured.error)
         return measured

@@ -16,15 +16,16 @@ from .feature_scheme_base import FeatureSchemeBase
 
 @SCHEMES.register("moments_2016")
 class Laboratory2016(FeatureSchemeBase):
-    """Image moments with the laboratory's inverse matrix and the ratio of its gains.
+    """Image moments with the inverse matrix and the ratio of gains of the laboratory's controller.
 
-    v = Lambda L^-1 e_dot, where e_dot comes from the law and L^-1 = -I with the last column
+    v = Lambda L^-1 e_dot, where e_dot comes from the control law. L^-1 is -I with the last column
     (-yn, xn, 0, -1), for a target parallel to the image at the current view.
 
-    The original uses Lambda = diag(140, 120, 60, 30) on an angle scaled by 0.1, integrated over
-    0.01 s once per image, and waits until the arm has arrived. With 30 images/s and a moving arm,
-    gains of 42/s overshoot. Here only their ratio is used, and the law's gain applies to the first
-    feature. The angle is not scaled, because its convergence would take minutes.
+    The original controller uses Lambda = diag(140, 120, 60, 30) on an angle scaled by 0.1. It
+    integrates over 0.01 s once per image, and waits until the arm has arrived. With 30 images per
+    second and a moving arm, these gains (42/s) would overshoot. Therefore only their ratio is used
+    here, and the law's gain applies to the first feature. The angle is not scaled, because it would
+    take minutes to converge.
     """
 
     feature_class = ImageMoments

@@ -21,10 +21,11 @@ T = TypeVar("T")
 def check_goal(
     name: str, scheme: Scheme | JointController, goal: object, limit: float
 ) -> None:
-    """Call the scheme's own check of the goal, within `limit` s of wall time.
+    """Call the scheme's own check of the goal, for at most `limit` s of wall time.
 
     Raises:
-        ConfigurationError: the scheme refused the goal, raised another exception, or timed out.
+        ConfigurationError: the scheme does not accept the goal, raised another exception, or timed
+            out.
     """
     try:
         call_user_code(scheme.check, goal, limit=limit)
@@ -42,7 +43,8 @@ def check_measurement(feature: Feature, measurement: object) -> FeatureMeasureme
     Lists, tuples, scalars and column vectors are converted.
 
     Raises:
-        SchemeError: naming the class, the value that it returned and what is needed.
+        SchemeError: the measurement is not valid; the message names the class, the value that it
+            returned and what is needed.
     """
     where = f"{type(feature).__name__}.measure returned"
     if not isinstance(measurement, FeatureMeasurement):
@@ -69,7 +71,7 @@ def check_measurement(feature: Feature, measurement: object) -> FeatureMeasureme
     if not isinstance(measurement.ambiguity, str):
         raise SchemeError(f"{where} ambiguity {_describe(measurement.ambiguity)}: a text is needed")
     if all(value is getattr(measurement, field) for field, value in arrays.items()):
-        return measurement  # the usual case: no array was converted
+        return measurement  # this is the usual case, in which no array was converted
     return dataclasses.replace(measurement, **arrays)
 
 
@@ -79,7 +81,8 @@ def check_array(
     """Return the value that a method of a feature or law returned, as an array of this shape.
 
     Raises:
-        SchemeError: naming the class, the method, the value and what is needed.
+        SchemeError: the value is not valid; the message names the class, the method, the value and
+            what is needed.
     """
     return _read_shaped(f"{type(owner).__name__}.{method} returned", "", value, shape)
 
@@ -90,7 +93,8 @@ def check_accuracy(feature: Feature, accuracy: object, count: int) -> np.ndarray
     An array (count,) is taken as standard deviations and returned as a diagonal matrix.
 
     Raises:
-        SchemeError: naming the class, the value and what is needed.
+        SchemeError: the value is not valid; the message names the class, the value and what is
+            needed.
     """
     if accuracy is None:
         return None
@@ -100,7 +104,7 @@ def check_accuracy(feature: Feature, accuracy: object, count: int) -> np.ndarray
             f"{where} {_describe(accuracy)}: None, one number, ({count},) or ({count}, m) is needed"
         )
     if not np.isfinite(values).all():
-        raise SchemeError(f"{where} {_describe(accuracy)}: it must be finite")
+        raise SchemeError(f"{where} {_describe(accuracy)}: an accuracy must be finite")
     if values.ndim == 1:
         return np.diag(values)
     return abs(float(values)) if values.ndim == 0 else values
@@ -121,7 +125,11 @@ def check_taught_entry(feature: Feature, entry: object) -> Mapping[str, Any]:
 
 
 def _read_shaped(where: str, field: str, value: object, shape: tuple[int, ...]) -> np.ndarray:
-    """Return the value as a finite array of this shape, ignoring axes of length 1; SchemeError."""
+    """Return the value as a finite array of this shape; axes of length 1 are ignored.
+
+    Raises:
+        SchemeError: the value is not valid.
+    """
     array, field = to_float_array(value), f"{field} " if field else ""
     needed = f"{shape} finite numbers are needed" if shape else "a finite number is needed"
     if array is not None and array.shape != shape and (
@@ -143,7 +151,7 @@ def _describe(value: object) -> str:
 
 
 def check_joint_output(name: str, output: object, count: int) -> np.ndarray:
-    """Return the joint output (n,) of a controller as a float64 array.
+    """Return the joint output (n,) of a joint controller as a float64 array.
 
     Raises:
         SchemeError: the output has a wrong shape, or is not finite.

@@ -1,4 +1,4 @@
-"""Partitioned control: motion along and about the optical axis has its own control law."""
+"""Partitioned control: motion along and about the optical axis has a control law of its own."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ AXIAL_DIRECTIONS = np.array([False, False, True, False, False, True])  # vz, wz
 
 @SCHEMES.register("partitioned")
 class Partitioned(FeatureSchemeBase):
-    """Partitioned scheme: vz from the area, wz from the angle of an edge, the rest from L.
+    """Partitioned scheme, in which the image area controls vz and the angle of an edge controls wz.
 
     With s = log(area) / 2 and theta the angle of the first edge of the points,
     vz = gain Z (s* - s) and wz = gain (theta - theta*). The effect of vz and wz is subtracted from
-    the desired rate of the points before the other four components are computed from L. The
-    camera does not retreat, since a rotation about the optical axis causes no translation.
+    the desired rate of the points. Then the other four components of the twist are computed from L.
+    The camera does not retreat, because a rotation about the optical axis causes no translation.
 
     Reference: P. Corke and S. Hutchinson, A new partitioned approach to image-based visual servo
     control, IEEE Transactions on Robotics and Automation 17(4), 2001.
@@ -67,7 +67,7 @@ def _compute_area(points: np.ndarray) -> float:
     """
     area = abs(signed_area(points))
     if area < 1e-12:
-        raise MeasurementError("the points of the target lie on one line: it has no area")
+        raise MeasurementError("the points of the target lie on one line, so that its area is zero")
     return area
 
 

@@ -15,20 +15,20 @@ from ..observation.observation import Observation
 from .base import SCHEMES, SchemeOutput
 from .feature_scheme_base import FeatureSchemeBase
 
-GAIN = 1.0  # 1/s, for laws without a parameter `gain`
+GAIN = 1.0  # gain for laws without a parameter `gain`, 1/s
 
 
 @SCHEMES.register("predictive")
 class Predictive(FeatureSchemeBase):
-    """Model-predictive scheme: points follow an exponential decay and stay inside the image.
+    """Model-predictive scheme: points approach the goal exponentially and stay inside the image.
 
-    Over `horizon` s the camera moves with a constant twist v. The predicted points at the `steps`
-    instants are s + j dt L v. The scheme minimises the squared distances of the predicted points
-    from s* + (s - s*) exp(-gain j dt), plus `effort` |v|^2, subject to |v| <= `speed`, with
-    lengths in units of the distance at the goal. Predicted points must stay `margin` pixels inside
-    the image; a point that is already closer to the border must not move outwards. SciPy's
-    sequential least squares programming solves this problem. Joint limits are not included; the
-    inverse kinematics applies them.
+    Over `horizon` s the camera moves with a constant twist v. At each of `steps` instants j dt, the
+    predicted points are s + j dt L v and the desired points are s* + (s - s*) exp(-gain j dt). The
+    scheme minimises the squared distances between them plus `effort` |v|^2, subject to
+    |v| <= `speed`, with lengths in units of the distance at the goal. Predicted points must stay
+    `margin` pixels inside the image; a point that is already closer to the border must not move
+    outwards. This problem is solved by SciPy's sequential least squares programming. Joint limits
+    are not part of it; they are applied by the inverse kinematics.
 
     Reference: G. Allibert, E. Courtial and F. Chaumette, Predictive control for constrained
     image-based visual servoing, IEEE T-RO 26(5), 2010.
@@ -39,18 +39,18 @@ class Predictive(FeatureSchemeBase):
     steps: ClassVar[int] = 4
     effort: ClassVar[float] = 1e-4
     speed: ClassVar[tuple[float, ...]] = (1.0, 1.0, 1.0, 1.5, 1.5, 1.5)
-    margin: ClassVar[float] = 12.0  # px; error of the linear prediction at these speeds
+    margin: ClassVar[float] = 12.0  # px; covers the error of the linear prediction
 
     def __init__(self, law: Law | None = None) -> None:
         super().__init__(law)
-        # Imported here because the import takes a third of a second.
+        # Imported here, because the import takes a third of a second.
         from scipy.optimize import minimize
 
         self._minimize = minimize
         self._last_twist = np.zeros(6)
 
     def reset(self) -> None:
-        """Forget earlier images."""
+        """Forget all earlier images."""
         super().reset()
         self._last_twist = np.zeros(6)
 
@@ -93,13 +93,13 @@ class Predictive(FeatureSchemeBase):
             options={"maxiter": 50, "ftol": 1e-12},
         )  # fmt: skip
         if not np.isfinite(found.x).all():
-            raise MeasurementError("the predicted path cannot be fitted")
+            raise MeasurementError("the predicted twist is not finite")
         return found.x, "" if found.success else "the target cannot be kept in view on this path"
 
     def _compute_borders(
         self, observation: Observation, s: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the lower and upper bounds (k,) of normalised coordinates inside the image."""
+        """Return the smallest and the largest coordinates (k,), normalised, inside the image."""
         camera, margin = observation.camera, self.margin
         middle_u, middle_v = 0.5 * (camera.width - 1), 0.5 * (camera.height - 1)
         u = np.array([margin, camera.width - 1 - margin, middle_u, middle_u])

@@ -24,14 +24,14 @@ def create_scheme(
 ) -> Scheme | JointController:
     """Create a scheme from its name, 'package.module:Class', or the names of several features.
 
-    A feature becomes a scheme with the law: L v = f(e). Several features are stacked: their s, e
-    and L are concatenated.
+    A feature with a law f is the scheme L v = f(e). Several features are combined by concatenating
+    their s, e and L.
 
     Args:
-        name: a scheme, a feature, or several features (a list, or joined by '+'). The cameras of a
-            feature, if not the control camera, follow an '@': 'points@right',
-            'stereo_points@left,right'.
-        law: control law; None: proportional. Joint controllers do not use it.
+        name: name of a scheme, of a feature, or of several features (as a list, or joined by '+').
+            If a feature uses other cameras than the control camera, their names follow an '@':
+            'points@right', 'stereo_points@left,right'.
+        law: control law; None for the proportional law. Joint controllers do not use it.
         weights: one weight for each feature, applied to its rows of e and L.
         options: options of features: `interaction` ('current', 'desired', 'mean' or 'estimated')
             and `smoothing` (time constant of a low-pass filter on the error, s).
@@ -40,32 +40,37 @@ def create_scheme(
         The scheme, or the joint controller.
 
     Raises:
-        ConfigurationError: the name is unknown, the constructor failed, or an option does not
-            apply to the scheme.
+        ConfigurationError: the name is unknown, the constructor failed, or an option does not apply
+            to the scheme.
     """
     names = name.split("+") if isinstance(name, str) else list(name)
     parts = [part.partition("@") for part in names]
     names, cameras = [p[0].strip() for p in parts], [_split_camera_names(p[2]) for p in parts]
     for part, read in zip(parts, cameras, strict=True):
         if part[1] and not (part[2].strip() and all(read)):
-            raise ConfigurationError(f"scheme '{name}': a camera's name is missing behind the @")
+            raise ConfigurationError(f"scheme '{name}': the name of a camera is missing after @")
     found = [SCHEMES.find(part) for part in names]
     if len(found) == 1 and not issubclass(found[0], Feature):
         cls = found[0]
         given = {k: v for k, v in options.items() if v not in (None, "", "current", 0.0)}
         if given or weights is not None:
             raise ConfigurationError(
-                f"scheme '{name}' takes no {', '.join(given) or 'weights'}: only features do"
+                f"scheme '{name}' takes no {', '.join(given) or 'weights'}, which only features use"
             )
         own = (law,) if issubclass(cls, Scheme) else ()
         made = check_scheme(construct("scheme", names[0], cls, ConfigurationError, *own), names[0])
         if cameras[0]:
             if len(cameras[0]) > 1:
-                raise ConfigurationError(f"scheme '{names[0]}' reads one camera: {name} names more")
+                raise ConfigurationError(
+                    f"scheme '{names[0]}' reads one camera, but '{name}' names "
+                    f"{len(cameras[0])}"
+                )
             made.cameras = cameras[0]
         return made
     if wrong := [n for n, cls in zip(names, found, strict=True) if not issubclass(cls, Feature)]:
-        raise ConfigurationError(f"scheme '{wrong[0]}' is not a feature and cannot be stacked")
+        raise ConfigurationError(
+            f"scheme '{wrong[0]}' is not a feature and cannot be combined with features"
+        )
     features = [
         construct("scheme", n, cls, ConfigurationError)
         for n, cls in zip(names, found, strict=True)
@@ -87,22 +92,22 @@ def create_scheme(
 
 
 def _split_camera_names(text: str) -> tuple[str, ...]:
-    """Split the comma-separated camera names of a text; an empty text has none."""
+    """Split the camera names of a text at its commas; an empty text contains none."""
     return tuple(part.strip() for part in text.split(",")) if text else ()
 
 
 def _assign_cameras(feature: Feature, name: str, cameras: tuple[str, ...]) -> Feature:
-    """Return the feature set to read these cameras; without any, its own cameras are used.
+    """Set the cameras of the feature and return it; without `cameras`, keep the feature's own.
 
     Raises:
-        ConfigurationError: the feature reads another number of cameras.
+        ConfigurationError: the feature uses another number of cameras.
     """
     count = max(feature.camera_count, len(feature.cameras))
     if cameras and len(cameras) != count or not cameras and count > max(len(feature.cameras), 1):
         example = ",".join(("left", "right", "third", "fourth")[:count])
         raise ConfigurationError(
             f"scheme '{name}' reads {count} camera{'s' if count > 1 else ''}: name "
-            f"{'them' if count > 1 else 'one'}, as {name}@{example}"
+            f"{'them' if count > 1 else 'one'}, for example {name}@{example}"
         )
     if not cameras:
         return feature
@@ -122,7 +127,9 @@ def check_scheme(scheme: object, name: str) -> object:
     """
     for attribute in ("names", "tolerances", "needs"):
         if not hasattr(scheme, attribute):
-            raise ConfigurationError(f"scheme '{name}': {type(scheme).__name__} has no {attribute}")
+            raise ConfigurationError(
+                f"scheme '{name}': {type(scheme).__name__} has no {attribute}; define it"
+            )
     for attribute, single in (("names", str), ("units", str), ("needs", Need)):
         if isinstance(getattr(scheme, attribute), single):  # a single value instead of a tuple
             value = getattr(scheme, attribute)

@@ -1,12 +1,12 @@
 """Time limits for user-defined code.
 
-A watchdog thread checks all running calls every CHECK_PERIOD and raises an exception in a call
-that exceeds its limit. Time is counted in checks, so that a suspended process, or a process at a
-debugger's prompt, uses none. The thread ends when there are no calls to check.
+A watchdog thread checks all running calls every CHECK_PERIOD. In a call that exceeds its limit, it
+raises an exception. The time of a call is the number of checks, so that no time passes while the
+process is suspended or at a debugger's prompt. The thread ends when there are no calls to check.
 
 Python raises the exception between two bytecode instructions. A call that blocks outside of Python
 can be interrupted only in the main thread, by a signal. Compiled code that holds the interpreter
-lock, and code that catches all exceptions and continues, cannot be interrupted.
+lock cannot be interrupted, nor can code that catches all exceptions and continues.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ from ..errors import MeasurementError, SchemeError, SchemeTimeoutError
 
 T = TypeVar("T")
 
-CHECK_PERIOD = 0.25  # s between two checks
-RETRY_CHECKS = 4  # checks from one interruption to the next
-IDLE_CHECKS = 4  # checks without a running call after which the thread ends
+CHECK_PERIOD = 0.25  # time between two checks, s
+RETRY_CHECKS = 4  # number of checks between two interruptions of the same call
+IDLE_CHECKS = 4  # number of checks without a running call after which the thread ends
 PYTHON_FOLDER = str(Path(os.__file__).parent)
-# Interrupts a blocking call in the main thread. SIGINT is not used, because a process that a script
-# has started in the background ignores it.
+# Signal that interrupts a blocking call in the main thread. SIGINT is not used, because a process
+# that a script has started in the background ignores it.
 WAKE_SIGNAL = signal.SIGRTMAX
-DEBUGGERS = ("bdb", "pydevd", "_pydevd_bundle")  # modules that run at a debugger's prompt
+DEBUGGERS = ("bdb", "pydevd", "_pydevd_bundle")  # modules whose code runs at a debugger's prompt
 
 
 class Interruption(BaseException):
@@ -48,7 +48,7 @@ class Interruption(BaseException):
 
 
 class _Call:
-    """A running call: its thread, the checks left until its limit, and its state."""
+    """A running call: its thread, the number of checks left until its limit, and its state."""
 
     __slots__ = ("is_done", "is_interrupted", "is_interrupting", "remaining_checks", "thread")
 
@@ -68,13 +68,13 @@ def call_user_code(
     """Call a function of user-defined code within a time limit, and return its result.
 
     Args:
-        limit: wall time that the call may take, s; the interruption can come two CHECK_PERIODs
-            later.
-        scheme: name of the scheme in messages; '': exceptions are passed on unchanged.
+        limit: wall time that the call may take, s. The call may be interrupted up to two
+            CHECK_PERIODs later.
+        scheme: name of the scheme, for messages; with '', exceptions are passed on unchanged.
 
     Raises:
         SchemeTimeoutError: the call took longer; the message names the function and its line.
-        MeasurementError: raised by the call: this image cannot be used for control.
+        MeasurementError: the call raised it, because this image cannot be used for control.
         SchemeError: any other exception of the call, including SystemExit, if `scheme` is given.
     """
     here = _Call(limit)
@@ -86,7 +86,7 @@ def call_user_code(
             return call(*arguments)
         finally:
             _end_call(here)
-    except BaseException as error:  # clean-up code of the call can raise another exception
+    except BaseException as error:  # Clean-up code of the call can raise another exception.
         _end_call(here)
         if here.is_interrupted:
             place = _find_place(error.__traceback__)
@@ -114,7 +114,7 @@ def _end_call(here: _Call) -> None:
 
 
 def _find_place(trace: TracebackType) -> str:
-    """Return the innermost function and line of a traceback outside of the standard library."""
+    """Return the innermost function of a traceback outside the standard library, and its line."""
     place = ""
     while trace is not None:
         code = trace.tb_frame.f_code
@@ -138,7 +138,8 @@ def _watch_calls() -> None:
     """Check the running calls until there has been none for IDLE_CHECKS checks."""
     global _watch_thread
     known: set[_Call] = set()
-    idle, pause = 0, threading.Event()  # not time.sleep, which user code or a test can replace
+    # time.sleep is not used, because user code or a test can replace it.
+    idle, pause = 0, threading.Event()
     while True:
         pause.wait(CHECK_PERIOD)
         now = set(_calls)
@@ -149,7 +150,7 @@ def _watch_calls() -> None:
         known, idle = now, 0 if now else idle + 1
         if idle >= IDLE_CHECKS:
             with _thread_lock:
-                if not _calls:  # a call added from now on starts a new thread
+                if not _calls:  # a call that is added from now on starts a new thread
                     _watch_thread = None
                     return
 
@@ -161,7 +162,7 @@ def _interrupt(call: _Call) -> None:
         return
     call.remaining_checks += RETRY_CHECKS
     again = call.is_interrupted
-    call.is_interrupting = True  # set before `is_done` is read; see _end_call
+    call.is_interrupting = True  # this is set before `is_done` is read; see _end_call
     if not call.is_done:
         call.is_interrupted = True
         ctypes.pythonapi.PyThreadState_SetAsyncExc(
@@ -175,7 +176,7 @@ def _interrupt(call: _Call) -> None:
 
 
 def _wake(*_: object) -> None:
-    """Raise the Interruption in the main thread, unless the call has ended in the meantime."""
+    """Raise the Interruption in the main thread, unless the call has ended meanwhile."""
     here = threading.main_thread().ident
     if any(call.is_interrupted and not call.is_done and call.thread == here for call in _calls):
         raise Interruption
@@ -191,7 +192,7 @@ def _is_debugged(frame: FrameType | None) -> bool:
 
 
 def _reset_after_fork() -> None:
-    """Clear the calls and the thread in a forked child process, where they do not exist."""
+    """Remove the calls and the thread in a forked child process, in which they do not exist."""
     global _thread_lock, _watch_thread
     _thread_lock, _watch_thread = threading.Lock(), None
     _calls.clear()

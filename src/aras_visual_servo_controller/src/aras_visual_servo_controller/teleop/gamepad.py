@@ -1,6 +1,7 @@
 """Camera twists from the axes and buttons of a gamepad, as in sensor_msgs/Joy. No ROS.
 
-Axes and buttons are numbered as on common two-stick gamepads under Linux (joydev and joy_node).
+The numbers of axes and buttons are those of common two-stick gamepads under Linux (joydev and
+joy_node).
 """
 
 from __future__ import annotations
@@ -15,10 +16,11 @@ import numpy as np
 from ..kinematics.task import DIRECTIONS
 from .jog import MAX_TWIST
 
-DEADBAND = 0.12  # part of a stick's range around its centre that counts as zero
+DEADBAND = 0.12  # a stick closer to its centre than this fraction of its range counts as centred
 SLOW, FAST = 4, 5  # shoulder buttons; the arm moves only while one is pressed
-SPEEDS = {SLOW: 0.3, FAST: 1.0}  # part of the maximum speeds
-# Axis of each direction and its sign, chosen so that the camera image follows the stick. In Joy
+# Speed while each button is pressed, as a fraction of the maximum speed.
+SPEEDS = {SLOW: 0.3, FAST: 1.0}
+# Axis number and sign for each direction, chosen so that the camera image follows the stick. In Joy
 # messages, axes are positive to the left and upwards.
 AXES = {"vx": (0, -1.0), "vy": (1, -1.0), "wz": (3, -1.0), "vz": (4, 1.0), "wy": (6, -1.0),
         "wx": (7, 1.0)}  # fmt: skip
@@ -26,7 +28,7 @@ HELP = """gamepad: hold a shoulder button (left: slow, right: fast)
     left stick    parallel to the image   right stick    along and about the optical axis
     cross         tilt"""
 
-EVENT = struct.Struct("IhBB")  # joydev event: time (ms), value, kind, number
+EVENT = struct.Struct("IhBB")  # joydev event: time (ms), value, type, number of the axis or button
 BUTTON, AXIS, INITIAL = 0x01, 0x02, 0x80
 AXIS_RANGE = 32767.0
 
@@ -35,8 +37,8 @@ def compute_twist(axes: Sequence[float], buttons: Sequence[int]) -> np.ndarray |
     """Compute the camera twist (6,), m/s and rad/s; None while no shoulder button is pressed.
 
     Args:
-        axes: -1 to 1, positive to the left and up.
-        buttons: 1 while pressed.
+        axes: values of the axes, -1 to 1, positive to the left and up.
+        buttons: 1 for each button that is pressed, 0 for the others.
     """
     speeds = [SPEEDS[b] for b in (SLOW, FAST) if b < len(buttons) and buttons[b]]
     if not speeds:
@@ -61,7 +63,11 @@ class JoyDevice:
     """
 
     def __init__(self, path: Path) -> None:
-        """Open the device; OSError if it cannot be read."""
+        """Open the device.
+
+        Raises:
+            OSError: the device cannot be read.
+        """
         self._file = path.open("rb", buffering=0)
         self.axes, self.buttons, self.is_disconnected = [0.0] * 8, [0] * 16, False
         threading.Thread(target=self._read, name="gamepad", daemon=True).start()

@@ -1,6 +1,6 @@
-"""Jogging: joint commands from the speed of one joint or from a camera twist. No ROS.
+"""Jogging without ROS: joint commands from the speed of one joint or from a camera twist.
 
-A requested speed is valid for COMMAND_LIFETIME only and must be repeated. The arm therefore stops
+A requested speed is valid only for COMMAND_LIFETIME and must be repeated. Therefore the arm stops
 when a key is released, a web page is closed or a gamepad loses its connection.
 """
 
@@ -16,20 +16,21 @@ from ..errors import ConfigurationError
 from ..kinematics import Arm, DifferentialIK, Limits
 from ..kinematics.task import Task
 
-COMMAND_LIFETIME = 0.3  # s for which a requested speed is valid
-RAMP_TIME = 0.25  # s in which the maximum speed is reached from rest, and the reverse
-# maximum speeds of the camera, m/s and rad/s
+COMMAND_LIFETIME = 0.3  # time for which a requested speed is valid, s
+RAMP_TIME = 0.25  # time in which the maximum speed is reached from rest, and vice versa, s
+# Maximum speeds of the camera, in m/s and rad/s.
 MAX_TWIST = (0.25,) * 3 + (1.0,) * 3
-LONGEST_STEP = 0.1  # s; a longer pause between two updates counts as this long
-MAX_LEAD = 0.05  # rad or m by which a command may be ahead of its joint, which may be blocked
-DEFAULT_JOINT_SPEED = 1.0  # rad/s or m/s; maximum speed of a joint without a speed limit
+LONGEST_STEP = 0.1  # largest time step, s, also after a longer pause between two updates
+# Distance by which a command may be ahead of its joint, which may be blocked, rad or m.
+MAX_LEAD = 0.05
+DEFAULT_JOINT_SPEED = 1.0  # maximum speed of a joint without a speed limit, rad/s or m/s
 
 
 class Jog:
     """Generator of joint commands (n,) while an operator moves the arm.
 
     Attributes:
-        reason: reason why the arm does not follow the request, as text; '' if it does.
+        reason: why the arm does not follow the request, as text; '' if it does.
         velocity: (n,) velocities of the commands, rad/s or m/s.
         max_speeds: (n,) maximum joint speeds, rad/s or m/s.
     """
@@ -37,7 +38,13 @@ class Jog:
     def __init__(
         self, arm: Arm, limits: Limits, differential_ik: DifferentialIK | None = None
     ) -> None:
-        """Set the arm and its limits; by default the inverse kinematics has no secondary tasks."""
+        """Create the generator.
+
+        Args:
+            arm: arm to move.
+            limits: joint limits of the commands.
+            differential_ik: inverse kinematics; None for one without secondary tasks.
+        """
         self.arm, self.limits = arm, limits
         self._differential_ik = (
             differential_ik if differential_ik is not None else DifferentialIK(arm, limits)
@@ -66,20 +73,25 @@ class Jog:
         """
         values = np.array(twist, float)
         if values.shape != (6,) or not np.isfinite(values).all():
-            raise ConfigurationError(f"a twist is six finite numbers, not {twist}")
+            raise ConfigurationError(f"a twist must be six finite numbers, not {twist}")
         self._set_desired(values, True, t)
 
     def set_joint_speed(self, name: str, speed_fraction: float, t: float) -> None:
-        """Request a part of one joint's maximum speed, -1 to 1, at time t (s).
+        """Request a speed of one joint at the time t (s).
+
+        Args:
+            name: name of the joint.
+            speed_fraction: speed as a fraction of the joint's maximum speed, -1 to 1.
+            t: time of the request, s.
 
         Raises:
-            ConfigurationError: the joint is unknown, or the part is out of range.
+            ConfigurationError: the joint is unknown, or the fraction is out of range.
         """
         if name not in self.arm.names:
             raise ConfigurationError(describe_unknown("joint", name, self.arm.names))
         if not -1.0 <= speed_fraction <= 1.0:
             raise ConfigurationError(
-                f"the speed of {name} is a part of -1 to 1, not {speed_fraction}"
+                f"the speed of {name} must be a fraction from -1 to 1, not {speed_fraction}"
             )
         row = self.arm.names.index(name)
         speeds = np.zeros(len(self.arm.names))
@@ -97,11 +109,14 @@ class Jog:
 
     @property
     def is_moving(self) -> bool:
-        """Whether commands must be sent: a speed is requested, or the arm is still stopping."""
+        """Whether commands have to be sent, because a speed is requested or the arm is stopping."""
         return self._command is not None
 
     def update(self, t: float, positions: np.ndarray) -> np.ndarray | None:
-        """Compute the command (n,) at t (s) from measured joints (n,); None: send no command."""
+        """Compute the command (n,) at the time t (s) from measured joint positions (n,).
+
+        Return None if no command has to be sent.
+        """
         is_requested = t < self._expiry_time
         if not is_requested and self._command is None:
             return None
@@ -120,7 +135,7 @@ class Jog:
         return self._command.copy()
 
     def _ramp(self, desired: np.ndarray, dt: float) -> None:
-        """Move the ramped speed towards the desired one, so that a twist keeps its direction."""
+        """Change the ramped speed towards the desired one; a twist keeps its direction."""
         max_speeds = np.array(MAX_TWIST) if self._is_camera_twist else self.max_speeds
         difference = desired - self._ramped
         largest = float(np.max(np.abs(difference) / max_speeds))
@@ -140,7 +155,7 @@ class Jog:
         return found.velocities
 
     def _advance(self, positions: np.ndarray, dt: float) -> None:
-        """Integrate the command by dt, within the position limits and close to the joints."""
+        """Integrate the command over dt, within the position limits and close to the joints."""
         after = self._command + self.velocity * dt
         # A joint that is already outside its limits may return, but not move further out.
         low = np.minimum(self.limits.lower, self._command)

@@ -32,24 +32,28 @@ from ..kinematics import Limits
 from .jog import MAX_TWIST, Jog
 
 STEP = 0.05
-JOINTS = {"across": "gantry", "along": "J2"}  # joints of the arrow keys, if the arm has them
+JOINTS = {"across": "gantry", "along": "J2"}  # joints that the arrow keys move, if the arm has them
 KEYS = {
     "\x1b[D": ("across", -STEP),
     "\x1b[C": ("across", STEP),
     "\x1b[A": ("along", STEP),
     "\x1b[B": ("along", -STEP),
 }
-# Component of the camera twist and its sign for each key: x right, y down, z forward.
+# Component of the camera twist, and its sign, for each key. x is to the right, y down, z forward.
 CAMERA_KEYS = {
     "a": (0, -1.0), "d": (0, 1.0), "w": (1, -1.0), "s": (1, 1.0), "r": (2, 1.0), "f": (2, -1.0),
     "i": (3, 1.0), "k": (3, -1.0), "o": (4, 1.0), "u": (4, -1.0), "l": (5, 1.0), "j": (5, -1.0),
 }  # fmt: skip
-SPEEDS = (0.05, 0.1, 0.2, 0.4, 0.7, 1.0)  # parts of the maximum speed
+# Speeds that can be chosen, as fractions of the maximum speed.
+SPEEDS = (0.05, 0.1, 0.2, 0.4, 0.7, 1.0)
 SIGNS = {"+": 1.0, "=": 1.0, "-": -1.0}
 
 
 def choose_step_joints(names: Sequence[str]) -> dict[str, str]:
-    """Return the joints that the arrow keys move: gantry and J2, or else the first two joints."""
+    """Return the joints that the arrow keys move.
+
+    They are the gantry and J2, or else the first two joints.
+    """
     first, second = names[0], names[min(1, len(names) - 1)]
     return {
         way: name if name in names else other
@@ -60,12 +64,15 @@ def choose_step_joints(names: Sequence[str]) -> dict[str, str]:
 def step_joint(
     key: str, command: np.ndarray, limits: Limits, joints: Mapping[str, str]
 ) -> tuple[np.ndarray, str]:
-    """Return the command (n,) after a key, and a text for the operator.
+    """Return the command (n,) after a key was pressed, and a text for the operator.
 
-    A step beyond the limits is not made.
+    A step that would exceed the limits is not made.
 
     Args:
-        joints: joint names by 'across' and 'along'.
+        key: pressed key.
+        command: (n,) command before.
+        limits: joint limits.
+        joints: names of the joints for 'across' and 'along'.
     """
     if key not in KEYS:
         return command, ""
@@ -95,7 +102,10 @@ class KeyboardState:
     speed: int = field(default=2)
 
     def press(self, key: str, jog: Jog, t: float) -> tuple[bool, str]:
-        """Process a key at t (s); return whether it moves the arm, and a text for the operator."""
+        """Process a key at the time t (s).
+
+        Return whether it moves the arm, and a text for the operator.
+        """
         if key in CAMERA_KEYS:
             row, sign = CAMERA_KEYS[key]
             twist = np.zeros(6)
@@ -117,7 +127,7 @@ class KeyboardState:
 
 
 def split_keys(text: str) -> list[str]:
-    """Split the text of a terminal into keys; an arrow key is an escape sequence."""
+    """Split the input of a terminal into keys; an arrow key is an escape sequence."""
     found: list[str] = []
     while text:
         arrow = next((key for key in KEYS if text.startswith(key)), None)
@@ -128,7 +138,7 @@ def split_keys(text: str) -> list[str]:
 
 @contextlib.contextmanager
 def raw_terminal() -> Iterator[None]:
-    """Read keys one by one without echo, and restore the terminal afterwards."""
+    """Make the terminal pass keys one by one without echo, and restore it afterwards."""
     before = termios.tcgetattr(sys.stdin)
     try:
         tty.setcbreak(sys.stdin)
@@ -138,7 +148,7 @@ def raw_terminal() -> Iterator[None]:
 
 
 def read_keys(timeout: float) -> list[str]:
-    """Return the keys pressed within the timeout (s); an empty list if there are none."""
+    """Return the keys that are pressed within the timeout (s); an empty list if there are none."""
     if not select.select([sys.stdin], [], [], timeout)[0]:
         return []
     return split_keys(os.read(sys.stdin.fileno(), 64).decode(errors="replace")) or ["\x04"]

@@ -1,4 +1,4 @@
-"""The two plates that are the target of the demo."""
+"""Target of the demo: two plates."""
 
 from ..geometry import ARAS, Target
 from .base import SHAPES, TargetShape

@@ -1,4 +1,4 @@
-"""Base classes of the shapes of targets, also for shapes of users."""
+"""Base classes of target shapes; shapes that users write derive from them, too."""
 
 from __future__ import annotations
 
@@ -21,13 +21,14 @@ Corners = tuple[tuple[float, float], ...]
 
 @dataclass(frozen=True)
 class TargetShape(ABC):
-    """Base class of shapes, which make the geometry of a target from its parameters.
+    """Base class of target shapes; a shape makes the geometry of a target from its parameters.
 
-    Every shape is a dataclass whose parameters are annotated attributes; `settings.parameter`
-    gives their unit, bounds and help. The target settings set the parameters `size` and `marker`.
+    Every shape is a dataclass, and its parameters are annotated attributes; `settings.parameter`
+    declares their unit, bounds and help. The settings `target.size` and `target.marker` set the
+    parameters `size` and `marker`.
 
     Attributes:
-        name: short name, for messages.
+        name: short name, used in messages.
         tracker: name of the tracker that detects the target's points in images.
         is_solid: whether `make` returns a SolidTarget.
     """
@@ -37,7 +38,7 @@ class TargetShape(ABC):
     is_solid: ClassVar[bool] = False
 
     def __init_subclass__(cls, **options: Any) -> None:
-        """Make every subclass a dataclass, named after its class until it is registered."""
+        """Make every subclass a dataclass, and name it after its class until it is registered."""
         super().__init_subclass__(**options)
         cls.name = cls.__name__
         dataclass(frozen=True)(cls)
@@ -66,7 +67,7 @@ class OutlineShape(FlatShape):
     """Flat polygon.
 
     Attributes:
-        corners: (x, y) inside a square of side 1 around the origin; the size scales them.
+        corners: corners (x, y) inside a square of side 1 around the origin; `size` scales them.
     """
 
     corners: ClassVar[Corners] = ()
@@ -76,7 +77,7 @@ class OutlineShape(FlatShape):
         return PolygonTarget(self.scale_corners())
 
     def scale_corners(self) -> Corners:
-        """Return the corners (x, y), m."""
+        """Return the corners (x, y), scaled to the size of the target, m."""
         return tuple((x * self.size[0], y * self.size[1]) for x, y in self.corners)
 
 
@@ -84,7 +85,7 @@ class SolidShape(TargetShape):
     """Solid around the origin of its frame.
 
     Attributes:
-        unit: geometry of the solid with size 1 along x, y and z.
+        unit: geometry of the solid whose size is 1 along x, y and z.
     """
 
     tracker = MODEL_TRACKER

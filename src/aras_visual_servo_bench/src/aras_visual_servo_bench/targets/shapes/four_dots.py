@@ -10,13 +10,16 @@ from .base import SHAPES, FlatShape
 
 @SHAPES.register("four_dots")
 class FourDots(FlatShape):
-    """Four black dots on white, a quarter of the size from the border, a tenth of the width wide.
+    """Four black dots on white.
+
+    Their centres are a quarter of the size away from the border, and their diameter is a tenth of
+    the width.
     """
 
     tracker = "dots"
 
     def make(self) -> Target:
-        """Return the rectangle with the dots, whose centres are its points."""
+        """Return a rectangle with the dots; the centres of the dots are the target's points."""
         from ..textures import TexturedTarget, make_blank_image
 
         w, h = size = self.size
@@ -29,7 +32,7 @@ class FourDots(FlatShape):
 
 
 def _draw_disc(pixels: np.ndarray, centre: tuple[float, float], radius: float) -> None:
-    """Draw a black disc with smooth edges; `centre` (column, row) and `radius` in px."""
+    """Draw a black disc with smooth edges; `centre` is (column, row), px, and `radius` is in px."""
     left, top = (max(int(middle - radius) - 1, 0) for middle in centre)
     right, bottom = (int(middle + radius) + 3 for middle in centre)
     part = pixels[top:bottom, left:right]

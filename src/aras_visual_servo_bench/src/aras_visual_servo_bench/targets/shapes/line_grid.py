@@ -15,7 +15,7 @@ class LineGrid(FlatShape):
     tracker = "lines"
 
     def make(self) -> Target:
-        """Return the rectangle with the lines; the outermost four crossings are its points."""
+        """Return a rectangle with the lines; the outer four crossings are the target's points."""
         from ..textures import TexturedTarget, make_blank_image
 
         w, h = size = self.size

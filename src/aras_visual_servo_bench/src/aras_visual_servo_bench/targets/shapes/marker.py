@@ -22,12 +22,12 @@ class Marker(FlatShape):
     )
 
     def make(self) -> Target:
-        """Return the rectangle with the marker, whose corners are its points."""
+        """Return a rectangle with the marker; the marker's corners are the points of the target."""
         from ..textures import TexturedTarget, make_blank_image
 
         choice = MarkerChoice.read(self.marker, "target.marker")
         pixels, _ = make_blank_image(self.size)
-        cells = choice.cells + 2  # one white cell on each side
+        cells = choice.cells + 2  # plus a white border that is one cell wide
         side = min(pixels.shape) // cells * choice.cells
         tag = choice.draw_marker(side)
         top, left = ((n - side) // 2 for n in pixels.shape)

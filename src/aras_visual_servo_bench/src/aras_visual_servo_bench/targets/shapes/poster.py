@@ -12,10 +12,10 @@ SEED = 41
 
 @SHAPES.register("poster")
 class Poster(FlatShape):
-    """Poster with random shapes and noise of all scales, for feature points and grey levels."""
+    """Poster with random shapes and with noise at all scales."""
 
     def make(self) -> Target:
-        """Return the rectangle with the texture, which has a fixed seed."""
+        """Return a rectangle with the texture; the texture is always the same."""
         import cv2
 
         from ..textures import TexturedTarget, make_blank_image

@@ -1,1 +1,1 @@
-"""The results browser: a page to filter, plot and open the runs of many studies."""
+"""The results browser: a web page that filters, plots and opens the runs of many studies."""

@@ -1,6 +1,6 @@
 """Queries of the results browser: rows, groups, success map, points and single runs.
 
-The answers can be encoded as JSON; unknown values are null.
+The answers can be encoded as JSON. Unknown values become null.
 """
 
 from __future__ import annotations
@@ -25,21 +25,21 @@ from ...metrics.statistics import proportion
 from .studies import END, STUDY, Snapshot
 
 OPERATORS = ("=", "≠", "<", "≤", ">", "≥", "contains", "is known", "is not known")
-MAX_ROWS, MAX_GROUPS = 200, 200  # limits of one answer
-MAX_LISTED_VALUES = 60  # the page lists the values of columns with at most this many
-MAX_CELLS = 24  # up to this many distinct values, each value has its own cell
-BINS = 12  # cells of a numeric column with more distinct values
-MAX_SHADES = 7  # colour classes of points; all other values form one more class
+MAX_ROWS, MAX_GROUPS = 200, 200  # largest numbers of rows and of groups in one answer
+MAX_LISTED_VALUES = 60  # the values of a column are listed if there are at most this many
+MAX_CELLS = 24  # largest number of distinct values for which each value has its own cell
+BINS = 12  # number of cells of a numeric column with more distinct values
+MAX_SHADES = 7  # largest number of colour classes of points; all other values are one more class
 MAX_EXACT_INTEGER = 2**53  # larger integers are not exact in JavaScript
-WIDE_RATIO = 100.0  # ratio of maximum and minimum above which bins are logarithmic
+WIDE_RATIO = 100.0  # cells are logarithmic if the maximum divided by the minimum is larger
 
 
 @dataclass(frozen=True)
 class Filter:
-    """A condition on a column.
+    """A condition on the values of a column.
 
     Attributes:
-        value: number, text or truth value, depending on the type of the column.
+        value: number, text, or True or False, depending on the type of the column.
     """
 
     column: str
@@ -52,7 +52,7 @@ class RunSelection:
     """Selection of the runs that satisfy all filters.
 
     Attributes:
-        studies: names of studies; empty selects all studies.
+        studies: names of the studies; empty for all studies.
     """
 
     studies: tuple[str, ...] = ()
@@ -61,7 +61,7 @@ class RunSelection:
 
 @dataclass(frozen=True)
 class RowQuery(RunSelection):
-    """Query of `count` runs from index `first` on, sorted by a column."""
+    """Query of `count` runs, sorted by a column, starting at the index `first`."""
 
     sort: str = ""
     descending: bool = False
@@ -74,8 +74,8 @@ class GroupQuery(RunSelection):
     """Query of groups of runs.
 
     Attributes:
-        by: columns; each combination of their values is a group.
-        values: columns of which the median in each group is computed.
+        by: columns that define the groups; each combination of their values is a group.
+        values: columns whose median in each group is computed.
     """
 
     by: tuple[str, ...] = ()
@@ -84,10 +84,10 @@ class GroupQuery(RunSelection):
 
 @dataclass(frozen=True)
 class MapQuery(RunSelection):
-    """Query of a map with cells over two columns.
+    """Query of a map whose axes are two columns.
 
     Attributes:
-        value: column whose median is shown in each cell; of `success` the rate.
+        value: column whose median is computed for each cell; for `success`, it is the rate.
     """
 
     x: str = ""
@@ -100,7 +100,7 @@ class PointQuery(RunSelection):
     """Query of a scatter plot with a point for each run.
 
     Attributes:
-        colour_by: column that determines the colours, or ''.
+        colour_by: column that determines the colours of the points; '' for none.
     """
 
     x: str = ""
@@ -109,7 +109,7 @@ class PointQuery(RunSelection):
 
 
 def to_json_value(value: Any) -> Any:
-    """Convert a value for JSON: NaN to null, infinity and integers beyond 2^53 to text."""
+    """Convert a value for JSON: NaN to null; infinity and integers above 2^53 to text."""
     if isinstance(value, float) and not math.isfinite(value):
         return None if math.isnan(value) else str(value)
     if isinstance(value, int) and abs(value) > MAX_EXACT_INTEGER:
@@ -135,14 +135,15 @@ def select_rows(snapshot: Snapshot, query: RunSelection) -> np.ndarray:
 
 
 def find_column(snapshot: Snapshot, name: str) -> pa.ChunkedArray:
-    """Return a column.
+    """Return the column with a name.
 
     Raises:
         StudyError: the column does not exist; the message suggests the nearest name.
     """
     if name not in snapshot.table.column_names:
         raise StudyError(
-            f"no column {format_value(name)}: {suggest(name, snapshot.table.column_names)}"
+            f"there is no column {format_value(name)}: "
+            f"{suggest(name, snapshot.table.column_names)}"
         )
     return snapshot.table[name]
 
@@ -168,7 +169,10 @@ def _apply_filter(column: pa.ChunkedArray, condition: Filter) -> np.ndarray:
     elif pa.types.is_boolean(column.type):
         value = condition.value in (True, 1.0, "true", "True")
         if condition.operator not in ("=", "≠"):
-            raise StudyError(f"{condition.column} is true or false: use = or ≠")
+            raise StudyError(
+                f"{condition.column} is true or false; use the operator = or ≠, not "
+                f"{condition.operator}"
+            )
     else:
         try:
             value = float(condition.value)
@@ -195,9 +199,11 @@ def is_number(column: pa.ChunkedArray) -> bool:
 
 
 def describe_columns(snapshot: Snapshot) -> list[dict[str, Any]]:
-    """Return name, unit, role, kind, number of distinct and of known values of each column.
+    """Return a description of each column.
 
-    `values` lists the distinct values, if they are few.
+    It consists of the name, the unit, the role, the kind ('number' or 'word'), the number of
+    distinct values, and the number of known values. If there are few distinct values, `values`
+    contains them.
     """
     found = []
     for name in snapshot.table.column_names:
@@ -221,7 +227,7 @@ def describe_columns(snapshot: Snapshot) -> list[dict[str, Any]]:
 
 
 def list_rows(snapshot: Snapshot, query: RowQuery) -> dict[str, Any]:
-    """Return the numbers of selected and successful runs, and one page of rows."""
+    """Return the number of selected runs, how many succeeded, and the requested rows."""
     at = select_rows(snapshot, query)
     total = len(at)
     if total == 0:
@@ -240,7 +246,7 @@ def _to_lists(table: pa.Table) -> list[list[Any]]:
 
 
 def find_run_row(snapshot: Snapshot, study: str, run: int) -> dict[str, Any]:
-    """Return all stored values of a run, by column.
+    """Return all stored values of a run, by the names of their columns.
 
     Raises:
         StudyError: the study or the run does not exist.
@@ -253,7 +259,7 @@ def find_run_row(snapshot: Snapshot, study: str, run: int) -> dict[str, Any]:
         if found:
             own = {STUDY, END, success.name, *entry.results.table.column_names}
             return {name: to_json_value(value) for name, value in found[0].items() if name in own}
-    raise StudyError(f"{study} has not stored run {run} yet")
+    raise StudyError(f"study {study} has no stored result of run {run} yet")
 
 
 # -- groups and maps ------------------------------------------------------------------------------
@@ -261,12 +267,12 @@ def find_run_row(snapshot: Snapshot, study: str, run: int) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Cells:
-    """A column divided into cells.
+    """Cells into which the values of a column are divided.
 
     Attributes:
-        labels: value, or lower and upper bound, of each cell.
-        bounds: conditions (operator, value) that select the runs of each cell.
-        at: (n,) cell of each row; -1 outside all cells.
+        labels: for each cell its value, or its lower and upper bound.
+        bounds: for each cell the conditions (operator, value) that select its runs.
+        at: (n,) index of the cell of each row; -1 if the row is in no cell.
     """
 
     labels: list[Any]
@@ -275,16 +281,18 @@ class Cells:
 
     @property
     def uncounted_rows(self) -> int:
-        """Number of rows outside all cells."""
+        """Number of rows that are in no cell."""
         return int((self.at < 0).sum())
 
 
 def divide_into_cells(
     column: pa.ChunkedArray, max_cells: int = MAX_CELLS, bins: int = BINS
 ) -> Cells:
-    """Divide a column into one cell per value, or into ranges if a number has many values.
+    """Divide the values of a column into cells.
 
-    Of a text column with too many values, only the most frequent ones have a cell.
+    Up to `max_cells` distinct values, each value has a cell. If there are more, the range of a
+    numeric column is divided into `bins` cells, and only the most frequent values of a text column
+    have cells.
     """
     encoded = column.combine_chunks().dictionary_encode()
     codes = encoded.indices.fill_null(-1).to_numpy(zero_copy_only=False).astype(int)
@@ -295,7 +303,7 @@ def divide_into_cells(
             counts = np.bincount(codes[codes >= 0], minlength=len(values))
             known = sorted(known, key=lambda i: -counts[i])[:max_cells]
         known.sort(key=lambda i: values[i])
-        cell_of_value = np.full(len(values) + 1, -1)  # index -1, the last entry, is for null
+        cell_of_value = np.full(len(values) + 1, -1)  # the last entry, at index -1, is for null
         cell_of_value[known] = np.arange(len(known))
         labels = [to_json_value(values[i]) for i in known]
         return Cells(labels, [[("=", label)] for label in labels], cell_of_value[codes])
@@ -316,7 +324,16 @@ def divide_into_cells(
 
 
 def compute_medians(values: np.ndarray, group: np.ndarray, count: int) -> np.ndarray:
-    """Return the median (count,) of the finite values of each group; NaN for an empty group."""
+    """Return the median of the finite values in each group.
+
+    Args:
+        values: (n,) values.
+        group: (n,) index of the group of each value; -1 for no group.
+        count: number of groups.
+
+    Returns:
+        (count,) medians; NaN for a group without finite values.
+    """
     is_valid = np.isfinite(values) & (group >= 0)
     values, group = values[is_valid], group[is_valid]
     order = np.lexsort((values, group))
@@ -332,21 +349,22 @@ def compute_medians(values: np.ndarray, group: np.ndarray, count: int) -> np.nda
 
 
 def read_numbers(snapshot: Snapshot, name: str, at: np.ndarray) -> np.ndarray:
-    """Return the values (n,) of a numeric column at some rows.
+    """Return the values (n,) of the numeric column `name` in the rows with the indices `at` (n,).
 
     Raises:
         StudyError: the column contains text.
     """
     column = find_column(snapshot, name)
     if pa.types.is_string(column.type):
-        raise StudyError(f"{name} contains text, not numbers")
+        raise StudyError(f"column {name} contains text; choose a column with numbers")
     return column.cast(pa.float64()).to_numpy()[at]
 
 
 def compute_groups(snapshot: Snapshot, query: GroupQuery) -> dict[str, Any]:
-    """Return values, run count, success rate, medians and most frequent failure of each group.
+    """Return the groups of the selected runs.
 
-    The success rate has Wilson's interval. At most MAX_GROUPS groups are listed; `count` is the
+    Each group has its values, the number of its runs, the success rate with Wilson's interval, the
+    medians, and the most frequent failure. At most MAX_GROUPS groups are listed; `count` is the
     number of all groups.
     """
     at = select_rows(snapshot, query)
@@ -391,9 +409,13 @@ def compute_groups(snapshot: Snapshot, query: GroupQuery) -> dict[str, Any]:
 def _find_failures(
     snapshot: Snapshot, at: np.ndarray, group: np.ndarray, successes: np.ndarray
 ) -> dict[int, str]:
-    """Return the most frequent outcome of the failed runs, and its count, of each group.
+    """Return a text with the most frequent outcome of the failed runs, and its count, by group.
 
-    Rows with group -1 belong to no group.
+    Args:
+        snapshot: all studies.
+        at: (n,) indices of the selected rows.
+        group: (n,) index of the group of each row; -1 for no group.
+        successes: (n,) 1 for a successful run.
     """
     failed = successes != 1.0
     if not failed.any():
@@ -410,7 +432,7 @@ def _find_failures(
 
 
 def compute_success_map(snapshot: Snapshot, query: MapQuery) -> dict[str, Any]:
-    """Return the run count and the success rate or median of each cell of the map."""
+    """Return the number of runs, and the success rate or the median, in each cell of a map."""
     at = select_rows(snapshot, query)
     x, y = (
         divide_into_cells(find_column(snapshot, name).take(pa.array(at)))
@@ -440,9 +462,10 @@ def compute_success_map(snapshot: Snapshot, query: MapQuery) -> dict[str, Any]:
 
 
 def find_points(snapshot: Snapshot, query: PointQuery) -> dict[str, Any]:
-    """Return coordinates, colour class, study and number of each run that has both coordinates.
+    """Return a point for each selected run whose values of x and y are known.
 
-    The coordinate of a text value is its index in `labels`.
+    A point has two coordinates, a colour class, and the study and number of its run. If a column
+    contains text, the coordinate is the index of the text in `labels`.
     """
     at = select_rows(snapshot, query)
     axes = [
@@ -472,7 +495,7 @@ def find_points(snapshot: Snapshot, query: PointQuery) -> dict[str, Any]:
 
 
 def _make_axis(column: pa.ChunkedArray) -> tuple[np.ndarray, Sequence[Any]]:
-    """Return the coordinates (n,) of an axis, and the labels of a text column."""
+    """Return the coordinates (n,) of a column's n values, and the labels of a text column."""
     if is_number(column):
         return column.cast(pa.float64()).to_numpy(), []
     cut = divide_into_cells(column, MAX_LISTED_VALUES)

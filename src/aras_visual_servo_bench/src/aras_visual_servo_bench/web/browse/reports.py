@@ -1,9 +1,9 @@
-"""Reports of single runs, computed on request and stored.
+"""Reports of single runs, which are computed on request and stored.
 
 Each report is computed by a separate process, `bench analyze DIR:RUN`, so that a run that hangs or
-crashes does not affect the server. The report is stored in the study's folder, where `bench show`
-also writes its report: show-RUN/report.html. If this folder is not writable, or a link leads
-outside it, the report is stored in a temporary folder.
+crashes does not affect the server. The report is stored as show-RUN/report.html in the study's
+folder, where `bench show` stores it, too. If this folder is not writable, or if show-RUN is a link
+to another folder, the report is stored in a temporary folder.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from typing import IO
 from ...errors import StudyError
 from .studies import StudyEntry
 
-MAX_JOBS = 2  # reports computed at the same time
-EXTRA_TIME = 120.0  # s for a report in addition to the study's time limit of a run
+MAX_JOBS = 2  # largest number of reports that are computed at the same time
+EXTRA_TIME = 120.0  # time for the report, in addition to the study's time limit for a run, s
 PAGE_FILE = "report.html"
 
 
@@ -39,7 +39,7 @@ class Job:
 
     @property
     def seconds(self) -> float:
-        """Elapsed time in s."""
+        """Time since the start of the job, s."""
         return time.monotonic() - self.start_time
 
 
@@ -47,7 +47,7 @@ class Reports:
     """Stored reports, and reports that are being computed.
 
     Attributes:
-        jobs: reports being computed, by path of the study and number of the run.
+        jobs: reports that are being computed, by the path of the study and the number of the run.
     """
 
     def __init__(self) -> None:
@@ -57,14 +57,16 @@ class Reports:
         self._temporary_folder: tempfile.TemporaryDirectory | None = None
 
     def find_or_start(self, entry: StudyEntry, run: int) -> Path | float:
-        """Return the path of a report, or the time (s) for which it has been computed.
+        """Return the path of a run's report, or the time since the start of its computation, s.
+
+        The computation is started if necessary.
 
         Raises:
-            StudyError: the run does not exist, its report failed, or too many others are being
-                computed.
+            StudyError: the run does not exist, the computation of its report has failed, or too
+                many other reports are being computed.
         """
         if entry.folder is None or not 0 <= run < entry.run_count:
-            raise StudyError(f"{entry.name} has no run {run}")
+            raise StudyError(f"study {entry.name} has no run {run}")
         key = (entry.path, run)
         with self._lock:
             job = self.jobs.get(key)
@@ -79,7 +81,9 @@ class Reports:
                     with contextlib.suppress(StudyError):
                         self._poll_job(other, self.jobs[other])
             if len(self.jobs) >= MAX_JOBS:
-                raise StudyError(f"{MAX_JOBS} reports are being computed: wait for one of them")
+                raise StudyError(
+                    f"{MAX_JOBS} reports are being computed: wait until one of them is finished"
+                )
             self.jobs[key] = self.start_job(entry, run)
             return 0.0
 
@@ -94,7 +98,7 @@ class Reports:
                 self._temporary_folder.cleanup()
 
     def start_job(self, entry: StudyEntry, run: int) -> Job:
-        """Start the job of a run; it writes into the study's folder if possible."""
+        """Start to compute the report of a run, if possible in the study's folder."""
         out = entry.path / f"show-{run}"
         if not (os.access(entry.path, os.W_OK) and _is_within(out, entry.path)):
             self._temporary_folder = self._temporary_folder or tempfile.TemporaryDirectory(
@@ -111,7 +115,7 @@ class Reports:
         return Job(process, error_output, out, entry.folder.study.limit + EXTRA_TIME)
 
     def _poll_job(self, key: tuple[Path, int], job: Job) -> Path | float:
-        """Return the page of a finished job, or the elapsed time (s) of a running one.
+        """Return the page of a finished job, or the time since the start of a running job, s.
 
         Raises:
             StudyError: the job failed or exceeded its time limit.
@@ -124,19 +128,26 @@ class Reports:
             if status is None:
                 job.process.kill()
                 job.process.wait()
-                raise StudyError(f"the report was not finished after {job.limit:.0f} s")
+                raise StudyError(
+                    f"the report was not finished after {job.limit:.0f} s, so it was cancelled"
+                )
             job.error_output.seek(0)
             lines = job.error_output.read().decode(errors="replace").strip().splitlines()
         page = job.out / PAGE_FILE
         if status != 0 or not page.is_file():
             why = lines[-1].removeprefix("bench: ") if lines else f"its process ended with {status}"
-            raise StudyError(f"no report of run {key[1]}: {why}")
+            raise StudyError(f"the report of run {key[1]} could not be made: {why}")
         self._pages[key] = page
         return page
 
 
 def _is_current(page: Path, part: Path) -> bool:
-    """Return whether a page exists and is newer than the file with the run's row."""
+    """Return whether a report exists and is newer than the results of its run.
+
+    Args:
+        page: path of the report.
+        part: path of the Parquet file with the results of the run.
+    """
     try:
         modified = page.stat().st_mtime
         return not part.exists() or modified >= part.stat().st_mtime
@@ -145,5 +156,5 @@ def _is_current(page: Path, part: Path) -> bool:
 
 
 def _is_within(page: Path, folder: Path) -> bool:
-    """Return whether a path, with all links resolved, is inside a folder."""
+    """Return whether a path is inside a folder after all its links are resolved."""
     return page.resolve().is_relative_to(folder)

@@ -73,12 +73,17 @@ class BrowseServer(WebServer):
     """Web server of the results browser."""
 
     index = FILES / "index.html"
-    is_compressed = False  # compressing megabytes of points costs more than a local transfer
+    is_compressed = False  # compressing megabytes of points would take longer than sending them
 
     def __init__(
         self, studies: Studies, access: Access, sockets: list[socket.socket]
     ) -> None:
-        """Create the server of some studies.
+        """Create a server.
+
+        Args:
+            studies: reader of the studies.
+            access: access rules of the server.
+            sockets: sockets on which it listens.
 
         Raises:
             BenchError: the plotting library uPlot is not installed.
@@ -95,11 +100,11 @@ class BrowseServer(WebServer):
         }  # fmt: skip
 
     def list_routes(self) -> list[tuple[str, type[AuthorizedHandler]]]:
-        """Return the routes of the queries and the reports."""
+        """Return the URL patterns of queries and reports with their handlers."""
         return [(r"/ask", QueryHandler), (r"/run", RunReportHandler)]
 
     def find_page_file(self, name: str) -> str | None:
-        """Return the text of a script or of the style sheet, or None if it does not exist."""
+        """Return the text of a script or of the style sheet; return None if it does not exist."""
         return self._files.get(name)
 
     def on_stop(self) -> None:
@@ -107,7 +112,9 @@ class BrowseServer(WebServer):
         self.reports.close()
 
     def answer_query(self, text: str) -> dict[str, Any]:
-        """Answer a query of the page, a JSON text.
+        """Return the answer to a query.
+
+        text: the query as JSON.
 
         Raises:
             BenchError: the query is invalid or cannot be answered.
@@ -130,11 +137,11 @@ def _list_studies(snapshot: Snapshot, query: StudiesQuery) -> dict[str, Any]:
 
 
 def _compare_studies(snapshot: Snapshot, query: ComparisonQuery) -> dict[str, Any]:
-    """Return the differences of two studies, significant ones first, then by p-value."""
+    """Return the differences between two studies: first the significant ones, each by p-value."""
     first, second = (snapshot.find_study(name) for name in (query.first, query.second))
     for entry in (first, second):
         if entry.results is None:
-            raise StudyError(f"{entry.name} has no results yet")
+            raise StudyError(f"study {entry.name} has no results yet")
     found = compare.find_differences(first.results, second.results, query.by)
     return {
         "level": compare.SIGNIFICANCE_LEVEL,
@@ -157,7 +164,7 @@ _QUERY_FUNCTIONS: Mapping[str, Callable[[Snapshot, Any], dict[str, Any]]] = {
 
 
 class QueryHandler(AuthorizedHandler):
-    """Handler of the queries, JSON objects sent by POST."""
+    """Handler of the queries, which are JSON objects sent by POST."""
 
     async def post(self) -> None:
         loop, server = tornado.ioloop.IOLoop.current(), self.server
@@ -168,7 +175,7 @@ class QueryHandler(AuthorizedHandler):
         except BenchError as error:
             self.set_status(400)
             answer = {"error": str(error)}
-        except Exception as error:  # a programming error must not break the page
+        except Exception as error:  # the page must remain usable after a programming error
             logging.getLogger(__name__).exception("%s", text[:200])
             self.set_status(500)
             answer = {"error": f"{type(error).__name__}: {error}"}
@@ -182,7 +189,10 @@ WAITING_PAGE = """<!doctype html><html lang="en"><head><meta charset="utf-8"><ti
 
 
 class RunReportHandler(AuthorizedHandler):
-    """Handler of the report of a run; until it is computed, a page that reloads every second."""
+    """Handler of the report of a run.
+
+    While the report is being computed, the answer is a page that reloads every second.
+    """
 
     async def get(self) -> None:
         loop, server = tornado.ioloop.IOLoop.current(), self.server
@@ -190,7 +200,9 @@ class RunReportHandler(AuthorizedHandler):
         title, is_waiting = f"Run {run[:20]} of {name[:200]}", False
         try:
             if not run.isascii() or not run.isdigit() or len(run) > 9:
-                raise StudyError(f"run is {run[:60]!r}, must be a number of at most 9 digits")
+                raise StudyError(
+                    f"the number of the run is {run[:60]!r}, must have 1 to 9 digits"
+                )
             entry = server.studies.read_snapshot().find_study(name)
             found = await loop.run_in_executor(
                 server.workers, server.reports.find_or_start, entry, int(run)
@@ -211,10 +223,14 @@ def serve(
     folders: Sequence[Path], address: str, port: int, token: str = "",
     say: Callable[[str], None] = print,
 ) -> BrowseServer:  # fmt: skip
-    """Serve the results browser, and report its address by `say`.
+    """Start the server of the results browser.
 
     Args:
-        folders: folders of studies, or folders that contain such folders.
+        folders: folders of studies, or folders that contain folders of studies.
+        address: address on which the server listens.
+        port: first port to try.
+        token: token in the URL of the page; '' for a random token.
+        say: function that is called with messages for the user, such as the URL.
 
     Raises:
         BenchError: a folder does not exist, no port is free, or uPlot is not installed.
@@ -224,6 +240,6 @@ def serve(
     server = start_server(lambda access, sockets: BrowseServer(studies, access, sockets),
                    "the results browser", address, port, token, say)  # fmt: skip
     if not is_local(address):
-        say(f"the results browser listens on {address}: anyone who intercepts its address can "
-            "read the results; the connection is not encrypted")  # fmt: skip
+        say(f"the results browser listens on {address} without encryption: anyone who intercepts "
+            "its URL can read the results")  # fmt: skip
     return server

@@ -1,9 +1,11 @@
-"""All studies below some folders, with their rows in one table in memory.
+"""The results of all studies below some folders, in one table in memory.
 
-The rows are read from the Parquet files of the studies, and read again after a file has changed.
-100 000 runs of 28 columns need 24 MB and take 3.5 s to read. Arrow answers the queries of the page
-in 1 to 20 ms, about as fast as DuckDB (filter 17 and 14 ms, sort 6 and 6, groups 8 and 6), which
-would add 68 MB to the installation.
+The results are read from the Parquet files of the studies, and read again after a file has changed.
+100 000 runs with 28 columns need 24 MB and take 3.5 s to read.
+
+The queries of the page use Arrow and take 1 to 20 ms. DuckDB would add 68 MB to the installation
+and is about as fast: it takes 14 ms instead of 17 ms for a filter, 6 ms instead of 6 ms for
+sorting, and 6 ms instead of 8 ms for groups.
 """
 
 from __future__ import annotations
@@ -25,10 +27,10 @@ from ...studies import rows
 from ...studies.results import Results
 from ...studies.study_folder import MANIFEST, PARTS, TIMES, StudyFolder
 
-READ_PERIOD = 1.0  # s, shortest time between two readings of the folders
-MAX_FOLDER_DEPTH = 4  # levels below a given folder that are searched for studies
+READ_PERIOD = 1.0  # shortest time between two readings of the folders, s
+MAX_FOLDER_DEPTH = 4  # number of levels below a given folder that are searched for studies
 MAX_STUDIES = 200
-STUDY, END = "study", "end"  # names of the additional columns
+STUDY, END = "study", "end"  # columns that are added: name of the study, outcome of the run
 SETTING, METRIC, OTHER = "setting", "metric", "run"
 
 
@@ -37,8 +39,12 @@ class StudyEntry:
     """A study in one of the folders.
 
     Attributes:
-        name: unique name. path: folder of the study. run_count: planned number of runs.
-        note: problem with the study, or ''. results: None before any row could be read.
+        name: unique name of the study.
+        path: path of its folder.
+        run_count: planned number of runs.
+        note: message about a problem with the study; '' if there is none.
+        results: stored results; None if they could not be read yet.
+        folder: reader of its folder; None if it could not be opened yet.
         fingerprint: modification times and sizes of its files.
     """
 
@@ -58,13 +64,15 @@ class StudyEntry:
 
 @dataclass(frozen=True)
 class Snapshot:
-    """All studies at one time.
+    """The state of all studies at one time.
 
     Attributes:
-        version: number that increases with every change.
-        note: message about studies that are not shown, or ''.
-        table: rows of all studies, with the study's name and the outcome of each run.
-        units, roles: unit and role ('setting', 'metric' or 'run') of each column, by name.
+        version: number that increases with every change of a study.
+        studies: all studies.
+        table: runs of all studies, with the name of the study and the outcome of each run.
+        units: unit of each column, by name.
+        roles: role of each column, by name: 'setting', 'metric' or 'run'.
+        note: message about studies that are not shown; '' if there are none.
     """
 
     version: int
@@ -83,17 +91,19 @@ class Snapshot:
         for entry in self.studies:
             if entry.name == name:
                 return entry
-        raise StudyError(f"there is no study {name[:60]!r} here")
+        raise StudyError(
+            f"there is no study {name[:60]!r} in the folders of this results browser"
+        )
 
 
 class Studies:
-    """Reader of the studies in some folders; safe to call from any thread."""
+    """Reads the studies in some folders; its methods can be called from any thread."""
 
     def __init__(self, folders: Sequence[Path]) -> None:
         """Create a reader.
 
         Args:
-            folders: folders of studies, or folders that contain such folders.
+            folders: folders of studies, or folders that contain folders of studies.
 
         Raises:
             StudyError: a folder does not exist.
@@ -107,7 +117,12 @@ class Studies:
         self._snapshot = Snapshot(0, (), pa.table({}))
 
     def read_snapshot(self, is_forced: bool = False) -> Snapshot:
-        """Return the studies; their files are read at most once a second unless `is_forced`."""
+        """Return the state of the studies.
+
+        The folders are read at most once in READ_PERIOD.
+
+        is_forced: True to read them now, even if they have just been read.
+        """
         with self._lock:
             if is_forced or time.monotonic() - self._read_time > READ_PERIOD:
                 self._update()
@@ -118,7 +133,10 @@ class Studies:
         found = list(self._find_folders())
         note = ""
         if len(found) > MAX_STUDIES:
-            note = f"only the first {MAX_STUDIES} studies are shown: give folders with fewer"
+            note = (
+                f"only the first {MAX_STUDIES} studies are shown: start the results browser with "
+                "folders that contain fewer studies"
+            )
         changed = note != self._snapshot.note
         for path in found[:MAX_STUDIES]:
             if path not in self._entries:
@@ -134,7 +152,7 @@ class Studies:
             )
 
     def _find_folders(self) -> Iterator[Path]:
-        """Yield the folders with a manifest, at most MAX_STUDIES + 1; links are not followed."""
+        """Yield the folders of studies, at most MAX_STUDIES + 1; links are not followed."""
         count = 0
         for root in self._folders:
             for path, folders, files in os.walk(root):
@@ -147,7 +165,7 @@ class Studies:
                     return
 
     def _choose_name(self, path: Path) -> str:
-        """Return a unique name: the folder's name, preceded by parent folders if necessary."""
+        """Return a unique name of a study: the name of its folder, with parents if necessary."""
         taken = {entry.name for entry in self._entries.values()}
         for parts in range(1, len(path.parts) + 1):
             name = make_printable("/".join(path.parts[-parts:]))
@@ -157,7 +175,7 @@ class Studies:
 
 
 def _update_entry(entry: StudyEntry) -> bool:
-    """Read the changed files of a study, and return whether anything has changed."""
+    """Read the files of a study if they have changed, and return whether they have."""
     fingerprint = _compute_fingerprint(entry.path)
     if fingerprint == entry.fingerprint:
         return False
@@ -167,7 +185,7 @@ def _update_entry(entry: StudyEntry) -> bool:
             entry.folder = StudyFolder.open(entry.path)
             entry.run_count = entry.folder.study.run_count
         entry.results = Results.from_folder(entry.folder)
-    except StudyError as error:  # the previous results remain visible
+    except StudyError as error:  # keep the previous results
         entry.note = str(error)
         if not fingerprint[0]:
             entry.results, entry.folder, entry.note = None, None, f"{entry.path} was removed"
@@ -175,7 +193,7 @@ def _update_entry(entry: StudyEntry) -> bool:
 
 
 def _compute_fingerprint(path: Path) -> tuple:
-    """Return modification times and sizes of the manifest and the Parquet files of a study."""
+    """Return the modification times and sizes of a study's manifest and Parquet files."""
     try:
         manifest = (path / MANIFEST).stat()
     except OSError:
@@ -194,7 +212,7 @@ def _compute_fingerprint(path: Path) -> tuple:
 
 
 def _join_tables(studies: Sequence[StudyEntry]) -> tuple[pa.Table, dict[str, str], dict[str, str]]:
-    """Return one table with the rows of all studies, and the units and roles of its columns."""
+    """Return a table with the runs of all studies, and the units and roles of its columns."""
     tables, units, roles = [], {}, {}
     for entry in studies:
         if entry.results is None:
@@ -223,7 +241,7 @@ def _join_tables(studies: Sequence[StudyEntry]) -> tuple[pa.Table, dict[str, str
 
 
 def _unify_types(tables: Sequence[pa.Table]) -> pa.Table:
-    """Concatenate tables; a column with numbers in one and text in another becomes text."""
+    """Concatenate tables. A column that contains text in any table becomes a text column."""
     if not tables:
         return pa.table({})
     kinds: dict[str, set[pa.DataType]] = {}

@@ -1,1 +1,1 @@
-"""The live page of a running graph: its server, its messages and its robot model, without ROS."""
+"""The live page, which shows a running ROS graph. This code does not depend on ROS."""

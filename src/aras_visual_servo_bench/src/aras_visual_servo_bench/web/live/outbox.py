@@ -1,8 +1,8 @@
-"""Flow control of the messages to one viewer.
+"""Flow control of the messages to one viewer, which is an open page.
 
-At most MAX_UNACKNOWLEDGED messages are in flight. Later updates are merged into one pending update,
-and only the newest image is stored. So a slow browser shows the current state, and no update, which
-contains only changes, is lost.
+A viewer acknowledges each message. If MAX_UNACKNOWLEDGED messages are not acknowledged, further
+updates are merged into one pending update, and only the newest image is stored. A slow browser
+therefore shows the current state. No update is lost, because an update contains only changes.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ from typing import Any
 
 from .page import MAX_SAMPLES
 
-MAX_UNACKNOWLEDGED = 3  # messages in flight
-ACKNOWLEDGED = "ack"  # the text with which a viewer acknowledges an update or image
+MAX_UNACKNOWLEDGED = 3  # largest number of messages that are sent without acknowledgement
+ACKNOWLEDGED = "ack"  # text with which a viewer acknowledges an update or an image
 
 
 def merge_updates(older: dict[str, Any], newer: dict[str, Any]) -> dict[str, Any]:
-    """Return one update that has the same effect as two updates in sequence."""
+    """Return one update that has the same effect as an older update followed by a newer one."""
     both = {**older, **newer}
     if "shapes" in older and "shapes" in newer:
         both["shapes"] = {**older["shapes"], **newer["shapes"]}
@@ -28,7 +28,7 @@ def merge_updates(older: dict[str, Any], newer: dict[str, Any]) -> dict[str, Any
         both["samples"] = rows[clears[-1]:] if clears else rows
         if len(both["samples"]) > MAX_SAMPLES:
             both["samples"] = [["clear"], *both["samples"][-MAX_SAMPLES:]]
-    both["kind"] = older["kind"]  # a full message stays full when an update is added
+    both["kind"] = older["kind"]  # a full message remains a full message
     return both
 
 
@@ -38,7 +38,7 @@ def to_json(message: dict[str, Any]) -> str:
 
 
 class Outbox:
-    """Updates and images to one viewer, in flight or pending."""
+    """Sends updates and images to one viewer, or stores them until it has acknowledged others."""
 
     def __init__(self, send: Callable[[str | bytes], None]) -> None:
         self._send = send
@@ -49,7 +49,9 @@ class Outbox:
     def send_update(self, message: dict[str, Any], text: str = "") -> None:
         """Send an update now, or merge it into the pending update.
 
-        `text`: the message as JSON, if the caller has already encoded it.
+        Args:
+            message: the update.
+            text: the update as JSON; '' to encode it here.
         """
         if self._unacknowledged >= MAX_UNACKNOWLEDGED:
             self._update = message if self._update is None else merge_updates(self._update, message)
@@ -57,14 +59,15 @@ class Outbox:
         self._send_now(text or to_json(message))
 
     def send_image(self, image: bytes) -> None:
-        """Send an image now, or store it as the pending image and drop an older one."""
+        """Send an image now, or store it instead of the pending image."""
         if self._unacknowledged >= MAX_UNACKNOWLEDGED:
             self._image = image
             return
         self._send_now(image)
 
     def acknowledge(self) -> None:
-        """Handle an acknowledgement of the viewer: send the pending update and image."""
+        """Handle an acknowledgement of the viewer: send the pending update and the pending image.
+        """
         self._unacknowledged = max(0, self._unacknowledged - 1)
         if self._update is not None:
             update, self._update = self._update, None

@@ -1,6 +1,7 @@
 """State of the live page, and its messages to the viewers.
 
-A new viewer gets one full message; afterwards all viewers get updates with the changed parts.
+A new viewer receives a full message. Afterwards, all viewers receive updates that contain only the
+values that have changed.
 """
 
 from __future__ import annotations
@@ -18,12 +19,12 @@ from ...drawing.feature_units import find_feature_units
 from ...drawing.run_trace import RunTrace
 from ...drawing.shapes import DIGITS, TEXT, Shape
 
-MAX_SAMPLES = 900  # 30 s at 30 images/s
-CLOCK_RESET = -1.0  # s; a larger step back of the stamp restarts the plots
+MAX_SAMPLES = 900  # largest number of samples in a plot: 30 s at 30 images/s
+CLOCK_RESET = -1.0  # the plots restart if the change of the stamp is below this value, s
 
 
 def to_json_numbers(values: Sequence[float], digits: int = 6) -> list[float | None]:
-    """Round numbers for JSON; infinite ones and NaN become null."""
+    """Round numbers for JSON; infinity and NaN become null."""
     return [round(float(v), digits) if math.isfinite(v) else None for v in values]
 
 
@@ -31,8 +32,9 @@ class Page:
     """State of the live page.
 
     Attributes:
-        choices: names for each selection list of the page.
-        state: further values for the page, encodable as JSON; sent when they change.
+        choices: names in each selection list of the page.
+        state: further values for the page, which can be encoded as JSON. They are sent when they
+            change.
     """
 
     def __init__(self) -> None:
@@ -50,14 +52,24 @@ class Page:
 
     def set_robot(self, names: Sequence[str], lower: Sequence[float], upper: Sequence[float],
               velocity: Sequence[float], prismatic: Sequence[bool]) -> None:  # fmt: skip
-        """Set the n joints and their limits in m or rad (velocity: m/s or rad/s)."""
+        """Set the joints of the robot and their limits.
+
+        Args:
+            names: name of each joint.
+            lower, upper: position limits of each joint, m or rad.
+            velocity: velocity limit of each joint, m/s or rad/s.
+            prismatic: True for a prismatic joint.
+        """
         self._limits = {
             "names": list(names), "lower": to_json_numbers(lower), "upper": to_json_numbers(upper),
             "velocity": to_json_numbers(velocity), "prismatic": [bool(p) for p in prismatic],
         }  # fmt: skip
 
     def add_sample(self, state: ServoState, joints: Sequence[float]) -> None:
-        """Add one controller state to the plots."""
+        """Add a state of the controller to the plots.
+
+        joints: joint positions at this state; empty if they are unknown.
+        """
         if self._samples and (
             state.names != self._names or state.stamp - self._samples[-1][0] < CLOCK_RESET
         ):
@@ -72,7 +84,7 @@ class Page:
         ]  # fmt: skip
         self._samples.append(row)
         self._new_samples.append(row)
-        if len(self._new_samples) > MAX_SAMPLES:  # without viewers no update empties the list
+        if len(self._new_samples) > MAX_SAMPLES:  # there are no viewers, so no update is made
             self._new_samples = []
 
     # -- messages --------------------------------------------------------------------------
@@ -94,9 +106,13 @@ class Page:
         self, run_trace: RunTrace | None, joints: Sequence[float], velocities: Sequence[float],
         stamp: float,
     ) -> dict[str, Any]:  # fmt: skip
-        """Return an update with everything that has changed since the last call.
+        """Return an update with all values that have changed since the last call.
 
-        `run_trace`: None without a robot. `joints`, `velocities`: of the robot. `stamp`: in s.
+        Args:
+            run_trace: trace of the run; None if there is no robot.
+            joints: joint positions of the robot, m or rad.
+            velocities: joint velocities of the robot, m/s or rad/s.
+            stamp: stamp of the joint positions, s.
         """
         message: dict[str, Any] = {"kind": "update", "stamp": round(stamp, 3)}
         if run_trace is not None:
@@ -131,12 +147,12 @@ class Page:
             message[key] = value
 
     def _find_changed_shapes(self, shapes: Sequence[Shape]) -> dict[str, dict[str, Any] | None]:
-        """Return new and changed shapes by name, and null for removed ones."""
+        """Return the shapes that are new or have changed, by name; None for a removed shape."""
         changed: dict[str, dict[str, Any] | None] = {}
         names = set()
         for shape in shapes:
             if shape.kind == TEXT:
-                continue  # the page displays the texts in its header
+                continue  # the page shows the texts outside the 3-D view
             names.add(shape.name)
             fingerprint = np.round(shape.points, DIGITS).tobytes()
             if self._sent_values.get(f"shape {shape.name}") == fingerprint:

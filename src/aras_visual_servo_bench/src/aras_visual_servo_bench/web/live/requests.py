@@ -1,4 +1,7 @@
-"""Requests of the live page, their fields and limits; an invalid one gets a one-line error."""
+"""Requests of the live page, their fields, and the limits of these fields.
+
+For an invalid request, the answer is a one-line error message.
+"""
 
 from __future__ import annotations
 
@@ -14,26 +17,30 @@ from aras_visual_servo_base.settings import build, parameter
 
 from ...errors import RefusedError
 
-MAX_STEPS = 10_000  # physics steps of one request; 10 s with steps of 1 ms
-MAX_OFFSET, MAX_TURN = 0.3, math.pi  # m, rad: limits of the goal offset
-MAX_SPEED, MAX_TURN_RATE = 0.25, 1.0  # m/s, rad/s: limits of the camera twist when jogging
+MAX_STEPS = 10_000  # largest number of time steps in one request: 10 s with steps of 1 ms
+MAX_OFFSET, MAX_TURN = 0.3, math.pi  # limits of the offset from the goal, m and rad
+MAX_SPEED, MAX_TURN_RATE = 0.25, 1.0  # limits of the camera's twist when jogging, m/s and rad/s
 NAME_PATTERN = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,39}")
 
 
 @dataclass(frozen=True)
 class GoalName:
-    """The name of a taught goal; also the name of its file."""
+    """Name of a taught goal, which is also the name of its file."""
 
     name: str
 
     def __post_init__(self) -> None:
         if not NAME_PATTERN.fullmatch(self.name):
             raise RefusedError(f"teach: name is {format_value(self.name)}, must be 1 to 40 "
-                               "letters, digits, - or _, the first a letter or digit")  # fmt: skip
+                               "letters, digits, - or _, and start with a letter or "
+                               "digit")  # fmt: skip
 
 
 def _make_request_type(**fields: type | tuple[type, Any]) -> type:
-    """Create a dataclass from the type of each field, or its type and constraints."""
+    """Create a dataclass.
+
+    fields: for each field its type, or its type and its constraints.
+    """
     found = [(name, *(kind if isinstance(kind, tuple) else (kind,)))
              for name, kind in fields.items()]  # fmt: skip
     return make_dataclass("RequestFields", found)
@@ -43,7 +50,7 @@ def _limit_magnitude(most: float) -> tuple[type, Any]:
     return float, parameter(0.0, least=-most, most=most)
 
 
-# The requests and their fields.
+# For each request, the dataclass of its fields.
 REQUESTS: dict[str, type] = {
     **dict.fromkeys(("start", "stop", "hold", "reset", "pause", "resume", "record", "stop_record",
                      "report"), _make_request_type()),
@@ -60,7 +67,7 @@ REQUESTS: dict[str, type] = {
                   wy=_limit_magnitude(MAX_TURN_RATE), wz=_limit_magnitude(MAX_TURN_RATE)),
     "jog_joint": _make_request_type(joint=str, speed=(float, parameter(least=-1.0, most=1.0))),
 }  # fmt: skip
-# Fields whose value must be in a selection list of the page, with the key of this list.
+# For each request, the fields whose value must be in a selection list, and the key of this list.
 CHOICE_FIELDS = {
     "gain": {"name": "gains"}, "camera": {"preset": "cameras"}, "target": {"name": "targets"},
     "servo": {"scheme": "schemes", "law": "laws", "start": "starts", "goal": "goals"},
@@ -70,7 +77,7 @@ CHOICE_FIELDS = {
 
 @dataclass(frozen=True)
 class Request:
-    """A valid request: its name and its fields."""
+    """A valid request: its name, and the values of its fields."""
 
     do: str
     arguments: Mapping[str, Any]
@@ -79,10 +86,11 @@ class Request:
 def read_request(
     do: str, fields: Mapping[str, Any], choices: Mapping[str, Collection[str]]
 ) -> Request:
-    """Check the fields of a request.
+    """Check the fields of a request, and return the request.
 
     Args:
-        do: name of a request in REQUESTS.
+        do: name of the request, one of REQUESTS.
+        fields: values of its fields.
         choices: names in each selection list of the page.
 
     Raises:
@@ -92,6 +100,6 @@ def read_request(
     for name, kind in CHOICE_FIELDS.get(do, {}).items():
         names = choices.get(kind, ())
         if values[name] not in names:
-            raise RefusedError(f"{do}: {name} is {format_value(values[name])}: "
-                               f"{suggest(values[name], names)}")  # fmt: skip
+            raise RefusedError(f"{do}: {name} is {format_value(values[name])}, which does not "
+                               f"exist: {suggest(values[name], names)}")  # fmt: skip
     return Request(do, values)

@@ -1,4 +1,4 @@
-"""The robot model of the live page: its joint tree and coloured triangle meshes."""
+"""Robot model of the live page: tree of joints, and coloured triangles of the links."""
 
 from __future__ import annotations
 
@@ -15,16 +15,21 @@ from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 
 from ...drawing.robot_visuals import collect_visuals
 
-MAX_TRIANGLES = 400_000  # a browser without a graphics card draws more triangles too slowly
+MAX_TRIANGLES = 400_000  # a browser without graphics card is too slow for more triangles
 
 
 def make_robot_model(urdf: str, resolve: ResolvePackage = find_package) -> dict[str, Any]:
     """Convert a robot description to a JSON object.
 
+    Args:
+        urdf: description of the robot.
+        resolve: finds the folder of a ROS package.
+
     Returns:
         {"name", "root", "joints": [{name, kind, parent, child, origin, axis}],
-        "links": {name: [{colour, corners}]}}. origin: 4x4 matrix, row-major. corners: base64 of
-        float32; for each corner of each triangle its position (m, in the link frame) and normal.
+        "links": {name: [{colour, corners}]}}. `origin` is a 4x4 matrix, row by row. `corners` is
+        the base64 text of float32 numbers: for each corner of each triangle, the position (m, in
+        the link's frame) and the normal.
 
     Raises:
         DescriptionError: the description or one of its meshes is invalid, or it has too many
@@ -37,8 +42,10 @@ def make_robot_model(urdf: str, resolve: ResolvePackage = find_package) -> dict[
         count += len(mesh.triangles)
         links.setdefault(link, []).append({"colour": list(colour), "corners": _encode_mesh(mesh)})
     if count > MAX_TRIANGLES:
-        raise DescriptionError(f"{robot.name} has {count} triangles; the page draws at most "
-                               f"{MAX_TRIANGLES}")
+        raise DescriptionError(
+            f"the meshes of {robot.name} have {count} triangles, must be at most {MAX_TRIANGLES}; "
+            "use simpler meshes"
+        )
     joints = [
         {
             "name": joint.name,

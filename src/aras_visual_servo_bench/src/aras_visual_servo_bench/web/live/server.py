@@ -27,43 +27,43 @@ from .page import Page
 from .requests import REQUESTS, Request, read_request
 
 FILES = Path(__file__).parent / "page"
-UPDATE_RATE = 15.0  # Hz, updates to each viewer
-IMAGE_RATE = 10.0  # Hz, images to each viewer
-MAX_VIEWERS = 8  # limits the load: each viewer costs processor time
-MAX_REQUESTS = 8  # requests of one viewer in progress
-# Unread bytes in the send buffer of a viewer above which further messages to it are dropped.
+UPDATE_RATE = 15.0  # rate of updates to each viewer, Hz
+IMAGE_RATE = 10.0  # rate of images to each viewer, Hz
+MAX_VIEWERS = 8  # largest number of open pages, because each of them needs processor time
+MAX_REQUESTS = 8  # largest number of requests of one viewer that are executed at the same time
+# Messages to a viewer are dropped while its send buffer contains more bytes.
 MAX_UNREAD_BYTES = 2_000_000
 
 
 class PageHost(Protocol):
-    """Interface between the server and the robot that the page shows.
+    """Interface of the object that connects the server to a robot.
 
-    Only the server's thread calls `make_update` and `take_image`.
+    `make_update` and `take_image` are called only in the server's thread.
     """
 
     page: Page
 
     def make_update(self) -> dict[str, Any]:
-        """Return what has changed since the last call."""
+        """Return a message with all values that have changed since the last call."""
 
     def make_robot_model(self) -> dict[str, Any] | None:
-        """Return the robot model, or None without a robot."""
+        """Return the robot model; return None if there is no robot."""
 
     def take_image(self) -> bytes | None:
-        """Return the newest image as JPEG, or None without a new one since the last call."""
+        """Return the newest image as JPEG; return None if it was returned before."""
 
     def set_viewer_count(self, viewers: int) -> None:
-        """Report the number of open pages to the host."""
+        """Set the number of open pages; it is called when this number changes."""
 
     def execute(self, request: Request) -> str:
-        """Execute a request in a worker thread, and return the answer.
+        """Execute a request, and return the answer; it is called in a worker thread.
 
         Raises:
             RefusedError: the request cannot be executed.
         """
 
     def find_file(self, path: str) -> Path | None:
-        """Return the path of a report file, or None if it does not exist."""
+        """Return the path of a file of a report; return None if it does not exist."""
 
 
 class LiveServer(WebServer):
@@ -73,23 +73,28 @@ class LiveServer(WebServer):
     max_message_bytes = 2 * MAX_BYTES
 
     def __init__(self, host: PageHost, access: Access, sockets: list[socket.socket]) -> None:
-        """Create the server of a host's page.
+        """Create a server.
+
+        Args:
+            host: connection to the robot.
+            access: access rules of the server.
+            sockets: sockets on which it listens.
 
         Raises:
             BenchError: the plotting library uPlot is not installed.
         """
         super().__init__(access, sockets)
-        read_uplot(SCRIPT)  # report a missing library before a page is opened
+        read_uplot(SCRIPT)  # raise an error now if the library is missing
         self.host = host
         self.viewers: set[Viewer] = set()
 
     def list_routes(self) -> list[tuple[str, type[AuthorizedHandler]]]:
-        """Return the routes of the WebSocket, the robot model and the reports."""
+        """Return the URL patterns of the WebSocket, the robot model and the reports."""
         return [(r"/live", Viewer), (r"/robot", RobotModelHandler),
                 (r"/report/(.*)", ReportHandler)]  # fmt: skip
 
     def find_page_file(self, name: str) -> str | None:
-        """Return the text of a script or of the style sheet, or None if it does not exist."""
+        """Return the text of a script or of the style sheet; return None if it does not exist."""
         if name == "uplot.js":
             return read_uplot(SCRIPT)
         path = SHARED / name if name == "scene.js" else FILES / name
@@ -99,7 +104,7 @@ class LiveServer(WebServer):
         return before + path.read_bytes().decode()
 
     def on_start(self) -> None:
-        """Create the timers of updates and images."""
+        """Create the timers for updates and images."""
         self._update_timer = tornado.ioloop.PeriodicCallback(self.send_update, 1e3 / UPDATE_RATE)
         self._image_timer = tornado.ioloop.PeriodicCallback(self.send_image, 1e3 / IMAGE_RATE)
 
@@ -153,7 +158,7 @@ class RobotModelHandler(AuthorizedHandler):
 
 
 class ReportHandler(AuthorizedHandler):
-    """Handler that sends a report, a self-contained page."""
+    """Handler that sends a report, which is a single HTML file."""
 
     def get(self, name: str) -> None:
         path = self.server.host.find_file(name)
@@ -172,14 +177,17 @@ class Viewer(AuthorizedHandler, tornado.websocket.WebSocketHandler):
         self._request_count = 0
 
     def check_origin(self, origin: str) -> bool:
-        """Accept any origin here; `prepare` checks it and refuses with a reason."""
+        """Accept any origin, because `prepare` checks it and sends the reason of a refusal."""
         return True
 
     def refusal_reason(self) -> str:
-        """Return why this connection is refused, also for too many pages; '' if allowed."""
+        """Return why this connection is refused; '' if it is allowed.
+
+        It is also refused if too many pages are open.
+        """
         why = super().refusal_reason()
         if not why and len(self.server.viewers) >= MAX_VIEWERS:
-            why = f"{MAX_VIEWERS} pages are open already"
+            why = f"{MAX_VIEWERS} pages are open already: close one of them"
         return why
 
     def open(self, *_: str) -> None:
@@ -191,7 +199,7 @@ class Viewer(AuthorizedHandler, tornado.websocket.WebSocketHandler):
         self.server.remove_viewer(self)
 
     def send(self, message: str | bytes) -> None:
-        """Send a message, unless the viewer has too many unread bytes."""
+        """Send a message. It is dropped if the send buffer is too full."""
         stream = self.ws_connection.stream if self.ws_connection else None
         if stream is None or len(stream._write_buffer) > MAX_UNREAD_BYTES:
             return
@@ -201,7 +209,10 @@ class Viewer(AuthorizedHandler, tornado.websocket.WebSocketHandler):
             self.server.remove_viewer(self)
 
     def on_message(self, message: str | bytes) -> None:
-        """Handle an acknowledgement, or start a request without blocking the socket."""
+        """Handle a message of the viewer: an acknowledgement, or a request.
+
+        A request is executed in another thread, so the connection is not blocked.
+        """
         if message == ACKNOWLEDGED:
             self.outbox.acknowledge()
             return
@@ -213,7 +224,7 @@ class Viewer(AuthorizedHandler, tornado.websocket.WebSocketHandler):
         tornado.ioloop.IOLoop.current().spawn_callback(self._carry_out, message)
 
     async def _carry_out(self, message: str | bytes) -> None:
-        """Execute a request, and send the answer."""
+        """Execute the request in a message, and send the answer."""
         loop, host = tornado.ioloop.IOLoop.current(), self.server.host
         do: str | None = None
         try:
@@ -223,7 +234,7 @@ class Viewer(AuthorizedHandler, tornado.websocket.WebSocketHandler):
             answer = {"kind": "answer", "do": do, "ok": True, "text": text}
         except RefusedError as error:
             answer = {"kind": "answer", "do": do, "ok": False, "text": str(error)}
-        except Exception as error:  # a programming error must not close the connection
+        except Exception as error:  # the connection must remain open after a programming error
             logging.getLogger(__name__).exception("%s", do)
             text = f"{do} failed: {type(error).__name__}: {error}"
             answer = {"kind": "answer", "do": do, "ok": False, "text": text}
@@ -235,7 +246,14 @@ def serve(
     host: PageHost, address: str, port: int, token: str = "",
     say: Callable[[str], None] = print,
 ) -> LiveServer:  # fmt: skip
-    """Serve the live page of a host, and report its address by `say`.
+    """Start the server of the live page.
+
+    Args:
+        host: connection to the robot.
+        address: address on which the server listens.
+        port: first port to try.
+        token: token in the URL of the page; '' for a random token.
+        say: function that is called with messages for the user, such as the URL.
 
     Raises:
         PortTakenError: no port is free.
@@ -246,6 +264,6 @@ def serve(
         token, say,
     )  # fmt: skip
     if not is_local(address):
-        say(f"the live page listens on {address}: anyone who intercepts its address can move the "
-            "robot; the connection is not encrypted")  # fmt: skip
+        say(f"the live page listens on {address} without encryption: anyone who intercepts its URL "
+            "can move the robot")  # fmt: skip
     return server

@@ -7,7 +7,7 @@ const nearestIndex = (times, t) => {  // index of the time nearest to t, by bise
   return Math.abs(times[high] - t) < Math.abs(times[low] - t) ? high : low;
 };
 
-/** A number with three to five significant digits. */
+/** Return a number as text with three to five significant digits. */
 export function formatNumber(v) {
   if (!Number.isFinite(v)) return "–";
   const size = Math.abs(v);
@@ -17,7 +17,7 @@ export function formatNumber(v) {
 }
 
 export class Chart {
-  /** `box`: parent element; `panel`: its data in the contents; `page`: the state that all charts share. */
+  /** `box`: parent element; `panel`: data of the panel; `page`: state that all charts share. */
   constructor(box, panel, page) {
     Object.assign(this, { box, panel, page, hidden: new Set(), isVisible: false });
     this.curves = panel.curves.map((c) => ({ ...c, time: page.array(c.x), values: page.array(c.y) }));
@@ -64,7 +64,7 @@ export class Chart {
     });
   }
 
-  /** Create the plot; again after a change of the colours. */
+  /** Create the plot. It is created again when the colours change. */
   draw() {
     if (this.plot) this.plot.destroy();
     const { page, panel } = this, ink = page.colour("soft"), grid = { stroke: page.colour("line"), width: 1 };
@@ -118,7 +118,7 @@ export class Chart {
     return nearestIndex(times, nearestTime);
   }
 
-  /** Range of the levels and limits that lie close enough to the curves to be shown. */
+  /** Return the range of the levels and limits that are near enough to the curves to be shown. */
   _findLevels() {
     let lower = Infinity, upper = -Infinity;
     for (const { values } of this.curves) for (const v of values) if (Number.isFinite(v)) { lower = Math.min(lower, v); upper = Math.max(upper, v); }
@@ -135,7 +135,7 @@ export class Chart {
     return [lower - margin, upper + margin];
   }
 
-  /** Draw bands, levels and marks behind the curves. */
+  /** Draw the band, the levels, the limits and the marks behind the curves. */
   _drawBackground(u) {
     const { ctx, bbox } = u, { panel, page } = this, ratio = window.devicePixelRatio || 1;
     const line = (x0, y0, x1, y1, colour, dash) => {
@@ -191,6 +191,6 @@ export class Chart {
   resize() {
     const width = this.plotBox.clientWidth, height = this.plotBox.clientHeight;
     if (this.plot && width && (width !== this.plot.width || height !== this.plot.height)) this.plot.setSize({ width, height });
-    requestAnimationFrame(() => this.setTime(this.page.time));  // the axes have their new layout then
+    requestAnimationFrame(() => this.setTime(this.page.time));  // after the axes have their new layout
   }
 }

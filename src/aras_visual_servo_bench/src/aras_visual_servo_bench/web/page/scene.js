@@ -1,4 +1,4 @@
-// The 3-D scene of a robot and the shapes of its run, drawn by WebGL whenever something has changed.
+// The 3-D scene of a robot and the shapes of its run. WebGL draws it when something has changed.
 
 const VERTEX = `
 attribute vec3 place; attribute vec3 normal;
@@ -24,11 +24,12 @@ void main() {
   gl_Position = a + vec4(across * side * width / size * a.w, -0.0005 * a.w, 0.0);
   tone = colour;
 }`;
-// Drawing time (ms) above which drawings are followed by a pause, and above which the resolution is reduced.
+// A drawing that takes longer than REST_THRESHOLD, ms, is followed by a pause. If several drawings take longer
+// than SLOW, ms, the resolution is reduced.
 const REST_THRESHOLD = 40, SLOW = 120;
-// Length of this pause as a multiple of the drawing time, and its limit in ms.
+// Length of this pause divided by the time of the drawing, and longest pause, ms.
 const REST_FACTOR = 3, MAX_REST = 1000;
-const MOTION_TOLERANCE = 1e-4;  // rad or m; smaller joint motions are not drawn
+const MOTION_TOLERANCE = 1e-4;  // rad or m; smaller motions of a joint are not drawn
 const sleep = (time) => new Promise((resolve) => setTimeout(resolve, time));
 const FRAGMENT = "precision mediump float; varying vec4 tone; void main() { gl_FragColor = tone; }";
 
@@ -46,7 +47,7 @@ const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a
 const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 const unit = (a) => { const n = Math.hypot(...a) || 1; return a.map((v) => v / n); };
 
-/** parent_T_child of a joint at a position. */
+/** Return the transform parent_T_child of a joint at a position. */
 export function jointTransform(joint, position) {
   const [x, y, z] = joint.axis;
   let motion = IDENTITY;
@@ -61,7 +62,7 @@ export function jointTransform(joint, position) {
   return multiply(joint.origin, motion);
 }
 
-/** base_T_link of every link, for joint positions by name. */
+/** Return the pose base_T_link of each link; `positions` are the joint positions by name. */
 export function linkPoses(robot, positions) {
   const poses = { [robot.root]: IDENTITY }, left = [...robot.joints];
   for (let round = 0; left.length && round <= robot.joints.length; round++) {
@@ -85,7 +86,8 @@ export class Scene {
       run: { middle: [0, 0, 0.78], distance: 1.25, yaw: 0.95, pitch: 0.36 },
     };
     this.view = { ...this.views.run };
-    this.maxPixelRatio = 2; this.slowDrawings = 0;  // limit of the pixel ratio; slow drawings in a row
+    this.maxPixelRatio = 2;
+    this.slowDrawings = 0;  // number of successive slow drawings
     this.isDrawRequested = this.isDrawing = false;
     const given = { antialias: true, preserveDrawingBuffer: true };
     const gl = canvas.getContext("webgl2", given) || canvas.getContext("webgl", given);
@@ -163,7 +165,7 @@ export class Scene {
     const rows = [], count = points.length / 3;
     for (let i = 0; i + 1 < count; i += pairs ? 2 : 1) {
       const a = points.slice(3 * i, 3 * i + 3), b = points.slice(3 * i + 3, 3 * i + 6);
-      // two triangles; seen from the other end of the line, the sides are swapped
+      // Two triangles. At the end of the line, the direction is reversed, so the sides are exchanged.
       rows.push(...a, ...b, 1, ...a, ...b, -1, ...b, ...a, -1, ...b, ...a, -1, ...a, ...b, -1, ...b, ...a, 1);
     }
     const gl = this.gl, buffer = gl.createBuffer();
@@ -188,7 +190,7 @@ export class Scene {
     return this._solidBuffer(rows);
   }
 
-  /** Triangles of a shape's points, each with its own normal. */
+  /** Make a buffer of the triangles of a shape; each triangle has its own normal. */
   _makeFaces(points) {
     const rows = [];
     for (let i = 0; i + 8 < points.length; i += 9) {
@@ -222,13 +224,13 @@ export class Scene {
     return { program, ...places };
   }
 
-  /** Draw at the next animation frame; a hidden page has none. */
+  /** Draw at the next animation frame. A hidden page has no animation frames, so it is not drawn. */
   requestDraw() {
     this.isDrawRequested = true;
     if (!this.isDrawing) this._drawLoop();
   }
 
-  /** Draw while requested. Each drawing waits for the previous one, so that drawings do not queue up. */
+  /** Draw as long as drawings are requested. A drawing starts after the previous one has finished. */
   async _drawLoop() {
     this.isDrawing = true;
     try {
@@ -239,8 +241,8 @@ export class Scene {
         this.draw();
         await this._waitForDraw(start);
         const took = performance.now() - start;
-        // Without a graphics card, a lower resolution keeps the page responsive, and pauses leave the
-        // processor to the simulator.
+        // If there is no graphics card, a lower resolution keeps the page responsive, and the pauses leave
+        // processor time for the simulator.
         this.slowDrawings = took > SLOW ? this.slowDrawings + 1 : 0;
         if (this.slowDrawings > 8 && this.maxPixelRatio > 0.5) { this.maxPixelRatio *= 0.75; this.slowDrawings = 0; }
         if (took > REST_THRESHOLD) await sleep(Math.min(REST_FACTOR * took, MAX_REST));
@@ -251,7 +253,7 @@ export class Scene {
   /** Wait until the graphics card or its software replacement has finished the drawing. */
   async _waitForDraw(start) {
     const gl = this.gl;
-    if (!gl.fenceSync) return;  // WebGL 1
+    if (!gl.fenceSync) return;  // WebGL 1 has no fences
     const fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
     gl.flush();
     while (fence && !gl.isContextLost() && performance.now() - start < 10 * MAX_REST
@@ -300,7 +302,7 @@ export class Scene {
       const pixels = Math.min(5, Math.max(1.2, 0.75 * shape.width / this.view.distance * 1100));
       this._ribbon(line, shape.colour, pixels * scale);
     }
-    // WebGL refuses to draw while an enabled array lies in a deleted buffer.
+    // WebGL does not draw while an enabled array is in a deleted buffer.
     for (const name of ["here", "there", "side"]) gl.disableVertexAttribArray(this.ribbon[name]);
     for (const name of ["place", "normal"]) gl.disableVertexAttribArray(this.solid[name]);
   }
@@ -308,7 +310,7 @@ export class Scene {
   _triangles(mesh, model, colour) {
     const gl = this.gl, p = this.solid;
     gl.uniformMatrix4fv(p.model, false, model);
-    // lighten black, which would hide all shading
+    // Black is made lighter, because shading is invisible on black.
     gl.uniform4f(p.colour, ...colour.slice(0, 3).map((c) => 0.04 + 0.96 * c), colour[3]);
     gl.bindBuffer(gl.ARRAY_BUFFER, mesh.buffer);
     gl.enableVertexAttribArray(p.place);

@@ -1,1 +1,1 @@
-"""Reports of runs: a page, metrics, figures and tables, without ROS."""
+"""Reports of runs: a page, metrics, figures and tables. This code does not depend on ROS."""

@@ -1,4 +1,4 @@
-"""Contents of a report page as JSON values for its script: curves, films, scene and events."""
+"""Data of a report page for its script: curves, films, the 3-D scene and events, as JSON values."""
 
 from __future__ import annotations
 
@@ -26,23 +26,27 @@ from ...recording.film import encode_film, select_frames
 from ...recording.image_tracks import compute_tracks, find_milestones
 from ...recording.run import Run
 
-MAX_POSES = 2000  # samples of a camera path
-FRUSTUM_SIZE = 0.2  # length of a camera frustum as a fraction of the scene size
-MIN_SCENE_SIZE = 0.02  # m
+MAX_POSES = 2000  # largest number of poses of a camera path
+FRUSTUM_SIZE = 0.2  # length of a drawn camera, as a fraction of the scene's size
+MIN_SCENE_SIZE = 0.02  # smallest size of the scene, m
 START, GOAL, IDEAL, FACE, RIM = (
     to_rgb(SCENE[name]) for name in ("start", "goal", "ideal", "face", "rim")
 )
 
 
 class ArrayTable:
-    """Arrays of the page as base64 of float32; equal arrays are stored once."""
+    """Arrays of the page. Equal arrays are stored once.
+
+    Attributes:
+        texts: each array as base64 text of float32 numbers.
+    """
 
     def __init__(self) -> None:
         self.texts: list[str] = []
         self._indices: dict[bytes, int] = {}
 
     def add(self, values: np.ndarray) -> int:
-        """Store an array, and return its index for the script."""
+        """Store an array, and return its index in `texts`."""
         content = np.ascontiguousarray(values, "<f4").tobytes()
         if content not in self._indices:
             self._indices[content] = len(self.texts)
@@ -53,9 +57,10 @@ class ArrayTable:
 def make_contents(
     runs: Sequence[Run], groups: Sequence[tuple[str, str, str, Sequence[Panel]]]
 ) -> dict[str, Any]:
-    """Return the contents of a report page.
+    """Return the data of a report page.
 
     Args:
+        runs: runs of the report.
         groups: key, title, description and panels of each group of plots.
     """
     arrays = ArrayTable()
@@ -90,13 +95,19 @@ def _convert_panel(panel: Panel, arrays: ArrayTable) -> dict[str, Any]:
 
 
 def _list_events(run: Run) -> list[tuple[float, str, str, str]]:
-    """Return time (s), phase, outcome and reason of each image at which one of these changes."""
+    """Return the events of a run: images at which the phase, outcome or reason changes.
+
+    An event is a tuple of the time, s, the phase, the outcome and the reason.
+    """
     rows = zip(run.time.tolist(), run.phases, run.outcomes, run.reasons, strict=True)
     return [next(same) for _, same in groupby(rows, key=lambda row: row[1:])]
 
 
 def _convert_film(run: Run, arrays: ArrayTable) -> dict[str, Any] | None:
-    """Return the frames of the control camera and their overlay in pixels; None without images."""
+    """Return the images of the control camera, and the overlay for them in px.
+
+    Return None if there are no images.
+    """
     images = run.control_record
     frames = images.film
     if not frames and images.images:
@@ -119,7 +130,7 @@ def _convert_film(run: Run, arrays: ArrayTable) -> dict[str, Any] | None:
 
 
 def _convert_other_films(run: Run, arrays: ArrayTable) -> list[dict[str, Any]]:
-    """Return the frames of all cameras except the control camera."""
+    """Return the images of all cameras except the control camera."""
     films = []
     for name, record in list(run.cameras.items())[1:]:
         stamps = np.array([stamp for stamp, _ in record.film])
@@ -148,9 +159,9 @@ def _convert_tracks(run: Run, arrays: ArrayTable) -> dict[str, Any] | None:
 
 
 def _select_joint_states(run: Run) -> np.ndarray:
-    """Return the indices (p,) of joint states while servoing with a known camera pose.
+    """Return the indices (p,) of joint states during servoing at which the camera's pose is known.
 
-    At most MAX_POSES of them, evenly spaced.
+    If there are more than MAX_POSES, evenly spaced joint states are selected.
     """
     is_known = run.servoing & np.isfinite(run.true_pose).all(axis=(1, 2))
     at = np.flatnonzero(is_known)
@@ -158,7 +169,10 @@ def _select_joint_states(run: Run) -> np.ndarray:
 
 
 def _convert_poses(run: Run, arrays: ArrayTable) -> dict[str, int] | None:
-    """Return the camera poses, as 3x4 matrices world_T_camera row by row, and the joint origins."""
+    """Return the path of the camera, and the positions of the joints for a drawing of the arm.
+
+    A pose is the first three rows of world_T_camera, row by row. Return None if no pose is known.
+    """
     at = _select_joint_states(run)
     time, poses = run.joint_time[at], run.true_pose[at]
     if not len(time):
@@ -171,9 +185,10 @@ def _convert_poses(run: Run, arrays: ArrayTable) -> dict[str, int] | None:
 
 
 def _make_scene(runs: Sequence[Run]) -> dict[str, Any] | None:
-    """Return the fixed shapes of the 3-D view, its centre and size, and the camera borders.
+    """Return the 3-D scene: its shapes that do not move, its centre, size and colours.
 
-    None without a camera path.
+    `rims` are the borders of the cameras' images, from which the script draws the moving cameras.
+    Return None if no run has a path of the camera.
     """
     paths = [select_servoing_poses(run) for run in runs]
     if not any(map(len, paths)):
@@ -186,7 +201,7 @@ def _make_scene(runs: Sequence[Run]) -> dict[str, Any] | None:
     size = max(float(np.linalg.norm(high - low)), MIN_SCENE_SIZE)
     borders = [None if run.camera is None else compute_image_border(run.camera) for run in runs]
     shapes: dict[str, list[Shape]] = {"target": _triangulate_face(corners)}
-    several = len(runs) > 1  # colours then distinguish the runs
+    several = len(runs) > 1  # if so, colours distinguish the runs
     for number, (run, path, border) in enumerate(zip(runs, paths, borders, strict=True)):
         colour = _choose_colour(number)
         if not len(path):
@@ -215,12 +230,12 @@ def _make_scene(runs: Sequence[Run]) -> dict[str, Any] | None:
 
 
 def _choose_colour(number: int) -> tuple[float, float, float]:
-    """Return the colour of a run in the 3-D view."""
+    """Return the colour in the 3-D view of the run with the index `number`."""
     return to_rgb(LIVE_CURVES[number % len(LIVE_CURVES)])
 
 
 def _find_corners(run: Run) -> np.ndarray:
-    """Return the corners (c, 3) of the target's face in the world frame; c = 0 if it is unknown."""
+    """Return the corners (c, 3) of the target's face in the world frame; c = 0 if unknown."""
     if run.target is None:
         return np.zeros((0, 3))
     pose = run.target.world_T_target(run.start_stamp)
@@ -228,7 +243,10 @@ def _find_corners(run: Run) -> np.ndarray:
 
 
 def _triangulate_face(corners: np.ndarray) -> list[Shape]:
-    """Return the target's face as triangles around its centre, and its border line."""
+    """Return the target's face as shapes: triangles around its centre, and its border.
+
+    corners: (c, 3) corners of the face in the world frame, m.
+    """
     if len(corners) < 3:
         return []
     after, middle = np.roll(corners, -1, axis=0), corners.mean(axis=0)

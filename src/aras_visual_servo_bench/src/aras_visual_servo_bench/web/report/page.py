@@ -1,4 +1,4 @@
-"""The report as a single HTML file without external resources."""
+"""The page of a report, a single HTML file that needs no other files."""
 
 from __future__ import annotations
 
@@ -19,12 +19,13 @@ from .. import SHARED
 from ..uplot import SCRIPT, STYLE, read_uplot
 from .contents import make_contents
 
-# Tiles of a single run: metric, factor to the printed unit, printed unit, text.
+# Numbers at the top of the page of a single run: metric, factor that converts it to the unit on the
+# page, this unit, and description.
 TILES = (
-    ("settled", 1.0, "s", "settling time (2 % of the initial distance)"),
+    ("settled", 1.0, "s", "settling time (to 2 % of the initial distance)"),
     ("final_distance", 1e3, "mm", "final position error"),
     ("final_angle", 180.0 / math.pi, "°", "final orientation error"),
-    ("path_ratio", 1.0, "", "path length / straight line"),
+    ("path_ratio", 1.0, "", "path length / length of the straight path"),
     ("decay_rate", 1.0, "1/s", "decay rate of the error"),
     ("condition_L", 1.0, "", "largest condition number of L"),
     ("image_rate", 1.0, "Hz", "image rate (simulated time)"),
@@ -32,7 +33,7 @@ TILES = (
 )
 
 
-MAX_ROWS = 250  # rows of a table; browsers take seconds to lay out thousands
+MAX_ROWS = 250  # largest number of rows in a table; a browser needs seconds to show thousands
 PAGE_FOLDER = Path(__file__).parent / "page"
 SCRIPTS = (*(SHARED / f"{name}.js" for name in ("scene", "charts")),
            *(PAGE_FOLDER / f"{name}.js" for name in ("film", "report")))
@@ -45,11 +46,14 @@ def make_page(
     groups: Sequence[tuple[str, str, str, Sequence[Panel]]],
     footer: str,
 ) -> str:
-    """Return the HTML text of a report.
+    """Return the HTML text of a report's page.
 
     Args:
-        summaries: quantities of each run.
+        title: title of the page.
+        runs: runs of the report.
+        summaries: metrics of each run.
         groups: key, title, description and panels of each group of plots.
+        footer: text at the bottom of the page.
 
     Raises:
         BenchError: the plotting library uPlot is not installed.
@@ -81,13 +85,19 @@ def make_page(
 
 
 def to_script_json(values: object) -> str:
-    """Return JSON for a script element, with < > & escaped so that no text can close it."""
+    """Return values as JSON for a script element of HTML.
+
+    The characters < > & are escaped, so that no text in the values can end the element.
+    """
     text = json.dumps(values, separators=(",", ":"), allow_nan=False)
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
 
 def _describe_tracks(tracks: Sequence[Mapping[str, object] | None]) -> str:
-    """Name the points whose image trajectories the film shows."""
+    """Return a text that says which points' trajectories the film shows.
+
+    tracks: trajectories of each run; None for a run without trajectories.
+    """
     if not any(tracks):
         return "no known points"
     return "the features" if any(t and t["is_measured"] for t in tracks) else "the target's corners"
@@ -123,7 +133,10 @@ def render_tiles(quantities: Sequence[Quantity]) -> list[Mapping[str, str]]:
 def _render_comparison(
     runs: Sequence[Run], summaries: Sequence[Sequence[Quantity]]
 ) -> list[Mapping[str, object]]:
-    """Return a row for each quantity that at least two runs have, with the best values marked."""
+    """Return the rows of the table that compares the runs; the best values are marked.
+
+    There is a row for each metric that is known for at least two runs.
+    """
     keys = list(dict.fromkeys(q.key for qs in summaries for q in qs[:MAX_ROWS]))
     rows = []
     for key in keys:

@@ -1,4 +1,4 @@
-"""Reports with a video of the run's images."""
+"""Reports with a video of the images of a run."""
 
 from __future__ import annotations
 
@@ -15,6 +15,8 @@ from .write import write_report
 def write_with_video(run: Run, out: Path) -> list[Path]:
     """Write a report and, if the run has images, video.mp4; return the paths of all files.
 
+    out: folder of the report.
+
     Raises:
         StudyError: a file cannot be written.
     """
@@ -26,7 +28,7 @@ def write_with_video(run: Run, out: Path) -> list[Path]:
 
 
 def write_video(run: Run, path: Path) -> Path:
-    """Write the images of a run as a video with the run's median image rate.
+    """Write the images of a run as a video, whose rate is the median image rate of the run.
 
     Raises:
         StudyError: the file cannot be written.
@@ -36,7 +38,7 @@ def write_video(run: Run, path: Path) -> Path:
     height, width = images[0].shape[:2]
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), rate, (width, height))
     if not writer.isOpened():
-        raise StudyError(f"cannot write the video {path}")
+        raise StudyError(f"cannot write the video {path}: OpenCV cannot open the file")
     for image in images:
         writer.write(np.ascontiguousarray(image[..., ::-1]))
     writer.release()

@@ -38,15 +38,15 @@ FigureFunction = Callable[[Sequence[Run]], Figure | None]
 
 @dataclass(frozen=True)
 class Chapter:
-    """A chapter of a report: a figure file, and a group of time plots on the page.
+    """A chapter of a report: a figure, and a group of time plots on the page.
 
     Attributes:
         name: name of the figure's files.
         title: heading of the group on the page.
-        text: description below the heading.
-        draw: function that draws the figure, if it is not a time plot.
+        text: description below this heading.
+        draw: function that draws the figure; None for a figure of the panels.
         panels: function that returns the panels of the time plots.
-        heading, layout: heading and layout of the figure with these panels.
+        heading, layout: heading and layout of the figure of the panels.
         needs: data without which there is no figure.
     """
 
@@ -60,7 +60,7 @@ class Chapter:
     needs: str = ""
 
     def draw_figure(self, runs: Sequence[Run]) -> Figure | None:
-        """Draw the figure; return None if the runs have no data for it."""
+        """Draw the figure of this chapter; return None if the runs have no data for it."""
         if self.draw is not None:
             return self.draw(runs)
         return time_plots.draw_panels(self.panels(runs), runs, self.heading, self.layout)
@@ -68,40 +68,48 @@ class Chapter:
 
 MEASURED, POSES = "images that the scheme has measured", "true camera poses while servoing"
 
-# Each row of figures is drawn side by side with equal heights.
+# All chapters. The figures of a row are shown side by side, so they have equal heights.
 CHAPTERS: tuple[tuple[Chapter, ...], ...] = (
-    (Chapter("filmstrip", "Filmstrip", "Camera images while the error decreases. Green: the "
-             "desired outline.", views.draw_filmstrip,
+    (Chapter("filmstrip", "Filmstrip", "Images of the camera while the error decreases. Green: "
+             "the desired outline.", views.draw_filmstrip,
              needs="stored images, as run_with_images and load_run store them"),),
-    (Chapter("feature_errors", "Errors", "Feature errors by unit, and the norm of the errors, "
-             "each divided by its maximum.", None, panels.make_error_panels,
+    (Chapter("feature_errors", "Errors", "Errors of the features by unit, and the norm of all "
+             "errors, each divided by its maximum.", None, panels.make_error_panels,
              "Feature errors s − s*", Layout(1.75, legend_columns=6), MEASURED),
-     Chapter("pose_errors", "Pose", "Errors of the true camera pose.",
+     Chapter("pose_errors", "Pose", "Errors of the camera's true pose.",
              None, panels.make_pose_panels, "Distance of the camera from its goal", Layout(1.9),
              POSES)),
     (Chapter("features", "Features", "Measured features, and desired features (dashed).", None,
              panels.make_feature_panels, "Features s", Layout(2.0, legend_columns=6),
              "a single run with images that the scheme has measured"),
-     Chapter("camera_twist", "Twist", "In the optical frame of the camera: x right, y down, z "
-             "forward. Dashed: desired twist.", None, panels.make_twist_panels,
+     Chapter("camera_twist", "Twist", "Twist in the optical frame of the camera: x right, y "
+             "down, z forward. Dashed: desired twist.", None, panels.make_twist_panels,
              "Twist of the camera", Layout(2.1), MEASURED)),
-    (Chapter("image_trajectory", "Image plane", "Image trajectories over the last image.",
+    (Chapter("image_trajectory", "Image plane", "Trajectories in the image, drawn on the last "
+                                                "image.",
              views.draw_image_trajectory, needs=MEASURED),
-     Chapter("camera_path", "Path", "In the world frame. Frusta open along the optical axis.",
+     Chapter("camera_path", "Path", "Path of the camera in the world frame. Drawn cameras "
+             "open along their optical axis.",
              views.draw_camera_path, needs=POSES)),
-    (Chapter("joint_positions", "Joints", "Red: limits of the robot description.", None,
+    (Chapter("joint_positions", "Joints", "Red: limits in the robot description.", None,
         panels.make_joint_panels,
              "Positions", Layout(1.25, columns=2, second_column="Speeds"),
              "joints that move the camera"),),
-    (Chapter("conditioning", "Conditioning", "Condition number of L in its modelled directions, "
-             "and of L J, which the controller inverts. Scale: velocity scaling by limits.", None,
+    (Chapter("conditioning", "Conditioning", "Condition number of L in the directions that it "
+             "models, and of L J, which the controller inverts. Scale: factor by which joint "
+             "limits "
+             "slow the task.", None,
              panels.make_conditioning_panels, "Conditioning", Layout(1.5), MEASURED),
-     Chapter("timing", "Timing", "In simulated time. The simulator reports the real-time factor. "
-             "A negative delay means that the image arrived before the clock message with its "
+     Chapter("timing", "Timing", "All times are simulated times. The simulator reports the "
+                                 "real-time "
+             "factor. A negative delay means that an image arrived before the clock message with "
+             "its "
              "time.", None, panels.make_timing_panels, "Time between images",
              Layout(1.5), "at least three images")),
 )  # fmt: skip
-DRAWING_PROCESSES = 2  # more do not help: the slowest row determines the time
+# Number of processes that draw figures. More would not be faster, because the slowest row
+# determines the time.
+DRAWING_PROCESSES = 2
 CHAPTER_NAMES = tuple(part.name for row in CHAPTERS for part in row)
 
 
@@ -114,14 +122,16 @@ def write_report(
 ) -> list[Path]:
     """Write the report of one or more runs: a page with plots and metrics, figures and tables.
 
-    The folder gets report.html, summary.json, summary.csv, figures/ and data/.
+    The files are report.html, summary.json, summary.csv, and those in the folders figures and data.
 
     Args:
         runs: one run, or several runs to compare.
-        out: folder, created if necessary; existing files of the same names are overwritten.
-        kinds: formats of the figure files, from png, svg and pdf; the page does not use them.
-        paper: write only vector figures, in the width of a paper's column.
-        progress: called with the finished fraction, 0 to 1, and the name of the next step.
+        out: folder of the report, which is created if necessary. Existing files with the same names
+            are overwritten.
+        kinds: formats of the figures: png, svg, pdf. The page does not need these files.
+        paper: True to write only vector figures, in the width of a paper's column.
+        progress: function that is called with the finished fraction, 0 to 1, and the name of the
+            next step.
 
     Returns:
         The paths of the files, the page first.
@@ -161,8 +171,8 @@ def save_figure(runs: Sequence[Run], name: str, path: str | Path) -> Figure:
 
     Args:
         runs: one run, or several runs to compare.
-        name: name of the figure, equal to that of its file in the folder `figures` of a report.
-        path: path of the file; its suffix, such as .png, .svg or .pdf, selects the format.
+        name: name of the figure, which is the name of its file in a report's folder `figures`.
+        path: path of the file. Its suffix, such as .png, .svg or .pdf, defines the format.
 
     Returns:
         The figure.
@@ -177,7 +187,7 @@ def save_figure(runs: Sequence[Run], name: str, path: str | Path) -> Figure:
 
 
 class _ReportWriter:
-    """Writer of one report."""
+    """Writes one report."""
 
     def __init__(
         self, runs: Sequence[Run], out: Path, kinds: Sequence[str], paper: bool,
@@ -189,7 +199,7 @@ class _ReportWriter:
         self._steps, self._finished_steps = (len(CHAPTERS) if self.formats else 0) + 2, 0
 
     def write(self) -> list[Path]:
-        """Write all files, and return their paths, the page first."""
+        """Write all files, and return their paths, starting with the page."""
         for folder in ("figures", "data"):
             (self.out / folder).mkdir(parents=True, exist_ok=True)
         self._report_progress("numbers")
@@ -237,10 +247,10 @@ class _ReportWriter:
         self._write_text(self.out / "summary.csv", stream.getvalue())
 
     def _draw_rows(self) -> Iterator[tuple[int, list[Path]]]:
-        """Draw all rows of figures, and yield the number and files of each finished row.
+        """Draw all rows of figures, and yield the index and the files of each finished row.
 
-        Two processes draw in parallel if this process has a single thread. The fork of a process
-        with several threads could wait forever for a lock that another thread holds.
+        If this process has only one thread, two forked processes draw in parallel. If it had
+        several threads, a forked process could wait forever for a lock of another thread.
         """
         alone = threading.active_count() == 1 and len(os.sched_getaffinity(0)) > 1
         if not alone or len(self.formats) == 1:
@@ -253,11 +263,12 @@ class _ReportWriter:
                     yield done.result()
             except BrokenProcessPool:
                 raise BenchError(
-                    "a process that drew figures was killed: check whether the memory is sufficient"
+                    "a process that drew figures was killed, probably because of too little "
+                    "memory; close other programs, or write figures in one format only"
                 ) from None
 
     def draw_row(self, number: int) -> list[Path]:
-        """Draw the figures of a row into files, and return their paths."""
+        """Draw the figures of the row with an index into files, and return their paths."""
         with style.apply_style(is_paper=self.paper):
             drawn = [(part.name, part.draw_figure(self.runs)) for part in CHAPTERS[number]]
             drawn = [(name, figure) for name, figure in drawn if figure is not None]
@@ -273,10 +284,10 @@ class _ReportWriter:
 
 
 def _set_shared_report(report: _ReportWriter) -> None:
-    """Set the report that a forked process draws."""
+    """Set the report whose figures this forked process draws."""
     global _shared
     _shared = report
-    gc.disable()  # the process is short-lived, and a collection of all copied objects is slow
+    gc.disable()  # garbage collection would be slow, and is not needed in a process that ends soon
 
 
 def _draw_row(number: int) -> tuple[int, list[Path]]:

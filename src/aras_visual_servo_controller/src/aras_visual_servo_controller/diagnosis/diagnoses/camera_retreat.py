@@ -1,4 +1,7 @@
-"""Diagnosis of a camera retreat, which image points cause for rotations near 180 degrees."""
+"""Diagnosis of a camera retreat: the camera moves far back before it turns by about 180 degrees.
+
+Schemes that control image points cause such a retreat.
+"""
 
 from __future__ import annotations
 
@@ -18,27 +21,37 @@ from ..step_check import predict_distance
 
 @DIAGNOSES.register("camera_retreat")
 class CameraRetreat(RunDiagnosis):
-    """Comparison of the target's distance, by its size in the image, with the start and the goal.
+    """Detection of a camera retreat from the size of the target in the image.
+
+    The distance that follows from this size is compared with the distances at the start and at the
+    goal.
     """
 
     help = "the target appears far smaller than at the start and at the goal"
     reads = "area of the target in the image, its distance by the joints"
     kinds = ("camera_retreat", "gain_too_high")
 
-    # The camera has retreated if its distance exceeds RETREAT_FACTOR times that of both start and
-    # goal in MIN_IMAGES successive images; a single image may show only a part of the target or
-    # another object. Below RETURN_FACTOR times that distance it has returned.
-    RETREAT_FACTOR, MIN_IMAGES, RETURN_FACTOR = 3.0, 3, 1.5
-    # Smallest distance by the joints, as a part of the distance by the size in the image, that
-    # confirms the retreat.
+    # The camera has retreated if its distance exceeds RETREAT_FACTOR times the distance at both the
+    # start and the goal.
+    RETREAT_FACTOR = 3.0
+    # Number of successive images that have to show the retreat. A single image may show only a part
+    # of
+    # the target, or another object.
+    MIN_IMAGES = 3
+    # The camera has returned if its distance is less than this multiple of the distance at the
+    # start
+    # or at the goal.
+    RETURN_FACTOR = 1.5
+    # The retreat is confirmed if the distance by the joints is at least this fraction of the
+    # distance by the size in the image.
     CONFIRMED_PART = 0.6
 
     def __init__(self) -> None:
-        self._first_distance = 0.0  # distance at the first image, relative to the goal
+        self._first_distance = 0.0  # distance at the first image, as a multiple of the goal's
         self._far_count, self._outcome = 0, Outcome()
 
     def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome | None:
-        """Diagnose one image, see `RunDiagnosis.judge`; update the target's visible area."""
+        """Diagnose one image (see `RunDiagnosis.judge`) and update the target's visible area."""
         state, observation, goal = record.state, record.observation, evidence.run_context.goal
         for view in (observation, *observation.other_cameras.values()):
             if view.touched_borders:
@@ -54,7 +67,7 @@ class CameraRetreat(RunDiagnosis):
     def _check_distance(
         self, stamp: float, observation: Observation, goal: Goal, evidence: Evidence
     ) -> None:
-        """Update whether the camera has retreated, from the size of the target in the image."""
+        """Determine from the size of the target in the image whether the camera has retreated."""
         measured, desired = observation.moments, goal.moments
         if not observation.valid or measured is None or desired is None or measured.m00 <= 0.0:
             return

@@ -23,13 +23,14 @@ CHECK_FEATURE_ORDER = Remedy(
 
 @DIAGNOSES.register("converged")
 class Converged(RunDiagnosis):
-    """Arrival of every feature at its goal, with a bound of the remaining distance."""
+    """Detection of an arrival of every feature at its goal, with a bound of the remaining distance.
+    """
 
     help = "the mean error is within the tolerances; decides whether the camera is at its goal"
     reads = "mean error, its noise, L, view and pose at the goal (`arrival_check.py`)"
     kinds = ("converged", "ambiguous")
 
-    # factor on the uncertainty by L if L does not explain the camera's motion
+    # Factor on the uncertainty if L does not explain the camera's motion.
     INTERACTION_ERROR_FACTOR = 2.0
 
     def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome | None:

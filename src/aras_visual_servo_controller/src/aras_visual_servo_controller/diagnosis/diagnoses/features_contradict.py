@@ -13,7 +13,10 @@ from ..evidence import Evidence
 
 @DIAGNOSES.register("features_contradict")
 class FeaturesContradict(RunDiagnosis):
-    """Check of the motion of the features; its thresholds are in MotionCheck and StepCheck."""
+    """Check of the motion of user features.
+
+    The thresholds are constants of MotionCheck and StepCheck.
+    """
 
     help = "the features are constant, jump or move against their L although the target does not"
     reads = "steps of the features and of the target's centre, L (`motion_check.py`)"
@@ -28,11 +31,11 @@ class FeaturesContradict(RunDiagnosis):
             state, tolerances, goal.distance,
             bool(evidence.run_context.elbows) and evidence.is_stretched(state.joints),
         )
-        # Angles, and features without a unit, may wrap; lengths cannot.
+        # Angles and features without a unit may wrap; lengths cannot.
         evidence.is_angle = angles = np.array(
             [unit != "m" for unit in scheme.units] or [True] * len(tolerances)
         )
-        # Features with a possibly wrong L do not show whether the target moves.
+        # The motion of the target cannot be derived from features whose L may be wrong.
         can_judge = getattr(scheme, "can_check_camera", True) and not motion.is_user_scheme
         evidence.target_motion = evidence.target_check.add(
             state.scheme_output, observation, goal, tolerances, can_judge, angles

@@ -1,4 +1,4 @@
-"""Diagnosis of joints that do not follow their commands or oscillate without one."""
+"""Diagnosis of joints that do not follow their commands, or that oscillate without a command."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ..joint_check import describe_foreign_nodes, join_names
 
 @DIAGNOSES.register("joints_do_not_follow")
 class JointsDoNotFollow(RunDiagnosis):
-    """Check of the joints' motion and of other nodes that command them; see JointCheck."""
+    """Check of the joints' motion (see JointCheck), and of other nodes that command the joints."""
 
     help = "joints do not follow their commands, or another node commands them"
     reads = "commanded and measured joints (`joint_check.py`), commands of other nodes"

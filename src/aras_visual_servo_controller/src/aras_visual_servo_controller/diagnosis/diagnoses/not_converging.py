@@ -1,4 +1,6 @@
-"""Diagnosis of an error that does not decrease: limit, singularity, minimum, oscillation or time.
+"""Diagnosis of an error that does not decrease.
+
+Possible causes are a limit, a singularity, a local minimum, an oscillation or a lack of time.
 """
 
 from __future__ import annotations
@@ -11,9 +13,10 @@ from ..evidence import Evidence
 
 @DIAGNOSES.register("not_converging")
 class NotConverging(RunDiagnosis):
-    """Causes of an error that does not decrease; their thresholds are in ProgressCheck.
+    """Search for the cause of an error that does not decrease.
 
-    This diagnosis is the last of the order and always reports an outcome.
+    The thresholds are constants of ProgressCheck. This diagnosis is the last one in the order and
+    always reports an outcome.
     """
 
     help = "the error does not decrease; decides whether arm, features or gain are the cause"

@@ -10,7 +10,7 @@ from ..evidence import Evidence
 
 @DIAGNOSES.register("scheme_failed")
 class SchemeFailed(RunDiagnosis):
-    """Failure of the scheme at an image."""
+    """Detection of a scheme that failed at an image."""
 
     help = "the scheme raised an error or returned an impossible output"
     reads = "output of the scheme for the image"

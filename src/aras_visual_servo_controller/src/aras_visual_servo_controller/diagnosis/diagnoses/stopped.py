@@ -11,7 +11,7 @@ from ..evidence import Evidence
 
 @DIAGNOSES.register("stopped")
 class Stopped(RunDiagnosis):
-    """State of a loop that was stopped and waits for start."""
+    """Detection of a loop that was stopped and waits for the command to start."""
 
     help = "the loop was stopped and waits for start"
     reads = "phase of the loop"

@@ -16,7 +16,8 @@ from ..progress_check import WINDOW
 
 @DIAGNOSES.register("target_lost")
 class TargetLost(RunDiagnosis):
-    """Causes of an image without a measurement: an earlier fault, or the loss of the target."""
+    """Explanation of an image without a measurement: an earlier fault, or the loss of the target.
+    """
 
     help = "the target is not found in the image, or its features cannot be measured"
     reads = "reason without measurement, image borders that the target touches, its last steps"
@@ -32,11 +33,11 @@ class TargetLost(RunDiagnosis):
             evidence.measured_stamp, self._loss = state.stamp, None
             return None
         if state.phase != HOLDING:
-            return Outcome("running", state.reason)  # the previous state is over
+            return Outcome("running", state.reason)  # the previous outcome is no longer valid
         if observation.valid:
             return self._judge_unmeasured(state, evidence)
-        # If the error oscillated when the target was lost, the oscillation is the cause, no matter
-        # how long ago that was.
+        # If the error oscillated when the target was lost, the oscillation is the cause, even if
+        # the loss was long ago.
         last_stamp = evidence.measured_stamp
         if last_stamp is not None and (
             found := evidence.gain_check.find_recent_oscillation(last_stamp)
@@ -103,7 +104,7 @@ def _explain_loss(state: ServoState, observation: Observation, evidence: Evidenc
 
 
 def _was_inside(observation: Observation, evidence: Evidence) -> bool:
-    """Return whether the target's last motion in the image cannot have taken it over the border."""
+    """Return whether the target cannot have left the image, because it was too far inside."""
     region = evidence.motion_check.step_check.next_region
     if evidence.last_touched_borders or region is None:
         return False

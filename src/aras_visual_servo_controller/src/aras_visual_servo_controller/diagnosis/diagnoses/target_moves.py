@@ -19,31 +19,35 @@ from ..evidence import Evidence, combine_outcomes
 
 @DIAGNOSES.register("target_moves")
 class TargetMoves(RunDiagnosis):
-    """Motion of the target that, with the camera's, explains that of the features.
+    """Detection of a moving target.
 
-    See TargetCheck for the fit.
+    The target moves if its own motion, together with the camera's, explains the motion of the
+    features. See TargetCheck for the fit.
     """
 
     help = "the target moves during servoing"
     reads = "motion of the features, L, motion of the camera (`target_check.py`)"
     kinds = ("target_moves", "wrong_camera_model")
 
-    # Part of the latest feature motion above which the target has moved, and s for which the camera
-    # is not checked after that.
-    MIN_TARGET_PART, RUNAWAY_MEMORY = 0.5, 1.0
+    # The target has moved if its own motion is more than this fraction of the latest feature
+    # motion.
+    MIN_TARGET_PART = 0.5
+    RUNAWAY_MEMORY = 1.0  # time after such a motion for which the camera model is not checked, s
 
     def __init__(self) -> None:
-        # last time at which the target moved faster than the camera's motion can explain, s
+        # Time at which the target last moved faster than the camera's motion can explain, s.
         self._runaway_stamp = -np.inf
 
     def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome | None:
-        """Diagnose one image, see `RunDiagnosis.judge`; update the checks of cameras and gain."""
+        """Diagnose one image (see `RunDiagnosis.judge`) and update the checks of cameras and gain.
+        """
         state, observation, run = record.state, record.observation, evidence.run_context
         if evidence.motion_check.target_motion_part > self.MIN_TARGET_PART:
             self._runaway_stamp = state.stamp
         evidence.is_running_away = state.stamp - self._runaway_stamp < self.RUNAWAY_MEMORY
         if evidence.target_motion:
-            evidence.camera_checks.clear()  # their data were affected by the target's motion
+            # The target's motion has affected the data of these checks.
+            evidence.camera_checks.clear()
         elif getattr(run.scheme, "can_check_camera", True):
             for name, part, tolerated, wrap in split_by_camera(
                 state.scheme_output, observation, evidence.tolerances, evidence.is_angle
@@ -78,12 +82,12 @@ def split_by_camera(
 ) -> Iterator[tuple[str, SchemeOutput, np.ndarray, np.ndarray]]:
     """Split a scheme's output by camera.
 
-    Features of one of several cameras are named 'camera.feature'. All other features may use every
-    camera and are returned with an empty camera name.
+    If there are several cameras, a feature that belongs to one of them is named 'camera.feature'.
+    All other features may use every camera and are returned with an empty camera name.
 
     Yields:
-        The camera's name, its part of the scheme's output, its tolerances, and the components that
-        may wrap (None: all).
+        The name of the camera; its part of the scheme's output; the tolerances (k,) of this part;
+        whether each component is an angle, which may wrap (None if all may wrap).
     """
     if not observation.other_cameras:
         yield observation.name, scheme_output, tolerances, is_angle

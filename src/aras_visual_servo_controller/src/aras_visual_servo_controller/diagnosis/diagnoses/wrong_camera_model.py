@@ -15,7 +15,7 @@ from ..evidence import Evidence
 
 @DIAGNOSES.register("wrong_camera_model")
 class WrongCameraModel(RunDiagnosis):
-    """Features that do not move as L and the arm's motion predict; see CameraCheck."""
+    """Detection of features that do not move as L and the arm's motion predict; see CameraCheck."""
 
     help = "the camera's calibration or mounting differs from the one that the controller uses"
     reads = "motion of the features, L, motion of the joints (`camera_check.py`)"
@@ -24,15 +24,16 @@ class WrongCameraModel(RunDiagnosis):
     def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome | None:
         """Diagnose one image, see `RunDiagnosis.judge`."""
         state, observation = record.state, record.observation
-        # During a fast oscillation L changes too much between two images.
+        # During a fast oscillation L changes too much between two images for a prediction.
         fault = "" if evidence.is_oscillation_fast else evidence.find_camera_fault(observation)
         is_there = state.phase == CONVERGED
         if fault and not is_there and (evidence.oscillation or evidence.gain_check.delay_outcome):
-            # An oscillation or overshoot that is not over must not count as a wrong camera.
+            # An oscillation or overshoot that continues must not be mistaken for a wrong camera
+            # model.
             fault = ""
         evidence.camera_fault = fault
-        # A goal that this camera has taught is reached when the image is the same, even with a
-        # wrong camera model. A computed goal is not.
+        # If this camera has taught the goal, the camera is at its goal when the image is the same,
+        # even with a wrong camera model. This is not true of a computed goal.
         if not fault or is_there and is_goal_camera(observation, evidence.run_context.goal):
             return None
         stalled = evidence.progress_check.explain_stall(state)
@@ -42,7 +43,7 @@ class WrongCameraModel(RunDiagnosis):
 
 
 def is_goal_camera(observation: Observation, goal: Goal) -> bool:
-    """Return whether each camera is the one that has taught its goal."""
+    """Return whether each camera is the one with which its goal was taught."""
     goals = goal.cameras
     return all(name in goals and goals[name].camera == view.camera
                for name, view in observation.cameras.items())  # fmt: skip

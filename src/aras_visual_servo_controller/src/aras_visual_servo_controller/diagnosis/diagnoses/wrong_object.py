@@ -18,7 +18,7 @@ from ..evidence import Evidence
 
 @DIAGNOSES.register("wrong_object")
 class WrongObject(RunDiagnosis):
-    """Comparison of the visible shape with the goal's target; see ShapeCheck."""
+    """Comparison of the visible shape with that of the goal's target; see ShapeCheck."""
 
     help = "another object is detected as the target"
     reads = "moments (`wrong_object.py`) and visible area of the target (`step_check.py`)"
@@ -43,7 +43,8 @@ class WrongObject(RunDiagnosis):
         return evidence.explain_occlusion(make_outcome("wrong_object", fault))
 
     def _explain_mismatch(self, observation: Observation, goal: Goal) -> str:
-        """Describe why a visible object cannot be the target of its goal; empty if it can."""
+        """Describe why a visible object cannot be the target of the goal; empty text if it can be.
+        """
         found, goals = "", goal.cameras
         for name, view in observation.cameras.items():
             check = self._shapes.get(name)
@@ -59,13 +60,15 @@ class WrongObject(RunDiagnosis):
 class ShapeCheck:
     """Test of whether a visible object can be the goal's target, by its spread and elongation.
 
-    Both measures are independent of distance, position and rotation in the image.
+    Spread and elongation do not depend on distance, position and rotation in the image.
     """
 
-    MAX_COMPACTNESS_RATIO = 1.25  # ratio of the spreads that a tilt of 40 degrees cannot explain
-    # Largest angle between the target's normal and the optical axis for which the shape is
-    # evaluated, if it differs from the goal's by more than MIN_TILT_DIFFERENCE, rad. Tuned on runs
-    # of the canonical tasks that diverge.
+    # Largest ratio of the spreads; a tilt of 40 degrees stays below it.
+    MAX_COMPACTNESS_RATIO = 1.25
+    # The shape is not evaluated if the angle between the target's normal and the optical axis
+    # exceeds
+    # MAX_TILT (rad) and differs from the angle at the goal by more than MIN_TILT_DIFFERENCE (rad).
+    # Both are tuned on runs of the canonical tasks that diverge.
     MAX_TILT, MIN_TILT_DIFFERENCE = 0.7, 0.2
     MAX_ANISOTROPY_DIFFERENCE = 0.3
     MIN_IMAGES = 3
@@ -74,7 +77,8 @@ class ShapeCheck:
         self._mismatch_count = 0
 
     def add(self, observation: Observation, goal: Goal) -> str:
-        """Add one image and describe why the object cannot be the target; empty if it can."""
+        """Add one image and describe why the object cannot be the target; empty text if it can be.
+        """
         measured, desired = observation.moments, goal.moments
         if measured is None or desired is None or measured.kind != desired.kind:
             return ""

@@ -1,13 +1,14 @@
-// The results browser: one object holds the selection; each part of the page sends its own query and draws the answer.
+// The results browser. The object `view` contains the selection. Each part of the page sends its own query, and
+// draws the answer.
 
 import { Points, drawMap, formatHeading, formatValue, make } from "./views.js";
 
 const $ = (id) => document.getElementById(id);
 const token = new URLSearchParams(location.search).get("token") || "";
-const UPDATE_PERIOD = 3000;  // ms between two queries for new studies and runs
-const ROWS = 50;  // of a page of the table of runs
+const UPDATE_PERIOD = 3000;  // time between two queries for new studies and runs, ms
+const ROWS = 50;  // number of rows on a page of the table of runs
 
-/** The selection. The address stores it, so that a view can be reloaded and shared. */
+/** The selection. It is stored in the address of the page, so that a view can be reloaded and shared. */
 const view = { hidden_studies: [], filters: [], sort: "", descending: false, first: 0, map: {}, plot: {}, by: [], medians: [], hidden_columns: null, run: null, ...readAddress() };
 const page = { studies: [], columns: [], version: -1, names: [], rows: [], queryNumber: 0 };
 
@@ -50,7 +51,7 @@ async function updateStudies(force = false) {
   showStudies();
   if (page.columns.map((c) => c.name).join() !== before) fillChoices();
   refresh();
-  if (view.run && $("run").hidden) openRun(...view.run);  // the address selects this run
+  if (view.run && $("run").hidden) openRun(...view.run);  // this run is part of the page's address
 }
 
 function showStudies() {
@@ -62,7 +63,7 @@ function showStudies() {
     button.setAttribute("aria-pressed", String(!off));
     button.addEventListener("click", () => {
       const on = page.studies.map((s) => s.name).filter((name) => !view.hidden_studies.includes(name));
-      if (!off && on.length === 1) return;  // at least one study stays selected
+      if (!off && on.length === 1) return;  // at least one study remains selected
       view.hidden_studies = off ? view.hidden_studies.filter((name) => name !== study.name) : [...view.hidden_studies, study.name];
       showStudies();
       applySelection();
@@ -72,7 +73,7 @@ function showStudies() {
   $("compare").hidden = page.studies.length < 2;
 }
 
-/** Fill all selection lists with the columns. */
+/** Fill all selection lists with the names of the columns. */
 function fillChoices() {
   const several = page.studies.length > 1, settings = page.columns.filter((c) => c.role === "setting");
   const metrics = page.columns.filter((c) => c.role === "metric" && c.name !== "success");
@@ -169,7 +170,7 @@ function showFilters() {
   }
 }
 
-/** Query everything that the page shows; ignore answers to an earlier selection. */
+/** Send all queries of the page and show the answers, unless the selection has changed meanwhile. */
 async function refresh() {
   writeAddress();
   showFilters();
@@ -266,7 +267,7 @@ function showRows() {
   const table = $("rows"), names = page.columns.map((c) => c.name);
   const last = ["reason", "remedy"], first = ["study", "run"], rank = (n) => last.includes(n) ? 5 : first.includes(n) ? 0
     : column(n).role === "setting" ? 1 : n === "end" ? 2 : column(n).role === "metric" ? 3 : 4;
-  const order = [...names].sort((a, b) => rank(a) - rank(b));  // otherwise in the order of the table
+  const order = [...names].sort((a, b) => rank(a) - rank(b));  // columns of the same rank keep their order
   const shown = order.filter((name) => !view.hidden_columns.includes(name));
   table.textContent = "";
   const head = table.createTHead().insertRow();
@@ -315,7 +316,7 @@ async function openRun(study, run) {
   top.append(title, make("span", "", "grow"), close);
   close.addEventListener("click", closeRun);
   const badges = make("p");
-  badges.append(make("span", row.outcome || "unknown end", `badge ${/^converged/.test(row.outcome) ? "good" : "bad"}`));
+  badges.append(make("span", row.outcome || "unknown outcome", `badge ${/^converged/.test(row.outcome) ? "good" : "bad"}`));
   if (row.verdict) badges.append(make("span", row.verdict, `badge ${row.verdict === "goal_reached" ? "good" : "bad"}`));
   box.append(top, where, badges);
   if (row.success !== 1 && (row.reason || row.remedy)) {
@@ -329,7 +330,7 @@ async function openRun(study, run) {
   link.href = `/run?${new URLSearchParams({ token, study, run })}`;
   link.target = "_blank";
   link.rel = "noopener";
-  box.append(link, make("p", "Plots, film and path. The first opening takes some seconds, because the run is repeated.", "note-below"));
+  box.append(link, make("p", "Plots, film and path. It takes some seconds when it is opened first, because the run is repeated.", "note-below"));
   for (const [role, name] of [["setting", "Settings"], ["metric", "Metrics"], ["run", "Other columns"]]) {
     const entries = Object.entries(row).filter(([key]) => column(key).role === role && !["reason", "remedy", "outcome", "verdict", "end", "study", "run"].includes(key));
     if (!entries.length) continue;

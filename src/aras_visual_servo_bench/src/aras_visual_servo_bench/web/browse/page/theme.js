@@ -1,4 +1,4 @@
-// Set the dark or light theme before the page is drawn; reports store it under the same key.
+// Set the dark or light theme before the page is drawn. Reports store the theme under the same key.
 { let theme = null;
   try { theme = localStorage.getItem("aras-report-theme"); } catch { /* no local storage */ }
   document.documentElement.dataset.theme = theme

@@ -4,8 +4,8 @@ import { formatNumber } from "./charts.js";
 
 const COLOUR_MAP = getComputedStyle(document.documentElement).getPropertyValue("--colour-map").split(",")
   .map((c) => c.trim()).map((c) => [1, 3, 5].map((i) => parseInt(c.slice(i, i + 2), 16)));
-const WIDE_RATIO = 100;   // ratio of maximum and minimum above which an axis is logarithmic
-const POINT_RADIUS = 14;  // px; the pointer selects a point within this distance
+const WIDE_RATIO = 100;   // an axis is logarithmic if the maximum divided by the minimum is larger
+const POINT_RADIUS = 14;  // px; the pointer selects the nearest point within this distance
 
 export const make = (tag, text = "", name = "") => {
   const element = document.createElement(tag);
@@ -20,12 +20,12 @@ export const formatValue = (value) => {
   return Array.isArray(value) ? `${formatValue(value[0])} … ${formatValue(value[1])}` : String(value);
 };
 
-/** Colour of a fraction from 0 to 1. */
+/** Return the colour [red, green, blue], 0 to 255, of a value from 0 to 1. */
 function mapColour(fraction) {
   const at = Math.min(Math.max(fraction, 0), 1) * (COLOUR_MAP.length - 1), low = Math.min(Math.floor(at), COLOUR_MAP.length - 2);
   return COLOUR_MAP[low].map((c, i) => Math.round(c + (at - low) * (COLOUR_MAP[low + 1][i] - c)));
 }
-/** Black or white, depending on which has the higher contrast with a colour. */
+/** Return black or white, whichever has the higher contrast with a colour. */
 function textColour(rgb) {
   const [r, g, b] = rgb.map((c) => { c /= 255; return c <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4; });
   return 0.2126 * r + 0.7152 * g + 0.0722 * b > 0.179 ? "black" : "white";
@@ -107,7 +107,7 @@ export class Points {
     this.answer = answer;
     Object.assign(this, { x, y, xs: decodeArray(answer.x.values, Float32Array), ys: decodeArray(answer.y.values, Float32Array),
       colours: decodeArray(answer.colours, Uint8Array), study: decodeArray(answer.study, Int32Array), run: decodeArray(answer.run, Int32Array) });
-    for (const [values, { labels }] of [[this.xs, answer.x], [this.ys, answer.y]]) {  // spread the points of equal text values
+    for (const [values, { labels }] of [[this.xs, answer.x], [this.ys, answer.y]]) {  // spread points with equal texts
       if (labels.length) for (let i = 0; i < values.length; i++) values[i] += 0.5 * (((i * 0.6180339887) % 1) - 0.5);
     }
     this.draw();
@@ -179,7 +179,7 @@ export class Points {
     ctx.restore();
   }
 
-  /** The colour of a class; success is blue, failure vermilion. */
+  /** Return the colour of a class; for success it is blue, for failure vermilion. */
   classColour(k) {
     const { classes } = this.answer;
     if (k >= classes.length && classes.length) return this.colour("soft");

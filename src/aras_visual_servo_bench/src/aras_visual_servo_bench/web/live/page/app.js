@@ -1,16 +1,16 @@
-// The live page: shows the messages of the WebSocket and sends a request for each button.
+// The live page. It shows the messages of the WebSocket, and sends a request for each button.
 
 import { Plot } from "./plots.js";
 import { Scene } from "./scene.js";
 
 const token = new URLSearchParams(location.search).get("token") || "";
 const $ = (id) => document.getElementById(id);
-const MAX_SAMPLES = 900;  // as in page.py
+const MAX_SAMPLES = 900;  // equal to MAX_SAMPLES in page.py
 const JOG_PERIOD = 100;   // ms; the robot stops after three periods without a request
 const state = { limits: {}, choices: {}, values: {}, names: [], samples: [], controller: {}, factor: null };
 let socket = null, scene = null, loadedRobot = null, dirty = true, positions = {};
-let sceneError = "";   // why no scene is drawn
-let refusalCount = 0;  // refused connections in a row
+let sceneError = "";   // reason why the scene cannot be drawn
+let refusalCount = 0;  // number of successive refused connections
 
 try {
   scene = new Scene($("scene"));
@@ -34,9 +34,10 @@ function showError(text) {
 // -- requests ----------------------------------------------------------------------------
 
 const running = new Map();  // start time (ms) of each request in progress
-const NO_CONNECTION = "no connection to the simulator", NO_CONTROLLER = "no controller runs: start the nodes with a scheme";
+const NO_CONNECTION = "no connection to the simulator", NO_CONTROLLER = "no controller is running: start the nodes with a scheme";
 const controllerReason = () => state.values.controller ? "" : NO_CONTROLLER;
-// Reason why a request is not possible now, "" if it is; other requests are always possible.
+// For some requests, a function that returns why the request is not possible now, or "" if it is. All other requests
+// are always possible.
 const DISABLED_REASONS = {
   start: controllerReason, stop: controllerReason, hold: controllerReason,
   goal: () => (state.limits.names || []).length ? "" : "there is no robot yet",
@@ -48,7 +49,7 @@ const DISABLED_REASONS = {
   report: () => state.values.open_bag ? "a bag is being recorded: stop the recording first"
     : state.values.last_bag ? "" : "nothing has been recorded yet",
 };
-// Fields of a request, for the requests that have any.
+// For each request with fields, a function that returns their values.
 const REQUEST_FIELDS = {
   step: () => ({ steps: +$("steps").value }),
   servo: () => ({ scheme: $("choose-scheme").value, law: $("choose-law").value,
@@ -117,15 +118,15 @@ function connect() {
       if (message === null) showImage(event.data);
       else handleMessage(message);
     } finally {
-      if (message === null || message.kind !== "answer") event.target.send("ack");  // request the next
+      if (message === null || message.kind !== "answer") event.target.send("ack");  // the server may send the next message
     }
   };
   socket.onclose = async () => {
     showConnection("no connection", false);
-    running.clear();  // no answer arrives after a disconnect
+    running.clear();  // no answers arrive after the connection has ended
     updateButtons();
     if (!opened) {
-      try {  // a refusal has a text; without a simulator the fetch fails
+      try {  // the server sends the reason of a refusal; if no simulator is running, fetch fails
         const reply = await fetch(`/robot?token=${encodeURIComponent(token)}`);
         if (reply.status === 403) { showError(await reply.text()); return; }
         refusalCount += 1;
@@ -144,7 +145,7 @@ function showConnection(text, on) {
 function handleMessage(message) {
   if (message.kind === "answer") {
     if (message.do) running.delete(message.do);
-    else running.clear();  // the answer names no request; requests are not repeated, so this is safe
+    else running.clear();  // the answer does not contain the name of its request
     showAnswer(message);
     updateButtons();
     return;
@@ -193,7 +194,7 @@ async function loadRobot(number) {
   loadedRobot = number;
   const reply = await fetch(`/robot?token=${encodeURIComponent(token)}`);
   if (reply.ok) { scene.setRobot(await reply.json()); scene.setJoints(positions); }
-  else loadedRobot = null;  // the robot was removed; a message announces the next one
+  else loadedRobot = null;  // the robot was removed; a message will arrive when there is another
 }
 
 function showLimits(given) {
@@ -274,7 +275,7 @@ function showChoices(given) {
 function showState(given) {
   const before = state.values;
   state.values = given;
-  for (const id of CHOICE_IDS) {  // select the running value until the user selects another
+  for (const id of CHOICE_IDS) {  // a new current value replaces the user's selection
     const select = $(`choose-${id}`);
     if (!given[id] || given[id] === before[id]) continue;
     delete select.dataset.own;
@@ -291,7 +292,7 @@ function showState(given) {
   if (given.image_note) $("image-note").textContent = given.image_note;
 }
 
-// A row with name, slider and value; `handlers`: `set` applies a value, `show` formats it.
+// Make a row with a name, a slider and its value. `handlers.set` applies a value, `handlers.show` formats it.
 function slider(name, low, high, step, value, handlers) {
   const row = document.createElement("div"), label = document.createElement("span");
   const input = document.createElement("input"), output = document.createElement("output");
@@ -308,7 +309,7 @@ function slider(name, low, high, step, value, handlers) {
   return row;
 }
 
-// Gains on a logarithmic scale, from 0.01 to 100.
+// Show a slider for each gain, with a logarithmic scale from 0.01 to 100.
 function showGains(given) {
   const box = $("gains"), names = Object.keys(given);
   if (box.dataset.names !== names.join()) {
@@ -326,7 +327,7 @@ function showGains(given) {
   for (const row of box.querySelectorAll("[data-gain]")) {
     if (document.activeElement === row.input) continue;
     const gain = given[row.dataset.gain];
-    row.input.value = Math.log10(gain);  // the slider rounds to its step
+    row.input.value = Math.log10(gain);  // the slider rounds this value, so the text below shows the exact gain
     row.querySelector("output").textContent = gain.toPrecision(3);
   }
 }

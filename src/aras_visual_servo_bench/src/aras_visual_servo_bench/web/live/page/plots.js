@@ -1,16 +1,16 @@
 // Scrolling plots of the last seconds, drawn by uPlot.
 
 const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
-const MAX_SPAN = 20, MIN_SPAN = 4;  // s of the time axis
-const MAX_NAMES = 8;  // named curves of a plot; further curves are thin
-const MAX_AXES = 3;   // axes of a plot, stacked vertically
+const MAX_SPAN = 20, MIN_SPAN = 4;  // longest and shortest range of the time axis, s
+const MAX_NAMES = 8;  // largest number of curves with names in a plot; further curves are thinner
+const MAX_AXES = 3;   // largest number of axes in a plot, one above the other
 const FONT = '11px system-ui, "DejaVu Sans", sans-serif';
-const AXIS = 58, TIMES = 22;  // px: width of the value axis, height of the time axis
+const AXIS = 58, TIMES = 22;  // width of the value axis and height of the time axis, px
 
-/** A curve's value as text to append to its name; empty without a value. */
+/** Return the value of a curve as text that follows its name; empty if there is no value. */
 const formatValue = (v) => v === null || v === undefined ? "" : ` ${v.toFixed(4).replace(/^-(0\.0*)$/, "$1")}`;
 
-/** Pairs of a unit and the indices of the curves with this unit; one group if there are too many units. */
+/** Return pairs of a unit and the indices of its curves; one pair with all curves if there are too many units. */
 export function groupByUnit(units, count) {
   const all = [...Array(count).keys()], found = new Map();
   if (units.length === count) for (const i of all) found.set(units[i], [...(found.get(units[i]) || []), i]);
@@ -18,7 +18,7 @@ export function groupByUnit(units, count) {
 }
 
 export class Plot {
-  /** `pick(sample)`: values of the solid curves; `dashed(sample)`, optional: values of the dashed ones. */
+  /** `pick(sample)` returns the values of the solid curves, `dashed(sample)` (optional) those of the dashed curves. */
   constructor(box, pick, dashed) {
     Object.assign(this, { box, pick, dashed, names: [], units: [], charts: [], range: [0, MIN_SPAN], mark: "" });
     this.legend = document.createElement("p");
@@ -47,7 +47,7 @@ export class Plot {
     }
   }
 
-  /** Create the axes and names for a new set of curves. */
+  /** Create the charts and names for a new set of curves. */
   _makeCharts(groups, mark) {
     this.mark = mark;
     for (const { plot } of this.charts) plot.destroy();
@@ -83,7 +83,7 @@ export class Plot {
   }
 }
 
-/** Widen a range of values by 8 % on each side. */
+/** Extend a range of values by 8 % on each side. */
 function padRange(low, high) {
   if (!Number.isFinite(low) || !Number.isFinite(high)) return [-1, 1];
   const margin = Math.max(0.08 * (high - low), 1e-3);

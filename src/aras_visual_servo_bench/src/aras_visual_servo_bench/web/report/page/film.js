@@ -1,4 +1,4 @@
-// The images of one run as a film with an overlay; a frame is decoded when it is shown.
+// The images of one run as a film with an overlay. An image is decoded when it is shown.
 
 const CACHED_FRAMES = 48;
 const decodeBytes = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
@@ -28,7 +28,7 @@ class Film {
     const i = this.frameIndex(t);
     this.requestedFrame = i; this.t = t;
     const bitmap = await this.decodeFrame(i);
-    if (this.requestedFrame === i) this.draw(bitmap, i);  // skip a frame that a later request has replaced
+    if (this.requestedFrame === i) this.draw(bitmap, i);  // draw only the image that was requested last
   }
 
   draw(bitmap, i) {
@@ -78,7 +78,7 @@ class Film {
   }
 }
 
-// The camera paths in 3-D: fixed shapes are drawn once, the cameras and arms follow the time cursor.
+// The camera paths in 3-D. Cameras and arms are drawn at the time of the cursor; other shapes do not change.
 class Space {
   constructor(canvas, page) {
     this.page = page; this.contents = page.contents.scene;
@@ -112,7 +112,7 @@ class Space {
       const colour = this.contents.colours[k], width = 0.006 * this.contents.size;
       changed[`${k} camera edges`] = { kind: "lines", points: edges, colour, width };
       changed[`${k} camera rim`] = { kind: "strip", points: [...points, ...points.slice(0, 1)].flat(), colour, width };
-      if (poses.arm) {  // a line through the joint origins to the camera
+      if (poses.arm) {  // draw a line through the origins of the joints to the camera
         const length = 3 * poses.joints, joints = poses.arm.slice(length * i, length * (i + 1));
         changed[`${k} arm`] = { kind: "strip", points: [...joints, ...centre], colour: [...this.contents.arm, 0.8], width: 3 * width };
       }

@@ -1,10 +1,11 @@
-// The report page: one time cursor for plots, films, path and phases; runs can be hidden; the time axis zooms.
+// The report page. Plots, films, path and phases have one time cursor. Runs can be hidden, and the time axis can
+// be zoomed.
 
 const $ = (id) => document.getElementById(id);
 const contents = JSON.parse($("contents").textContent);
 const arrays = contents.arrays.map(() => null);
 const style = () => getComputedStyle(document.documentElement);
-const MIN_RANGE = 1e-3;  // s, shortest time range
+const MIN_RANGE = 1e-3;  // shortest range of the time axis, s
 
 const page = {
   contents, time: 0, range: [0, contents.end], hiddenRuns: new Set(), overlay: true, several: contents.runs.length > 1,

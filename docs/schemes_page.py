@@ -33,7 +33,7 @@ from aras_visual_servo_controller.schemes import SCHEMES
 HEAD = """# Schemes
 
 This page shows tests of all included visual servoing schemes with two published protocols and on
-the case of the original paper. `docs/schemes_page.py` generates this page from the result tables of the
+the case of the original paper. `docs/schemes_page.py` generates it from the result tables of the
 protocols; `rosrun aras_visual_servo_bench protocol canonical --out DIR` computes the first of these
 tables again.
 

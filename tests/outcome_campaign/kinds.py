@@ -243,7 +243,7 @@ def goal_shown_by_wrong_centre(random: Draw) -> Changes:
 
 @kind("converged", "wrong_camera_model")
 def goal_shown_by_wrong_mounting(random: Draw) -> Changes:
-    """A taught goal; the mounting of the camera is wrong by 3 to 8 degrees."""
+    """A taught goal; the hand-eye calibration is wrong by 3 to 8 degrees."""
     keys = healthy(random, ("chain", "bullet"))
     turn = float(np.radians(random.uniform(3.0, 8.0)))
     axis = random.choice(3)
@@ -261,7 +261,7 @@ def goal_of_another_camera(random: Draw) -> Changes:
 
 @kind("converged", "wrong_camera_model")
 def camera_turned_in_its_mount(random: Draw) -> Changes:
-    """A taught goal; the calibrated mounting is rotated by 35 to 50 degrees about the optical
+    """A taught goal; the hand-eye calibration is wrong by 35 to 50 degrees about the optical
     axis."""
     keys = healthy(random, ("chain",), ("points",))
     turn = float(np.radians(random.uniform(35.0, 50.0)) * random.choice([-1, 1]))

@@ -148,7 +148,7 @@ def slowly_turning_target(random: Draw) -> Changes:
 
 @kind("wrong_camera_model", "refused")
 def turned_mounting(random: Draw) -> Changes:
-    """A calibrated mounting that is rotated by 90 to 180 degrees; refused if the target would be
+    """A hand-eye calibration that is wrong by 90 to 180 degrees; refused if the target would be
     behind the camera at the goal."""
     keys = any_arm(random, ("offset_6r", "redundant_7r", "gantry_6"))
     turn = float(random.uniform(0.5, 1.0) * np.pi)
@@ -158,7 +158,7 @@ def turned_mounting(random: Draw) -> Changes:
 
 @kind("converged", "wrong_camera_model")
 def mounting_somewhat_off(random: Draw) -> Changes:
-    """A taught goal; the calibrated mounting is wrong by 2 to 30 degrees or 5 to 60 mm."""
+    """A taught goal; the hand-eye calibration is wrong by 2 to 30 degrees or 5 to 60 mm."""
     keys = any_arm(random, ("offset_6r", "redundant_7r", "gantry_6"))
     axis = random.choice(3)
     if random.random() < 0.5:
@@ -259,7 +259,7 @@ def moving_target_and_high_gain(random: Draw) -> Changes:
 
 @kind("wrong_camera_model", "too_noisy", "converged", faults=2)
 def mounting_off_and_jitter(random: Draw) -> Changes:
-    """A calibrated mounting that is wrong by 5 to 25 degrees, and noise of 0.3 to 2 px."""
+    """A hand-eye calibration that is wrong by 5 to 25 degrees, and noise of 0.3 to 2 px."""
     keys = any_arm(random, ("offset_6r", "redundant_7r", "gantry_6"))
     turn = float(np.radians(random.uniform(5.0, 25.0)))
     axis = random.choice(3)
@@ -270,7 +270,7 @@ def mounting_off_and_jitter(random: Draw) -> Changes:
 
 @kind("target_moves", "wrong_camera_model", "converged", faults=2)
 def moving_target_and_mounting_off(random: Draw) -> Changes:
-    """A target that moves at 3 to 20 mm/s, and a calibrated mounting that is wrong by 5 to 25
+    """A target that moves at 3 to 20 mm/s, and a hand-eye calibration that is wrong by 5 to 25
     degrees."""
     keys = any_arm(random, ("offset_6r", "redundant_7r", "gantry_6"))
     velocity = random.normal(size=3)

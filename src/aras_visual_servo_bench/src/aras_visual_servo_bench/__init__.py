@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from .runner.loop import Loop as Loop
     from .runner.loop import run as run
     from .setup.assembly import assemble as assemble
+    from .studies.compare import find_differences as find_differences
     from .studies.replay import run_with_images as run_with_images
     from .studies.results import Results as Results
     from .studies.run_study import run_study as run_study
@@ -38,6 +39,7 @@ _FIRST = {
     "metric": ".metrics.metrics",
 }
 _FURTHER = {
+    "find_differences": ".studies.compare",
     "run_with_images": ".studies.replay",
     "save_figure": ".web.report.write",
     "assemble": ".setup.assembly",

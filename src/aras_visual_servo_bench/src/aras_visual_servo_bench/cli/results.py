@@ -6,8 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from ..errors import catch_write_errors, check_formats
-from ..studies import compare, tables
+from ..errors import StudyError, catch_write_errors, check_formats
+from ..studies import captions, compare, tables
 from ..studies.results import Results
 
 
@@ -26,8 +26,13 @@ def add_parsers(commands: Any) -> None:
     plot.add_argument("--out", type=Path, metavar="DIR",
                       help="output folder (default: plots in the first study folder)")
     plot.set_defaults(carry_out=_draw_plots)
-    diff = commands.add_parser("diff", help="test the differences of two studies for significance")
-    diff.add_argument("folders", nargs=2, type=Path, metavar="DIR", help="study folder")
+    diff = commands.add_parser(
+        "diff", help="test the differences of two studies, or of the cases of one, for significance"
+    )
+    diff.add_argument("folders", nargs="+", type=Path, metavar="DIR",
+                      help="two study folders, or one with --between")
+    diff.add_argument("--between", default="", metavar="KEY",
+                      help="compare the values of this key or axis of cases within one study")
     diff.add_argument("--all", action="store_true", help="also list insignificant differences")
     diff.set_defaults(carry_out=_print_differences)
     for one in (table, diff):
@@ -71,9 +76,17 @@ def _draw_plots(options: argparse.Namespace) -> int:
 
 
 def _print_differences(options: argparse.Namespace) -> int:
-    first, second = (Results.read(folder) for folder in options.folders)
+    count = 1 if options.between else 2
+    if len(options.folders) != count:
+        raise StudyError(
+            f"diff needs {count} study folder{'s' * (count > 1)}, not {len(options.folders)}: "
+            "give two folders, or one folder and --between KEY"
+        )
+    first, second = ([Results.read(folder) for folder in options.folders] + [None])[:2]
     found = compare.find_differences(
-        first, second, _split_words(options.by), _split_words(options.metrics)
+        first, second, _split_words(options.by), _split_words(options.metrics), options.between
     )
     print(compare.describe_differences(found, options.all))
+    for line in captions.describe_repeats([first] if second is None else [first, second]):
+        print(f"Note: {line}")
     return 0

@@ -38,9 +38,10 @@ class Metric:
     source: formula, or its reference.
     measure: the function.
     is_feature_based: True if it depends on the scheme's features, so that it cannot be compared
-    between
-        schemes.
+        between schemes.
     default: True if it is measured in studies that name no metrics.
+    is_binary: True if its values are 0 and 1, so that runs are summarised by their rate.
+    has_tolerance: True if it depends on the tolerance within which a goal counts as reached.
     """
 
     name: str
@@ -50,15 +51,38 @@ class Metric:
     measure: Callable[[Run], float]
     is_feature_based: bool = False
     default: bool = False
+    is_binary: bool = False
+    has_tolerance: bool = False
 
     @property
     def text(self) -> str:
         """One-line description of the metric."""
         return (self.measure.__doc__ or "").strip().splitlines()[0]
 
+    def complete_values(self, values: np.ndarray) -> np.ndarray:
+        """Return the values (n,) of n runs as statistics use them.
+
+        A run without a value (NaN) of a binary metric counts as 0 if 1 is better: a run that was
+        refused or raised an error has not reached its goal. Other unknown values remain NaN.
+
+        Raises:
+            StudyError: the metric is binary, and a value is neither 0, 1 nor NaN.
+        """
+        if not self.is_binary:
+            return values
+        unknown = np.isnan(values)
+        wrong = values[~unknown & (values != 0.0) & (values != 1.0)]
+        if wrong.size:
+            raise StudyError(
+                f"metric {self.name} is declared as binary, but a run has the value {wrong[0]:g}: "
+                "return 0, 1 or NaN, or remove is_binary=True"
+            )
+        return np.where(unknown, 0.0, values) if self.better == GREATER else values
+
 
 def metric(
-    unit: str, better: str, source: str, is_feature_based: bool = False, default: bool = False
+    unit: str, better: str, source: str, is_feature_based: bool = False, default: bool = False,
+    is_binary: bool = False, has_tolerance: bool = False,
 ) -> Callable[[Callable], Metric]:
     """Return a decorator that makes a metric of a function from a `Run` to a number.
 
@@ -71,15 +95,21 @@ def metric(
         is_feature_based: True if it depends on the scheme's features, so that values of different
             schemes cannot be compared.
         default: True if it is measured in studies that name no metrics.
+        is_binary: True if the number is 0 or 1: tables and figures then show the rate of 1.
+        has_tolerance: True if it depends on the tolerance within which a goal counts as reached,
+            which tables and figures then state.
 
     Raises:
-        StudyError: `better` is none of these.
+        StudyError: `better` is none of these, or a binary metric has a unit.
     """
     if better not in (SMALLER, GREATER, NEITHER):
         raise StudyError(f"better is '{better}', must be {SMALLER} or {GREATER}")
+    if is_binary and unit:
+        raise StudyError(f"a binary metric has no unit: remove '{unit}'")
     return lambda measure: Metric(
-        measure.__name__, unit, better, source, measure, is_feature_based, default
-    )
+        measure.__name__, unit, better, source, measure, is_feature_based, default, is_binary,
+        has_tolerance,
+    )  # fmt: skip
 
 
 def list_default_metrics() -> tuple[str, ...]:
@@ -106,19 +136,28 @@ def find_metric(name: str) -> Metric:
 # -- result of the run ------------------------------------------------------------------------
 
 
-@metric("", GREATER, "outcome of the loop and verdict of the physics together", default=True)
+@metric(
+    "", GREATER, "outcome of the loop and verdict of the physics together", default=True,
+    is_binary=True, has_tolerance=True,
+)  # fmt: skip
 def success(run: Run) -> float:
     """1 if the loop has converged and the camera is truly at its goal."""
     return _score_verdict(run, run.is_success)
 
 
-@metric("", GREATER, "verdict of the physics only, within the experiment's `reached`")
+@metric(
+    "", GREATER, "verdict of the physics only, within the experiment's `reached`",
+    is_binary=True, has_tolerance=True,
+)  # fmt: skip
 def reached(run: Run) -> float:
     """1 if the camera is truly at its goal, for any outcome of the loop."""
     return _score_verdict(run, run.verdict.is_reached)
 
 
-@metric("", GREATER, "final distance and angle relative to those at the start, both at most 0.1")
+@metric(
+    "", GREATER, "final distance and angle relative to those at the start, both at most 0.1",
+    is_binary=True,
+)  # fmt: skip
 def reduced(run: Run) -> float:
     """1 if both the distance and the angle are at most a tenth of those at the start."""
     distance, angle = _compute_initial_pose_error(run)
@@ -126,7 +165,10 @@ def reduced(run: Run) -> float:
     return _score_verdict(run, near)
 
 
-@metric("", SMALLER, "outcome of the loop compared with the verdict of the physics", default=True)
+@metric(
+    "", SMALLER, "outcome of the loop compared with the verdict of the physics", default=True,
+    is_binary=True, has_tolerance=True,
+)  # fmt: skip
 def contradicts(run: Run) -> float:
     """1 if the loop reports convergence away from the goal, or no convergence at the goal.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from . import rows
 from . import study_folder as folders
 from .study import Study
 from .study_folder import StudyFolder
+from .tolerance import Tolerance, find_tolerances
 
 REAL_TIME_MULTIPLE = Metric(
     "real_time_multiple", "", metrics.GREATER,
@@ -146,14 +148,32 @@ class Results:
             raise StudyError(f"column '{name}' contains text, not numbers: choose another one")
         return _to_numbers(column)
 
+    def read_values(self, metric: Metric) -> np.ndarray:
+        """Return the values (n,) of a metric as statistics use them; see `complete_values`.
+
+        Raises:
+            StudyError: the metric is binary, and a run has another value than 0 and 1.
+        """
+        return metric.complete_values(self.read_numbers(metric.name))
+
+    @cached_property
+    def tolerances(self) -> tuple[Tolerance, ...]:
+        """Tolerances within which the runs count as being at their goal."""
+        return find_tolerances(self.study)
+
+    @property
+    def judged_metric(self) -> Metric:
+        """Metric that defines success."""
+        return metrics.find_metric(self.study.judged)
+
     def compute_successes(self) -> np.ndarray:
         """Compute the success of each run (n,), 0 or 1, by the metric `judged` of the study.
 
         Runs that were refused, raised an error or timed out are no successes.
         """
-        if self.study.judged in self.table.column_names:
-            values = self.read_numbers(self.study.judged)
-            return np.where(np.isnan(values), 0.0, values)
+        judged = rows.find_column_name(self.study.judged)
+        if judged in self.table.column_names:
+            return (self.read_numbers(judged) == 1.0).astype(float)
         failures = pa.array([rows.REFUSED, rows.FAULT, rows.DIED, rows.LATE])
         return _to_numbers(pc.invert(pc.is_in(self._find_column("outcome"), failures)))
 
@@ -180,13 +200,19 @@ class Results:
         return {values: np.array(indices) for values, indices in groups.items()}
 
     def select_metrics(self, names: Sequence[str]) -> tuple[Metric, ...]:
-        """Return the metrics of these names; without names, all except success.
+        """Return the metrics of these names; without names, all.
+
+        `success` may be named, but is not among them: tables, figures and comparisons always
+        contain the success of the runs.
 
         Raises:
             StudyError: the results have no such metric.
         """
-        by_name = {m.name: m for m in self.metrics if m.name != metrics.success.name}
+        success = metrics.success.name
+        by_name = {m.name: m for m in self.metrics if m.name != success}
         for name in names:
-            if name not in by_name:
-                raise StudyError(f"no metric '{name}' in {self.name}: {suggest(name, by_name)}")
-        return tuple(by_name[name] for name in names) if names else tuple(by_name.values())
+            if name not in by_name and name != success:
+                known = [success, *by_name]
+                raise StudyError(f"no metric '{name}' in {self.name}: {suggest(name, known)}")
+        chosen = tuple(name for name in names if name != success) if names else tuple(by_name)
+        return tuple(by_name[name] for name in chosen)

@@ -65,6 +65,7 @@ class Snapshot:
         note: message about studies that are not shown, or ''.
         table: rows of all studies, with the study's name and the outcome of each run.
         units, roles: unit and role ('setting', 'metric' or 'run') of each column, by name.
+        binary: binary metrics by the name of their column.
     """
 
     version: int
@@ -72,6 +73,7 @@ class Snapshot:
     table: pa.Table
     units: dict[str, str] = field(default_factory=dict)
     roles: dict[str, str] = field(default_factory=dict)
+    binary: dict[str, metrics.Metric] = field(default_factory=dict)
     note: str = ""
 
     def find_study(self, name: str) -> StudyEntry:
@@ -129,8 +131,10 @@ class Studies:
         if changed:
             studies = tuple(self._entries.values())
             table, units, roles = _join_tables(studies)
+            binary = {m.name: m for entry in studies if entry.results is not None
+                      for m in entry.results.metrics if m.is_binary}  # fmt: skip
             self._snapshot = Snapshot(
-                self._snapshot.version + 1, studies, table, units, roles, note
+                self._snapshot.version + 1, studies, table, units, roles, binary, note
             )
 
     def _find_folders(self) -> Iterator[Path]:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import io
 import itertools
 import math
+import re
 import shutil
 import subprocess
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -21,6 +23,7 @@ from aras_visual_servo_bench.cli import main
 from aras_visual_servo_bench.errors import StudyError
 from aras_visual_servo_bench.metrics.formatting import choose_unit
 from aras_visual_servo_bench.metrics.metrics import METRICS
+from aras_visual_servo_bench.plots import study_figures
 from aras_visual_servo_bench.studies import captions, compare, rows, tables
 from aras_visual_servo_bench.studies.study_folder import StudyFolder
 from aras_visual_servo_bench.web.browse import queries
@@ -444,3 +447,124 @@ def test_latex_has_no_number_that_tex_cannot_set():
     estimate = tables.Estimate(-math.inf, 1e-9, math.inf, 3)
     text = tables.format_table(tables.Table((), (column,), (((), 3, (estimate,)),)), "tex")
     assert r"$-\infty$ {\footnotesize $[1.00 \cdot 10^{-9}, \infty]$}" in text
+
+
+# -- figures --------------------------------------------------------------------------------------
+
+
+def draw(path, draw_figure, *words, is_paper=False):
+    """A figure of a study, with its text set."""
+    with study_figures.apply_style(is_paper):
+        figure = draw_figure([Results.read(path)], *words)
+        figure.canvas.draw()
+        study_figures.plt.close(figure)
+    return figure
+
+
+def test_there_is_a_map_per_scheme(tmp_path, raw):
+    """The map of gain and delay pooled the schemes."""
+    study = make_study(vary={"gain": [1.0, 2.0], "delay": [0.01, 0.1]}, repeats=4)
+    path = write_study(tmp_path / "out", study)
+    own = pd.read_parquet(path / "parts")
+    figure = draw(path, study_figures.draw_success)
+    *maps, distance = figure.axes[:4]
+    assert [axis.get_title("left") for axis in maps] == list(SCHEMES)
+    for axis, scheme in zip(maps, SCHEMES, strict=True):
+        for text in axis.texts:
+            j, i = text.get_position()
+            part = own[(own.scheme == scheme) & (own.gain == (1.0, 2.0)[i])
+                       & (own.delay == (0.01, 0.1)[j])]  # fmt: skip
+            assert text.get_text() == f"{int((part.success == 1).sum())}/4"
+    assert [line.get_label() for line in distance.lines[:3]] == list(SCHEMES)
+    written = study_figures.write_figures([Results.read(path)], tmp_path / "plots")
+    assert "The curves pool runs with different gain, delay." in written[-1].read_text()
+    assert distance.lines[3].get_linestyle() == ":"
+    assert distance.lines[3].get_xdata() == pytest.approx([0.3, 0.3])  # mm
+
+
+def test_maps_that_are_too_many_say_what_they_pool(tmp_path):
+    gains = [1.0 + 0.5 * i for i in range(14)]
+    study = make_study(vary={"gain": gains, "delay": [0.01, 0.1], "lag": [0.0, 0.1]}, repeats=1)
+    path = write_study(tmp_path / "out", study)
+    titles = [axis.get_title("left") for axis in draw(path, study_figures.draw_success).axes[:3]]
+    assert titles == [f"{scheme} (all gain)" for scheme in SCHEMES]
+    study_figures.write_figures([Results.read(path)], tmp_path / "plots")
+    text = (tmp_path / "plots" / "captions.md").read_text()
+    assert "Runs with different gain are pooled." in text
+    assert "Runs with different gain, delay, lag are pooled." in text
+
+
+def test_bars_have_the_final_distance_beside_them(tmp_path):
+    path = write_study(tmp_path / "out", make_study(vary={}))
+    own = pd.read_parquet(path / "parts")
+    bars, boxes = draw(path, study_figures.draw_success).axes
+    medians = [line.get_xdata()[0] for line in boxes.lines
+               if line.get_color() == study_figures.VERMILION]  # fmt: skip
+    wanted = [1e6 * own[own.scheme == scheme].final_distance.median() for scheme in SCHEMES]
+    assert medians == pytest.approx(wanted[::-1])
+    assert boxes.get_xlabel().startswith("final distance (µm)")
+    assert "A camera is at its goal within 0.3 mm" in boxes.get_xlabel()
+    # a row of boxes is at the height of its bar
+    for axis, rows_at in ((bars, range(3)), (boxes, range(1, 4))):
+        bottom, top = axis.get_ylim()
+        assert [(row - bottom) / (top - bottom) for row in rows_at] == pytest.approx(
+            [1 / 6, 3 / 6, 5 / 6])  # fmt: skip
+
+
+def test_binary_metrics_are_drawn_as_rates(path, raw, tmp_path):
+    results = Results.read(path)
+    figure = draw(path, study_figures.draw_rates, results.select_metrics(["reached"]))
+    order = [group for _, group in raw.groupby(["scheme", "gain"], sort=False)]
+    widths = [bar.get_width() for bar in figure.axes[0].patches]
+    assert widths == pytest.approx([100 * group.reached.mean() for group in order])
+    for line, group in zip(figure.axes[0].collections[0].get_segments(), order, strict=True):
+        assert line[:, 0] == pytest.approx([100 * v for v in wilson(group.reached)[1:3]], abs=1e-9)
+    written = {one.stem for one in study_figures.write_figures([results], tmp_path / "plots")}
+    assert "rates" in written
+    boxes = draw(path, study_figures.draw_boxes, results.select_metrics(["settled"])).axes[0]
+    assert [text.get_text() for text in boxes.texts] == ["no value"]
+    assert boxes.texts[0].get_position()[1] == 1  # polar at gain 2 is the last group
+    text = (tmp_path / "plots" / "captions.md").read_text()
+    assert "**rates.png**: Rates of reached, contradicts, with Wilson's 95 % interval." in text
+    tolerance = "A camera is at its goal within 0.3 mm and 0.3°."
+    assert text.count(tolerance) == text.count("**: ") > 3
+
+
+def test_figures_for_a_paper_have_its_column_and_font(tmp_path, capsys):
+    path = write_study(tmp_path / "out", make_study())
+    words = ["plot", path, "--paper", "--out", tmp_path / "plots"]
+    files = list(map(Path, run_command(words, capsys)[1].split()))
+    assert {one.name for one in files} >= {"success.pdf", "rates_reached.pdf", "figures.tex",
+                                           "boxes_final_distance.pdf"}  # fmt: skip
+    for file in files[:-1]:
+        data = file.read_bytes()
+        width = float(re.search(rb"/MediaBox \[ 0 0 ([\d.]+) ", data).group(1))
+        assert width == pytest.approx(252.0), file
+        fonts = set(re.findall(rb"/BaseFont /\w+\+(\w+)", data))
+        assert fonts and all(font.startswith(b"STIX") for font in fonts), file
+    text = (tmp_path / "plots" / "figures.tex").read_text()
+    assert text.count(r"A camera is at its goal within 0.3 mm and 0.3$^\circ$.") == len(files) - 1
+    for draw_figure, names in ((study_figures.draw_success, None),
+                               (study_figures.draw_boxes, ["final_distance"]),
+                               (study_figures.draw_rates, ["reached"]),
+                               (study_figures.draw_distributions, ["final_distance"])):  # fmt: skip
+        metrics = [] if names is None else [Results.read(path).select_metrics(names)]
+        figure = draw(path, draw_figure, *metrics, is_paper=True)
+        with study_figures.apply_style(is_paper=True):  # fonts are looked up when they are needed
+            inside = figure.get_tightbbox().extents
+        assert min(inside[:2]) >= 0.0 and (inside[2:] <= figure.get_size_inches()).all()
+        assert all(axis.get_window_extent().height > 60 for axis in figure.axes if axis.lines)
+
+
+def test_paper_figures_compile(path, tmp_path):
+    if shutil.which("pdflatex") is None:
+        pytest.skip("needs pdflatex: apt-get install texlive-latex-recommended")
+    study_figures.write_figures(
+        [Results.read(path)], tmp_path, ["pdf"], ["final_distance"], is_paper=True
+    )
+    (tmp_path / "paper.tex").write_text(
+        "\\documentclass{article}\\usepackage{graphicx}\n\\begin{document}\n\\input{figures}\n"
+        "\\end{document}\n")  # fmt: skip
+    done = subprocess.run(["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "paper"],
+                          cwd=tmp_path, capture_output=True, text=True, errors="replace")
+    assert done.returncode == 0, done.stdout[-1500:]

@@ -21,8 +21,10 @@ def add_parsers(commands: Any) -> None:
     table.set_defaults(carry_out=_print_table)
     plot = commands.add_parser("plot", help="draw figures of the results")
     plot.add_argument("folders", nargs="+", type=Path, metavar="DIR", help="study folder")
-    plot.add_argument("--format", default="png", metavar="png,svg,pdf",
-                      help="formats (default %(default)s)")
+    plot.add_argument("--format", default="", metavar="png,svg,pdf",
+                      help="formats (default png, with --paper pdf)")
+    plot.add_argument("--paper", action="store_true",
+                      help="draw figures for a paper's column: 8 pt serif font, and LaTeX captions")
     plot.add_argument("--out", type=Path, metavar="DIR",
                       help="output folder (default: plots in the first study folder)")
     plot.set_defaults(carry_out=_draw_plots)
@@ -67,8 +69,9 @@ def _draw_plots(options: argparse.Namespace) -> int:
 
     found = [Results.read(folder) for folder in options.folders]
     out = options.out or options.folders[0] / "plots"
+    kinds = _split_words(options.format) or ["pdf" if options.paper else "png"]
     written = study_figures.write_figures(
-        found, out, _split_words(options.format), _split_words(options.metrics), options.folders
+        found, out, kinds, _split_words(options.metrics), options.folders, options.paper
     )
     for path in written:
         print(path)

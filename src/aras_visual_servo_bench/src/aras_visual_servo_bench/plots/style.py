@@ -128,13 +128,16 @@ def make_axes(
         panel_height: height of a row, inches.
         columns: number of columns.
         is_wide: True for a figure of the whole page width.
-        width: width of each column with its labels, inches.
+        width: width of each column with its labels, inches; a figure for a paper has one column
+            of the width of the style instead.
         margins: TIME_MARGINS also give the axes a common time axis and aligned labels.
         options: options of Figure.subplots.
     """
+    if width is not None and is_paper():
+        columns, width = 1, find_figure_width()
     rows, part = -(-count // columns), 0.66 if is_paper() else 1.0
     if width is not None:
-        size = (width * columns, panel_height * rows)
+        size = (width * columns, part * panel_height * rows)
         figure = plt.figure(figsize=size, layout="constrained")
     else:
         scaled = Margins(*(part * inches for inches in margins))

@@ -28,7 +28,8 @@ from .results import Results
 FORMATS = ("md", "csv", "tex")
 RATE, MEDIAN, QUARTILES = "rate", "median", "quartiles"  # kinds of columns
 # Letters of `\\small` in the 12 cm of a page of LaTeX's class `article`, and between two columns.
-MAX_TEX_WIDTH, TEX_GAP = 72, 3
+MAX_TEX_WIDTH, TEX_GAP = 82, 3
+MAX_TEX_LINES = 40  # of a float; further tabulars are in another one
 FAILURE_HEADING = "commonest failure"
 MAX_REASON_LENGTH = 90  # characters of a reason in a cell
 NUMBER = re.compile(r"[-+]?\d+(\.\d+)?")
@@ -253,18 +254,20 @@ def _format_latex(table: Table) -> str:
     """Format a table environment for the LaTeX package booktabs.
 
     The failures have no column, because their text is longer than a line. Columns that do not fit
-    into the width of a page follow below, with the same settings.
+    into the width of a page follow below, with the same settings; what does not fit onto the page
+    is in a second table environment.
     """
     heading, *body = _format_cells(table, _format_tex_interval, "--")
     fixed = len(table.keys) + 1
-    lines = [
-        r"% needs \usepackage{booktabs}",
-        r"\begin{table}", r"\centering", r"\small",
-        rf"\caption{{{' '.join(map(escape_tex, table.caption))}}}",
-    ]  # fmt: skip
+    lines = [r"% needs \usepackage{booktabs}"]
+    parts_per_float = max(MAX_TEX_LINES // (len(body) + 4), 1)
     for part, measured in enumerate(_split_columns([heading, *body], fixed)):
         columns = [*range(fixed), *measured]
-        lines += [r"\par\medskip"] if part else []
+        if part % parts_per_float == 0:
+            caption = "(continued)" if part else " ".join(map(escape_tex, table.caption))
+            lines += [r"\end{table}"] if part else []
+            lines += [r"\begin{table}", r"\centering", r"\small", rf"\caption{{{caption}}}"]
+        lines.append(r"\par\medskip")
         alignment = "l" * len(table.keys) + "r" * (len(columns) - len(table.keys))
         lines += [rf"\begin{{tabular}}{{{alignment}}}", r"\toprule"]
         names = " & ".join(_format_tex_heading(heading[i]) for i in columns)

@@ -433,6 +433,8 @@ def test_latex_compiles_without_overfull_lines(tmp_path, capsys):
     assert main(["table", str(path), "--format", "tex", "--out", str(tmp_path / "table.tex")]) == 0
     text = (tmp_path / "table.tex").read_text()
     assert "commonest failure" not in text and "nan" not in text
+    # \\ of older versions of LaTeX and of amsmath takes [ and * in the next line as its arguments
+    assert "\n{[50 \\%]" in text and "\n{*} &" in text
     (tmp_path / "paper.tex").write_text(
         "\\documentclass{article}\\usepackage{booktabs}\n\\begin{document}\n\\input{table}\n"
         "\\end{document}\n")  # fmt: skip

@@ -8,7 +8,8 @@ import sys
 import pytest
 
 from aras_visual_servo_bench import cli
-from aras_visual_servo_bench.cli import EXAMPLES, main, make_parser
+from aras_visual_servo_bench.cli import main
+from aras_visual_servo_bench.cli.arguments import EXAMPLES, make_parser
 from aras_visual_servo_bench.errors import BenchError, make_missing_library_error
 from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.plots import style

@@ -20,6 +20,7 @@ from aras_visual_servo_base.yaml_files import read_yaml
 
 from ..errors import StudyError, make_missing_library_error, read_first_line
 from . import rows, versions, work
+from .defaults import CHUNKS_BEFORE_RESTART
 from .work import StudyTask
 
 ANSWER_TIMEOUT = 10.0  # s, time in which a scheduler has to answer
@@ -28,7 +29,6 @@ WORKER_TIMEOUT = 300.0
 COUNT_PERIOD = 2.0  # s between counts of the workers, because those of a cluster come and go
 # s between polls for a finished chunk; meanwhile each worker has a second chunk to continue with
 POLL_PERIOD = 0.02
-CHUNKS_BEFORE_RESTART = 500  # chunks per worker after which all workers are restarted
 STARTING_STATES = ("init", "starting", "running", "undefined")  # of a nanny
 # Time in which a process on this machine has to connect, also under a high load.
 CONNECT_TIMEOUT = "600s"

@@ -4,55 +4,48 @@ Type signatures are explicit, so set-up can compile everything. Compiled functio
 __pycache__ next to the source, or in NUMBA_CACHE_DIR. A function is compiled again if its source
 file changes, or a compiled function or constant that it uses from another module; Numba alone
 checks only the source file. A function is loaded from the cache, or compiled, at its first call,
-because no program calls more than half of them. Nodes call `compile_all` before their first image.
+because no program calls more than half of them; the first such call also imports Numba, which
+takes 0.2 s of processor time. Nodes call `compile_all` before their first image.
 """
 
 from __future__ import annotations
 
 import functools
-import importlib
 import inspect
 import logging
-import sys
 import threading
 import zlib
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING
 
-import numba
-from numba.extending import intrinsic, typeof_impl
+from .import_without import import_without
 
 if TYPE_CHECKING:
+    import numba
     from numba.core.dispatcher import Dispatcher
-
-
-def _import_without(excluded: str, module: str) -> None:
-    """Import a module as if `excluded` were not installed, unless that is already imported."""
-    if excluded in sys.modules:
-        importlib.import_module(module)
-        return
-    sys.modules[excluded] = None  # Python then treats the module as missing
-    try:
-        importlib.import_module(module)
-    finally:
-        del sys.modules[excluded]
-
-
-# Numba searches for a BLAS library for np.convolve and np.correlate, and therefore imports SciPy's
-# linear algebra. This takes 0.1 s of processor time, 16 % of the bridge's import time and 9 % of a
-# short run that compiles nothing. Numba has no public option to prevent it. np.dot is not affected:
-# Numba searches for its BLAS when it compiles the call.
-_import_without("scipy.linalg.cython_blas", "numba.np.arraymath")
 
 _log = logging.getLogger(__name__)
 _compile_lock = threading.RLock()
 _functions: dict[tuple[str, str], CompiledFunction] = {}  # by module and name
 
 
+@cache
+def _import_numba() -> ModuleType:
+    import numba
+
+    # Numba searches for a BLAS library for np.convolve and np.correlate, and therefore imports
+    # SciPy's linear algebra. This takes 0.1 s of processor time, 12 % of a short run that compiles
+    # nothing. Numba has no public option to prevent it. np.dot is not affected: Numba searches for
+    # its BLAS when it compiles the call.
+    import_without("scipy.linalg", "numba.np.arraymath")
+    return numba
+
+
 class CompiledFunction:
-    """A function that Numba compiles for given argument types.
+    """A function that Numba compiles.
 
     It is compiled, or loaded from the cache, at its first call from Python or from a function that
     is being compiled.
@@ -61,10 +54,10 @@ class CompiledFunction:
         py_func: the original Python function.
     """
 
-    def __init__(self, function: Callable, arguments: tuple, options: dict[str, object]) -> None:
+    def __init__(self, function: Callable, compile_function: Callable[[], Dispatcher]) -> None:
         functools.update_wrapper(self, function)
         self.py_func = function
-        self._arguments, self._options = arguments, options
+        self._compile = compile_function
         self._dispatcher: Dispatcher | None = None
         self._call: Callable = self._first_call
 
@@ -79,9 +72,7 @@ class CompiledFunction:
         """Return Numba's function; compile it or load it from the cache if necessary."""
         with _compile_lock:
             if self._dispatcher is None:
-                self._dispatcher = self._call = _compile(
-                    self.py_func, self._arguments, self._options
-                )
+                self._dispatcher = self._call = self._compile()
         return self._dispatcher
 
     @property
@@ -94,11 +85,15 @@ class CompiledFunction:
         """Numba's counts of functions that were loaded from the cache and compiled."""
         return self.compile().stats
 
+    # Numba reads the next two attributes where a compiled function calls this one.
+    @property
+    def _numba_type_(self) -> numba.types.Type:
+        return _import_numba().typeof(self.compile())
 
-@typeof_impl.register(CompiledFunction)
-def _find_type(function: CompiledFunction, _context: object) -> numba.types.Type:
-    """Return the Numba type of the function, for calls from compiled functions."""
-    return numba.typeof(function.compile())
+    @property
+    def targetoptions(self) -> dict[str, object]:
+        """Numba's options; `inline` lets Numba inline the function."""
+        return self.compile().targetoptions
 
 
 def jit(signature: str, allocates: bool = True) -> Callable[[Callable], CompiledFunction]:
@@ -115,18 +110,13 @@ def jit(signature: str, allocates: bool = True) -> Callable[[Callable], Compiled
         allocates: whether the function, or a function that it calls, creates arrays. If not, it is
             compiled without reference counting, which makes it faster.
     """
-    given = eval(f"({signature},)", vars(numba.types))
-    arguments = tuple(
-        kind.copy(readonly=True) if getattr(kind, "layout", "") == "A" else kind for kind in given
-    )
-
     def compile_function(function: Callable) -> CompiledFunction:
         # No other language calls the function, so the additional C wrapper is not compiled. `_nrt`
         # is private, but no public option disables reference counting. With reference counting a
         # step of the simulated arm takes 8.0 µs instead of 6.2 µs of processor time (+28 %).
-        made = CompiledFunction(function, arguments, {
+        made = CompiledFunction(function, partial(_compile, function, signature, {
             "nogil": True, "error_model": "numpy", "_nrt": allocates, "no_cfunc_wrapper": True,
-        })  # fmt: skip
+        }))  # fmt: skip
         _functions[function.__module__, function.__qualname__] = made
         return made
 
@@ -143,7 +133,12 @@ def compile_all(package: str = "") -> None:
             function.compile()
 
 
-def _compile(function: Callable, arguments: tuple, options: dict[str, object]) -> Dispatcher:
+def _compile(function: Callable, signature: str, options: dict[str, object]) -> Dispatcher:
+    numba = _import_numba()
+    given = eval(f"({signature},)", vars(numba.types))
+    arguments = tuple(
+        kind.copy(readonly=True) if getattr(kind, "layout", "") == "A" else kind for kind in given
+    )
     # Numba's cache identifies a function only by its file and name. A checksum of everything else
     # that the compiled code depends on is therefore added to the name.
     name = function.__qualname__
@@ -185,34 +180,27 @@ def _compute_file_checksum(path: str, _time: int, _size: int) -> str:
     return str(zlib.crc32(Path(path).read_bytes()))
 
 
-def jit_inline(function: Callable) -> Callable:
+def jit_inline(function: Callable) -> CompiledFunction:
     """Decorate a small function that LLVM inlines into the compiled functions that call it.
 
     A call with three arrays would take more time than, for example, the test of one triangle.
     """
-    return numba.njit(forceinline=True, nogil=True, error_model="numpy", _nrt=False,
-                      no_cfunc_wrapper=True)(function)  # fmt: skip
+    return CompiledFunction(function, partial(_make_inline, function, {"forceinline": True}))
 
 
-def jit_inline_numba(function: Callable) -> Callable:
+def jit_inline_numba(function: Callable) -> CompiledFunction:
     """Decorate a small function that Numba inlines into its callers before LLVM optimises them.
 
     Use this for loops over rows of arrays. LLVM vectorises such loops only if it can prove that the
     rows do not overlap, which is not possible if LLVM itself inlines the function (`jit_inline`).
     """
-    return numba.njit(inline="always", nogil=True, error_model="numpy", _nrt=False,
-                      no_cfunc_wrapper=True)(function)  # fmt: skip
+    return CompiledFunction(function, partial(_make_inline, function, {"inline": "always"}))
 
 
-@intrinsic
-def lowest_bit(typing: object, bits: numba.types.Type) -> tuple[object, Callable]:
-    """Return the index of the lowest set bit of a 64-bit integer other than 0, in compiled code."""
-
-    def build(context: object, builder: object, signature: object, arguments: list) -> object:
-        never_zero = context.get_constant(numba.types.boolean, True)
-        return builder.cttz(arguments[0], never_zero)
-
-    return numba.types.int64(bits), build
+def _make_inline(function: Callable, options: dict[str, object]) -> Dispatcher:
+    return _import_numba().njit(
+        nogil=True, error_model="numpy", _nrt=False, no_cfunc_wrapper=True, **options
+    )(function)
 
 
 @cache

@@ -4,9 +4,16 @@ from __future__ import annotations
 
 import argparse
 
+from aras_visual_servo_base.import_without import import_without
+
 from ..errors import catch_write_errors, check_formats
 from ..studies import compare, tables
 from ..studies.results import Results
+
+# Where pandas is installed, pyarrow imports it (0.7 s of processor time) to check whether the first
+# value that it converts is one of pandas. These commands have none. The results cannot import
+# pyarrow like this: a user's program may have values of pandas.
+import_without("pandas", "pyarrow.dataset")
 
 
 def _split_words(text: str) -> list[str]:

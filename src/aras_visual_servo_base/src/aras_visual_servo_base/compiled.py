@@ -21,7 +21,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
 
-from .import_without import import_without
+from .lazy import import_without
 
 if TYPE_CHECKING:
     import numba

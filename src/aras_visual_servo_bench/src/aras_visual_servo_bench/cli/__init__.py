@@ -10,9 +10,11 @@ from aras_visual_servo_base import compile_packages
 from ..errors import BenchError, find_program_name
 from .arguments import make_parser
 
-# Packages with compiled functions; an installation by pip compiles them at the first start.
+# Packages with compiled functions; an installation by pip compiles them at the first simulation.
 COMPILED_PACKAGES = ("aras_visual_servo_base", "aras_sim_bridge", "aras_visual_servo_camera",
             "aras_visual_servo_controller", "aras_visual_servo_bench")  # fmt: skip
+
+SIMULATING_COMMANDS = ("run", "resume", "protocol", "dataset", "show", "tune", "analyze")
 
 
 def _compile_loops() -> None:
@@ -20,7 +22,7 @@ def _compile_loops() -> None:
     missing = compile_packages.find_missing(COMPILED_PACKAGES)
     if missing:
         start = time.monotonic()
-        print("first start: compiling for one or two minutes", file=sys.stderr, flush=True)
+        print("first simulation: compiling for one or two minutes", file=sys.stderr, flush=True)
         if compile_packages.main(missing) == 0:
             print(f"compiled in {time.monotonic() - start:.0f} s", file=sys.stderr)
 
@@ -30,8 +32,6 @@ def main(argv: list[str] | None = None) -> int:
 
     It is 0 for success, 1 after an error message, 2 for invalid arguments, 130 after ^C.
     """
-    if find_program_name() != "bench":
-        _compile_loops()
     parser = make_parser()
     options, remaining = parser.parse_known_args(argv)
     overrides = [word for word in remaining if "=" in word and not word.startswith("-")]
@@ -40,6 +40,8 @@ def main(argv: list[str] | None = None) -> int:
     if remaining:  # argparse accepts positional arguments only before the options
         options.overrides += overrides
     try:
+        if options.command in SIMULATING_COMMANDS and find_program_name() != "bench":
+            _compile_loops()
         return options.carry_out(options)
     except BenchError as error:
         print(f"{find_program_name()}: {error}", file=sys.stderr)

@@ -54,7 +54,7 @@ def load_world(
 ) -> WorldFile:
     """Read an SDF world file: gravity, physics step, models, lights and scene.
 
-    `SimulationConfig` uses the numbers and lights; `populate` spawns the models in a simulation.
+    `SimulationConfig` takes gravity, physics step, lights and scene; `populate` spawns the models.
 
     Args:
         path: path of the file; with an empty path, return Gazebo's defaults.

@@ -47,7 +47,7 @@ def cluster_triangles(
 
 @jit_inline
 def _compute_surface(low, high, members):
-    """Return half the surface of the box that encloses the boxes of some triangles."""
+    """Return half the surface area of the box that encloses the bounding boxes of triangles."""
     a0, a1, a2 = low[members[0]]
     b0, b1, b2 = high[members[0]]
     for m in members[1:]:

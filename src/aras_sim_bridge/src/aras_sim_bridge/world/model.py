@@ -100,7 +100,7 @@ class Model:
         return tuple(self.description.links)
 
     def get_scoped_name(self, part: str) -> str:
-        """Return the name of a link or joint after that of the main model: 'model::link'."""
+        """Return the name of a link or joint with the name of its model in front: 'model::link'."""
         return f"{self.main_model.name}::{part}"
 
     @property

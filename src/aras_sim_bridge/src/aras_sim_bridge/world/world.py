@@ -400,7 +400,7 @@ class World:
 
     @property
     def steps_until_contact(self) -> int:
-        """Number of steps that may be compiled into one call before a contact is possible."""
+        """Number of steps that one compiled call may compute before a contact becomes possible."""
         return self.isolation.steps_until_update
 
     def get_compiled_step(self, model: Model) -> tuple[np.ndarray | float, ...] | None:

@@ -117,7 +117,7 @@ def success(run: Run) -> float:
 
 @metric("", GREATER, "verdict by the true pose, with the tolerance `reached`")
 def reached(run: Run) -> float:
-    """1 if the camera is truly at its goal, for any outcome of the loop."""
+    """1 if the camera is truly at its goal, whatever outcome the loop reports."""
     return _score_verdict(run, run.verdict.is_reached)
 
 

@@ -276,7 +276,7 @@ class Run(RunPresentation):
 
     @cached_property
     def rank(self) -> np.ndarray:
-        """Rank (n,) of the interaction matrix L, for the directions that the features model."""
+        """Rank of L in each of the n images, in the directions that the features control."""
         return np.array([state.rank for state in self.states], int)
 
     @cached_property

@@ -1,4 +1,4 @@
-"""Find postures of the arm for a camera pose, without occlusion of the target and collisions."""
+"""Find postures of the arm for a camera pose, without collisions or occlusion of the target."""
 
 from __future__ import annotations
 

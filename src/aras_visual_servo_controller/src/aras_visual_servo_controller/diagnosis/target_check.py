@@ -58,10 +58,10 @@ class _RowSums:
         motion_parts: np.ndarray,
         rows_per_sum: int,
     ) -> None:
-        """Add up the rows.
+        """Add up the measured and the predicted motion over groups of successive rows.
 
         Args:
-            rows: all m rows.
+            rows: the m rows, in the order of time.
             feature_motion: (m, k) measured motion of the features in each row.
             motion_parts: (m, k, 6) motion predicted for each row and each direction of the camera.
             rows_per_sum: number of rows in a group.

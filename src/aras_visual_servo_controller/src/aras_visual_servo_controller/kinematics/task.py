@@ -127,7 +127,8 @@ class Task:
     def from_twist(cls, twist: ArrayLike, modelled: ArrayLike = ALL_DIRECTIONS) -> Task:
         """Construct the task of a desired twist (6,).
 
-        Only its components in the modelled directions are desired.
+        Only the components in the directions that the features control belong to the task; the
+        others are free.
         """
         twist, modelled = _read_array(twist), np.array(modelled, bool)
         if twist.shape != (6,):

@@ -139,7 +139,7 @@ def viewer(port, ros_node):
 
 def test_strangers_are_refused(port):
     for path, code, why in (
-        ("/", 403, "no token"), ("/?token=wrong", 403, "not this simulator's"),
+        ("/", 403, "no token"), ("/?token=wrong", 403, "token is wrong"),
         (f"/nothing?token={TOKEN}", 404, "nothing here"),
     ):  # fmt: skip
         with pytest.raises(HTTPError) as refused:
@@ -294,7 +294,7 @@ def test_time_stands_still_steps_and_begins_anew(viewer):
 def test_another_scheme_and_a_moved_goal(viewer):
     done, why = viewer.ask("servo", scheme="os:system", law="proportional", start="2016",
                            goal="auto")  # fmt: skip
-    assert not done and why.startswith("servo: scheme is 'os:system': known are alpha, ")
+    assert not done and why.startswith("servo: scheme is 'os:system', which does not exist: known are alpha, ")
     done, why = viewer.ask("servo", scheme="luminance", law="proportional", start="2015",
                            goal="2016", timeout=90.0)  # fmt: skip
     assert not done

@@ -104,7 +104,7 @@ def test_right_runs_are_counted_by_the_faults_provoked():
     }  # fmt: skip
     alike = replace(up_to, kind="same_from_four_sides")  # of no one heading
     assert by_faults([alike]) == {"fault_free": 1.0}
-    assert "100.0% without a fault." in markdown([alike])
+    assert "100.0% of the runs without a fault." in markdown([alike])
 
 
 def test_bounds_are_met_by_what_is_right():

@@ -9,7 +9,12 @@ from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.runner.loop import run
 from aras_visual_servo_bench.studies.remedies import apply_remedy
+from aras_visual_servo_controller.diagnosis.advice import suggest_gain
+from aras_visual_servo_controller.diagnosis.evidence import combine_outcomes
+from aras_visual_servo_controller.laws.registry import create_law
+from aras_visual_servo_controller.records.outcomes import Outcome
 from aras_visual_servo_controller.records.remedy import Change, Remedy, multiply, remove, set_value
+from aras_visual_servo_controller.schemes.registry import create_scheme
 
 CORNERS = [[-0.05, -0.04], [0.05, -0.05], [0.04, 0.05], [-0.03, 0.03]]
 BASE = {
@@ -40,6 +45,31 @@ def test_a_remedy_is_its_sentence_and_keeps_its_changes():
     assert str(multiply("start", 0.5)) == "multiply the start's offset from the goal by 0.5"
     with pytest.raises(ValueError, match="operation 'add' is unknown; use one of set, mul"):
         Change("gain", "add", 1.0)
+
+
+def test_a_remedy_is_made_of_a_text_and_of_changes():
+    made = Remedy("check the arm: whether it moves", multiply("gain", 0.5))
+    assert made.advice == "check the arm: whether it moves"
+    assert made == "check the arm: whether it moves: multiply gain by 0.5"
+    assert pickle.loads(pickle.dumps(made)).advice == made.advice
+    for arguments in (("slow", "slow"), (made,), (made, multiply("gain", 0.5))):
+        with pytest.raises(TypeError, match="made of a text and of Changes"):
+            Remedy(*arguments)
+
+
+def test_a_combined_remedy_is_the_whole_advice_with_the_changes_of_both():
+    first = Outcome("joints_do_not_follow", "one", Remedy("check J1: whether it moves"))
+    second = Outcome("gain_too_high", "two", Remedy("lower the gain", multiply("gain", 0.5)))
+    found = combine_outcomes(first, second)
+    assert found.remedy == "check J1: whether it moves: multiply gain by 0.5"
+    assert found.reason == "one; in addition, two"
+
+
+def test_of_an_adaptive_gain_both_ends_are_lowered():
+    scheme = create_scheme("points", create_law("adaptive", zero=4.0, infinity=1.0))
+    found = suggest_gain(scheme, 2.0, 10.0)
+    assert [change.key for change in found.changes] == ["law_options.zero", "law_options.infinity"]
+    assert found.count("lower the gain") == 1
 
 
 def test_changes_set_multiply_and_remove_keys_of_the_experiment_and_of_the_controller():

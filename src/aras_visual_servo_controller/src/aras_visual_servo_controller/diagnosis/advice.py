@@ -80,7 +80,7 @@ def suggest_gain(
         factor = min(max(factor, MIN_GAIN_FACTOR), MAX_GAIN_FACTOR)
         return Remedy(advice, multiply("gain", factor), *_compute_duration(gain * factor, duration))
     if hasattr(law, "zero") and hasattr(law, "infinity"):
-        return Remedy(advice,
+        return Remedy(
             advice, multiply("law_options.zero", 0.3), multiply("law_options.infinity", 0.3)
         )
     return Remedy(advice)
@@ -171,7 +171,7 @@ def suggest_larger_target(noise: float, *others: Change) -> Remedy:
 
 def suggest_faster_joints(advice: Remedy) -> Remedy:
     """Return the advice with a shorter lag, for joints that follow their commands too slowly."""
-    return Remedy(str(advice), multiply("lag", 0.02))
+    return Remedy(advice.advice, *advice.changes, multiply("lag", 0.02))
 
 
 def suggest_wider_limits(keys: Sequence[str]) -> Remedy:

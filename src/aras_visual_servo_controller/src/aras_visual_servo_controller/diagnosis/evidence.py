@@ -134,11 +134,12 @@ class Evidence:
             or self.progress_check.noise
         ):
             return candidate
-        return make_outcome(
+        return Outcome(
             "wrong_object",
             f"something has covered the target since {steps.occluded_since:.2f} s; "
             f"{100.0 * steps.visible_part:.0f} % of it is visible; {candidate.reason}",
-        ).with_remedy(UNCOVER_TARGET)
+            UNCOVER_TARGET,
+        )
 
     def add_advice(self, candidate: Outcome) -> Outcome:
         """Add further findings and a specific remedy to the outcome of an unsuccessful run."""
@@ -195,5 +196,5 @@ def combine_outcomes(first: Outcome, second: Outcome) -> Outcome:
     changes = dict.fromkeys((*first.remedy.changes, *second.remedy.changes))
     return replace(
         first, reason=f"{first.reason}; in addition, {second.reason}",
-        remedy=Remedy(str(first.remedy).partition(":")[0], *changes),
+        remedy=Remedy(first.remedy.advice, *changes),
     )  # fmt: skip

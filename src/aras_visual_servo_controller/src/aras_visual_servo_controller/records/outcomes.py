@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from math import nan
 
-from .remedy import Remedy, multiply, remove, set_value
+from .remedy import Change, Remedy, multiply, remove, set_value
 
 CALIBRATE_CAMERA = Remedy(
     "calibrate the camera (K, D and its mounting) and check that it is mounted firmly",
@@ -116,7 +116,7 @@ class Outcome:
         """Return whether no fault has been found so far."""
         return self.kind == "running" or self.kind.startswith("converged")
 
-    def with_remedy(self, advice: str, *changes: object) -> Outcome:
+    def with_remedy(self, advice: str, *changes: Change) -> Outcome:
         """Return the outcome with another remedy."""
         return replace(self, remedy=Remedy(advice, *changes))
 

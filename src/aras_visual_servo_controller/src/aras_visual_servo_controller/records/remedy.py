@@ -51,10 +51,12 @@ class Remedy(str):
     """Advice to the user, as a text that ends with the changes of settings.
 
     Attributes:
+        advice: the text without the changes.
         changes: changes that a program can apply; empty if only a person can help.
     """
 
-    __slots__ = ("changes",)
+    __slots__ = ("advice", "changes")
+    advice: str
     changes: tuple[Change, ...]
 
     def __new__(cls, advice: str = "", *changes: Change) -> Remedy:
@@ -63,14 +65,20 @@ class Remedy(str):
         Args:
             advice: what a person should do.
             changes: changes that a program can apply.
+
+        Raises:
+            TypeError: the advice is a Remedy, whose changes would be lost, or a change is no
+                Change.
         """
+        if isinstance(advice, Remedy) or not all(isinstance(one, Change) for one in changes):
+            raise TypeError("a Remedy is made of a text and of Changes")
         text = " and ".join(map(str, changes))
         remedy = super().__new__(cls, ": ".join(filter(None, (advice, text))))
-        remedy.changes = changes
+        remedy.advice, remedy.changes = advice, changes
         return remedy
 
     def __reduce__(self) -> tuple:
-        return _restore, (str(self), self.changes)
+        return Remedy, (self.advice, *self.changes)
 
 
 def set_value(key: str, value: Any) -> Change:
@@ -86,12 +94,6 @@ def multiply(key: str, factor: float) -> Change:
 def remove(key: str) -> Change:
     """Return the change that removes a key."""
     return Change(key, "remove")
-
-
-def _restore(sentence: str, changes: tuple[Change, ...]) -> Remedy:
-    remedy = Remedy(sentence)
-    remedy.changes = changes
-    return remedy
 
 
 def _format_value(value: Any) -> str:

@@ -87,10 +87,8 @@ class Servo(ServoControl):
         than the last one has no effect.
         """
         stamp = float(observation.stamp)
-        late = self._stamp is not None and stamp <= self._stamp
-        early = self._now is not None and stamp > self._now + MAX_STAMP_LEAD
-        if late or early or not np.isfinite(stamp):
-            return self._record(observation, reason=f"image of {stamp:.3f} s ignored: it is late")
+        if fault := self._find_stamp_fault(stamp):
+            return self._record(observation, reason=f"image of {stamp:.3f} s ignored: {fault}")
         if self._stamp is not None:
             self._period = stamp - self._stamp
         self._stamp = stamp
@@ -141,6 +139,16 @@ class Servo(ServoControl):
             return self._record(observation, scheme_output=None)
         seconds = 0.0 if start_time is None else self.clock() - start_time
         return self._commit(observation, joints, output, solution, seconds)
+
+    def _find_stamp_fault(self, stamp: float) -> str:
+        """Describe why an image of this stamp (s) cannot be used; '' if it can."""
+        if not np.isfinite(stamp):
+            return "its stamp is not finite"
+        if self._stamp is not None and stamp <= self._stamp:
+            return "it is not newer than the last image"
+        if self._now is not None and stamp > self._now + MAX_STAMP_LEAD:
+            return "its stamp is ahead of the joint states"
+        return ""
 
     def _commit(
         self,

@@ -17,6 +17,7 @@ from pathlib import Path
 
 from docutils import nodes
 from sphinx.application import Sphinx
+from sphinx.errors import ConfigError
 from sphinx.writers.html5 import HTML5Translator
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -214,6 +215,9 @@ def copy_files(app: Sphinx, error: Exception | None) -> None:
 
 def setup(app: Sphinx) -> None:
     """Register the functions of this file with Sphinx."""
+    if not (KATEX / "katex.min.js").is_file():
+        raise ConfigError(f"{KATEX}, which typesets the formulas, is missing: run "
+                          "./setup.sh --for developing")  # fmt: skip
     app.add_html_math_renderer(
         "katex", (write_inline_formula, None), (write_displayed_formula, None)
     )

@@ -13,7 +13,7 @@ import numpy as np
 from aras_sim_bridge.errors import HardwareError
 from aras_visual_servo_base.compiled import column, jit
 from aras_visual_servo_base.settings import read
-from aras_visual_servo_base.urdf import Joint, JointLimits
+from aras_visual_servo_base.urdf import Joint, JointLimits, SoftLimits
 
 EFFORT = "EffortJointInterface"
 POSITION = "PositionJointInterface"
@@ -53,7 +53,7 @@ class JointHandle:
         name: str,
         kind: str,
         limits: JointLimits | None = None,
-        soft_limits: JointLimits | None = None,
+        soft_limits: SoftLimits | None = None,
         interface: str = STATE,
         row: np.ndarray | None = None,
     ) -> None:

@@ -123,6 +123,9 @@ def test_of_several_changes_those_that_apply_are_made():
         "wrong_camera_model"),
     ({"target": {"shape": CORNERS}, "gain": 0.2, "duration": 3.0}, "timed_out"),
     ({"target": {"shape": CORNERS}, "delay": 0.3, "gain": 5.0}, "gain_too_high"),
+    ({"target": {"shape": CORNERS, "occluder": [[-0.06, -0.06], [-0.01, 0.06]],
+                 "occluded": [[0.5, 60.0]]}, "features": "images", "scheme": "moments"},
+        "wrong_object"),
 ])  # fmt: skip
 def test_the_remedy_of_a_run_that_fails_helps(keys, outcome):
     experiment = Experiment.from_mapping({**BASE, "calibration_offset": {}, **keys})

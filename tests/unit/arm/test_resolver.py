@@ -278,7 +278,8 @@ def test_speed_limits_keep_the_direction():
     assert slow.scale == pytest.approx(0.1 / np.abs(free.velocities).max(), rel=1e-9)
     assert np.abs(slow.achieved_twist - slow.scale * twist).max() < 1e-9
     assert slow.limiting_joint == arm.names[int(np.abs(free.velocities).argmax())]
-    assert any("slowed to" in reason for reason in slow.reasons)
+    percent, joint = 100.0 * slow.scale, slow.limiting_joint
+    assert f"velocity scaled to {percent:.0f} % (limit of {joint})" in slow.reasons
 
 
 @pytest.mark.parametrize("acceleration", [None, 0.5])

@@ -207,7 +207,7 @@ class DifferentialIK:
             reasons += self._explain_infeasible(infeasible, bool(names), straight)
         limiting = "" if slowest < 0 else self.arm.names[slowest]
         if limiting:
-            reasons.append(f"slowed to {100.0 * scale:.0f} % for a limit of {limiting}")
+            reasons.append(f"velocity scaled to {100.0 * scale:.0f} % (limit of {limiting})")
         return IKSolution(
             velocities, primary, desired, achieved, infeasible, scale, margins, tuple(names),
             limiting, tuple(reasons), task.L, view[1], task.modelled,

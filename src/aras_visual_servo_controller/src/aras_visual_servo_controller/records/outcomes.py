@@ -18,7 +18,7 @@ KEEP_TARGET_AT_REST = Remedy(
 )
 UNCOVER_TARGET = Remedy(
     "make sure that nothing covers the target and that it does not move",
-    remove("target.occluder"), remove("target.motion"),
+    remove("target.occluded"), remove("target.occluder"), remove("target.motion"),
 )  # fmt: skip
 START_CLOSER = multiply("start", 0.5)
 

@@ -24,7 +24,7 @@ from aras_visual_servo_camera.errors import DegenerateFeatureError, FeatureError
 from aras_visual_servo_camera.feature_formulas import FORMULAS
 from aras_visual_servo_camera.features import PAPER_FEATURES, Reference, compute_required_order
 from aras_visual_servo_camera.features import compute_moment_features as compute
-from aras_visual_servo_camera.formula import Formula, Program
+from aras_visual_servo_camera.formula import CompiledFormulas, Formula
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.moments import Moments, exponents
 
@@ -293,7 +293,7 @@ def test_partial_derivatives_follow_from_the_formula(name: str) -> None:
     formula = FORMULAS[name]
     random = np.random.default_rng(5)
     at = random.uniform(0.5, 2.0, len(formula.names))
-    program = Program([name], {name: formula}.get, formula.names, {})
+    program = CompiledFormulas([name], {name: formula}.get, formula.names, {})
     _, (partials,) = program.evaluate(*at)
     for k, partial in enumerate(partials):
         step = np.zeros(len(at))

@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from .degeneracy import CHECKS, DEFAULT_TOLERANCE
 from .errors import DegenerateFeatureError, FeatureError
 from .feature_formulas import DENOMINATORS, FORMULAS
-from .formula import Formula, Program
+from .formula import CompiledFormulas, Formula
 from .interaction import Plane, compute_centred_interaction, compute_raw_interaction
 from .moments import DENSE, Moments, exponents
 from .orientation import Orientation, full_alpha
@@ -220,8 +220,10 @@ def _make_plan(names: tuple[str, ...], kind: str) -> _Plan:
 
 
 @lru_cache(maxsize=256)
-def _make_program(names: tuple[str, ...], leaves: tuple[str, ...]) -> Program:
-    return Program(names, lambda name: _make_node(name).formula, leaves, {"alpha_full": "alpha"})
+def _compile_plan(names: tuple[str, ...], leaves: tuple[str, ...]) -> CompiledFormulas:
+    return CompiledFormulas(
+        names, lambda name: _make_node(name).formula, leaves, {"alpha_full": "alpha"}
+    )
 
 
 def compute_required_order(names: Iterable[str], kind: str = DENSE) -> int:
@@ -392,7 +394,7 @@ class _View:
         Raises:
             ZeroDivisionError: a feature divides by zero.
         """
-        program = _make_program(names, leaves)
+        program = _compile_plan(names, leaves)
         used = program.used_leaves
         return program.evaluate(*(self._get_leaf(n) if n in used else 0.0 for n in leaves))
 

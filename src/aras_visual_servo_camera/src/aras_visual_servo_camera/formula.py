@@ -35,7 +35,7 @@ class Formula:
         return f"Formula({self.source!r})"
 
 
-class Program:
+class CompiledFormulas:
     """Several formulas, which may use each other, compiled to one function without loops.
 
     A leaf is a variable that has no formula, such as a moment.

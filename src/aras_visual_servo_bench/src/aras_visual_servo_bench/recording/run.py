@@ -189,11 +189,6 @@ class Run(RunPresentation):
         if len(self.tolerances) != count:
             self.tolerances = ()
 
-    @property
-    def run(self) -> Run:
-        """This run; user metrics can be written for an object that has a run as attribute."""
-        return self
-
     # -- images ----------------------------------------------------------------------------
 
     @cached_property

@@ -25,7 +25,7 @@ def analyze(options: argparse.Namespace) -> int:
     names = [name.strip() for name in options.names.split(",") if name.strip()]
     if names and len(names) != len(options.runs):
         raise BenchError(f"--names has {len(names)} names for {len(options.runs)} runs")
-    compilation.compile_once()  # a run of a study is repeated
+    compilation.prepare_simulation()  # a run of a study is repeated
     bar = ProgressBar(sys.stderr)
     try:
         runs = []

@@ -1,4 +1,4 @@
-"""Compilation at the first simulation of an installation by pip."""
+"""Preparation of commands that simulate: import of Numba, and compilation for pip."""
 
 from __future__ import annotations
 
@@ -6,24 +6,37 @@ import os
 import sys
 import time
 
+from aras_visual_servo_base.compiled import import_numba, warn_uncached
+from aras_visual_servo_base.program import fast_imports
+
 from ..errors import find_program_name
+from ..progress_bar import ProgressBar
 
 COMPILED_PACKAGES = ("aras_visual_servo_base", "aras_sim_bridge", "aras_visual_servo_camera",
                      "aras_visual_servo_controller", "aras_visual_servo_bench")  # fmt: skip
 
 
-def compile_once() -> None:
+def prepare_simulation() -> None:
+    """Import Numba, and compile what an installation by pip has not compiled yet.
+
+    Commands call this before they simulate. The set-up of a workspace compiles all functions.
+
+    Raises:
+        CompilerError: Numba cannot be imported.
+    """
+    # Garbage collection among Numba's objects would take a tenth of the time of a short run.
+    with fast_imports():
+        import_numba()
+    if find_program_name() != "bench":
+        _compile_missing()
+
+
+def _compile_missing() -> None:
     """Compile all functions that are not in the cache, on all cores and with a progress bar.
 
-    Commands call this before they simulate. In a workspace it does nothing, because the set-up
-    compiles. If the compilation fails, the simulation compiles the functions that it calls.
+    If this fails, the simulation compiles the functions that it calls.
     """
-    if find_program_name() == "bench":
-        return
-    from aras_visual_servo_base import compile_packages
-    from aras_visual_servo_base.compiled import warn_uncached
-
-    from ..progress_bar import ProgressBar
+    from aras_visual_servo_base import compile_packages  # imports multiprocessing
 
     missing = compile_packages.find_missing(COMPILED_PACKAGES)
     if not missing:

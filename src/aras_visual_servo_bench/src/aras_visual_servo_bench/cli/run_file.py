@@ -59,7 +59,7 @@ def _run_experiment(experiment: Experiment, options: argparse.Namespace) -> int:
             raise StudyError(f"--{name.replace('_', '-')} applies to studies, not to an experiment")
     name, source = ("demo", "") if options.study is None else (options.study.stem, options.study)
     out = None if options.no_report else options.out
-    compilation.compile_once()
+    compilation.prepare_simulation()
     if out is None:
         run = loop.run(experiment)
         run.name = name

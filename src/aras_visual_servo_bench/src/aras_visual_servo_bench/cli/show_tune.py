@@ -29,7 +29,7 @@ def show(options: argparse.Namespace) -> int:
 
     folder = StudyFolder.open(options.folder)
     out = options.out or options.folder / f"show-{options.run}"
-    compilation.compile_once()
+    compilation.prepare_simulation()
     try:
         run, changed = replay.replay(folder, options.run)
     except StudyError as error:

@@ -155,7 +155,7 @@ def test_an_error_that_no_motion_takes_away_is_a_local_minimum(reached, since, k
     found = progress.explain_stall(state)
     assert found.kind == kind
     if kind == "local_minimum":
-        assert "10 times its tolerance: a camera motion can reduce 9 %" in found.reason
+        assert "a camera motion can reduce the error by at most 9 %" in found.reason
         words = found.reason.split("null direction ")[1]
         assert abs(np.array(json.loads(words)) @ direction) == pytest.approx(1.0)
 

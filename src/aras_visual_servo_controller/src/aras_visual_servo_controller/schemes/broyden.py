@@ -21,13 +21,13 @@ from aras_visual_servo_base.poses import logarithm
 from ..features.base import FeatureMeasurement
 from ..observation.observation import Observation
 
-# Let d be the translation, in m, that moves the features as far as a rotation by 1 rad. A rotation
-# by
-# 1 rad has the weight of this fraction of d.
+# Let d be the translation, in m, that moves the features as far as a rotation by 1 rad. In
+# Broyden's rule, a rotation by 1 rad counts as a translation by this fraction of d.
 ROTATION_WEIGHT = 0.5
 MIN_STEP = 1 / 600  # camera motion at which half of the feature change is noise, as a fraction of d
-UNKNOWN_MOTION = 0.6  # value of d if L is zero, m
-LONGEST_JUMP = 1.0  # if an error changes by more than this, it is an angle that wrapped
+UNKNOWN_MOTION = 0.6  # d, m, if L is zero
+# An error that changes by more than this is a wrapped angle; the image is skipped.
+LONGEST_JUMP = 1.0
 
 
 class Broyden:
@@ -65,8 +65,8 @@ class Broyden:
         if self._L is None or len(self._L) != len(error):
             known = self.start if self.start is not None else measured.L
             self._L = np.array(known, float)
-            # Translation, m, that moves the features as far as 1 rad; for points it is their
-            # distance.
+            # Translation d, m, that moves the features as far as a rotation by 1 rad. For points it
+            # is their distance from the camera.
             moving, turning = (np.linalg.norm(part) for part in np.hsplit(self._L, 2))
             length = turning / moving if moving > 0.0 and turning > 0.0 else UNKNOWN_MOTION
             self._weights = np.repeat((1.0, (ROTATION_WEIGHT * length) ** 2), 3)

@@ -131,7 +131,7 @@ def check_scheme(scheme: object, name: str) -> object:
                 f"scheme '{name}': {type(scheme).__name__} has no {attribute}; define it"
             )
     for attribute, single in (("names", str), ("units", str), ("needs", Need)):
-        if isinstance(getattr(scheme, attribute), single):  # a single value instead of a tuple
+        if isinstance(getattr(scheme, attribute), single):  # a single value is made a tuple
             value = getattr(scheme, attribute)
             setattr(scheme, attribute, (value,) if value else ())
     if np.ndim(scheme.tolerances) == 0 and isinstance(scheme.tolerances, int | float):

@@ -1,7 +1,7 @@
 """Time limits for user-defined code.
 
 A watchdog thread checks all running calls every CHECK_PERIOD. In a call that exceeds its limit, it
-raises an exception. The time of a call is the number of checks, so that no time passes while the
+raises an exception. The time of a call is counted in checks, so that it stands still while the
 process is suspended or at a debugger's prompt. The thread ends when there are no calls to check.
 
 Python raises the exception between two bytecode instructions. A call that blocks outside of Python
@@ -86,7 +86,8 @@ def call_user_code(
             return call(*arguments)
         finally:
             _end_call(here)
-    except BaseException as error:  # Clean-up code of the call can raise another exception.
+    # An interrupted call may also raise another exception, from its clean-up code.
+    except BaseException as error:
         _end_call(here)
         if here.is_interrupted:
             place = _find_place(error.__traceback__)
@@ -150,7 +151,7 @@ def _watch_calls() -> None:
         known, idle = now, 0 if now else idle + 1
         if idle >= IDLE_CHECKS:
             with _thread_lock:
-                if not _calls:  # a call that is added from now on starts a new thread
+                if not _calls:  # the next call starts a new thread
                     _watch_thread = None
                     return
 

@@ -81,7 +81,7 @@ class Matches(Luminance):
         )  # fmt: skip
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | float | None:
-        """Return the accuracy of s: the residual of the latest matches after the best motion."""
+        """Return the accuracy of s: the rms distance of the matches after the best motion."""
         return self._match_error
 
     def detect_keypoints(self, grey: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:

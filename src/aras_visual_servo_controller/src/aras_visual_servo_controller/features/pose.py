@@ -251,7 +251,7 @@ def refine_pose(
         if not (P[:, 2] > 0.0).all():
             raise MeasurementError("the points of the target give a pose behind the camera")
         projected = P[:, :2] / P[:, 2:]
-        # The target moves relative to the camera, so L has the opposite sign.
+        # refine_pose moves the target and not the camera, so L has the opposite sign.
         L = -point_interaction(projected, 1.0 / P[:, 2])
         step = np.linalg.lstsq(L, (points - projected).ravel(), rcond=None)[0]
         turned = exponential(step)[:3, :3]

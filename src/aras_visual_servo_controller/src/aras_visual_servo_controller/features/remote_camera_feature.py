@@ -15,7 +15,7 @@ from ..goals.goal import Goal
 from ..observation.observation import Need, Observation
 from .base import Feature, FeatureMeasurement, scale_tolerances
 
-ROUNDING = 1e-6  # element of an adjoint matrix below which it is treated as 0
+ROUNDING = 1e-6  # elements of an adjoint matrix below this are treated as 0
 
 
 class RemoteCameraFeature(Feature):
@@ -94,7 +94,7 @@ class RemoteCameraFeature(Feature):
         )))  # fmt: skip
 
     def teach(self, observation: Observation) -> Mapping[str, Any]:
-        """Return the data of the view at the goal that the goal file stores."""
+        """Return the data that the goal file stores for this feature, from the view at the goal."""
         return self.feature.teach(observation.cameras[self.camera])
 
     def reset(self) -> None:

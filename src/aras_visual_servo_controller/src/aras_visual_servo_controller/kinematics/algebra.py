@@ -129,8 +129,8 @@ def solve_least_squares(L, e, tolerance):
 def has_singular_values_above(a, bound):
     """Return whether all singular values of a (m, n) are greater than `bound`.
 
-    They are if the Cholesky decomposition of a a^T - bound^2 I exists, where a^T a is used if a has
-    more rows than columns.
+    This is the case if the Cholesky decomposition of a a^T - bound^2 I exists. If a has more rows
+    than columns, a^T a is used instead.
     """
     side = a if a.shape[0] <= a.shape[1] else a.T
     squares = multiply(side, side.T)

@@ -287,8 +287,9 @@ class Arm:
         Args:
             world_T_camera: (4, 4) desired pose of the camera.
             q0: (n,) joints from which the search starts.
-            tolerance: largest pose error: position in m, orientation in 0.1 m x rad. Most solutions
-                are exact to 1e-12; near a singularity of the arm, an error of up to 1e-8 remains.
+            tolerance: largest pose error, m, in which a rotation error of 1 rad counts as 0.1 m.
+                Most solutions are exact to 1e-12; near a singularity of the arm, an error of up to
+                1e-8 remains.
             cost: function that returns the cost >= 0 of joints (n,). The first solution with the
                 cost 0 is returned; if there is none, the solution with the lowest cost. None to
                 return the first solution.

@@ -101,7 +101,7 @@ class LoopRunner:
         self._silence_report_time = -np.inf
         self._clock_moved_time = wall_clock()  # wall time at which the clock last advanced
         self._is_starved = self._is_e_stopped = self._is_ended = False
-        self.start_count = 0  # number of times that joint states have started
+        self.start_count = 0  # number of times that joint states started to arrive
         self._sources: dict[str, Source] = {}
         features = settings.get_camera(camera_rig.control.name).features
         self.set_source(

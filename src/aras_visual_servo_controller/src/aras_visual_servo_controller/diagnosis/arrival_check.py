@@ -52,10 +52,10 @@ MAX_SCATTER = 3.0
 # The mean of a few images could hide a motion. If the window contains fewer than FEW_IMAGES images,
 # each single image therefore has to be within the tolerances.
 FEW_IMAGES = 5
-MIN_IMAGES = 3  # smallest number of images in the window
+MIN_IMAGES = 3  # smallest number of images that can show an arrival
 MAX_WINDOW = 120  # largest number of averaged images
-# An error of more than this many tolerances (four times the largest noise) empties the window,
-# because the linearisation by L is not valid so far from the goal.
+# If an error exceeds this number of tolerances (four times the largest noise), the stored offsets
+# are removed, because the linearisation by L is not valid so far from the goal.
 FAR_TOLERANCES = 12.0
 # The uncertainty is computed again when the mean error has decreased to this fraction of the error
 # for which it was computed last.

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from ..kinematics.ik_solution import IKSolution
 
 WINDOW = 1.5  # time over which progress is evaluated, s
-# There is no progress if the mean error in the second half of this time exceeds this fraction of
-# the mean error in the first half.
+# There is no progress if the mean error in the second half of WINDOW exceeds this fraction of the
+# mean error in the first half.
 MIN_PROGRESS = 0.9
 STALL_REASON = "the error does not decrease"
 # The error decreases slowly if the ratio of the two mean errors is between MIN_PROGRESS and this

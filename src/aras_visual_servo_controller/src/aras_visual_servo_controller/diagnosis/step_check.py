@@ -63,7 +63,7 @@ class StepCheck:
     # A jump is a step that exceeds MIN_JUMP tolerances, and JUMP_FACTOR times both the explained
     # step and the typical step.
     MIN_JUMP, JUMP_FACTOR = 20.0, 8.0
-    STEP_MEMORY = 0.9  # weight of the old value in the typical step
+    STEP_MEMORY = 0.9  # weight of the old value in the running means
     # `unchanged_since` is set when the error has not changed in UNCHANGED_IMAGES images although
     # the predicted motion of the features is MIN_PREDICTED_MOTION tolerances.
     MIN_PREDICTED_MOTION, UNCHANGED_IMAGES = 5.0, 8

@@ -143,11 +143,12 @@ class TargetCheck:
     0.6 Hz, at least 0.2 for a wrong mounting or focal length, and 0.9 for image noise.
     """
 
-    ROW_PERIOD = 0.12  # shortest duration of a row, s
+    ROW_PERIOD = 0.12  # one row of the fit is the motion during at least this time, s
     SPAN = 6.0  # time over which the motion is fitted, s
     MIN_ROWS = 10  # number of rows before the first fit
     CHECK_PERIOD = 5  # number of rows between two fits
-    # Smallest number of values in a fit: its 18 factors would explain any smaller set of values.
+    # Smallest number of values in a fit of single rows. A wrong camera model is fitted with 18
+    # factors, which would explain any small set of values.
     MIN_NUMBERS = 60
     # Numbers of rows in a group. If groups of one row show no motion, larger groups are tried: a
     # target at 1 mm/s moves by less than the tolerances within ROW_PERIOD, and the sum over a group
@@ -156,7 +157,7 @@ class TargetCheck:
     # For each group size: a target motion is fitted if the rms residual for a target at rest
     # exceeds this, in tolerances.
     MIN_RESIDUAL = (0.3, 0.3, 0.3, 0.15)
-    MIN_SUMMED_NUMBERS = 12  # smallest number of summed values in a fit
+    MIN_SUMMED_NUMBERS = 12  # smallest number of values in a fit of sums over groups of rows
     # An oscillation is fitted only to rows that cover at least this time, s.
     MIN_OSCILLATION_SPAN = 2.5
     # The target moves if its motion reduces the residual to less than this fraction of the residual

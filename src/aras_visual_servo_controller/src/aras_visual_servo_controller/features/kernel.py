@@ -1,4 +1,4 @@
-"""The kernel features of 2015, with a corrected derivative.
+"""The kernel features of the laboratory's controller of 2015, with a corrected derivative.
 
 The camera node publishes the four features
 
@@ -102,7 +102,9 @@ class Kernel(Feature):
         try:
             J = np.linalg.inv(data[:16].reshape(4, 4))
         except np.linalg.LinAlgError as error:
-            raise MeasurementError("the kernel features' Jacobian is singular") from error
+            raise MeasurementError(
+                "camera/kernel: the kernel features' Jacobian is singular; check the camera node"
+            ) from error
         depth = goal.depth * np.sqrt(kernel.features[2] / k[2])
         L = _compute_interaction(J, np.reshape(observation.camera.K, (3, 3)), depth)
         scale = np.append(kernel.features[:3], 1.0)

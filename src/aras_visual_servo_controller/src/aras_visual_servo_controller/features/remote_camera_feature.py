@@ -22,8 +22,9 @@ class RemoteCameraFeature(Feature):
     """A feature measured by another camera than the control camera.
 
     Its L is transformed to the twist of the control camera. If the other camera exposed earlier, s
-    is extrapolated to the control camera's exposure. The feature controls the directions of the
-    control camera that move the other camera in a direction controlled by the wrapped feature.
+    is extrapolated to the control camera's exposure. The wrapped feature controls some directions
+    of the other camera. This feature controls all directions of the control camera that move the
+    other camera in one of those.
     """
 
     def __init__(self, feature: Feature, camera: str) -> None:

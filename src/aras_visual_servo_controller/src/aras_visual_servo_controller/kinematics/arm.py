@@ -69,7 +69,9 @@ class Arm:
         moving += [j for j in target_path if j.kind != "fixed" and j.name not in shared]
         moving = _select_joints(moving, joints)
         if not moving:
-            raise ConfigurationError("robot description: no joint moves the camera")
+            raise ConfigurationError(
+                "robot description: no joint moves the camera; check camera_frame and joints"
+            )
         limits = np.array(list(zip(*map(_read_limits, moving), strict=True)))
         self.lower, self.upper, self.velocity, self.effort = map(_make_read_only, limits)
         span = np.where(np.isfinite(self.upper - self.lower), self.upper - self.lower, np.nan)
@@ -127,7 +129,8 @@ class Arm:
             raise ConfigurationError(f"robot description: {error}") from None
         if not path:
             raise ConfigurationError(
-                f"robot description: {camera_frame} is the base itself, which no joint moves"
+                f"robot description: {camera_frame} is the base itself, which no joint moves; name "
+                "a link that a joint moves as camera_frame"
             )
         return cls(path, target_path, joints, locked)
 
@@ -361,7 +364,7 @@ def _check_joint(joint: Joint) -> None:
     if joint.is_movable and joint.mimic is not None:
         raise DescriptionError(
             f"joint '{joint.name}' mimics another joint and moves the camera, which is not "
-            "supported"
+            "supported: remove its <mimic> from the description"
         )
     lower, upper, _, _ = _read_limits(joint)
     if not lower < upper:

@@ -19,7 +19,7 @@ WELL_CONDITIONED = 0.05
 MIN_DEMAND = 0.3
 # Singular values below this fraction of the largest one are rounding errors.
 SINGULAR_TOLERANCE = 1e-9
-STRAIGHT_TOLERANCE = 1e-9  # rad; if an elbow is bent less, rounding determines its side
+STRAIGHT_TOLERANCE = 1e-9  # bend of an elbow, rad, below which rounding determines its side
 # A joint motion of less than this, in rad or m, hardly changes the Jacobian, even near a straight
 # elbow.
 SMALL_MOTION = 0.002

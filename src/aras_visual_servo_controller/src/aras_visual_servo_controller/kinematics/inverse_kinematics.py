@@ -9,7 +9,7 @@ from aras_visual_servo_base.poses import rotation_vector, rotation_vector_rate, 
 
 from ..errors import UnreachableError
 
-ROTATION_LENGTH = 0.1  # m; length that has the same weight as 1 rad
+ROTATION_LENGTH = 0.1  # length that has the same weight as 1 rad, m
 ATTEMPTS = 16  # number of initial guesses; the given one is the first
 
 

@@ -226,7 +226,7 @@ def _read_array(values: ArrayLike) -> np.ndarray:
     try:
         return np.array(values, float)
     except (TypeError, ValueError) as error:
-        raise TaskError(f"not an array of numbers: {error}") from error
+        raise TaskError(f"a value of the task is not an array of numbers: {error}") from error
 
 
 def _reduce_rows(

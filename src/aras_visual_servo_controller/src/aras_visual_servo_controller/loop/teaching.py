@@ -205,7 +205,7 @@ def complete_by_geometry(goal: Goal, scheme: Scheme | JointController) -> Goal:
             outline = _sample_sides(goal.target.compute_outline(goal.world_T_camera))
             view = FeatureObserver(None, scheme.needs).observe_exact_features(
                 0.0, goal.camera, world_T_camera=goal.world_T_camera, plane=goal.plane,
-                # The corners are found as in an image.
+                # Find the corners by the same method as in an image.
                 contour=outline, points=find_corners(outline),
             )  # fmt: skip
             taught = {key: dict(entry) for key, entry in scheme.teach(view).items()}

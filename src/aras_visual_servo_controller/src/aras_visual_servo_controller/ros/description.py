@@ -9,7 +9,7 @@ import rospy
 
 from aras_visual_servo_base import safe_xml
 
-PERIOD = 0.2  # wall time between two checks, s
+PERIOD = 0.2  # wall time between two checks for a new robot description, s
 
 
 class DescriptionWatch:

@@ -21,7 +21,7 @@ from .node_settings import read_node_settings
 from .reconfigure import GainServer
 from .ros_publisher import RosPublisher
 
-WATCH_PERIOD = 0.02  # wall time between two checks, s
+WATCH_PERIOD = 0.02  # wall time between two checks of the robot description and of the timeouts, s
 SHUTDOWN_TIME = 0.2  # wall time that rospy's threads get for sending the last messages, s
 
 

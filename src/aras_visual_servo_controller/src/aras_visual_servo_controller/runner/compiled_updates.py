@@ -27,10 +27,8 @@ if TYPE_CHECKING:
     from .loop_runner import LoopRunner
 
 # Indices of the array `clock`, whose times are in s: last update, latest joint state, computation
-# of
-# the present velocities, time for which these are valid, last command. The last element is the
-# index
-# of the current task, 0 or 1.
+# of the present velocities, time for which these are valid, last command. The last element is the
+# index of the current task, 0 or 1.
 NOW, NEWEST, SOLVED_AT, VALID_FOR, SENT_AT, TASK = range(6)
 # Indices of the array `rows`, each row (n,): command, its velocity, present solution, command that
 # was sent last, positions and velocities of the latest joint state, whether a limit stopped each
@@ -38,12 +36,12 @@ NOW, NEWEST, SOLVED_AT, VALID_FOR, SENT_AT, TASK = range(6)
 COMMAND, VELOCITY, SOLUTION, SENT_COMMAND, Q, V, STOPPED = range(7)
 # Indices of the array `settings`.
 (
-    LONGEST_STEP,  # the first four: fields of ServoSettings
+    LONGEST_STEP,  # this and the next three are fields of ServoSettings
     WATCHDOG,
     LAG,
     SOLVE_PERIOD,
     ANSWER_TIME,  # time of the last processed image, s
-    ANSWER_LIFETIME,  # time for which its task may be executed, s
+    ANSWER_LIFETIME,  # time for which the task of this image may be executed, s
     SECOND_TASK_TIME,  # time at which the second task starts, s
     THIRD_TASK_TIME,  # time at which a third task starts, s
 ) = range(8)

@@ -43,7 +43,8 @@ from ..records.state import (
 from ..settings import Settings
 from .foreign_watch import ForeignCommands, ForeignWatch
 
-REPORT_PERIOD = 1.0 / 30.0  # period of reports without images, s, as for a camera
+# Period of reports while no images arrive, s: that of a camera with 30 images per second.
+REPORT_PERIOD = 1.0 / 30.0
 SILENT_TIME = 0.05  # without a joint state for this time, s, the time follows the clock
 STOPPED_CLOCK_TIME = 0.5  # a clock that has not advanced for this wall time, s, is reported
 RESUME_ADVICE = "resume the simulation, or start the simulator again"
@@ -300,9 +301,9 @@ class LoopRunner:
         # For each camera: by how much the stamp of its last image, which was ignored, was ahead of
         # the clock, s.
         self._stamps_ahead: dict[str, float] = {}
-        self._stamp: float | None = None  # stamp of the latest joint state
-        self._joints_arrival = 0.0  # clock time at which it was received
-        self.update_time: float | None = None  # time of the last update
+        self._stamp: float | None = None  # stamp of the latest joint state, s
+        self._joints_arrival = 0.0  # clock time at which the latest joint state was received, s
+        self.update_time: float | None = None  # time of the last update, s
         self._now: float | None = None
         self.sent_values: np.ndarray | None = None
         self._sent_stamp = 0.0

@@ -24,8 +24,9 @@ from ..observation.observation import Observation
 # Let d be the translation, in m, that moves the features as far as a rotation by 1 rad. In
 # Broyden's rule, a rotation by 1 rad counts as a translation by this fraction of d.
 ROTATION_WEIGHT = 0.5
-MIN_STEP = 1 / 600  # camera motion at which half of the feature change is noise, as a fraction of d
-UNKNOWN_MOTION = 0.6  # d, m, if L is zero
+# Camera motion at which half of the feature change is noise, as a fraction of the length d.
+MIN_STEP = 1 / 600
+UNKNOWN_MOTION = 0.6  # value of d, m, if L is zero, so that d cannot be computed
 # An error that changes by more than this is a wrapped angle; the image is skipped.
 LONGEST_JUMP = 1.0
 

@@ -156,10 +156,11 @@ class FeatureScheme(FeatureSchemeBase):
     def _estimate_accuracy(
         self, L: np.ndarray, observation: Observation, goal: Goal
     ) -> dict[str, Any]:
-        """Return the argument `accuracy` or `rank_tolerance` of the Task, if L is ill-conditioned.
+        """Return keyword arguments for the Task: none, unless L is ill-conditioned.
 
-        To make rows of different units comparable, the rows of L (k, 6) are scaled to length 1,
-        with lengths relative to the distance at the goal.
+        If it is, they contain `accuracy`, or `rank_tolerance` if the accuracy is unknown. To make
+        rows of different units comparable, the rows of L (k, 6) are scaled to length 1, with
+        lengths relative to the distance at the goal.
         """
         scaled = L[:, self._modelled] * np.repeat((goal.distance, 1.0), 3)[self._modelled]
         lengths = np.linalg.norm(scaled, axis=1, keepdims=True)

@@ -124,7 +124,7 @@ class Settings(Parameters):
             if f.name not in raw_settings
             and getattr(robot_settings, f.name) != getattr(defaults, f.name)
         }
-        for key in BY_JOINT if self.joints else ():  # remove the values of unused joints
+        for key in BY_JOINT if self.joints else ():  # remove the values of joints that are not used
             if isinstance(value := known.get(key), Mapping):
                 known[key] = {name: v for name, v in value.items() if name in self.joints} or (
                     getattr(defaults, key)

@@ -19,18 +19,18 @@ GAIN_PER_HERTZ = 1.2  # suggested gain per frequency of the oscillation, 1/s per
 # is too small.
 MIN_GAIN_PART = 0.3
 MAX_GAIN_FACTOR = 0.6  # a suggested gain is at most this fraction of the present gain
-MIN_GAIN_FACTOR = 0.02  # and at least this fraction
-TIME_RESERVE = 1.5  # factor on the predicted remaining time
-MAX_TIME_FACTOR = 50.0  # largest suggested factor on the duration
+MIN_GAIN_FACTOR = 0.02  # a suggested gain is at least this fraction of the present gain
+TIME_RESERVE = 1.5  # safety factor on the predicted time to the goal
+MAX_TIME_FACTOR = 50.0  # the suggested duration is at most this many times the present one
 # Additional factor on the remaining time if a joint moves at its speed limit, because another joint
 # may become the slowest one later.
 LINEAR_RESERVE = 2.0
 TIME_CONSTANTS = 8.0  # time constants (1 / gain) that a run needs to reach its goal
-# A larger target is suggested up to this noise of the error, in tolerances; above it, less image
-# noise.
+# Up to this noise of the error, in tolerances, the remedy is a larger target; for more noise, it is
+# less image noise.
 NOISE_OF_SMALL_TARGET = 2.0
 NOISE_WHEN_UNKNOWN = 50.0  # noise that is assumed if it was not measured, in tolerances
-TOLERATED_NOISE = 0.5  # noise that remains after the suggested change, in tolerances
+TOLERATED_NOISE = 0.5  # noise of the error that the suggested change leaves, in tolerances
 SETTLING_TIME = 3.0  # time for which the error has to stay small, s, with a reserve
 # Schemes that can turn the camera by 180 degrees on a straight path from most starts.
 HALF_TURN_SCHEMES = "pose, two_and_half_d or polar_points"

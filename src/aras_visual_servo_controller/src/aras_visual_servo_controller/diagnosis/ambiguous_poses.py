@@ -27,7 +27,7 @@ from ..observation.observation import Observation
 # At an ambiguous pose each image point is at most this far from the goal's point. Features may
 # accept such a difference as converged. The smaller of the two limits applies.
 MAX_POINT_DISTANCE = 5e-3  # normalised
-MAX_RADIUS_PART = 0.1  # as a fraction of the target's radius in the image
+MAX_RADIUS_PART = 0.1  # limit as a fraction of the target's radius in the image
 # Two poses are the same if they differ by less than this: translation as a fraction of the depth,
 # rotation in rad.
 SAME_POSE = 2e-3

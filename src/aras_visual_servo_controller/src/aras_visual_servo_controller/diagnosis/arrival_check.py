@@ -53,7 +53,7 @@ MAX_SCATTER = 3.0
 # each single image therefore has to be within the tolerances.
 FEW_IMAGES = 5
 MIN_IMAGES = 3  # smallest number of images that can show an arrival
-MAX_WINDOW = 120  # largest number of averaged images
+MAX_WINDOW = 120  # largest number of images in a mean
 # If an error exceeds this number of tolerances (four times the largest noise), the stored offsets
 # are removed, because the linearisation by L is not valid so far from the goal.
 FAR_TOLERANCES = 12.0
@@ -177,8 +177,8 @@ class ArrivalCheck:
         # The features become more accurate as the camera approaches the goal.
         if self._margin is None or size < RENEWAL_RATIO * self._error_size:
             self._error_size = size
-            # Use the same images as for the offset, so that the accuracy belongs to this distance
-            # from the goal.
+            # Estimate the accuracy from the same images as the offset, so that both belong to the
+            # same distance from the goal.
             latest = errors[-max(offsets.count, MIN_VIEWS) :]
             self._margin = margin = ArrivalMargin(
                 scheme_output, observation, goal, latest.mean(axis=0),
@@ -190,7 +190,8 @@ class ArrivalCheck:
 
                 self._ambiguous_poses = AmbiguousPoses(goal)
             self._other_pose, self._possible_poses = self._ambiguous_poses.find_pose(observation)
-            # Otherwise L belongs to the residual, not to the features.
+            # With a residual (error of a whole image), L describes the residual and not the
+            # features.
             if scheme_output.residual is None:
                 L = scheme_output.L / tolerances[:, None] / np.repeat((1.0, goal.distance), 3)
                 self._view_check.set_expected_place(
@@ -255,7 +256,8 @@ class ArrivalCheck:
     def _has_settled(self, stamp: float, tolerances: np.ndarray) -> bool:
         """Return whether the mean error of the last `hold` seconds is within `tolerances` (k,)."""
         recent = self._errors
-        # Keep one image from the start of the window or before, to know that the window is full.
+        # Keep one image from before the last `hold` seconds, which shows that images cover all of
+        # them.
         old_count = int(np.searchsorted(recent.stamps, stamp - self.hold + ROUNDING, "right"))
         min_count = MIN_IMAGES if self.hold > 0.0 else 1
         recent.drop_oldest(max(min(old_count - 1, len(recent) - min_count), 0))
@@ -357,7 +359,7 @@ def compute_speed(stamps: np.ndarray, rows: np.ndarray) -> tuple[float, float]:
     if len(rows) < 2 or stamps[-1] <= stamps[-2]:
         return 0.0, 0.0
     by_images = _compute_lengths((rows[-1, :6] - rows[-2, :6]).tolist())
-    # The result is NaN if poses are unknown.
+    # NaN if the poses are unknown; fmin then returns the estimate from the images.
     by_kinematics = _compute_lengths(_compute_motion_since(rows, len(rows) - 2).tolist())
     dt = stamps[-1] - stamps[-2]
     return tuple(float(np.fmin(*pair)) / dt for pair in zip(by_images, by_kinematics, strict=True))

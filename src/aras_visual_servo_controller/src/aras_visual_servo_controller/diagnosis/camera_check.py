@@ -56,8 +56,8 @@ class CameraCheck:
     MIN_PATH = 40.0  # predicted motion of the features before the first decision, in tolerances
     # A camera model is wrong if one factor on all translations (a wrong depth) leaves a residual
     # larger than both of these limits.
-    MAX_MISFIT_PART = 0.04  # as a fraction of the squared motion
-    MIN_MISFIT = 1.5  # in tolerances per image
+    MAX_MISFIT_PART = 0.04  # limit as a fraction of the squared motion
+    MIN_MISFIT = 1.5  # limit of the rms residual, in tolerances per image
     # The camera model is reported as wrong only if the residuals of successive rows have at least
     # this correlation.
     MIN_CORRELATION = 0.2
@@ -315,7 +315,7 @@ def _fit_scales(
     expected, damped = np.ones(6), normal.copy()
     for i in range(6):
         expected[i] = depth if i < 3 else 1.0
-        damped[i, i] += 0.1  # keeps the expected scale of a direction without motion
+        damped[i, i] += 0.1  # a direction without motion keeps its expected scale
     spread = _invert(damped)
     scale, left, misfit = np.zeros(6), square, square
     for i in range(6):

@@ -18,8 +18,8 @@ from .advice import suggest_longer_watchdog
 from .base import DIAGNOSES, ORDER
 from .evidence import Evidence
 
-# An outcome of a kind in WHILE_SERVOING replaces another one of these kinds only after it has been
-# found for at least STEADY_TIME (s).
+# While the arm servoes, a new kind of outcome is reported only after it has been found for at least
+# STEADY_TIME (s). This holds if both the old and the new kind are in WHILE_SERVOING.
 STEADY_TIME = 1.0
 WHILE_SERVOING = (
     "running", "target_moves", "wrong_camera_model", "gain_too_high", "joint_limit", "singular",
@@ -72,9 +72,9 @@ class Diagnosis:
         self._image_count = 0
         self._last_stamp: float | None = None  # stamp of the last image, s
         self._longest_gap = 0.0  # longest time without an image, s
-        self._outcome_stamp = -np.inf  # time since which the present outcome is reported, s
-        # Kind of the outcome that may replace the present one, and the time (s) since which it has
-        # been found.
+        self._outcome_stamp = -np.inf  # time at which the present outcome was first reported, s
+        # Kind of the outcome that may replace the present one, and the time (s) at which it was
+        # first found.
         self._candidate: tuple[str, float] | None = None
         self._is_ended = False
         self._starvation_count, self._starvation_outcome, self._starvation_stamp = (

@@ -19,7 +19,7 @@ OSCILLATION_MEMORY = 1.0
 # overshoots by a third of the initial error; at pi / 2 the loop oscillates for ever.
 MAX_GAIN_TIMES_AGE = 0.8
 AGE_FILTER = 0.1  # weight of a new value in the running mean of the age
-OSCILLATION_RATIO = 0.25  # product of the frequency of an oscillation and the delay that causes it
+OSCILLATION_RATIO = 0.25  # an oscillation due to a delay T has the frequency 0.25 / T
 
 
 class GainCheck:

@@ -19,12 +19,13 @@ class JointCheck:
     distance.
     """
 
-    SPAN = 1.5  # duration of the evaluated data, s
-    # If the loop waits for some joint in more than this fraction of the images, each joint lags for
+    SPAN = 1.5  # duration of the evaluated joint states, s
+    # If the loop waits for any joint in more than this fraction of the images, every joint lags for
     # which it waits.
     MAX_WAITING_PART = 0.6
-    # Otherwise a joint lags if the loop waits for it in more than this fraction of the images, and
-    # if it also makes less than MIN_MOTION_PART of its commanded motion.
+    # Even if the loop waits in fewer images than that, a joint lags if the loop waits for it in
+    # more than this fraction of the images, and if it makes less than MIN_MOTION_PART of its
+    # commanded motion.
     MIN_WAITING_PART = 0.1
     MIN_MOTION_PART = 0.1
     # The joints are slow, not blocked, if all lagging joints move faster than this (rad/s or m/s).
@@ -32,7 +33,7 @@ class JointCheck:
     # A joint oscillates if the rms difference between its measured and commanded velocity exceeds
     # MIN_SPEED_ERROR (rad/s or m/s) and SPEED_ERROR_FACTOR times the rms commanded velocity.
     MIN_SPEED_ERROR, SPEED_ERROR_FACTOR = 0.5, 3.0
-    CHECK_PERIOD = 5  # number of images between two evaluations
+    CHECK_PERIOD = 5  # number of images between two evaluations of the joints
     # Data of at least this duration, s, are needed to detect an oscillation. A lagging joint is
     # detected after SPAN.
     MIN_SPAN = 0.3

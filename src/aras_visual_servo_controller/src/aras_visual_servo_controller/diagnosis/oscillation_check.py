@@ -85,7 +85,7 @@ class OscillationCheck:
         error = errors[:, _find_largest_error(errors)].copy()
         peaks = _find_peaks(error, self.MIN_HEIGHT)[-count:]
         changes_sign = (np.diff(np.sign(error[peaks])) != 0.0).all()
-        # Noise reverses at about every second image.
+        # Noise reverses at about every second image, an oscillation less often.
         is_smooth = len(peaks) > 1 and np.diff(peaks).mean() >= self.MIN_IMAGES_PER_REVERSAL
         return error[peaks] if changes_sign and is_smooth else np.zeros(0)
 
@@ -203,15 +203,15 @@ def _find_frequency(stamps, errors, min_height, reversals):
     if between < reversals or late < 0.5 * before:
         return 0.0
     since, until, half_periods = stamps[peaks[1]], stamps[peaks[-1]], len(peaks) - 2
-    # The oscillation has to continue until now. It has ended if there was no peak for one and a
-    # half periods.
+    # An oscillation without a peak in the last one and a half periods has ended and is not
+    # reported.
     if until <= since or stamps[-1] - until > 1.5 * (until - since) / half_periods:
         return 0.0
     near_frequency = 0.5 * half_periods / (until - since)
     # Fit all data first, then only the second half: in a loop that oscillates between joint limits,
     # only the last periods may be similar.
     for start in (0, count // 2):
-        # Degrees of freedom that remain after the fit of the line and the wave.
+        # Number of values minus the six parameters of the line and the wave.
         free = count - start - 6
         if free < 6:
             break

@@ -80,11 +80,12 @@ MAX_RESIDUAL_ROWS = 64
 # A direction of the camera is measured poorly if its singular value of L is below this fraction of
 # the largest one. A nearby pose in this direction may have the same features.
 WEAK_DIRECTION = 0.05
-# A camera motion is ignored if it changes the target's plane by less than this fraction of the
-# largest change.
+# In `_compute_plane_offset`, a camera motion is ignored if it changes the target's plane by less
+# than this fraction of the largest change.
 MIN_PLANE_CHANGE = 0.05
 NO_OFFSET, IDENTITY = np.zeros(6), np.eye(6)
-NOISE_DEVIATIONS = 3.0  # an error of more standard deviations than this is not noise
+# An error of more than this many standard deviations is not explained by noise.
+NOISE_DEVIATIONS = 3.0
 USE_LARGER_TARGET = suggest_larger_target(1.5)
 ADD_FEATURE = Remedy("if the exact pose matters, add a feature that measures these motions")
 PLANE_REASON = (
@@ -238,7 +239,8 @@ class ArrivalMargin:
             remedy = ADD_FEATURE
         else:
             cause, remedy = "because of noise and limited image accuracy", USE_LARGER_TARGET
-            if self._plane_offset is None:  # computed once, because the camera is at rest
+            # Computed only once, because the camera is at rest after its arrival.
+            if self._plane_offset is None:
                 offset = self.compute_offset(observation, offsets.mean)
                 self._plane_offset = self._compute_plane_offset(observation, offset)
             plane_distance, plane_angle = self._plane_offset
@@ -436,7 +438,7 @@ def _compute_bounds(mean, scatter, measured, scatter_part, coupling, held_offset
         for i in range(3 * block, 3 * block + 3):
             square += mean[i] ** 2
             noise += scatter_part * scatter[i, i]
-        # Only the part of the offset that exceeds the noise is enlarged.
+        # OFFSET_FACTORS apply only as far as the offset exceeds the noise.
         certainty = 1.0 - noise / square if noise < square else 0.0
         factors[block] = 1.0 + (OFFSET_FACTORS[block] - 1.0) * certainty
     for i in range(6):

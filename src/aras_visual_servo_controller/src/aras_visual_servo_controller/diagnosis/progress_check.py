@@ -30,8 +30,8 @@ SLOW_PROGRESS = 0.98
 MIN_IMAGE_PART = 0.6
 # The error is too noisy to show whether the camera is at its goal if its scatter from image to
 # image exceeds both of these limits.
-MIN_NOISE = 1.0  # in tolerances
-MIN_NOISE_PART = 0.5  # as a fraction of the total scatter
+MIN_NOISE = 1.0  # limit in tolerances
+MIN_NOISE_PART = 0.5  # limit as a fraction of the total scatter of the error
 FULL_SPEED = 0.99  # a joint limits the motion if the velocities are scaled by less than this
 # The run needs more time if a joint limits the motion in more than this fraction of its images.
 MIN_SLOWED_PART = 0.3
@@ -40,8 +40,8 @@ ROTATION_WEIGHT = 0.5  # translation that counts as much as 1 rad/s, in target d
 # The camera is in a local minimum if, according to L, no camera motion reduces the error by at
 # least this fraction.
 MIN_EXPLAINED_PART = 0.1
-# If the time between two images exceeds this (s), the frame rate and not the gain makes the run
-# slow.
+# If the time between two images exceeds this (s), the run is slow because of the frame rate and not
+# because of the gain.
 MAX_PERIOD = 0.2
 
 

@@ -78,8 +78,10 @@ class StepCheck:
     # (Noise in n images gives 1/n.)
     MIN_DRIFT, MIN_DRIFT_PART = 2.5, 0.7
     MAX_REST_MOTION = 0.05  # largest predicted motion of a camera at rest, in tolerances
-    MIN_REST_IMAGES, MAX_REST_IMAGES = 4, 30  # smallest and largest number of images at rest
-    MIN_CENTRE_JUMP = 0.02  # smallest jump of the target's centre, in normalised coordinates
+    # A drift at rest is searched for in at least and at most this number of images.
+    MIN_REST_IMAGES, MAX_REST_IMAGES = 4, 30
+    # Smallest motion between two images that is a jump of the target's centre, normalised.
+    MIN_CENTRE_JUMP = 0.02
     # Something covers the target if at least this fraction of its area disappears between two
     # images and stays invisible for RECENT_IMAGES images. The area is corrected for the distance,
     # which follows from kinematics.
@@ -120,13 +122,13 @@ class StepCheck:
         # Number of images since a part of the target disappeared, and the stamp (s) of the first of
         # them.
         self._hidden_count, self._hidden_stamp = 0, 0.0
-        self._whole_area = 0.0  # corrected area before a part disappeared
+        self._whole_area = 0.0  # corrected area before the target was covered
         self.next_region: tuple[tuple[float, float], tuple[float, float]] | None = None
         self._centre: tuple[float, float] | None = None
         self._centre_jumps = 0
         # Sums over all complete rows, (3, k): measured times predicted motion, squared measured
-        # motion, squared predicted motion. Then the incomplete row, (2, k): measured and predicted
-        # motion.
+        # motion, squared predicted motion. The next attribute is the incomplete row, (2, k):
+        # measured and predicted motion so far.
         self._correlation_sums: np.ndarray | None = None
         self._row = np.zeros((2, 0))
 

@@ -154,8 +154,8 @@ class TargetCheck:
     # target at 1 mm/s moves by less than the tolerances within ROW_PERIOD, and the sum over a group
     # has no more noise than one row.
     ROWS_PER_SUM = (1, 3, 6, 12)
-    # For each group size: a target motion is fitted if the rms residual for a target at rest
-    # exceeds this, in tolerances.
+    # Minimum rms residual for a target at rest, in tolerances, for each number of rows in a group.
+    # A motion of the target is fitted only if the residual exceeds it.
     MIN_RESIDUAL = (0.3, 0.3, 0.3, 0.15)
     MIN_SUMMED_NUMBERS = 12  # smallest number of values in a fit of sums over groups of rows
     # An oscillation is fitted only to rows that cover at least this time, s.
@@ -294,7 +294,7 @@ class TargetCheck:
             rest = rows.compute_rest_residual(max(depth, self.MIN_DEPTH_FACTOR))
             square = float(rest @ rest)
             if group == 1 and square * self.ROWS_PER_SUM[-1]**2 < self.MIN_RESIDUAL[-1]**2 * count:
-                return ""  # even the largest groups cannot reach MIN_RESIDUAL
+                return ""  # no group of rows can reach its MIN_RESIDUAL
             if square >= min_residual**2 * count:
                 if np.linalg.matrix_rank(self._rows[-1].L[:, :3]) < 2:
                     return ""  # L has rank 1 and does not determine the motion

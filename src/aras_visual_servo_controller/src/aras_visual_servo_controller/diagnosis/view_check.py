@@ -26,11 +26,11 @@ if TYPE_CHECKING:
 
 MIN_VIEWS = 3  # smallest number of images for a comparison
 NOISE_DEVIATIONS = 3.0  # a mean difference of less than this many standard deviations is noise
-MAX_WINDOW = 120  # largest number of averaged images
+MAX_WINDOW = 120  # largest number of images in a mean
 # Tolerances of the scale-free central moments. Converged runs with five cameras, with and without
 # noise, differ from the goal by 0.2 % in the second order and 6e-5 in the third order. The closest
 # wrong pose that was found is rotated by 18 degrees and differs by 0.6 % and 5e-4.
-SECOND_ORDER_TOLERANCE = 0.02  # as a fraction of the goal's largest moment of this order
+SECOND_ORDER_TOLERANCE = 0.02  # relative to the goal's largest second-order moment
 THIRD_ORDER_TOLERANCE = 2.5e-4
 # Tolerance of the target's centre (normalised) and size (relative), in addition to the noise and to
 # the accuracy of the features.
@@ -38,10 +38,10 @@ MAX_PLACE_DIFFERENCE = 4e-3
 # The features do not measure a direction of the camera if a motion of this size along it changes no
 # feature by more than its tolerance: translation as a fraction of the depth, rotation in rad.
 UNSEEN_MOTION = 0.05
-# The target's position and size measure a direction that the features do not measure, if a motion
-# along it changes them by at least this fraction of the motion.
+# Position and size of the target can show a camera motion in such an unmeasured direction only if
+# they change by at least this fraction of the motion.
 MIN_SHOWN_PART = 0.05
-SHAPE_NUMBERS = 7  # number of moments that describe the shape
+SHAPE_NUMBERS = 7  # number of second- and third-order moments, which describe the shape
 PLACE_FEATURES = ("xg", "yg", "area")  # features of the target's position and size
 
 

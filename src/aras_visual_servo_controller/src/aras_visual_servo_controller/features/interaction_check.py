@@ -25,7 +25,7 @@ Observe = Callable[[np.ndarray], Observation]
 # Corners of a hexagon without symmetry, 7 cm wide, in the plane z = 0 of the world.
 CORNERS = np.array([(-0.03, -0.036, 0.0), (0.0, -0.036, 0.0), (0.004, 0.012, 0.0),
                     (0.034, 0.01, 0.0), (0.03, 0.036, 0.0), (-0.034, 0.034, 0.0)])  # fmt: skip
-# world_T_camera at the goal, 0.3 m above the hexagon.
+# world_T_camera at the goal, 0.3 m above the hexagon CORNERS.
 GOAL_POSE = Pose.from_rpy((0.01, 0.005, 0.3), (np.pi, 0.0, 0.1)).matrix()
 # Default views: tilted by 14 degrees to different sides, rotated, and 5 to 9 cm from the goal.
 # Several views are needed, because a coordinate close to 0 may hide a wrong sign in one of them.
@@ -35,7 +35,7 @@ TEST_POSES = np.array([
     Pose.from_rpy((-0.05, -0.035, 0.36), (np.pi - 0.15, -0.2, 0.9)).matrix(),
 ])  # fmt: skip
 CAMERA = CameraModel(640, 480, (600.0, 0.0, 319.5, 0.0, 600.0, 239.5, 0.0, 0.0, 1.0))
-# Measurements that exist without images.
+# Measurements that an exact camera provides without an image.
 EXACT_NEEDS = frozenset((Need.MOMENTS, Need.CONTOUR, Need.CORNERS))
 # Motion for the finite differences, in rad or as a fraction of the depth. The differences are then
 # exact to about 1e-7.

@@ -32,7 +32,8 @@ from ..goals.goal import Goal
 from ..observation.observation import Need, Observation
 from .base import FEATURES, DepthFraction, Feature, FeatureMeasurement, wrap
 
-LEVEL_CAMERA = (True, True, True, False, False, True)  # the features control vx, vy, vz and wz
+# Of the directions vx ... wz, the features control vx, vy, vz and wz.
+LEVEL_CAMERA = (True, True, True, False, False, True)
 ALPHA, FULL_ALPHA = "alpha", "alpha_full"
 # Order of the moments that are needed for alpha over the full turn, and for its L.
 FULL_ALPHA_ORDER = 4
@@ -50,7 +51,7 @@ ROUND_TOLERANCE = 0.1
 # Number of displacements of the outline: 1, cos phi, sin phi, ... cos 4 phi, sin 4 phi, where phi
 # is the direction from its centre
 HARMONICS = 9
-PARTS_PER_SIDE = 16  # number of integration steps per side of an outline
+PARTS_PER_SIDE = 16  # number of points per side of the outline in the numerical integration
 # Tolerance of xn and yn: 0.5 mm for the laboratory's target at 0.2 m.
 CENTRE_TOLERANCE = DepthFraction(0.0025)
 DEPTH_TOLERANCE = DepthFraction(0.005)  # tolerance of an: 1 mm for the laboratory's target

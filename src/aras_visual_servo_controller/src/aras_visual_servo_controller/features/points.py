@@ -42,7 +42,7 @@ SHARED_PIXEL_ERROR, SHARED_DISTANCE_ERROR = 0.0012, 0.085
 # camera is 0.7 to 1.7 times the estimate for markers and outlines of 10 to 110 px, and 2.0 times
 # for outlines of 26 px that are 0.1 to 0.3 px apart.
 DEVIATION_FACTOR, MIN_DISTANCE = 1.5, 0.006
-TOLERANCE = 0.001  # normalised; it corresponds to 0.1 px for f = 100 px, or 0.2 mm at 0.2 m
+TOLERANCE = 0.001  # normalised coordinates: 0.1 px for f = 100 px, or 0.2 mm at 0.2 m
 
 
 class PointFeature(Feature):

@@ -212,7 +212,9 @@ def estimate_planar_pose(object_points: np.ndarray, points: np.ndarray) -> np.nd
         MeasurementError: the points do not determine a pose.
     """
     if are_collinear(points):
-        raise MeasurementError("the points of the target give no pose: they lie on one line")
+        raise MeasurementError(
+            "the points of the target give no pose: they lie on one line; use points that do not"
+        )
     middle = object_points.mean(axis=0)
     basis = np.linalg.svd(object_points - middle)[2]
     flat = (object_points - middle) @ basis[:2].T

@@ -214,7 +214,9 @@ def estimate_rigid_motion(before: np.ndarray, after: np.ndarray) -> np.ndarray:
     middle, other = before.mean(axis=0), after.mean(axis=0)
     U, sizes, Vt = np.linalg.svd(before.T @ (after - other))
     if not sizes[1] > PLANARITY_TOLERANCE * sizes[0]:
-        raise MeasurementError("the points of the target lie on one line: they give no pose")
+        raise MeasurementError(
+            "the points of the target lie on one line: they give no pose; use points that do not"
+        )
     a_T_b = np.eye(4)
     a_T_b[:3, :3] = Vt.T @ np.diag([1.0, 1.0, np.linalg.det(Vt.T @ U.T)]) @ U.T
     a_T_b[:3, 3] = other - a_T_b[:3, :3] @ middle

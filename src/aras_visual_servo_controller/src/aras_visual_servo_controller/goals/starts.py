@@ -93,7 +93,8 @@ def _read_joints(values: Mapping[str, Any], arm: Arm, name: str) -> np.ndarray:
     missing = [joint for joint in arm.names if joint not in values]
     if missing:
         raise ConfigurationError(
-            f"parameter ~start is '{name}', which has no value for {', '.join(missing)}"
+            f"parameter ~start is '{name}', which has no value for "
+            f"{', '.join(missing)}: give a value for each joint"
         )
     return np.array([values[joint] for joint in arm.names])
 

@@ -62,7 +62,8 @@ def svd(a):
         if done:
             break
     sizes, order = np.empty(r), np.empty(r, np.int64)
-    for i in range(r):  # compiles to a tenth of the machine code of NumPy's norm and argsort
+    # A loop, because it compiles to a tenth of the machine code of NumPy's norm and argsort.
+    for i in range(r):
         square = 0.0
         for k in range(length):
             square += rows[i, k] * rows[i, k]

@@ -273,12 +273,14 @@ class Arm:
         if joint >= 0 and not is_speed:
             raise MeasurementError(
                 f"the measured position {q[joint]:g} of {self.names[joint]} is impossible (limits "
-                f"{self.lower[joint]:g} to {self.upper[joint]:g})"
+                f"{self.lower[joint]:g} to {self.upper[joint]:g}): check the joint states, and the "
+                "limits in the robot description"
             )
         if joint >= 0:
             raise MeasurementError(
                 f"the measured speed {speeds[joint]:g} of {self.names[joint]} is impossible (limit "
-                f"{self.velocity[joint]:g})"
+                f"{self.velocity[joint]:g}): check the joint states, and the limit in the robot "
+                "description"
             )
 
     def inverse_kinematics(

@@ -133,7 +133,7 @@ def _merge_limits(
     except (TypeError, ValueError) as error:
         raise ConfigurationError(f"limits: {key} is {override!r}: {error}") from error
     if np.isnan(values).any():
-        raise ConfigurationError(f"limits: {key} is {override!r}: not a number")
+        raise ConfigurationError(f"limits: {key} is {override!r}: give a number")
     return values
 
 

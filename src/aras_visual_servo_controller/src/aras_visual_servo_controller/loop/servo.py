@@ -53,7 +53,7 @@ from .servo_control import ServoControl
 if TYPE_CHECKING:
     from ..kinematics.ik_solution import IKSolution
 
-# A stamp that is this far in the future, s, is from before a reset of the clock.
+# An image whose stamp is farther in the future than this, s, was sent before a reset of the clock.
 MAX_STAMP_LEAD = 1.0
 
 

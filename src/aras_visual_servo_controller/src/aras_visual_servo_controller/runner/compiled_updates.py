@@ -34,14 +34,14 @@ NOW, NEWEST, SOLVED_AT, VALID_FOR, SENT_AT, TASK = range(6)
 # was sent last, positions and velocities of the latest joint state, whether a limit stopped each
 # joint.
 COMMAND, VELOCITY, SOLUTION, SENT_COMMAND, Q, V, STOPPED = range(7)
-# Indices of the array `settings`.
+# Indices of the array `settings` of `process_joint_state`.
 (
     LONGEST_STEP,  # this and the next three are fields of ServoSettings
     WATCHDOG,
     LAG,
     SOLVE_PERIOD,
     ANSWER_TIME,  # time of the last processed image, s
-    ANSWER_LIFETIME,  # time for which the task of this image may be executed, s
+    ANSWER_LIFETIME,  # time for which the task of the last processed image may be executed, s
     SECOND_TASK_TIME,  # time at which the second task starts, s
     THIRD_TASK_TIME,  # time at which a third task starts, s
 ) = range(8)

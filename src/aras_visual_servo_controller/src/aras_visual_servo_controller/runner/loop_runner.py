@@ -45,11 +45,12 @@ from .foreign_watch import ForeignCommands, ForeignWatch
 
 # Period of reports while no images arrive, s: that of a camera with 30 images per second.
 REPORT_PERIOD = 1.0 / 30.0
-SILENT_TIME = 0.05  # without a joint state for this time, s, the time follows the clock
+SILENT_TIME = 0.05  # if no joint state arrives for this time, s, the loop's time follows the clock
 STOPPED_CLOCK_TIME = 0.5  # a clock that has not advanced for this wall time, s, is reported
 RESUME_ADVICE = "resume the simulation, or start the simulator again"
 REPEAT_PERIOD = 0.1  # period at which a command that a joint does not follow is sent again, s
-MAX_CLOCK_SKEW = 0.5  # a stamp that differs more from the clock, s, comes from another clock
+# A stamp that differs from the clock by more than this, s, comes from another clock.
+MAX_CLOCK_SKEW = 0.5
 
 
 class LoopListener(Protocol):
@@ -298,8 +299,8 @@ class LoopRunner:
         self.history.clear()
         self.commands.clear()
         self._pending_image: tuple[float, ObserveFrame] | None = None
-        # For each camera: by how much the stamp of its last image, which was ignored, was ahead of
-        # the clock, s.
+        # For each camera: lead (s) of its last image's stamp over the clock, if that image was
+        # ignored because of it.
         self._stamps_ahead: dict[str, float] = {}
         self._stamp: float | None = None  # stamp of the latest joint state, s
         self._joints_arrival = 0.0  # clock time at which the latest joint state was received, s

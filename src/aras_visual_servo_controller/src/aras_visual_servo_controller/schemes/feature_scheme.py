@@ -22,7 +22,8 @@ from .output_checks import check_array
 
 INTERACTIONS = ("current", "desired", "mean", "estimated")
 LONGEST_GAP = 0.3  # a longer gap between two images, s, restarts the filter of the error
-LONGEST_JUMP = 1.0  # a larger jump of an error, such as an angle that wraps, restarts the filter
+# An error that jumps by more than this, such as a wrapped angle, restarts the filter.
+LONGEST_JUMP = 1.0
 # Singular values of L below this fraction of the largest one are treated as noise, if the features
 # come from images and their accuracy is not given.
 NOISE_RANK_TOLERANCE = 1e-4

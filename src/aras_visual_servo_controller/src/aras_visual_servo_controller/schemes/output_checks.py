@@ -71,7 +71,7 @@ def check_measurement(feature: Feature, measurement: object) -> FeatureMeasureme
     if not isinstance(measurement.ambiguity, str):
         raise SchemeError(f"{where} ambiguity {_describe(measurement.ambiguity)}: a text is needed")
     if all(value is getattr(measurement, field) for field, value in arrays.items()):
-        return measurement  # usually no array had to be converted
+        return measurement  # the usual case: no array had to be converted
     return dataclasses.replace(measurement, **arrays)
 
 

@@ -30,7 +30,7 @@ from ..errors import MeasurementError, SchemeError, SchemeTimeoutError
 
 T = TypeVar("T")
 
-CHECK_PERIOD = 0.25  # time between two checks, s
+CHECK_PERIOD = 0.25  # time between two checks of the running calls, s
 RETRY_CHECKS = 4  # number of checks between two interruptions of the same call
 IDLE_CHECKS = 4  # number of checks without a running call after which the thread ends
 PYTHON_FOLDER = str(Path(os.__file__).parent)
@@ -163,7 +163,8 @@ def _interrupt(call: _Call) -> None:
         return
     call.remaining_checks += RETRY_CHECKS
     again = call.is_interrupted
-    call.is_interrupting = True  # this is set before `is_done` is read; see _end_call
+    # Set before `is_done` is read, because `_end_call` sets `is_done` and then reads this flag.
+    call.is_interrupting = True
     if not call.is_done:
         call.is_interrupted = True
         ctypes.pythonapi.PyThreadState_SetAsyncExc(

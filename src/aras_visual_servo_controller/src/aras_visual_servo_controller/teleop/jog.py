@@ -20,7 +20,7 @@ COMMAND_LIFETIME = 0.3  # time for which a requested speed is valid, s
 RAMP_TIME = 0.25  # time in which the maximum speed is reached from rest, and vice versa, s
 # Maximum speeds of the camera, in m/s and rad/s.
 MAX_TWIST = (0.25,) * 3 + (1.0,) * 3
-LONGEST_STEP = 0.1  # longest time step, s; a longer pause between two updates is shortened to it
+LONGEST_STEP = 0.1  # longest integrated time step, s, even if the last update was longer ago
 # Distance by which a command may be ahead of its joint, rad or m. It limits the command if the
 # joint is blocked.
 MAX_LEAD = 0.05

@@ -35,7 +35,8 @@ class TargetLost(RunDiagnosis):
             evidence.measured_stamp, self._loss = state.stamp, None
             return None
         if state.phase != HOLDING:
-            return Outcome("running", state.reason)  # no earlier outcome is valid in this phase
+            # The loop is not servoing, so an earlier outcome is no longer valid.
+            return Outcome("running", state.reason)
         if observation.valid:
             return self._judge_unmeasured(state, evidence)
         # If the error oscillated just before the target was lost, the oscillation is reported as

@@ -32,7 +32,8 @@ class TargetMoves(RunDiagnosis):
     # Only a motion of the target can explain the latest motion of the features if at least this
     # fraction of it is unexplained by the camera's motion.
     MIN_TARGET_PART = 0.5
-    # The camera model is not checked for this time after such a motion of the target, s.
+    # After the last motion of the features that only the target can explain, the camera model is
+    # not checked for this time, s.
     RUNAWAY_MEMORY = 1.0
 
     def __init__(self) -> None:

@@ -37,7 +37,8 @@ class WrongCameraModel(RunDiagnosis):
         if not fault or is_there and is_goal_camera(observation, evidence.run_context.goal):
             return None
         stalled = evidence.progress_check.explain_stall(state)
-        if stalled.kind == "joint_limit":  # the limit stops the camera with any camera model
+        # A joint at its limit stops the camera whether the camera model is wrong or not.
+        if stalled.kind == "joint_limit":
             return replace(stalled, reason=f"{stalled.reason}; in addition, {fault}")
         return evidence.explain_contradiction(fault)
 

@@ -110,7 +110,7 @@ def suggest_more_time(duration: float, size: float, rate: float, linear: bool = 
             per second for a linear one.
         linear: whether the error decreases linearly, because joints are at their speed limits.
     """
-    advice = "allow more time, or a higher gain"
+    advice = "allow more time, or raise the gain"
     if linear:
         advice = "allow more time, or raise max_velocity or max_acceleration"
     if rate <= 0.0 or not isfinite(duration):

@@ -185,7 +185,9 @@ class Evidence:
     def _report_goal_limits(self) -> Outcome:
         """Return the outcome for a goal that was taught with joints beyond their limits."""
         outside = join_names(list(self.run_context.joints_beyond_limits))
-        found = make_outcome("joint_limit", f"the goal was taught beyond the limits of {outside}")
+        found = make_outcome(
+            "joint_limit", f"the goal was taught with joints beyond the limits of {outside}"
+        )
         keys = self._find_narrowing_parameters(found.reason)
         return replace(found, remedy=suggest_wider_limits(keys)) if keys else found
 

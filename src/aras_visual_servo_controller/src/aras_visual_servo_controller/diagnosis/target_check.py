@@ -393,7 +393,7 @@ def _add_step(
 ):
     """Add the motion of the features between two images, and the mean L of these images.
 
-    Both are divided by the tolerances.
+    Motion and L are divided by the tolerances.
 
     Args:
         error_before, error: (k,) error at the previous and at the present image.
@@ -425,8 +425,8 @@ def _add_step(
 def _compute_mixed_effects(row: _Row) -> np.ndarray:
     """Return the feature motions (k, 18) due to camera motions along wrong axes.
 
-    Each column is the feature motion if the camera's translation along one axis acted along one of
-    the three axes (9 columns), and likewise for rotations (9 columns).
+    Nine columns are the feature motions if the camera's translation along one of the three axes
+    acted along one of the three axes. Nine more columns are those for rotations.
     """
     return np.hstack([
         (row.L[:, first : first + 3, None] * row.motion[first : first + 3]).reshape(-1, 9)

@@ -171,7 +171,7 @@ class PointFeature(Feature):
         """
         points = np.asarray(self.points(observation), float)
         if not np.isfinite(points).all():
-            raise MeasurementError("a point of the target is not finite")
+            raise MeasurementError("a point that the feature measured is not finite")
         if points.shape == desired.shape:
             return points
         message = f"{len(np.atleast_1d(points))} points are visible, the goal has {len(desired)}"

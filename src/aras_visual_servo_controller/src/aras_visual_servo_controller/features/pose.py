@@ -213,7 +213,7 @@ def estimate_planar_pose(object_points: np.ndarray, points: np.ndarray) -> np.nd
     """
     if are_collinear(points):
         raise MeasurementError(
-            "the points of the target give no pose: they lie on one line; use points that do not"
+            "the points of the target give no pose: they lie on one line; use other points"
         )
     middle = object_points.mean(axis=0)
     basis = np.linalg.svd(object_points - middle)[2]

@@ -22,9 +22,8 @@ class RemoteCameraFeature(Feature):
     """A feature measured by another camera than the control camera.
 
     Its L is transformed to the twist of the control camera. If the other camera exposed earlier, s
-    is extrapolated to the control camera's exposure. The wrapped feature controls some directions
-    of the other camera. This feature controls all directions of the control camera that move the
-    other camera in one of those.
+    is extrapolated to the control camera's exposure. A direction of the control camera is
+    controlled if it moves the other camera in a direction that the wrapped feature controls.
     """
 
     def __init__(self, feature: Feature, camera: str) -> None:

@@ -215,7 +215,7 @@ def estimate_rigid_motion(before: np.ndarray, after: np.ndarray) -> np.ndarray:
     U, sizes, Vt = np.linalg.svd(before.T @ (after - other))
     if not sizes[1] > PLANARITY_TOLERANCE * sizes[0]:
         raise MeasurementError(
-            "the points of the target lie on one line: they give no pose; use points that do not"
+            "the points of the target lie on one line: they give no pose; use other points"
         )
     a_T_b = np.eye(4)
     a_T_b[:3, :3] = Vt.T @ np.diag([1.0, 1.0, np.linalg.det(Vt.T @ U.T)]) @ U.T

@@ -271,6 +271,7 @@ class CameraRig:
             return -adjoint(relative_pose(arm.fixed_pose, control.world_T_camera))
         if here is None or control.world_T_camera is None:
             raise MeasurementError(
-                f"the pose of camera {name} relative to {control.name} is unknown"
+                f"the pose of camera {name} relative to {control.name} is unknown: joint states at "
+                "the exposures are needed"
             )
         return adjoint(relative_pose(here, control.world_T_camera))

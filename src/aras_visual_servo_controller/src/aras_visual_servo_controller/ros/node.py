@@ -78,7 +78,7 @@ class ControllerNode:
     def spin(self) -> None:
         """Supervise the loop until ROS shuts down.
 
-        The checks use wall time, because simulated time can stop.
+        The loop is checked at intervals of wall time, because simulated time can stop.
 
         Raises:
             ConfigurationError: the settings do not fit a robot.

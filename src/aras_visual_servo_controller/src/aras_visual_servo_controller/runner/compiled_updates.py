@@ -1,7 +1,8 @@
 """Compiled updates of the loop between two images, from joint states to commands.
 
-They replace LoopRunner.add_joint_state for successive joint states while the arm servoes and
-nothing unusual happens. They call the same compiled functions, without the Python objects.
+The compiled updates replace LoopRunner.add_joint_state for successive joint states while the arm
+servoes and nothing unusual happens. Both call the same compiled functions, but here without Python
+objects in between.
 """
 
 from __future__ import annotations

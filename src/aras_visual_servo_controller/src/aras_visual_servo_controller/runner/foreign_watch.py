@@ -1,6 +1,6 @@
 """Detection of other nodes that command the joints.
 
-They are detected by the motion of the joints and by their messages on the command topics.
+Such nodes are detected by the motion of the joints, and by messages on the command topics.
 """
 
 from __future__ import annotations

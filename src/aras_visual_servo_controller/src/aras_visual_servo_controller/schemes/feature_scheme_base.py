@@ -91,7 +91,7 @@ class FeatureSchemeBase(Scheme):
         """Return the result of `feature.measure` with float64 arrays.
 
         Raises:
-            SchemeError: the result is not valid.
+            SchemeError: a shape is wrong, or a value is not finite.
         """
         measured = check_measurement(self.feature, measurement)
         self._row_count = len(measured.error)

@@ -90,10 +90,11 @@ class JointCheck:
         if oscillates.any():
             fastest = max_speed[oscillates].max()
             self.reason = (
-                f"{self.joints} oscillates without a command, at up to {fastest:.1f} rad/s or m/s"
+                f"the motion of {self.joints} oscillates without a command, at up to "
+                f"{fastest:.1f} rad/s or m/s"
             )
         elif lags.any():
-            self.reason = f"{self.joints} does not follow its command"
+            self.reason = f"the motion of {self.joints} does not follow the command"
 
     def _format_names(self, joints: np.ndarray) -> str:
         """Return the names of the joints for which `joints` (n,) is True, as text."""

@@ -330,7 +330,7 @@ def _find_limit(images: Sequence[_ServoedImage]) -> Outcome | None:
         return None
     joints = ", ".join(sorted({name for names in stopped for name in names}))
     return make_outcome(
-        "joint_limit", f"{joints} at its limit: the path to the goal leads beyond it"
+        "joint_limit", f"the path to the goal leads beyond the limit of {joints}"
     )
 
 

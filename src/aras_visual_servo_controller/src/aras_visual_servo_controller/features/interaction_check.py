@@ -265,7 +265,7 @@ def _format_percent(part: float) -> str:
 
 
 def _make_exact_observer(feature: Feature) -> Observe:
-    """Return a function that computes exact observations of the hexagon.
+    """Return a function that computes exact observations of the default target, a hexagon.
 
     Raises:
         ConfigurationError: the feature needs other measurements.

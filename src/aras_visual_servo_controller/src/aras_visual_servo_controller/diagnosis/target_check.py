@@ -157,7 +157,7 @@ class TargetCheck:
     # Minimum rms residual for a target at rest, in tolerances, for each number of rows in a group.
     # A motion of the target is fitted only if the residual exceeds it.
     MIN_RESIDUAL = (0.3, 0.3, 0.3, 0.15)
-    MIN_SUMMED_NUMBERS = 12  # smallest number of values in a fit of sums over groups of rows
+    MIN_SUMMED_NUMBERS = 12  # smallest number of values in a fit if rows are summed in groups
     # An oscillation is fitted only to rows that cover at least this time, s.
     MIN_OSCILLATION_SPAN = 2.5
     # The target moves if its motion reduces the residual to less than this fraction of the residual

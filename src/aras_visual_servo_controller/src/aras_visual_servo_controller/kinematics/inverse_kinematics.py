@@ -71,7 +71,8 @@ def solve_inverse_kinematics(
                 return found.x
             if cheapest is None or costs < cheapest[0]:
                 cheapest = costs, found.x
-        # The guess for a continuous joint is at most one turn away from q0.
+        # A continuous joint gets a random guess within half a turn of q0, any other joint within
+        # half of its range; the first attempts stay nearer.
         reach = np.minimum(high - low, 2.0 * np.pi) * min(1.0, 0.2 + attempt / ATTEMPTS)
         guess = q0 + random.uniform(-0.5, 0.5, len(q0)) * reach
     if cheapest is not None:

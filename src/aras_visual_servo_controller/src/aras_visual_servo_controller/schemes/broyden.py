@@ -55,7 +55,8 @@ class Broyden:
     def reset(self) -> None:
         """Discard the estimate and the last image."""
         self._L: np.ndarray | None = None
-        self._weights, self._floor = np.ones(6), 0.0  # W and floor, which are set with the first L
+        # W and floor of Broyden's rule (see the module), set with the first L.
+        self._weights, self._floor = np.ones(6), 0.0
         # Stamp and error of the last image.
         self._last_measurement: tuple[float, np.ndarray] | None = None
 

@@ -440,7 +440,7 @@ def test_what_is_not_finite_is_refused(place):
         ({"upper": {"J2": 2.2}}, "J2: upper 2.2 is beyond"),
         ({"lower": {"J3": 1.0}, "upper": {"J3": 0.5}}, "J3: lower 1 must be below upper 0.5"),
         ({"upper": {"J3": "far"}}, "upper is"),
-        ({"upper": {"J3": np.nan}}, "not a number"),
+        ({"upper": {"J3": np.nan}}, "give a number"),
     ],
 )
 def test_limits_that_cannot_be(options, words):

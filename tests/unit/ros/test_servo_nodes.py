@@ -160,7 +160,7 @@ def test_pictures_reach_the_loop_with_their_depth(graph):
     depth(picture("16UC1", value=1250))
     bad = CameraInfo(width=64, height=48, K=[0.0] * 9)
     info(bad)
-    assert graph.lines[-1].startswith("camera_info is of no use: ") and not driver.images
+    assert graph.lines[-1].startswith("camera_info cannot be used: ") and not driver.images
     info(INFO)
     (stamp, (at, seen, camera, joints, commands, metres), name), = driver.images
     assert (stamp, at, name) == (3.25, 3.25, "left")
@@ -300,7 +300,7 @@ def test_the_node_s_parameters_are_checked_before_anything_begins(graph, life):
     rospy.set_param("~scheme", "pints")
     with pytest.raises(ConfigurationError, match="pints"):
         node_settings.read_node_settings()
-    with pytest.raises(ConfigurationError, match="no robot description on parameter robo$"):
+    with pytest.raises(ConfigurationError, match="no robot description on parameter robo: start"):
         node_settings.read_robot_settings({"description": "robo"})
     graph.parameters["/robo"] = ARM
     settings, arm = node_settings.read_robot_settings({"description": "robo", "gain": 3.5})

@@ -464,7 +464,8 @@ def test_a_joint_that_stands_still_is_named():
     rig.run(5.0)
     found = rig.servo.outcome
     assert found.kind == "joints_do_not_follow", found
-    assert found.reason.startswith("J2 does not follow") and "controllers of J2:" in found.remedy
+    assert found.reason.startswith("the motion of J2 does not follow")
+    assert "controllers of J2:" in found.remedy
 
 
 def one_camera(**known):

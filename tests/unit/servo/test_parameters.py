@@ -256,7 +256,7 @@ class Two:
     ("0.5 1 2", r"is \(0.5, 1.0, 2.0\), must be a name, none, {xyz, rpy} of the camera, or a f"),
     ([0.5], r"is \[0.5\], must be a name, none, {xyz, rpy} of the camera, or a finite number f"),
     (0.5, "is 0.5, must be a name, none"), ([0.5, np.nan], "is nan, must be a finite number"),
-    ({"j": 0.5}, "is '{'j': 0.5}', which has no value for k$"),
+    ({"j": 0.5}, "is '{'j': 0.5}', which has no value for k: give"),
     ({"j": 0.5, "k": 0.1, "l": 2.0}, "is .*, which has a value for l: the joints of this"),
     ({"j": "far", "k": 0.1}, "j is 'far', must be a finite number"),
     ({"xyz": [0, 0, 1], "rpy": [0, 0]}, "rpy is .0, 0., must be a list of 3"),

@@ -1,4 +1,4 @@
-"""Reader of glTF 2.0 files (.glb, .gltf), which uses trimesh and reports errors that it ignores."""
+"""Reader of glTF 2.0 files (.glb, .gltf) by trimesh, with checks for errors that it ignores."""
 
 from __future__ import annotations
 
@@ -54,12 +54,15 @@ def read(data: bytes, path: Path, check_size: Callable[[int, int], None],
         """Reads the files that the glTF file refers to."""
 
         def __init__(self) -> None:
-            """Do nothing, because `path` is a variable of the enclosing function."""
+            """Do nothing; `get` uses the variable `path` of the enclosing function."""
 
         def get(self, name: str) -> bytes:
             file = (path.parent / name).resolve()
             if not file.is_relative_to(path.parent.resolve()):
-                raise DescriptionError(f"'{shorten(name)}' is not in its folder")
+                raise DescriptionError(
+                    f"it refers to the file '{shorten(name)}', which is not in its folder",
+                    "move that file there",
+                )
             return find_file(file)
 
         def keys(self) -> list[str]:
@@ -92,7 +95,7 @@ def read(data: bytes, path: Path, check_size: Callable[[int, int], None],
 
 
 def _parse_tree(data: bytes) -> dict[str, Any]:
-    """Return the JSON part of a file, which describes the binary data."""
+    """Return the JSON part of a glTF file, which describes the file's binary data."""
     text = data
     if data[:4] == b"glTF":
         length = int.from_bytes(data[_HEADER : _HEADER + 4], "little")
@@ -112,7 +115,8 @@ def _check_tree(tree: dict[str, Any], check_size: Callable[[int, int], None]) ->
     """Check extensions and sizes; return whether the file contains normals for all triangles."""
     if needed := tree.get("extensionsRequired"):
         raise DescriptionError(f"it needs {shorten(', '.join(map(str, needed)), 200)}, which is "
-                               "not supported", "export it without extensions such as compression")
+                               "not supported",
+                               "export the file without glTF extensions such as compression")
     try:
         primitives = [one for mesh in tree.get("meshes", ()) for one in mesh["primitives"]
                       if one.get("mode", _TRIANGLES) == _TRIANGLES]
@@ -126,7 +130,7 @@ def _check_tree(tree: dict[str, Any], check_size: Callable[[int, int], None]) ->
 def _make_mesh(shape: trimesh.Trimesh, normals: bool) -> Mesh:
     """Return the mesh of a primitive in its own frame.
 
-    `normals` is whether the file contains normals, which are then used.
+    `normals`: True if the file contains normals for all triangles. Otherwise, they are computed.
     """
     index = np.full((len(shape.faces), 3, 3), -1)
     index[..., 0] = shape.faces

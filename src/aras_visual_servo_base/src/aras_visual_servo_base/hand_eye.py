@@ -38,7 +38,8 @@ LONGEST_TRANSLATION = 2.0
 # Smallest distance from a camera to the link that carries it, m. A smaller distance means that the
 # setting `units` is wrong; without this setting, it is accepted.
 SHORTEST_TRANSLATION = 1e-3
-# Largest element of R R^T - I. The numbers in files are rounded.
+# Largest accepted absolute element of R R^T - I. It is not zero, because numbers in files are
+# rounded.
 ROTATION_TOLERANCE = 1e-3
 # Names of a rotation and a translation in lower case. They may end with the names of two frames,
 # such as _cam2gripper.

@@ -27,7 +27,7 @@ COMPONENT_DESCRIPTIONS = {
     "largest": "the largest is the target",
     "nearest": "the one nearest to the target's last position is the target",
     "mask": "the one with most pixels in the mask image is the target",
-    "marker": "those inside the marker are the target",
+    "marker": "the objects inside the marker are the target",
 }
 
 

@@ -1,4 +1,4 @@
-"""Reader of COLLADA files (.dae) by pycollada, with checks for errors that pycollada ignores."""
+"""Reader of COLLADA files (.dae) by pycollada, with checks that pycollada omits."""
 
 from __future__ import annotations
 
@@ -45,16 +45,18 @@ def read(data: bytes, folder: Path, check_size: Callable[[int, int], None],
         checked = ElementTree.tostring(root)
         document = collada.Collada(io.BytesIO(checked), ignore=_UNSUPPORTED)
     except Exception as error:  # pycollada raises errors of many types for damaged files
-        raise DescriptionError(f"its parts do not match: {_format_error(error)}") from None
+        raise DescriptionError(
+            f"the parts of the file do not match: {_format_error(error)}"
+        ) from None
     known = {geometry.id for geometry in document.geometries}
     for geometry in root.findall("library_geometries/geometry"):
         if geometry.find("mesh") is not None and geometry.get("id") not in known:
-            why = "; ".join(_format_error(error) for error in document.errors) or "it has no id"
+            why = "; ".join(map(_format_error, document.errors)) or "the geometry has no id"
             raise DescriptionError(f"geometry '{safe_xml.shorten(geometry.get('id') or '')}' "
                                    f"cannot be read: {safe_xml.shorten(why, 200)}")
     for instance in root.iter("instance_geometry"):
         if _find_reference(instance, "url") not in known:
-            raise DescriptionError("its scene contains a geometry that does not exist: "
+            raise DescriptionError("the scene contains a geometry that does not exist: "
                                    f"'{safe_xml.shorten(instance.get('url'))}'")
     unit = document.assetInfo.unitmeter or 1.0
     metres = np.diag([unit, unit, unit, 1.0])
@@ -74,7 +76,7 @@ def read(data: bytes, folder: Path, check_size: Callable[[int, int], None],
                 appearance = appearances.get(primitive.material, (None, None))
                 meshes.append(_make_mesh(primitive, *appearance).apply_affine(metres @ placed))
     if not meshes:
-        raise DescriptionError("its scene contains no triangles")
+        raise DescriptionError("the scene contains no triangles")
     return meshes
 
 
@@ -91,10 +93,10 @@ def _parse_root(data: bytes) -> Element:
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
-        raise DescriptionError("it is not UTF-8 text") from None
+        raise DescriptionError("the file is not UTF-8 text") from None
     root = safe_xml.parse(text, "COLLADA", largest=len(data))
     if root.tag != "COLLADA":
-        raise DescriptionError("its root element is not <COLLADA>")
+        raise DescriptionError("the root element is not <COLLADA>")
     unit = root.find("asset/unit")
     if unit is not None and safe_xml.parse_number(unit.get("meter"), "<unit>: meter", 1.0) <= 0.0:
         raise DescriptionError(f"<unit>: meter {unit.get('meter')} must be positive")
@@ -180,7 +182,7 @@ def _find_geometries(scene: collada.scene.Scene | None
             inside = placed @ node.matrix
             check_reach(inside, "transform")
             pending += [(child, inside) for child in reversed(node.children)]
-    raise DescriptionError(f"its scene has more than {_MOST_NODES} nodes", "simplify it")
+    raise DescriptionError(f"the scene has more than {_MOST_NODES} nodes", "simplify it")
 
 
 def _triangulate(polygons: collada.polylist.Polylist) -> collada.triangleset.TriangleSet:

@@ -71,7 +71,7 @@ def read(path: str) -> tuple[Mesh, ...]:
         meshes = tuple(reader(_read_contents(file), file.parent, states))
         count = sum(len(mesh.triangles) for mesh in meshes)
         if count == 0:
-            raise DescriptionError("it has no triangles")
+            raise DescriptionError("the file has no triangles")
         _check_size(count)
     except DescriptionError as error:
         raise DescriptionError(f"mesh file {path} cannot be used: {error.fault}",
@@ -104,18 +104,18 @@ def _read_contents(path: Path) -> bytes:
                 raise DescriptionError("it is not a regular file")
             if state.st_size > LARGEST_FILE:
                 raise DescriptionError(
-                    f"it has {state.st_size} bytes, more than the limit of {LARGEST_FILE}",
+                    f"the file has {state.st_size} bytes, more than the limit of {LARGEST_FILE}",
                     "simplify it")
             return file.read(LARGEST_FILE)
     except OSError as error:
-        raise DescriptionError(f"it cannot be read: {error.strerror}") from None
+        raise DescriptionError(f"the file cannot be read: {error.strerror}") from None
 
 
 def _check_size(triangles: int, meshes: int = 1) -> None:
     for what, count, most in (("triangles", triangles, MOST_TRIANGLES),
                               ("groups and materials", meshes, MOST_MESHES)):
         if count > most:
-            raise DescriptionError(f"it has {count} {what}, more than the limit of {most}",
+            raise DescriptionError(f"the file has {count} {what}, more than the limit of {most}",
                                    "simplify it")
 
 
@@ -134,12 +134,13 @@ def _read_stl(data: bytes, _folder: Path, _states: dict[Path, _State | None]) ->
             corners = np.array(words, dtype=float).reshape(-1, 3, 3)
         except ValueError:
             raise DescriptionError(
-                f"its {len(words)} 'vertex' lines do not form triangles with three numbers per "
-                "corner"
+                f"the file's {len(words)} 'vertex' lines do not form triangles with three numbers "
+                "per corner"
             ) from None
     else:
         raise DescriptionError(
-            f"its {len(data)} bytes are neither ASCII STL nor a binary one of {count} triangles"
+            f"the file's {len(data)} bytes are neither ASCII STL nor a binary one of {count} "
+            "triangles"
         )
     return [from_corners(corners)]
 
@@ -217,12 +218,13 @@ def _read_obj(data: bytes, folder: Path, states: dict[Path, _State | None]) -> l
         except DescriptionError as error:
             raise DescriptionError(f"line {number}: {error.fault}", error.remedy) from None
     if count == 0:
-        raise DescriptionError("it has no faces")
+        raise DescriptionError("the file has no faces")
     v, vt, vn = (np.array(values, dtype=float).reshape(-1, width)
                  for values, width in zip(elements.values(), (3, 2, 3), strict=True))
     appearances = {name: materials.get(name, (None, None)) for _, name in faces}
     for name in appearances.keys() - materials.keys() - {""}:
-        where = f"there is no {min(lacking)}" if lacking else "none of its libraries defines it"
+        where = (f"there is no {min(lacking)}" if lacking
+                 else "no material library of the file defines it")
         _log.warning("mesh file %s: material '%s' is drawn grey: %s", next(iter(states)),
                      shorten(name), where)
         appearances[name] = GREY, None

@@ -1,4 +1,4 @@
-"""Reader of glTF 2.0 files (.glb, .gltf) by trimesh, with checks for errors that it ignores."""
+"""Reader of glTF 2.0 files (.glb, .gltf) by trimesh, with checks that trimesh omits."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def read(data: bytes, path: Path, check_size: Callable[[int, int], None],
             file = (path.parent / name).resolve()
             if not file.is_relative_to(path.parent.resolve()):
                 raise DescriptionError(
-                    f"it refers to the file '{shorten(name)}', which is not in its folder",
+                    f"the file refers to '{shorten(name)}', which is not in its folder",
                     "move that file there",
                 )
             return find_file(file)
@@ -81,7 +81,9 @@ def read(data: bytes, path: Path, check_size: Callable[[int, int], None],
         raise
     except Exception as error:  # trimesh raises errors of many types for damaged files
         said = f"{type(error).__name__}: {error}"
-        raise DescriptionError(f"its parts do not match: {shorten(said, 200)}") from None
+        raise DescriptionError(
+            f"the parts of the file do not match: {shorten(said, 200)}"
+        ) from None
     meshes = []
     for node in sorted(scene.graph.nodes_geometry):
         placed, name = scene.graph[node]
@@ -90,7 +92,7 @@ def read(data: bytes, path: Path, check_size: Callable[[int, int], None],
             meshes.append(_make_mesh(shape, normals).apply_affine(placed))
             check_size(sum(len(mesh.triangles) for mesh in meshes), len(meshes))
     if not meshes:
-        raise DescriptionError("its scene contains no triangles")
+        raise DescriptionError("the scene contains no triangles")
     return meshes
 
 
@@ -103,19 +105,19 @@ def _parse_tree(data: bytes) -> dict[str, Any]:
     try:
         tree = json.loads(text)
     except (ValueError, RecursionError):
-        raise DescriptionError("it does not start like a glTF file") from None
+        raise DescriptionError("the file does not start like a glTF file") from None
     if not isinstance(tree, dict) or not isinstance(tree.get("asset"), dict):
-        raise DescriptionError("it is not a glTF file: it has no asset")
+        raise DescriptionError("the file is not a glTF file: it has no asset")
     if not str(tree["asset"].get("version", "")).startswith("2"):
-        raise DescriptionError("it is not glTF 2", "export it as glTF 2")
+        raise DescriptionError("the file is not glTF 2", "export it as glTF 2")
     return tree
 
 
 def _check_tree(tree: dict[str, Any], check_size: Callable[[int, int], None]) -> bool:
     """Check extensions and sizes; return whether the file contains normals for all triangles."""
     if needed := tree.get("extensionsRequired"):
-        raise DescriptionError(f"it needs {shorten(', '.join(map(str, needed)), 200)}, which is "
-                               "not supported",
+        raise DescriptionError(f"the file needs {shorten(', '.join(map(str, needed)), 200)}, which "
+                               "is not supported",
                                "export the file without glTF extensions such as compression")
     try:
         primitives = [one for mesh in tree.get("meshes", ()) for one in mesh["primitives"]
@@ -124,7 +126,7 @@ def _check_tree(tree: dict[str, Any], check_size: Callable[[int, int], None]) ->
         check_size(sum(int(tree["accessors"][k]["count"]) for k in corners) // 3, len(primitives))
         return all("NORMAL" in one["attributes"] for one in primitives)
     except (LookupError, TypeError, ValueError, AttributeError):
-        raise DescriptionError("its meshes refer to missing data") from None
+        raise DescriptionError("the meshes of the file refer to missing data") from None
 
 
 def _make_mesh(shape: trimesh.Trimesh, normals: bool) -> Mesh:
@@ -174,7 +176,7 @@ def _save_image(image: Any) -> str:
     """Save an embedded image as a temporary file, which is deleted when the process ends."""
     if image.width * image.height > LARGEST_IMAGE:
         raise DescriptionError(
-            f"an image in it has more than {LARGEST_IMAGE} pixels", "make it smaller"
+            f"an image in the file has more than {LARGEST_IMAGE} pixels", "make it smaller"
         )
     pixels = image.convert("RGBA" if "A" in image.getbands() else "RGB")
     name = hashlib.sha256(pixels.tobytes() + str(pixels.size).encode()).hexdigest()[:32]

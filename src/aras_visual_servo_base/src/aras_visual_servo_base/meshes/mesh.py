@@ -12,8 +12,8 @@ from ..urdf import Rgba
 
 # Faces that meet at less than this angle are shaded as one smooth surface.
 CREASE_ANGLE = np.radians(35.0)
-# A vertex with more faces than this, such as the tip of a cone, is not smoothed, because smoothing
-# compares all pairs of its faces.
+# A vertex with more faces than this, such as the tip of a cone, is not smoothed, because the time
+# of smoothing increases with the square of this number.
 _MOST_CORNERS = 128
 _LARGEST_COORDINATE = 1e9  # largest number in a mesh file, in any unit
 # Triangles are dropped if twice their area is smaller than this, in the squared unit of the file.
@@ -208,7 +208,7 @@ def _compute_crosses(corners: np.ndarray) -> np.ndarray:
     """Return the normal (T, 3) of each triangle (T, 3, 3), scaled to twice the triangle's area."""
     crosses = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     if not (np.linalg.norm(crosses, axis=1) > _LEAST_AREA).any():
-        raise DescriptionError("it has no triangle with an area")
+        raise DescriptionError("the file has no triangle with an area")
     return crosses
 
 

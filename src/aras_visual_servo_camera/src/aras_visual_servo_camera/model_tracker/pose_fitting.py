@@ -366,7 +366,8 @@ def assess_pose(residuals, weight, A, free_motion_count, radius):
         the rms of their residuals, px;
         the weighted sum of their squares, divided by its expected value, at least 1;
         the covariance (6, 6) of the pose's error (m, rad) about the solid's middle;
-        True if the pose is not determined, except for motions that leave the surface unchanged.
+        True if the edges do not determine some motion of the solid, apart from the motions that
+        leave its surface unchanged.
     """
     count, squares, weighted = 0, 0.0, 0.0
     for n in range(len(residuals)):

@@ -70,8 +70,8 @@ def _make_ratio_check(
             )
         if abs(value) ** (1.0 / degree) <= tolerance ** (1.0 / degree) * moment_norm(moments, n):
             return (
-                f"its denominator {name} vanishes for this shape; use another target or another "
-                "feature"
+                f"the feature's denominator {name} vanishes for this shape; use another target or "
+                "another feature"
             )
         return None
 

@@ -266,8 +266,7 @@ def _check_number(number: int, dictionary: str, where: str) -> int:
     if number > highest:
         owner = dictionary or "the largest dictionary"
         raise VisionError(
-            f"{where}: the marker's number is {number}, must be at most {highest}, the last number "
-            f"of {owner}"
+            f"{where}: the marker's number is {number}, must be at most {highest} in {owner}"
         )
     return number
 

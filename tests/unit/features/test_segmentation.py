@@ -246,7 +246,7 @@ def test_a_label_is_the_target_whatever_its_grey_and_however_many_its_pieces() -
     with pytest.raises(SegmentationError, match="needs the simulator's label image"):
         segment(grey, Segmentation("label"))
     lost = segment(grey, Segmentation("label", label="box"), target_mask=0 * labelled)
-    assert lost.reason == "no pixel of label 'box'"
+    assert lost.reason == "'box' (the setting `label`) is not in view"
 
 
 def test_a_shaded_targets_edge_pixels_are_divided_by_the_levels_around_them() -> None:

@@ -1,11 +1,14 @@
 """Compilation with Numba, for short loops and small matrices, where NumPy's calls take too long.
 
 The types of the arguments are declared, so that the set-up can compile all functions. Compiled
-functions are cached in __pycache__ next to the source file, or in NUMBA_CACHE_DIR. A function is
-compiled again if its source file changes, and also if another module changes a compiled function or
-a constant that it uses; Numba alone checks only the source file. A function is compiled or loaded
-from the cache at its first call, because no program calls more than half of the functions. Nodes
-call `compile_all` before their first image instead.
+functions are cached in __pycache__ next to the source file, or in NUMBA_CACHE_DIR.
+
+A function is compiled again if its source file changes. Numba itself checks only this file. Here, a
+function is also compiled again if it uses a compiled function or a constant of another module that
+has changed.
+
+A function is compiled, or loaded from the cache, at its first call, because no program calls more
+than half of the functions. Nodes call `compile_all` instead, before their first image.
 """
 
 from __future__ import annotations
@@ -46,8 +49,8 @@ def _import_without(excluded: str, module: str) -> None:
 
 # To find a BLAS library for np.convolve and np.correlate, Numba imports SciPy's linear algebra.
 # This takes 0.1 s of processor time, which is 16 % of the bridge's import time and 9 % of a short
-# run that compiles nothing. Numba has no public option to prevent the import. np.dot does not need
-# it, because Numba searches for the BLAS of np.dot when it compiles a call of it.
+# run that compiles nothing. Numba has no public option to prevent the import. np.dot works without
+# it, because Numba searches for a BLAS library again when it compiles a call of np.dot.
 _import_without("scipy.linalg.cython_blas", "numba.np.arraymath")
 
 _log = logging.getLogger(__name__)
@@ -100,22 +103,22 @@ class CompiledFunction:
 
     @property
     def stats(self) -> object:
-        """Numba's statistics: whether the function was loaded from the cache or compiled."""
+        """Numba's statistics, which tell whether the function was compiled or loaded."""
         return self.compile().stats
 
 
 @typeof_impl.register(CompiledFunction)
 def _find_type(function: CompiledFunction, _context: object) -> numba.types.Type:
-    """Return the Numba type of the function, which Numba needs to compile calls of it."""
+    """Return the Numba type of a function; Numba calls this when it compiles calls of it."""
     return numba.typeof(function.compile())
 
 
 def jit(signature: str, allocates: bool = True) -> Callable[[Callable], CompiledFunction]:
     """Return a decorator that compiles a function for a signature such as 'f8[:,::1], i8'.
 
-    Write loops instead of array expressions, because they compile faster: if an array is assigned
-    to a slice, Numba also compiles the text of an error message, which takes a quarter of a second
-    each time. Loops do not check the shapes of arrays, so the caller must check them.
+    Write loops instead of array expressions, because loops compile faster. For each assignment of
+    an array to a slice, Numba also compiles the text of an error message, which takes a quarter of
+    a second. Loops do not check the shapes of arrays, so the caller must check them.
 
     Arrays that are declared in C order ('f8[:,::1]') may be written. Arrays that are declared in
     any order ('f8[:,:]') may only be read; the caller may pass views and read-only arrays for them.
@@ -130,10 +133,10 @@ def jit(signature: str, allocates: bool = True) -> Callable[[Callable], Compiled
     )
 
     def compile_function(function: Callable) -> CompiledFunction:
-        # The additional C wrapper is not compiled, because no other language calls the function.
-        # `_nrt` is a private option of Numba, but there is no public option that disables reference
-        # counting. With reference counting, a step of the simulated arm takes 8.0 µs of processor
-        # time instead of 6.2 µs (+28 %).
+        # `no_cfunc_wrapper`: the wrapper for calls from C is not compiled, because it is not used.
+        # `_nrt` is a private option that controls reference counting; there is no public one. With
+        # reference counting, a step of the simulated arm takes 8.0 µs of processor time instead of
+        # 6.2 µs (+28 %).
         made = CompiledFunction(function, arguments, {
             "nogil": True, "error_model": "numpy", "_nrt": allocates, "no_cfunc_wrapper": True,
         })  # fmt: skip
@@ -144,9 +147,12 @@ def jit(signature: str, allocates: bool = True) -> Callable[[Callable], Compiled
 
 
 def compile_all(package: str = "") -> None:
-    """Compile or load from the cache all functions of imported modules, or those of one package.
+    """Compile all functions of imported modules, or load them from the cache.
 
     Nodes call this when they start, so that their first image is not delayed.
+
+    Args:
+        package: name of a package whose functions are compiled; '' for all packages.
     """
     for (module, _), function in list(_functions.items()):
         if package in ("", module.partition(".")[0]):
@@ -170,9 +176,10 @@ def _compile(function: Callable, arguments: tuple, options: dict[str, object]) -
 
 
 def _compute_checksum(function: Callable) -> int:
-    """Return a checksum of everything but its source file on which a compiled function depends.
+    """Return a checksum of what a compiled function depends on outside of its source file.
 
-    These are the source files of the compiled functions that it calls, and the values of globals.
+    It covers the source files of the compiled functions that it calls, and the values of the global
+    constants that these functions use.
     """
     called, found = [function], set()
     for one in called:
@@ -191,7 +198,7 @@ def _compute_checksum(function: Callable) -> int:
 
 @cache
 def _compute_file_checksum(path: str, _time: int, _size: int) -> str:
-    """Return the checksum of a file. `_time` and `_size` are keys of the cache of results."""
+    """Return the checksum of a file; it is cached until the file's time or size changes."""
     return str(zlib.crc32(Path(path).read_bytes()))
 
 
@@ -236,7 +243,7 @@ def _warn_once() -> None:
 
 
 def column(number: int) -> property:
-    """Return a property that reads and writes the element `number` of an object's array `row`."""
+    """Return a property for the element `number` of the object's attribute `row`, an array."""
 
     def read(self: object) -> float:
         return self.row.item(number)

@@ -143,7 +143,7 @@ def test_the_arm_servoes_on_a_target_that_was_put_there():
 @pytest.mark.parametrize(
     ("changes", "told"),
     [
-        ({"shape": "four_dots"}, "its top is at z = 0.59"),
+        ({"shape": "four_dots"}, "whose top is at z = 0.59"),
         ({"shape": SQUARE, "motion": {"step": [0.01, 0, 0]}}, "is fixed at the pose given there"),
         ({"shape": "square", "pose": PLACE, "size": [3, 1]}, "the size of the table"),
         ({"shape": "nowhere.png", "pose": PLACE}, "there is no file"),

@@ -176,8 +176,8 @@ def test_a_bag_s_run_has_every_number_that_was_recorded(graph, face, tmp_path):
     assert run.joint_units == ("m", "rad") and run.versions == {"numpy": "1"}
     assert run.settings["camera"] == "lab" and "roslaunch" not in run.settings["launched by"]
     assert run.notes == ["the goal goal_2016.yaml was not recorded",
-                         "units of the features are unknown: 'points' has other features than "
-                         "in the bag"]
+                         "units of the features are unknown: scheme 'points' has other features "
+                         "than in the bag"]
 
 
 def test_where_nothing_is_described_the_camera_s_path_is_that_of_tf(graph, face, tmp_path):

@@ -243,7 +243,7 @@ class Robot:
     def make_camera_kinematics(
         self, camera: str, control: Arm, is_calibrated: bool = False
     ) -> CameraKinematics:
-        """Return the kinematics of one of the other cameras (not of the control camera).
+        """Return the kinematics of a camera that is not the control camera.
 
         Args:
             control: kinematics of the control camera.
@@ -328,7 +328,7 @@ class Robot:
         for name in names:
             if name not in self.parameters:
                 raise ExperimentError(
-                    f"controller '{name}' is not in {self.spec.config}: "
+                    f"robot.controllers: '{name}' is not in {self.spec.config}: "
                     + suggest(name, self.parameters)
                 )
             controller = known.get(name)
@@ -387,7 +387,7 @@ class Robot:
         return link, calibration.link_T_camera
 
     def _apply_hand_eye(self, spec: HandEyeSpec) -> str:
-        """Return the description with the robot's camera at the pose of a hand-eye calibration."""
+        """Return the description with the robot's camera at the pose of a hand-eye file."""
         from aras_visual_servo_base.camera_mounting import mount_camera
 
         try:

@@ -298,8 +298,8 @@ class Loop:
     def make_run(self) -> Run:
         """Return the record of the run up to the current time."""
         if self.is_over and self.servo.outcome.kind == "running":
-            # The loop only ends at an image with a measurement. In this case, the target was not
-            # visible at the end, but not long enough for the outcome that it is lost.
+            # The loop detects the end of the duration only at an image with a measurement. Here,
+            # the last images have none, but too few of them for the outcome 'target lost'.
             self.servo.time_out(self.experiment.duration)
         outcome = self.servo.outcome
         if self._termination is not None:

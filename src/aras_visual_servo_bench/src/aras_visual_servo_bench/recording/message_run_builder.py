@@ -130,7 +130,8 @@ class MessageRunBuilder:
         return with_images(run, images, frames)
 
     def _find_camera(self) -> CameraModel | None:
-        with contextlib.suppress(CalibrationError):  # the camera node reports this error
+        # The camera node reports invalid intrinsics when it receives them.
+        with contextlib.suppress(CalibrationError):
             return (
                 None
                 if self._recording.info is None
@@ -148,7 +149,7 @@ class MessageRunBuilder:
         """
         stamps, positions, velocities = [], [], []
         for message in self._recording.joints:
-            if not message.header.stamp:  # the sender had not yet received the simulated time
+            if not message.header.stamp:  # sent before the sender knew the simulated time
                 continue
             indices = {name: i for i, name in enumerate(message.name)}
             if not all(n in indices and indices[n] < len(message.position) for n in names):

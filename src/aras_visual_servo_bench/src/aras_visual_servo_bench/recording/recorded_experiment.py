@@ -50,7 +50,9 @@ def find_preset(settings: Mapping[str, Any]) -> str | dict[str, Any]:
 
 @dataclass
 class RecordedExperiment:
-    """Recorded description of a run; a property is None or empty if its data cannot be read.
+    """Description of a run that was recorded in its bag.
+
+    A property is None or empty if its data cannot be read.
 
     Attributes:
         content: content of the recorded message; empty if the bag has no such message.
@@ -161,7 +163,8 @@ class RecordedExperiment:
                 known = not any(isinstance(t, DepthFraction) for t in instance.tolerances)
                 return tuple(instance.units), tuple(instance.tolerances) if known else ()
             self.notes.append(
-                f"units of the features are unknown: '{scheme}' has other features than in the bag"
+                f"units of the features are unknown: scheme '{scheme}' has other features than in "
+                "the bag"
             )
         return (), ()
 

@@ -271,14 +271,18 @@ class Run(RunPresentation):
 
     @cached_property
     def rank(self) -> np.ndarray:
-        """Rank of L in each of the n images, in the directions that the features control."""
+        """Rank (n,) of the interaction matrix L in each image.
+
+        Components of the camera twist that the scheme does not control are left out of L.
+        """
         return np.array([state.rank for state in self.states], int)
 
     @cached_property
     def singular_L(self) -> np.ndarray:
         """Singular values (n, p) of the interaction matrix L, largest first.
 
-        Only the directions that the features model are included."""
+        Components of the camera twist that the scheme does not control are left out of L.
+        """
         return pad_rows(state.singular_values_L for state in self.states)
 
     @cached_property

@@ -34,7 +34,7 @@ from aras_visual_servo_controller.settings import Settings
 from ..drawing.run_trace import NO_STATE, RunTrace
 from ..drawing.track import RealTimeFactor
 
-# The real-time factor is unknown if no joint state has arrived for longer, s of wall time.
+# Time without a joint state after which the real-time factor is unknown, s of wall time.
 SILENCE_TIMEOUT = 2.0
 
 

@@ -13,8 +13,8 @@ from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.images import decode
 
 QUALITY = 80
-# Buffer of a subscriber, bytes. It holds several images, so that old images do not wait in the
-# socket.
+# Receive buffer of a subscriber, bytes. rospy drops old images only if the buffer holds several
+# images; otherwise they would wait in the socket, and the page would show them late.
 BUFFER_BYTES = 2**24
 OVERLAY_NOTE = "green: detected target \u2002 blue: desired view"
 PLAIN_NOTE = "camera image; the camera node is not running"

@@ -74,7 +74,8 @@ class PageCommands:
         self.selection: dict[str, str] = {}
         self._launch: RosLaunch | None = None
         self._packages = rospkg.RosPack()
-        self._camera: tuple[dict[str, Any] | None, str] = None, ""  # settings and preset name
+        # Settings of the camera in the robot description, and the name of their preset.
+        self._camera: tuple[dict[str, Any] | None, str] = None, ""
         rospy.Subscriber(f"{CONTROLLER}/gains/parameter_updates", Config, self._on_gains)
 
     def list_choices(self) -> dict[str, list[str]]:

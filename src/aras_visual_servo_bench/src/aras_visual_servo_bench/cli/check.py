@@ -27,8 +27,8 @@ def add_parser(commands: Any) -> None:
     check.add_argument("--tolerance", type=float, default=TOLERANCE, metavar="PART",
                        help="largest relative error of a row (default %(default)s)")
     check.add_argument("--step", type=float, default=STEP, metavar="H",
-                       help="half the distance between two views, in depths and rad "
-                            "(default %(default)s)")
+                       help="step of the finite differences: a fraction of the depth for "
+                            "translations, rad for rotations (default %(default)s)")
     check.set_defaults(carry_out=_check_interaction)
 
 

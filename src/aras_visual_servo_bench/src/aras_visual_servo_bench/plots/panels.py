@@ -131,7 +131,7 @@ def _make_curves(
     run: Run, names: Sequence[str], table: np.ndarray, members: Iterable[int], more: str = "",
     **look: bool,
 ) -> list[Curve]:  # fmt: skip
-    """Return a curve for some columns of a table.
+    """Return one curve for each of the selected columns of a table.
 
     Args:
         run: run whose images define the times.
@@ -191,9 +191,10 @@ def make_error_panels(runs: Sequence[Run]) -> list[Panel]:
 
 
 def _compute_error_norm(run: Run) -> np.ndarray:
-    """Compute the norm (n,) of the errors at each image, divided by the norm at the first image.
+    """Compute the norm (n,) of the errors at each image, relative to the first image.
 
-    Before, the error of each feature is divided by its largest value.
+    The error of each feature is first divided by its maximum over all images. The norm of these
+    errors is then divided by its value at the first image with a measurement.
     """
     size = np.linalg.norm(normalize_errors(run.error), axis=1)
     known = size[np.isfinite(size)]

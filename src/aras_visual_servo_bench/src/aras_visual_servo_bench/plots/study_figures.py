@@ -24,7 +24,7 @@ from .palette import BLUE, COLOURS, INK, PALE_BLUE, SOFT_INK, VERMILION, choose_
 from .style import FILE_FORMATS, apply_style, escape_math, make_axes
 
 MAX_GROUPS = 24  # largest number of boxes in a panel; more boxes are not legible
-MAX_NAME = 40  # a longer name of a group is written on several lines, letters
+MAX_NAME = 40  # largest number of letters for which the name of a group is written on one line
 MAX_CURVES = 8  # largest number of curves in a panel
 MAX_TRACES = 200  # approximate number of runs of a study in the figure of trajectories
 MAX_COLUMNS, PANEL_WIDTH = 3, 3.8  # largest number of panels side by side; their width, inches

@@ -267,7 +267,8 @@ def add_legend(axis: Axes, columns: int = 4, **options: object) -> None:
 def add_legend_below(figure: Figure, columns: int, handles: Sequence[Artist] | None = None) -> None:
     """Add a legend at the centre below all axes.
 
-    The bottom margin of the figure is enlarged by the height of all lines but the first.
+    The bottom margin has space for one line of the legend. It is enlarged by the height of further
+    lines.
 
     Args:
         figure: figure of the axes.

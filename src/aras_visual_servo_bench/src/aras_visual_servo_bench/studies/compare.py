@@ -105,7 +105,8 @@ def find_differences(
     one, two = _index_rows(first, keys), _index_rows(second, keys)
     groups = [values for values in one if values in two]
     if not groups:
-        raise StudyError(f"{first.name} and {second.name} have no settings of {keys} in common")
+        raise StudyError(f"{first.name} and {second.name} have no settings of {keys} in common: "
+                         "compare studies with some equal values of these keys, or name other keys")
     shared = {m.name for m in second.metrics} - {REAL_TIME_MULTIPLE.name}
     chosen = [m for m in first.select_metrics(metrics) if m.name in shared]
     tests: list[tuple[str, str, str, Comparison]] = []

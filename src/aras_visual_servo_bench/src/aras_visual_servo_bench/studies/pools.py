@@ -347,7 +347,7 @@ def _configure_dask() -> Any:
     """Configure Dask with short histories and few self-checks; return its module `distributed`."""
     try:
         import dask
-        import distributed  # import it before dask.config.set, because it overrides settings
+        import distributed  # imported before dask.config.set, because the import sets defaults
     except ModuleNotFoundError as error:
         raise make_missing_library_error(error.name, "studies") from None
 
@@ -369,8 +369,8 @@ def _configure_dask() -> Any:
         "distributed.admin.tick.cycle": "60s",
         "distributed.admin.tick.limit": "1h",
         "distributed.admin.system-monitor.interval": TICK_PERIOD,
-        # On an overloaded machine, a worker may not answer for minutes or may start slowly. These
-        # timeouts prevent that it is regarded as lost.
+        # On an overloaded machine, a worker may start slowly, or may not answer for minutes. With
+        # these timeouts, Dask does not regard it as lost.
         "distributed.scheduler.worker-ttl": None,
         "distributed.comm.timeouts.connect": CONNECT_TIMEOUT,
         "distributed.comm.timeouts.tcp": CONNECT_TIMEOUT,

@@ -29,7 +29,7 @@ from .study_folder import StudyFolder
 if TYPE_CHECKING:
     import pandas
 
-SHOWN_ENDS = 4  # in the description
+SHOWN_ENDS = 4  # largest number of different outcomes that the text of Results lists
 REAL_TIME_MULTIPLE = Metric(
     "real_time_multiple", "", metrics.GREATER,
     "wall time of the worker, stored in a separate file",

@@ -49,7 +49,8 @@ class Case:
     set: settings of the case: values by dotted key of the experiment.
     published: published values, by the name of a metric, 'outcome' or 'verdict'. A text or a whole
         number must agree exactly, another number within 1 %; [minimum, maximum] is a range.
-    elsewhere: values from other publications about similar cases, by the case of another axis.
+    elsewhere: results of similar cases in other publications, as text, by the names of cases of
+        the other axes; they do not affect the runs.
     cases: axes that replace the axes with the same names, for this case only.
     """
 

@@ -80,8 +80,8 @@ class Candidate:
     cost: mean of the metric, with a sign such that smaller is better.
     violation: 0 if the target stayed in the image and enough runs succeeded; positive otherwise.
     success: success rate.
-    excursion: largest distance of a target corner from the image centre in any run, in half image
-        sizes.
+    excursion: largest offset of a target corner from the image centre in any run, in half image
+        widths or heights.
     """
 
     values: tuple[float, ...]

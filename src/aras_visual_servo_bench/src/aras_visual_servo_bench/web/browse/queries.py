@@ -28,10 +28,10 @@ OPERATORS = ("=", "≠", "<", "≤", ">", "≥", "contains", "is known", "is not
 MAX_ROWS, MAX_GROUPS = 200, 200  # largest numbers of rows and of groups in one answer
 MAX_LISTED_VALUES = 60  # the values of a column are listed if there are at most this many
 MAX_CELLS = 24  # largest number of distinct values for which each value has its own cell
-BINS = 12  # number of cells of a numeric column with more distinct values
+BINS = 12  # number of cells of a numeric column with more than MAX_CELLS distinct values
 MAX_SHADES = 7  # largest number of colour classes of points; all other values are one more class
 MAX_EXACT_INTEGER = 2**53  # larger integers are not exact in JavaScript
-WIDE_RATIO = 100.0  # cells are logarithmic if the maximum divided by the minimum is larger
+WIDE_RATIO = 100.0  # cells are logarithmic if maximum / minimum is larger than this
 
 
 @dataclass(frozen=True)

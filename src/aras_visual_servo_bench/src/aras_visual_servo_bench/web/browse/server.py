@@ -137,7 +137,10 @@ def _list_studies(snapshot: Snapshot, query: StudiesQuery) -> dict[str, Any]:
 
 
 def _compare_studies(snapshot: Snapshot, query: ComparisonQuery) -> dict[str, Any]:
-    """Return the differences between two studies: first the significant ones, each by p-value."""
+    """Return the differences between two studies.
+
+    The significant differences come first. Within both parts, smaller p-values come first.
+    """
     first, second = (snapshot.find_study(name) for name in (query.first, query.second))
     for entry in (first, second):
         if entry.results is None:

@@ -795,7 +795,7 @@ def test_several_runs_show_their_speeds(runs):
         for run, curve in zip(runs, ratios[title].curves, strict=True):
             told = [s.ik_solution.recorded_singular_values[at] for s in run.states]
             np.testing.assert_allclose(curve.values, [max(one) / min(one) for one in told])
-    scale = ratios["factor by which limits slowed the task"]
+    scale = ratios["factor by which limits reduced the twist"]
     assert (
         scale.span == (-0.05, 1.1)
         and not scale.is_logarithmic

@@ -355,7 +355,7 @@ def test_every_curve_of_the_page_is_of_the_records(runs, written):
     check("condition number", "L", time, [max(L) / min(L) for L, _ in told])
     check("condition number", "L J", time, [max(LJ) / min(LJ) for _, LJ in told])
     check("manipulability", "manipulability", time, [math.prod(LJ) for _, LJ in told])
-    title = "factor by which limits slowed the task"
+    title = "factor by which limits reduced the twist"
     check(title, "scale", time, [s.ik_solution.scale for s in run.states])
     record = run.cameras["camera"]
     after = record.stamp >= began

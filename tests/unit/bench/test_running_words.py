@@ -97,7 +97,7 @@ def test_a_study_is_made_of_its_file_or_of_what_the_words_change(calls, study, t
     assert main(["run", str(tmp_path / "none.yaml"), "--out", "o"]) == 1
     assert main(["run", "paper_basn", "--out", "o"]) == 1
     said = capsys.readouterr().err
-    assert "there is no file paper_basn, and no shipped study: did you mean 'paper_basin'?" in said
+    assert "there is no file paper_basn, and no shipped study of this name: did you mean '" in said
 
 
 TINY = """experiment: {plant: free, duration: 0.1, lag: 0.0}

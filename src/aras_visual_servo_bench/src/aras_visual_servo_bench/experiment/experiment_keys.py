@@ -67,8 +67,8 @@ def _find_fields(key: str, kind: type) -> list[dataclasses.Field]:
             return found if so_far == f"{key}." else []  # the reader of the mapping checks its keys
         kinds = tuple(option for option in options if dataclasses.is_dataclass(option))
         if not kinds and so_far != f"{key}.":
-            raise StudyError(f"an experiment has no '{key}': {so_far[:-1]} has no keys below it, "
-                             "set it to a value")
+            raise StudyError(f"an experiment has no '{key}': {so_far[:-1]} has no keys below it; "
+                             f"set {so_far[:-1]} itself")
     return found
 
 

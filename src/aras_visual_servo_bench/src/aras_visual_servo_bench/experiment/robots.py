@@ -228,8 +228,9 @@ class Robot:
                 continue
             if joint.kind != "fixed":
                 raise ExperimentError(f"joint '{joint.name}' moves the camera relative to link "
-                                      f"'{link}': a hand-eye calibration needs a link to which the "
-                                      "camera is fixed")
+                                      f"'{link}', so a calibration cannot give its pose on this "
+                                      "link: set hand_eye.link to a link that carries the camera "
+                                      "rigidly")
             pose = pose @ joint.pose.matrix()
         if pose is None:
             raise ExperimentError(f"link '{link}' does not carry the camera: set hand_eye.link to "
@@ -416,7 +417,9 @@ class Robot:
         try:
             return self._adapt("move_camera", self._original_urdf, *texts)
         except ValueError as error:
-            raise ExperimentError(f"{self.spec.urdf}: camera cannot be moved: {error}") from None
+            raise ExperimentError(
+                f"{self.spec.urdf}: camera_xyz and camera_rpy cannot displace the camera: {error}"
+            ) from None
 
     def _adapt(self, function: str, *texts: str) -> str:
         """Call a function of the script adapt_description, which the launch files use, too."""

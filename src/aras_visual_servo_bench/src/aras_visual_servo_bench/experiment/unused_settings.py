@@ -18,13 +18,13 @@ from .experiment import FREE_CAMERA_PLANTS, Experiment, IdealSpec
 # accepted on the other plants, too; meaning of the key for the error message "KEY is MEANING".
 PLANT_SETTINGS = (
     ("friction", ("bullet",), True, "the friction of simulated joints"),
-    ("lag", ("chain", "free"), 0.0, "the lag of joints without dynamics"),
+    ("lag", ("chain", "free"), 0.0, "the time constant of joints without dynamics"),
     ("delay", ("bullet", "chain", "free"), 0.0, "the time until a command takes effect, and plant "
     "ideal executes commands immediately"),
-    ("commands", ("bullet", "chain", "free"), "images", "how commands are sent, and plant ideal "
-     "executes one twist per image"),
+    ("commands", ("bullet", "chain", "free"), "images", "the choice of when commands are sent, and "
+     "plant ideal executes one twist per image"),
     ("target.box", ("bullet",), None, "a body in the simulated world"),
-    ("ideal", ("ideal",), IdealSpec(), "how the ideal camera moves, and when its run ends"),
+    ("ideal", ("ideal",), IdealSpec(), "a group of settings of the ideal camera"),
 )  # fmt: skip
 # Settings that change images but have no effect on exact features.
 IMAGE_SETTINGS = ("target.perturbed", "target.occluder", "target.marker", "sun")

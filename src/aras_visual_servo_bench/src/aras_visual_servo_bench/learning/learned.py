@@ -99,7 +99,7 @@ class LearnedScheme(Scheme):
             ConfigurationError: the goal has no moments.
         """
         if goal.moments is None:
-            raise ConfigurationError(f"{goal.name} contains no moments: teach it again")
+            raise ConfigurationError(f"the goal {goal.name} contains no moments: teach it again")
         return self._network(make_inputs(goal.moments))
 
     def check(self, goal: Goal) -> None:

@@ -113,7 +113,7 @@ class LearnedPose(Feature):
         prediction = np.array(dict(goal.features.get(self.name, {})).get("pose", ()), float)
         if prediction.shape != (6,) or not np.isfinite(prediction).all():
             raise ConfigurationError(
-                f"{goal.name} contains no {self.name}: teach it again with this feature"
+                f"the goal {goal.name} contains no {self.name}: teach it again with this feature"
             )
         self._goal, self._goal_T_reference = goal, inverse(exponential(prediction))
 

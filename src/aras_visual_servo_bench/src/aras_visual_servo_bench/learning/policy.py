@@ -99,7 +99,8 @@ class Policy(LearnedScheme):
         )
         if prediction.shape != (4,) or not np.isfinite(prediction).all():
             raise ConfigurationError(
-                f"{goal.name} was not taught with the policy: teach it again with this scheme"
+                f"the goal {goal.name} was not taught with the policy: teach it again with this "
+                "scheme"
             )
         return prediction
 

@@ -424,7 +424,7 @@ def images_late(run: Run) -> float:
 
 
 @metric(
-    "ms", NEITHER, "clock of the recorder; negative if the recorder had not yet received the time"
+    "ms", NEITHER, "time of arrival by the recorder's clock; negative if this clock was late"
 )
 def delay(run: Run) -> float:
     """Mean time from an exposure until the recorder received the image."""

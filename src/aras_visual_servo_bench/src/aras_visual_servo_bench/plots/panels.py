@@ -315,7 +315,8 @@ def _select_limits(lines: Iterable[tuple[float, str]]) -> tuple[tuple[float, str
 def make_conditioning_panels(runs: Sequence[Run]) -> list[Panel]:
     """Return panels of the condition numbers of L and L J, the manipulability and the scale factor.
 
-    The scale factor is the factor by which joint limits slow the task, 1 if they do not.
+    The scale factor, 0 to 1, is the factor by which speed and acceleration limits of the joints
+    reduce the desired twist.
     """
     ratios = [
         _make_run_curves(runs, name, lambda run, key=key: condition_number(getattr(run, key)))
@@ -335,7 +336,7 @@ def make_conditioning_panels(runs: Sequence[Run]) -> list[Panel]:
         ]  # fmt: skip
     for title, name, key, span in (
         ("manipulability", "manipulability", "manipulability", (None, None)),
-        ("factor by which limits slowed the task", "scale", "scale", (-0.05, 1.1)),
+        ("factor by which limits reduced the twist", "scale", "scale", (-0.05, 1.1)),
     ):  # fmt: skip
         curves = _make_run_curves(runs, name, lambda run, key=key: getattr(run, key))
         found += make_panel(title, name, "", curves, span=span)

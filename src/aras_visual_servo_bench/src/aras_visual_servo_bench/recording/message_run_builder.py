@@ -50,7 +50,8 @@ class MessageRunBuilder:
         if not runs:
             raise BenchError(
                 f"{recording.path} has no image that the controller processed: "
-                + (f"its last phase is {all_states[-1].phase}: {all_states[-1].reason}".rstrip(": ")
+                + (f"the controller's last phase is {all_states[-1].phase}: "
+                   f"{all_states[-1].reason}".rstrip(": ")
                    if all_states else
                    "there are no messages of the controller; start it and record again")
             )  # fmt: skip

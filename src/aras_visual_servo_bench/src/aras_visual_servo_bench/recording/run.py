@@ -299,7 +299,7 @@ class Run(RunPresentation):
 
     @cached_property
     def scale(self) -> np.ndarray:
-        """Factor (n,) by which joint limits reduced the desired twist; 1 if they did not."""
+        """Factor (n,) by which speed and acceleration limits reduced the desired twist, 0 to 1."""
         return self._collect_ik_solutions("scale")
 
     def _collect_ik_solutions(self, field_name: str) -> np.ndarray:

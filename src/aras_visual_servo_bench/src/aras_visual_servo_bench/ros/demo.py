@@ -120,7 +120,8 @@ class Demo:
             self._check_running()
             if time.monotonic() > deadline:
                 seconds = MIN_REAL_TIME_RATIO * self.arguments.timeout
-                _print_status(f"stopped after {seconds:.0f} s of wall time")
+                _print_status(f"stopped after {seconds:.0f} s of wall time: the simulation is too "
+                              "slow on this machine")
                 return
             time.sleep(0.05)
         _print_status(f"not converged within {self.arguments.timeout:.0f} s of simulated time")

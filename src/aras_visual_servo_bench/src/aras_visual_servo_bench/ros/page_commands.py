@@ -219,8 +219,8 @@ class PageCommands:
         distance, angle = pose_difference(moved, reached)
         if max(distance, angle) < POSE_TOLERANCE:
             return text
-        return (f"{text}; the reachable pose differs by {1e3 * distance:.3f} mm and "
-                f"{math.degrees(angle):.3f} degrees")
+        return (f"{text}; the nearest reachable pose differs from the requested one by "
+                f"{1e3 * distance:.3f} mm and {math.degrees(angle):.3f} degrees")
 
     def _start_nodes(self, scheme: str, law: str, start: str, goal: str) -> str:
         with self._lock:

@@ -43,7 +43,7 @@ STUCK_OUTCOME = "joints_do_not_follow"
 COLLISION_REMEDY = (
     "start in another posture, or choose start and goal so that the arm stays clear of {}"
 )
-VIBRATION_NOTE = "camera '{}' shakes {}; verdict and camera path are without this vibration"
+VIBRATION_NOTE = "camera '{}' shakes {}; verdict and camera path do not contain this vibration"
 log = logging.getLogger(__name__)
 
 

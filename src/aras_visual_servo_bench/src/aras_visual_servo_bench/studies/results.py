@@ -228,7 +228,7 @@ class Results:
         return self.make_end_column().to_pylist()
 
     def make_end_column(self) -> pa.ChunkedArray:
-        """Return the result of `describe_ends` as a column."""
+        """Return a text column: each run's outcome, and the verdict if the loop has converged."""
         outcome, verdict = self._find_column("outcome"), self._find_column("verdict")
         both = pc.binary_join_element_wise(outcome, verdict, ", ")
         return pc.if_else(pc.starts_with(outcome, "converged"), both, outcome)

@@ -118,10 +118,11 @@ class Tuner:
         for key in keys:
             if key in study.keys or keys.count(key) > 1:
                 raise StudyError(
-                    f"'{key}' is given twice, by the study or by two ranges: remove one of them"
+                    f"'{key}' is varied twice, by the study and a range or by two ranges: remove "
+                    "one of them"
                 )
         if study.cases:
-            raise StudyError("a study with cases cannot be tuned: put them under vary")
+            raise StudyError("a study with cases cannot be tuned: move their settings to vary")
         if not 0.0 <= min_success <= 1.0:
             raise StudyError(f"the minimum success rate is {min_success:g}, must be from 0 to 1")
         self._metric: Metric = known_metrics.find_metric(metric)

@@ -18,7 +18,7 @@ class Marker(FlatShape):
     tracker = "marker"
 
     marker: str = parameter(
-        "", help="number, such as 5 or DICT_5X5_100:5; '': AprilTag 36h11, number 0"
+        "", help="dictionary and number, such as 5 or DICT_5X5_100:5; '' for number 0 of AprilTag 36h11"
     )
 
     def make(self) -> Target:

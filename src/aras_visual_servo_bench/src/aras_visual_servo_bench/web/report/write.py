@@ -97,7 +97,7 @@ CHAPTERS: tuple[tuple[Chapter, ...], ...] = (
              "joints that move the camera"),),
     (Chapter("conditioning", "Conditioning", "Condition number of L, without components of the "
              "twist that the scheme does not control, and of L J, which the controller inverts. "
-             "Scale: factor by which joint limits reduce the desired twist.", None,
+             "Scale: factor by which speed and acceleration limits reduce the desired twist.", None,
              panels.make_conditioning_panels, "Conditioning", Layout(1.5), MEASURED),
      Chapter("timing", "Timing", "All times are simulated times. The simulator reports the "
                                  "real-time "

@@ -229,7 +229,7 @@ class CameraSetup:
         settings = merge(description_settings, overrides)
         config = make_camera_config(settings)
         published = true = read_camera_model(config.make_intrinsics())
-        if config.legacy_camera_info:  # published intrinsics follow Gazebo's formulas, not the lens
+        if config.legacy_camera_info:  # then Gazebo's formulas give published intrinsics, not true
             true = make_camera_model({**settings, "legacy_camera_info": False})
         return cls(
             name,

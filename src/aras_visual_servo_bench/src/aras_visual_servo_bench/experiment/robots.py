@@ -280,7 +280,7 @@ class Robot:
     def _add_calibrated_frame(
         self, xyz: Sequence[float], rpy: Sequence[float], camera: str
     ) -> tuple[str, str]:
-        """Add a frame at a camera's calibrated pose; return the description and the frame name."""
+        """Return a description with a frame at a camera's calibrated pose, and the frame's name."""
         frame = self.find_optical_frame(camera)
         if not (any(xyz) or any(rpy)):
             return self.urdf, frame
@@ -289,7 +289,7 @@ class Robot:
         return urdf, calibrated
 
     def _add_camera_frames(self, urdf: str) -> str:
-        """Add the missing optical frames of the cameras to a description, and return it."""
+        """Return a copy of a description with the missing optical frames of the cameras."""
         if self._cameras:
             from .added_links import with_link
         for name, camera in self._cameras.items():
@@ -362,10 +362,16 @@ class Robot:
     def _with_frame(
         self, urdf: str, name: str, frame: str, frame_T_child: np.ndarray
     ) -> str:
-        """Add a link that is fixed to an optical frame to the description, and return it.
+        """Return a copy of a description with a new link that is fixed to an optical frame.
 
         If the description has no link for the optical frame, the new link is fixed to the parent
         of the optical frame.
+
+        Args:
+            urdf: text of the description.
+            name: name of the new link.
+            frame: name of the optical frame.
+            frame_T_child: pose (4, 4) of the new link in the optical frame.
         """
         last = _find_joint_path(urdf, frame, self.spec.urdf)[-1]
         if last.child not in parse_tree(urdf).links:

@@ -217,7 +217,7 @@ def format_log_axis(axis: Axes) -> None:
         between = (1.0, 2.0, 5.0) if high < 50.0 * low else (1.0,)
         axis.yaxis.set_major_locator(LogLocator(subs=between))
         axis.yaxis.set_major_formatter("{x:g}")
-    elif not is_paper():  # the font of a paper has no superscript minus sign
+    elif not is_paper():  # plain text such as 10⁻³; the font of a paper lacks the character ⁻
         axis.yaxis.set_major_formatter(FuncFormatter(_format_power))
     axis.yaxis.set_minor_formatter(NullFormatter())
 

@@ -214,7 +214,7 @@ def _draw_limits(axis: Axes, limits: Texts) -> None:
     if not limits:
         return
     low, high = axis.get_ylim()
-    if high - low < MIN_AXIS_RANGE:  # otherwise, a joint at rest would look like a moving joint
+    if high - low < MIN_AXIS_RANGE:  # in a smaller range, a joint at rest would appear to move
         middle = 0.5 * (low + high)
         low, high = middle - 0.5 * MIN_AXIS_RANGE, middle + 0.5 * MIN_AXIS_RANGE
     room, far_limits = 0.6 * (high - low), []

@@ -150,7 +150,7 @@ class MessageRunBuilder:
         """
         stamps, positions, velocities = [], [], []
         for message in self._recording.joints:
-            if not message.header.stamp:  # sent before the sender knew the simulated time
+            if not message.header.stamp:  # 0: the sender did not know the simulated time yet
                 continue
             indices = {name: i for i, name in enumerate(message.name)}
             if not all(n in indices and indices[n] < len(message.position) for n in names):

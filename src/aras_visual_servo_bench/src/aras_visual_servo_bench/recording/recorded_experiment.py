@@ -40,7 +40,7 @@ DEFAULT_DURATION = 8.0  # s; used if the controller node had no duration
 
 
 def find_preset(settings: Mapping[str, Any]) -> str | dict[str, Any]:
-    """Return the name of the camera preset that has these settings; without one, the settings."""
+    """Return the name of the camera preset with these settings; if there is none, the settings."""
     folder = Path(PackagePath().find(RobotSpec().cameras)) / "config" / "cameras"
     for file in sorted(folder.glob("*.yaml")):
         if read_yaml(file, ExperimentError) == dict(settings):
@@ -90,7 +90,7 @@ class RecordedExperiment:
         parameters = find_branch(
             self.content.get("parameters", {}), self.content.get("controller", "")
         )
-        parameters.pop("gains", None)  # dynamic_reconfigure adds this key
+        parameters.pop("gains", None)  # not a parameter of the node: dynamic_reconfigure adds it
         return parameters
 
     @cached_property

@@ -74,7 +74,7 @@ class CameraRecord:
     Attributes:
         model: true intrinsics; None if unknown.
         stamp: (p,) time of exposure of each image, s.
-        arrival: (p,) time at which the recorder received each image, s, by the same clock.
+        arrival: (p,) simulated time at which the recorder received each image, s.
         pose: (p, 4, 4) true world_T_camera of each image; empty if unknown.
         images: some of the images, in the order of time: stamp (s) and rgb (rows, columns, 3).
         film: film with more and smaller images, in the order of time: stamp (s) and JPEG; empty: a
@@ -415,7 +415,10 @@ class Run(RunPresentation):
         return None if outline is None else np.column_stack(self.camera.project(*outline.T))
 
     def project_desired_outline(self) -> np.ndarray | None:
-        """Return the corners (c, 2) of the silhouette at the goal pose, px; None if unknown."""
+        """Return the corners (c, 2) of the target's silhouette at the goal pose, px, or None.
+
+        None means that the target, the camera or the goal pose is unknown.
+        """
         return self.project_outline(self.goal_pose, self.end_stamp)
 
 

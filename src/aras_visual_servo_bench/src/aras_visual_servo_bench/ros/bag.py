@@ -150,7 +150,7 @@ def _reindex(path: Path) -> rosbag.Bag:
 
 
 def _find_topics(kinds: Mapping[str, str]) -> SimpleNamespace:
-    """Find the topics that a report needs by their types; the name of a missing topic is ''.
+    """Find the topics that a report needs, by message type; the name of a missing topic is ''.
 
     If there are several cameras, the camera of the ARAS robot is preferred.
 

@@ -73,7 +73,7 @@ class ImageSubscriber:
         try:
             bgr = np.ascontiguousarray(decode(message).rgb[:, :, ::-1])
         except VisionError:
-            return None  # the camera node reports the error
+            return None  # the camera node reports an image that cannot be decoded
         done, content = cv2.imencode(".jpg", bgr, (cv2.IMWRITE_JPEG_QUALITY, QUALITY))
         return content.tobytes() if done else None
 

@@ -260,7 +260,7 @@ class Loop:
             if reading.name not in self.parts.rig.observers:
                 continue
             if delay_ns := self._delays_ns[reading.name]:
-                self._delayed_count += 1  # order of frames that arrive at the same time
+                self._delayed_count += 1  # frames that arrive at the same time retain their order
                 heapq.heappush(pending, (reading.stamp_ns + delay_ns, self._delayed_count, reading))
             else:
                 yield reading

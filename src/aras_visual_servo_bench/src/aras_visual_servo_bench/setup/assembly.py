@@ -211,7 +211,7 @@ def _read_goal_joints(context: SetupContext) -> np.ndarray:
     """Return the joints (n,) of a goal that the experiment gives as joints."""
     try:
         joints = find_start_joints(context.experiment.goal, context.arm, context.settings.package)
-    except ConfigurationError as error:  # whose message starts with "parameter ~start"
+    except ConfigurationError as error:  # replace "parameter ~start" at the start of the message
         raise ExperimentError(str(error).replace("parameter ~start", "goal", 1)) from error
     check_within_limits(joints, context.arm, "goal")
     return joints
@@ -349,7 +349,7 @@ def compute_goal(
     """
     goal = loaded_goal.for_cameras(arms)
     if any(context.has_own_target(n) and n not in loaded_goal.cameras for n in context.needs):
-        return None  # the file has no data of these cameras' own targets
+        return None  # the file has no goal of a camera with its own target
     if goal.target is not None and context.target.shape.is_solid:
         return None
     try:

@@ -185,7 +185,7 @@ def teach_goal(
     control, target = views.pop(rig.control.name), context.target
     depth = target.shape.depth(target.target_T_camera(control.world_T_camera))
     if target.shape.is_solid:
-        depth = None  # `Goal.teach` then uses the depth of the plane
+        depth = None  # `Goal.teach` then uses the depth of `observation.plane`
     observation = rig.merge_observations(control, views) if views else control
     return replace(Goal.teach(context.scheme, observation, name, depth), joints=dict(joints))
 

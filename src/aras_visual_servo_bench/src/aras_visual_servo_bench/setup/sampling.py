@@ -80,7 +80,9 @@ def draw_start(
                 if not is_in_view(outline, model, sampler.margin):
                     raise ViewError("cut off")
             near = goal_joints
-            if isinstance(arm, Arm):  # start the search with the last joint rotated by -turn
+            # The camera is rotated by `turn` about the vertical, so the search for joints starts
+            # with the last joint rotated by -turn.
+            if isinstance(arm, Arm):
                 near = goal_joints.copy()
                 near[-1] = _wrap_into_limits(near[-1] - turn, arm.lower[-1], arm.upper[-1])
             joints = _find_joints(arm, pose, near, random)

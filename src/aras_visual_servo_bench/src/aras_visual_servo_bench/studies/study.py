@@ -211,7 +211,8 @@ class Study(KeywordSettings):
             raise StudyError(f"{path} is not a study: write keys with values into it")
         values = dict(values)
         base = values.get("experiment")
-        if isinstance(base, str):  # path relative to the folder of the study or the current folder
+        # A path is relative to the folder of the study's file or to the current folder.
+        if isinstance(base, str):
             sibling = Path(path).parent / base
             content = read_yaml(sibling if sibling.is_file() else base, StudyError)
             values["experiment"] = content or {}

@@ -299,11 +299,11 @@ def divide_into_cells(
     values = encoded.dictionary.to_pylist()
     known = [i for i, v in enumerate(values) if to_json_value(v) is not None]
     if len(known) <= max_cells or not is_number(column):
-        if len(known) > max_cells:  # select the most frequent values
+        if len(known) > max_cells:  # only the most frequent values have a cell
             counts = np.bincount(codes[codes >= 0], minlength=len(values))
             known = sorted(known, key=lambda i: -counts[i])[:max_cells]
         known.sort(key=lambda i: values[i])
-        cell_of_value = np.full(len(values) + 1, -1)  # the last entry, at index -1, is for null
+        cell_of_value = np.full(len(values) + 1, -1)  # the last entry is for unknown values
         cell_of_value[known] = np.arange(len(known))
         labels = [to_json_value(values[i]) for i in known]
         return Cells(labels, [[("=", label)] for label in labels], cell_of_value[codes])

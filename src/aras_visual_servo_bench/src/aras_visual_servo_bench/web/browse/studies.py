@@ -185,7 +185,7 @@ def _update_entry(entry: StudyEntry) -> bool:
             entry.folder = StudyFolder.open(entry.path)
             entry.run_count = entry.folder.study.run_count
         entry.results = Results.from_folder(entry.folder)
-    except StudyError as error:  # keep the previous results
+    except StudyError as error:  # the previous results are retained
         entry.note = str(error)
         if not fingerprint[0]:
             entry.results, entry.folder, entry.note = None, None, f"{entry.path} was removed"

@@ -6,8 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from ..errors import catch_write_errors, check_formats
-from ..studies import compare, tables
+from ..errors import StudyError, catch_write_errors, check_formats
+from ..studies import captions, compare, tables
 from ..studies.results import Results
 
 
@@ -21,13 +21,20 @@ def add_parsers(commands: Any) -> None:
     table.set_defaults(carry_out=_print_table)
     plot = commands.add_parser("plot", help="draw figures of the results")
     plot.add_argument("folders", nargs="+", type=Path, metavar="DIR", help="study folder")
-    plot.add_argument("--format", default="png", metavar="png,svg,pdf",
-                      help="formats (default %(default)s)")
+    plot.add_argument("--format", default="", metavar="png,svg,pdf",
+                      help="formats (default png, with --paper pdf)")
+    plot.add_argument("--paper", action="store_true",
+                      help="draw figures for a paper's column: 8 pt serif font, and LaTeX captions")
     plot.add_argument("--out", type=Path, metavar="DIR",
                       help="output folder (default: plots in the first study folder)")
     plot.set_defaults(carry_out=_draw_plots)
-    diff = commands.add_parser("diff", help="test the differences of two studies for significance")
-    diff.add_argument("folders", nargs=2, type=Path, metavar="DIR", help="study folder")
+    diff = commands.add_parser(
+        "diff", help="test the differences of two studies, or of the cases of one, for significance"
+    )
+    diff.add_argument("folders", nargs="+", type=Path, metavar="DIR",
+                      help="two study folders, or one with --between")
+    diff.add_argument("--between", default="", metavar="KEY",
+                      help="compare the values of this key or axis of cases within one study")
     diff.add_argument("--all", action="store_true", help="also list insignificant differences")
     diff.set_defaults(carry_out=_print_differences)
     for one in (table, diff):
@@ -62,8 +69,9 @@ def _draw_plots(options: argparse.Namespace) -> int:
 
     found = [Results.read(folder) for folder in options.folders]
     out = options.out or options.folders[0] / "plots"
+    kinds = _split_words(options.format) or ["pdf" if options.paper else "png"]
     written = study_figures.write_figures(
-        found, out, _split_words(options.format), _split_words(options.metrics), options.folders
+        found, out, kinds, _split_words(options.metrics), options.folders, options.paper
     )
     for path in written:
         print(path)
@@ -71,9 +79,17 @@ def _draw_plots(options: argparse.Namespace) -> int:
 
 
 def _print_differences(options: argparse.Namespace) -> int:
-    first, second = (Results.read(folder) for folder in options.folders)
+    count = 1 if options.between else 2
+    if len(options.folders) != count:
+        raise StudyError(
+            f"diff needs {count} study folder{'s' * (count > 1)}, not {len(options.folders)}: "
+            "give two folders, or one folder and --between KEY"
+        )
+    first, second = ([Results.read(folder) for folder in options.folders] + [None])[:2]
     found = compare.find_differences(
-        first, second, _split_words(options.by), _split_words(options.metrics)
+        first, second, _split_words(options.by), _split_words(options.metrics), options.between
     )
     print(compare.describe_differences(found, options.all))
+    for line in captions.describe_repeats([first] if second is None else [first, second]):
+        print(f"Note: {line}")
     return 0

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+import scipy
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -28,11 +29,10 @@ def test_a_rate_lies_in_its_interval_and_that_from_0_to_1(hits, misses):
     assert (1.0 - mirrored.high, 1.0 - mirrored.low) == pytest.approx((found.low, found.high))
     surer = statistics.proportion(hits, count, 0.5)
     assert found.low <= surer.low and surer.high <= found.high
-    # Wilson's, by its own formula
-    z = 1.959963984540054
-    centre = (hits + z * z / 2) / (count + z * z)
-    half = z / (count + z * z) * math.sqrt(hits * misses / count + z * z / 4)
-    assert (found.low, found.high) == pytest.approx((centre - half, centre + half), abs=1e-12)
+    for confidence in (0.5, 0.95, 0.999):
+        other = scipy.stats.binomtest(hits, count).proportion_ci(confidence, method="wilson")
+        found = statistics.proportion(hits, count, confidence)
+        assert (found.low, found.high) == pytest.approx(tuple(other), abs=1e-12)
 
 
 @settings(max_examples=25)
@@ -50,6 +50,12 @@ def test_a_median_is_that_of_what_is_known_and_the_same_each_time(values):
         return
     assert min(known) <= found.low <= found.value <= found.high <= max(known)
     assert statistics.median(values) == found
+    if len(known) > 1 and np.ptp(known):
+        other = scipy.stats.bootstrap(
+            (known,), np.median, n_resamples=statistics.RESAMPLES, method="percentile",
+            rng=np.random.default_rng(0), batch=statistics.BATCH,
+        )  # fmt: skip
+        assert (found.low, found.high) == tuple(other.confidence_interval)
 
 
 @given(RATES)

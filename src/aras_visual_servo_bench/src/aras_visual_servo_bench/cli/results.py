@@ -3,53 +3,25 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
-from typing import Any
+
+from aras_visual_servo_base.lazy import import_without
 
 from ..errors import StudyError, catch_write_errors, check_formats
 from ..studies import captions, compare, tables
 from ..studies.results import Results
 
-
-def add_parsers(commands: Any) -> None:
-    """Add the parsers of `table`, `plot` and `diff`."""
-    table = commands.add_parser("table", help="print a table of results with confidence intervals")
-    table.add_argument("folders", nargs="+", type=Path, metavar="DIR", help="study folder")
-    table.add_argument("--format", default="md", metavar="md|csv|tex",
-                       help="format (default %(default)s)")
-    table.add_argument("--out", type=Path, metavar="FILE", help="write the table into a file")
-    table.set_defaults(carry_out=_print_table)
-    plot = commands.add_parser("plot", help="draw figures of the results")
-    plot.add_argument("folders", nargs="+", type=Path, metavar="DIR", help="study folder")
-    plot.add_argument("--format", default="", metavar="png,svg,pdf",
-                      help="formats (default png, with --paper pdf)")
-    plot.add_argument("--paper", action="store_true",
-                      help="draw figures for a paper's column: 8 pt serif font, and LaTeX captions")
-    plot.add_argument("--out", type=Path, metavar="DIR",
-                      help="output folder (default: plots in the first study folder)")
-    plot.set_defaults(carry_out=_draw_plots)
-    diff = commands.add_parser(
-        "diff", help="test the differences of two studies, or of the cases of one, for significance"
-    )
-    diff.add_argument("folders", nargs="+", type=Path, metavar="DIR",
-                      help="two study folders, or one with --between")
-    diff.add_argument("--between", default="", metavar="KEY",
-                      help="compare the values of this key or axis of cases within one study")
-    diff.add_argument("--all", action="store_true", help="also list insignificant differences")
-    diff.set_defaults(carry_out=_print_differences)
-    for one in (table, diff):
-        one.add_argument("--by", default="", metavar="KEYS",
-                         help="comma-separated keys to group by")
-    for one in (table, plot, diff):
-        one.add_argument("--metrics", default="", metavar="NAMES",
-                         help="comma-separated metrics")
+# Where pandas is installed, pyarrow imports it (0.7 s of processor time) to check whether the first
+# value that it converts is one of pandas. These commands have none. The results cannot import
+# pyarrow like this: a user's program may have values of pandas.
+import_without("pandas", "pyarrow.dataset")
 
 
 def _split_words(text: str) -> list[str]:
     return [word.strip() for word in text.split(",") if word.strip()]
 
 
-def _print_table(options: argparse.Namespace) -> int:
+def print_table(options: argparse.Namespace) -> int:
+    """Print a table of results, or write it into a file."""
     check_formats([options.format], tables.FORMATS)
     found = [Results.read(folder) for folder in options.folders]
     text = tables.format_table(
@@ -64,7 +36,8 @@ def _print_table(options: argparse.Namespace) -> int:
     return 0
 
 
-def _draw_plots(options: argparse.Namespace) -> int:
+def draw_plots(options: argparse.Namespace) -> int:
+    """Draw figures of the results, and print their paths."""
     from ..plots import study_figures  # this import takes 0.5 s and is needed only here
 
     found = [Results.read(folder) for folder in options.folders]
@@ -78,7 +51,8 @@ def _draw_plots(options: argparse.Namespace) -> int:
     return 0
 
 
-def _print_differences(options: argparse.Namespace) -> int:
+def print_differences(options: argparse.Namespace) -> int:
+    """Print which differences of two studies, or of the cases of one, are significant."""
     count = 1 if options.between else 2
     if len(options.folders) != count:
         raise StudyError(

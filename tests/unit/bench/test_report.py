@@ -645,7 +645,7 @@ def test_a_machine_without_the_bench_s_libraries_is_told_how_to_get_them():
     program = """import sys
 sys.modules["pyarrow"] = None
 from aras_visual_servo_bench.cli import main
-sys.exit(main(["analyze", "run.bag", "--out", "report"]))"""
+sys.exit(main(["table", "out"]))"""
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True,
                           env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)})  # fmt: skip
     assert done.returncode == 1

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 import yaml
 
-from aras_visual_servo_bench.cli import analyze, main, run
+from aras_visual_servo_bench.cli import analyze, main, run, run_file
 from aras_visual_servo_bench.errors import StudyError
 from aras_visual_servo_bench.plots import study_figures
 from aras_visual_servo_bench.studies import replay
@@ -241,7 +241,7 @@ def test_an_experiment_is_run_once(calls, tmp_path, monkeypatch, words, name, so
     path.write_text("plant: free\nduration: 1.0\n")
     words = [str(path) if word == "FILE" else word for word in words]
     done, ran = SimpleNamespace(name=""), []
-    monkeypatch.setattr(run.loop, "run", lambda asked: ran.append(asked) or done)
+    monkeypatch.setattr(run_file.loop, "run", lambda asked: ran.append(asked) or done)
     calls(replay, "run_with_images", done)
     calls(analyze, "write_reports")
     assert main(["run", *words, "gain=2.5"]) == 0

@@ -43,6 +43,10 @@ RUNS = {
         ["--starts", "1", "--only", "sphere"],
         {r".*\.converged": (1, 1), r".*\.worst\.0": (0, 1e-3)},
     ),
+    "startup": (
+        ["--repeats", "1", "--runs", "2", "help", "table", "free camera"],
+        {r"now\.help": (0.005, 1), r"now\.(table|free camera)": (0.05, 60)},
+    ),
     "study": (
         ["--runs", "0", "--short", "2", "--two"],
         {"short.runs": (2, 2), "short.seconds": (0, 600), "short.engine_overhead": (0, 100)},

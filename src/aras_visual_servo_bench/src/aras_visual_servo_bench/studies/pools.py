@@ -20,6 +20,7 @@ from aras_visual_servo_base.yaml_files import read_yaml
 
 from ..errors import StudyError, make_missing_library_error, read_first_line
 from . import rows, versions, work
+from .defaults import CHUNKS_BEFORE_RESTART
 from .work import StudyTask
 
 ANSWER_TIMEOUT = 10.0  # s; time within which a scheduler has to answer
@@ -29,8 +30,6 @@ COUNT_PERIOD = 2.0  # s; period for counting the workers, which can change in a 
 # s; period for checking whether a chunk is finished. Workers do not wait during this time, because
 # each of them already has a second chunk.
 POLL_PERIOD = 0.02
-# All workers are restarted after this number of chunks per worker.
-CHUNKS_BEFORE_RESTART = 500
 # States of a nanny (Dask's process that starts and supervises a worker) with a living worker.
 STARTING_STATES = ("init", "starting", "running", "undefined")
 # Time within which a process has to connect; it is long, because the machine may be overloaded.

@@ -166,6 +166,13 @@ class Study(KeywordSettings):
                 known_metrics.find_metric(name)
             except StudyError as error:
                 raise StudyError(f"metrics: {error}") from None
+        columns = {name.rpartition(":")[2] for name in self.metric_names}
+        for key in self.keys:
+            if key in columns:
+                raise StudyError(
+                    f"'{key}' is both a varied key and a metric, which would share one column: "
+                    "leave the metric out, or vary the key in a named axis of cases"
+                )
         if self.judged not in (known_metrics.success.name, *self.metric_names):
             raise StudyError(f"judged is '{self.judged}', which is not among the study's metrics: "
                              f"{suggest(self.judged, self.metric_names)}")  # fmt: skip

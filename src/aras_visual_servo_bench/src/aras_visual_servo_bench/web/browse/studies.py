@@ -72,6 +72,7 @@ class Snapshot:
         table: runs of all studies, with the name of the study and the outcome of each run.
         units: unit of each column, by name.
         roles: role of each column, by name: 'setting', 'metric' or 'run'.
+        binary: binary metrics, by the name of their column.
         note: message about studies that are not shown; '' if there are none.
     """
 
@@ -80,6 +81,7 @@ class Snapshot:
     table: pa.Table
     units: dict[str, str] = field(default_factory=dict)
     roles: dict[str, str] = field(default_factory=dict)
+    binary: dict[str, metrics.Metric] = field(default_factory=dict)
     note: str = ""
 
     def find_study(self, name: str) -> StudyEntry:
@@ -147,8 +149,10 @@ class Studies:
         if changed:
             studies = tuple(self._entries.values())
             table, units, roles = _join_tables(studies)
+            binary = {m.name: m for entry in studies if entry.results is not None
+                      for m in entry.results.metrics if m.is_binary}  # fmt: skip
             self._snapshot = Snapshot(
-                self._snapshot.version + 1, studies, table, units, roles, note
+                self._snapshot.version + 1, studies, table, units, roles, binary, note
             )
 
     def _find_folders(self) -> Iterator[Path]:

@@ -345,7 +345,7 @@ def test_the_command_compares_cases_and_explains_what_it_cannot(path, capsys):
     ):
         code, _, error = run_command(["diff", *words], capsys)
         assert code == 1 and complaint in error and error.count("\n") == 1
-    with pytest.raises(StudyError, match="give two studies to compare, or one study and a key"):
+    with pytest.raises(StudyError, match="give either two studies, or one study and a key"):
         Results.read(path).compare()
 
 

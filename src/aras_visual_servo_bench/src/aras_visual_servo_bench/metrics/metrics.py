@@ -63,10 +63,10 @@ class Metric:
         return (self.measure.__doc__ or "").strip().splitlines()[0]
 
     def complete_values(self, values: np.ndarray) -> np.ndarray:
-        """Return the values (n,) of n runs as statistics use them.
+        """Return the values (n,) of n runs with 0 for unknown values that count as 0.
 
-        A run without a value (NaN) of a binary metric counts as 0 if 1 is better: a run that was
-        refused or raised an error has not reached its goal. Other unknown values remain NaN.
+        An unknown value (NaN) of a binary metric counts as 0 if 1 is better: a run that was refused
+        or raised an error has not reached its goal. Other unknown values remain NaN.
 
         Raises:
             StudyError: the metric is binary, and a value is neither 0, 1 nor NaN.

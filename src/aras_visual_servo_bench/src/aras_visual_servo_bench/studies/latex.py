@@ -6,12 +6,13 @@ import itertools
 import re
 from collections.abc import Sequence
 
-# Letters of `\small` that fit into a column of 252 pt and into 345 pt, the width of the text in the
-# class `article` with one column. A tabular of IEEEtran at these limits has 246 pt and 338 pt.
+# Number of letters of the size `\small` that fit into a column of a two-column paper (252 pt), and
+# into the text width of the class `article` (345 pt). A tabular of IEEEtran at these limits is
+# 246 pt and 338 pt wide.
 COLUMN_LETTERS, TEXT_LETTERS = 60, 82
-GAP_LETTERS = 3  # gap between two columns
+GAP_LETTERS = 3  # width of the gap between two columns of a table, letters
 MAX_FLOAT_LINES = 40  # lines of a table with its caption; a page of `article` has 45 lines
-LINES_AROUND = 6  # lines of a tabular without its rows
+LINES_AROUND = 6  # number of lines of a tabular, except its rows
 
 _ESCAPES = {c: f"\\{c}" for c in "&%$#_{}"} | {
     "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}",
@@ -24,7 +25,11 @@ _NUMBERS = {"∞": r"\infty", "≈0": r"\approx 0"}
 
 
 def escape_tex(text: str) -> str:
-    """Return a text for LaTeX; line breaks become spaces, and brackets are no optional argument."""
+    """Return a text with the special characters of LaTeX escaped.
+
+    Line breaks become spaces. A text that starts with [ or * is put into braces, because LaTeX
+    would read it as an argument of the command before it.
+    """
     escaped = "".join(_ESCAPES.get(c, c) for c in " ".join(text.split()))
     return f"{{{escaped}}}" if escaped.startswith(("[", "*")) else escaped
 
@@ -65,8 +70,9 @@ def format_tex_table(
     r"""Return table environments for LaTeX's package booktabs.
 
     A table that fits into a column of a two-column paper is a `table`. A wider one is a `table*`,
-    which extends over both columns. Columns that do not fit into the width of the text follow below
-    with the same settings, and what does not fit onto the page is in another environment.
+    which extends over both columns. If it is wider than the text, it is divided into parts, one
+    below the other, each with the columns of settings. Parts that do not fit onto the page are in
+    another environment.
 
     Args:
         heading: heading of each column.
@@ -79,7 +85,7 @@ def format_tex_table(
         parts, name = _split_columns(heading, body, fixed, TEXT_LETTERS), "table*"
     text = " ".join(map(escape_tex, caption))
     free = max(MAX_FLOAT_LINES - len(text) // TEXT_LETTERS, 2 * LINES_AROUND)
-    rows = free - LINES_AROUND  # maximum number in a tabular
+    rows = free - LINES_AROUND  # maximum number of rows of a tabular
     lines, floats = [r"% needs \usepackage{booktabs}"], 0
     for columns, first in itertools.product(parts, range(0, len(body), rows)):
         tabular = _make_tabular(heading, body[first : first + rows], fixed, columns)
@@ -96,7 +102,7 @@ def format_tex_table(
 def _make_tabular(
     heading: Sequence[str], body: Sequence[Sequence[str]], fixed: int, measured: Sequence[int]
 ) -> list[str]:
-    """Return the lines of a tabular with the fixed columns and those with some estimates."""
+    """Return the lines of a tabular with the first `fixed` columns and the columns `measured`."""
     columns = [*range(fixed), *measured]
     alignment = "l" * (fixed - 1) + "r" * (len(columns) - fixed + 1)
     lines = [[_format_heading(heading[i]) for i in columns],
@@ -111,8 +117,8 @@ def _split_columns(
 ) -> list[list[int]]:
     """Return, for each part of a table, the indices of its columns with estimates.
 
-    fixed: number of the columns before them, which every part repeats.
-    letters: width of a part.
+    fixed: number of columns with settings, which come first and are repeated in every part.
+    letters: largest width of a part, letters.
     """
     widths = [
         GAP_LETTERS + max(map(len, [*name.split(), *(_strip_commands(row[i]) for row in body)]))

@@ -148,7 +148,7 @@ class Results:
         self, other: Results | None = None, by: Sequence[str] = (), metrics: Sequence[str] = (),
         between: str = "",
     ) -> Any:  # fmt: skip
-        """Test the differences from another study, or between own cases, for significance.
+        """Test which differences from another study, or between own cases, are significant.
 
         Runs are paired if their seeds and the settings that are not compared are equal; p-values
         are corrected for the number of comparisons by Holm's method. `find_differences` describes
@@ -218,7 +218,7 @@ class Results:
         return _to_numbers(column)
 
     def read_values(self, metric: Metric) -> np.ndarray:
-        """Return the values (n,) of a metric as statistics use them; see `complete_values`.
+        """Return the values (n,) of a metric, with unknown values as in `Metric.complete_values`.
 
         Raises:
             StudyError: the metric is binary, and a run has another value than 0 and 1.
@@ -272,8 +272,8 @@ class Results:
     def select_metrics(self, names: Sequence[str]) -> tuple[Metric, ...]:
         """Return the metrics with these names; if no names are given, all metrics except success.
 
-        Tables, figures and comparisons always contain the success of the runs. So `success` is a
-        valid name, but it is never among the returned metrics.
+        `success` is a valid name but never among the returned metrics, because tables, figures and
+        comparisons always contain the success of the runs.
 
         Raises:
             StudyError: the results have no such metric.

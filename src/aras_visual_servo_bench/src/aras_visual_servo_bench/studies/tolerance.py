@@ -12,7 +12,7 @@ from ..metrics.formatting import format_in_unit, format_number
 from ..setup.assembly import assemble
 from .study import Study
 
-KEY = "reached"  # key of an experiment with distance and angle
+KEY = "reached"  # key of an experiment that sets the tolerance: distance and angle
 # Keys of an experiment that can change the depth of the target at the goal.
 DEPTH_KEYS = ("goal", "target", "robot", "camera_xyz", "camera_rpy", "hand_eye", "cameras", "world")
 
@@ -72,7 +72,7 @@ def find_goal_depth(study: Study) -> float:
         return math.nan
     try:
         parts = assemble(study.make_experiment(0))
-    except BenchError:  # such as a file of the study that is not on this machine
+    except BenchError:  # for example, a file of the study is not on this machine
         return math.nan
     offset = parts.cameras[parts.rig.control.name].spec.calibration_offset
     parts.plant.close()

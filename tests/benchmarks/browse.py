@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Time of the results browser for any answer over 100 000 runs: processor time, worst of five.
+"""Longest time that the results browser needs for an answer about 100 000 runs.
 
     OMP_NUM_THREADS=1 .venv/bin/python tests/benchmarks/browse.py [--runs 100000]
 

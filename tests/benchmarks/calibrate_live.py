@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Debian's camera_calibration on a live topic: does it find the intrinsics that are published?
+"""Test of Debian's camera_calibration on a live topic: it must find the published intrinsics.
 
 Starts the simulator with a camera fixed in the world, holds a chessboard before it in many poses,
 and lets camera_calibration's own node look on: the one behind `cameracalibrator.py`, without its

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""How fast images arrive in the graph, with the closed loop running, and point clouds without it.
+"""Measure how fast images arrive on the ROS graph while the control loop runs, and point clouds.
 
 Starts the shipped machine and its nodes on a master of its own, once per case of size and rate, and
 listens as any node would. For clouds the camera sends depth too, and the nodes do not run. Needs

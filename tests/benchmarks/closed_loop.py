@@ -1,4 +1,4 @@
-"""How fast the whole loop runs in one process; used by loop.py."""
+"""Measurement of the complete control loop in one process; loop.py uses it."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""How many steps a second of processor time an agent's environment takes.
+"""Measure the steps per second of processor time of the Gymnasium environment.
 
     python3 tests/benchmarks/environment.py [--steps 300] [--rounds 3] [--before CHECKOUT]
 

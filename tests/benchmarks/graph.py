@@ -1,4 +1,4 @@
-"""A graph of a benchmark's own with the running robot, and what the node's process uses."""
+"""ROS graph with a running robot for benchmarks, and the resources that a node's process uses."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""How fast loops run without ROS: physics with six effort PIDs, and the whole loop closed by sight.
+"""Measure the speed of loops without ROS: physics with six effort PIDs, and visual servoing.
 
     python3 tests/benchmarks/loop.py [--seconds 20] [--hours 0.05]
 

@@ -1,4 +1,4 @@
-"""Model-based tracking beside ViSP's generic tracker, on the same pictures of moving sequences.
+"""Compare model-based tracking with ViSP's generic tracker on the same image sequences.
 
     python3 tests/benchmarks/model_tracking.py [--count 500] [--visp PROGRAM] [--only box,cylinder]
 

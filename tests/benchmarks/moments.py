@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""How long a frame takes: grey conversion, threshold, order-6 moments, the paper's features with L.
+"""Measure the time per image: grey conversion, threshold, moments of order 6, features with L.
 
 Compared, in the same run, with ViSP's fromImage (order 6) and feature update, if libvisp-dev is
 installed (a small C++ program is compiled for it). One thread. A round takes the median of its

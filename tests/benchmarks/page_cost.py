@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""What the live page costs: processor time of its node, and the real-time factor with and without.
+"""Measure the cost of the live page: its node's processor time, and the real-time factor.
 
     . devel/setup.bash; .venv/bin/python tests/benchmarks/page_cost.py
 

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""How long pictures take, how exact they are, and both beside another commit and other renderers.
+"""Measure rendering times and accuracy, also of another commit and of other renderers.
 
     python3 tests/benchmarks/render.py [--before COMMIT] [--others] [--poses 12]
 

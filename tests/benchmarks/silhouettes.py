@@ -1,4 +1,4 @@
-"""Where the arm ends before solids that it servoes by the moments of their silhouettes.
+"""Final pose errors of the arm with solid targets, servoed by the moments of their silhouettes.
 
     python3 tests/benchmarks/silhouettes.py [--starts 12] [--only sphere]
 

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""A thousand rendered closed loops as a study: on one worker, on two, and without the engine.
+"""Run a thousand rendered closed loops as a study: with one worker, two, and without the engine.
 
     python3 tests/benchmarks/study.py [--runs 1000] [--short 2000] [--two]
 

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The same runs three ways, side by side: roslaunch in a loop, the same in lockstep, and `bench`.
+"""Run the same experiments in three ways: roslaunch in a loop, in lockstep, and with `bench`.
 
     . devel/setup.bash; python3 tests/benchmarks/study_beside.py [--starts 20]
 

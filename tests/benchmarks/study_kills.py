@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Kills what carries a study out, and sees whether resuming ends with the undisturbed bytes.
+"""Kill processes of a running study, and check that resuming gives the same bytes as without.
 
     python3 tests/benchmarks/study_kills.py [--only client] [--runs 300]
 

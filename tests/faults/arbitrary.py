@@ -1,4 +1,4 @@
-"""Arbitrary ROS messages of any type, from their definitions: what a careless client may send."""
+"""Random ROS messages of any type, generated from the message definitions."""
 
 from __future__ import annotations
 

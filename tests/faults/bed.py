@@ -1,4 +1,4 @@
-"""The graph under attack: shipped launch files, and what has to be as before after each fault."""
+"""Graph under test for fault injection, and checks that its state after a fault is as before."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Inject faults into the running graph and see what is lost: ./test.sh --faults [--help].
+"""Inject faults into the running graph and report what is lost: ./test.sh --faults [--help].
 
 Starts the shipped launch files on a master of its own, and after each fault looks whether robot,
 controllers, clock, joint states, images and nodes are as before. At the end a table, and a line of

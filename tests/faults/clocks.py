@@ -1,4 +1,4 @@
-"""Games with time: pauses, resets and other steps while the arm servoes."""
+"""Faults of the clock while the arm servoes: pauses, resets and changed time steps."""
 
 from __future__ import annotations
 

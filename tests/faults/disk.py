@@ -1,4 +1,4 @@
-"""A disk that fills up while a run is recorded."""
+"""Fault: the disk becomes full while a run is recorded."""
 
 from __future__ import annotations
 

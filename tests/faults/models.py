@@ -1,4 +1,4 @@
-"""Models: hostile descriptions and meshes, and spawning and deleting without end."""
+"""Faults of models: invalid descriptions and meshes, and many spawns and deletions."""
 
 from __future__ import annotations
 

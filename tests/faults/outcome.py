@@ -1,4 +1,4 @@
-"""What a group of faults did: counted, and told as a table and as JSON."""
+"""Result of a group of faults: counts, and output as a table and as JSON."""
 
 from __future__ import annotations
 

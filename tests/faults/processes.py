@@ -1,4 +1,4 @@
-"""Processes that die: nodes, the master, and the whole graph started and ended over and over."""
+"""Faults of processes: killed nodes, a killed master, and repeated starts of the whole graph."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether what a loop reports, message by message, goes together."""
+"""Check that consecutive report messages of a loop are consistent with each other."""
 
 from __future__ import annotations
 

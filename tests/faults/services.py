@@ -1,4 +1,4 @@
-"""Services called with anything: every service of our nodes, by the type of its request."""
+"""Faults of services: random requests to every service of the nodes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An hour of servoing, disturbed every three seconds."""
+"""Fault injection every three seconds during an hour of visual servoing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What comes over the wire: floods, garbage of a right type, topics of a wrong one, plain bytes."""
+"""Faults of messages: floods, invalid values, topics of a wrong type, and plain bytes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Fixtures of the graph tests: a master, launch files, one node of our own; see ros_graph.py.
+"""Fixtures of the graph tests: a ROS master, launch files, and a node of the test process.
 
 A rospy node can be initialised once per process, so the tests share one, on the session's
 master. Where a test needs another master (`launch(..., own_master=True)`), it talks to it through

@@ -1,4 +1,4 @@
-"""Two robots for the tests of controllers, and the fixtures that give them.
+"""Two robots for the tests of controllers, and their fixtures.
 
 Robots of rails and turntables without gravity's influence stand in one paused world that the
 tests step: a force F on the 2 kg cart gives it F/2 per second, and so on. Each robot has its own

@@ -1,4 +1,4 @@
-"""Calls of the Gazebo services, and the models that more than one test file spawns."""
+"""Calls of the Gazebo services, and models that several test files spawn."""
 
 from __future__ import annotations
 

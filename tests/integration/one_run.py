@@ -1,4 +1,4 @@
-"""The same experiment of the Bullet arm in the runner, on a graph in lockstep and from its bag.
+"""One experiment of the Bullet arm: in the runner, on a graph in lockstep, and read from its bag.
 
 They are compared by `tests/one_run`; one in test_runner_equals_graph.py.
 """

@@ -1,4 +1,4 @@
-"""A robot that the tests of the controller node play, and the node as a process of its own.
+"""Robot that the tests of the controller node simulate, and the node in a separate process.
 
 The played robot has exact vision and lagging joints. A test module that wants them writes
 `pytest_plugins = ["played_robot"]`.

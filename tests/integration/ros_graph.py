@@ -1,4 +1,4 @@
-"""A real ROS graph for tests: a master on a free port, launch files, waiting, and a clean end.
+"""ROS graph for tests: starts a master and launch files, waits for nodes, and stops everything.
 
 Everything started here carries a mark in its environment, which children inherit even where they
 make a session of their own, as roslaunch's nodes do. So whatever is left behind is found by it.

@@ -1,4 +1,4 @@
-"""A Panda of a public registry servoed on the graph: launch arguments and one YAML."""
+"""A Panda from a public registry servoes on the graph with launch arguments and one YAML file."""
 
 from __future__ import annotations
 

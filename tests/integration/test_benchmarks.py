@@ -1,4 +1,4 @@
-"""The benchmarks that need a graph run at a tiny size, and print figures that are possible."""
+"""Benchmarks that need a graph: run with a tiny size, and check that the results are plausible."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""Bad input to the bridge: answered by name, the state before unchanged, the simulation goes on."""
+"""Invalid input to the bridge: an error names it, nothing changes, the simulation continues."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Lockstep: the same run twice, bit for bit; and what is said when nobody answers."""
+"""Lockstep: two runs are bit-identical, and a missing answer is reported."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Streams of commands in lockstep: each acts in a step of its own, none is lost, none twice."""
+"""Command streams in lockstep: each command acts in exactly one step, and none is lost."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Cameras of Gazebo's other camera plug-ins in the graph: triggers, depth, clouds, several eyes."""
+"""Cameras of Gazebo's other camera plugins on the graph: triggers, depth, point clouds, stereo."""
 
 from __future__ import annotations
 

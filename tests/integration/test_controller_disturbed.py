@@ -1,4 +1,4 @@
-"""What disturbs a run of the controller node, before a played robot: losses, silence, pauses.
+"""Disturbances of the controller node with a simulated robot: losses, silence, pauses.
 
 One node for all; each test begins with the arm at zero and the clock at its beginning, as after a
 simulator's restart.

@@ -1,4 +1,4 @@
-"""The live page on a running graph: what it tells, what it does, and whom it refuses."""
+"""Live page on a running graph: what it shows and executes, and which requests it refuses."""
 
 import contextlib
 import json

@@ -1,4 +1,4 @@
-"""The first hour's pages on a graph: users' own schemes, a model, the commands as written."""
+"""Documentation pages on a graph: user-defined schemes, a model, and commands as printed."""
 
 from __future__ import annotations
 

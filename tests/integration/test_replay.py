@@ -1,4 +1,4 @@
-"""replay.launch: a bag alone gives robot, target, clock, pictures and their overlay back."""
+"""replay.launch: robot, target, clock, images and overlay are restored from a bag alone."""
 
 from __future__ import annotations
 

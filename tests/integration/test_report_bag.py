@@ -1,4 +1,4 @@
-"""The report's reader: a bag of real message types back into the run it was made of."""
+"""Reading of bags with real message types: the run is equal to the recorded one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Upstream's own test suites over this workspace: what passes, fails, cannot apply.
+"""Run upstream's test suites with this workspace: which tests pass, fail or cannot apply.
 
 The sources are the user's (noetic-devel of ros_control, ros_controllers and gazebo_ros_pkgs), and
 so is what their build left in lib/<package>: nothing of it is kept here. Suites whose hardware is

@@ -1,4 +1,4 @@
-"""Run public Gazebo packages unchanged over this workspace and say which parts work.
+"""Run public Gazebo packages unchanged with this workspace, and report which parts work.
 
 The repositories are the user's checkouts below one folder (`--clone` prints the commands that make
 them). Each row of packages.yaml is launched without a window on a master of its own; probe.py then

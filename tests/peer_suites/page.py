@@ -1,4 +1,4 @@
-"""Tables between marks on a page of the documentation."""
+"""Tables between markers in a page of the documentation."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Controllers of upstream's controller_manager_tests, by what their tests ask of them."""
+"""Controllers of upstream's controller_manager_tests, implemented by what the tests require."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Look at a launched package from outside: `probe.py JSON` prints JSON of what works and what not.
+"""Inspect a launched package: `probe.py JSON` prints as JSON which parts work.
 
 Started by packages.py in the environment of the launch. Only names are used that Gazebo and
 ros_control have, so it would say the same of them.

@@ -1,4 +1,4 @@
-"""Robots that stand where upstream's tests have programs of their own as hardware."""
+"""Robots that replace the hardware programs of upstream's tests."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Arms that tests of the servo core work with: the laboratory's, and two of a public registry."""
+"""Arms for the tests of the control loop: the laboratory's arm, and two of a public registry."""
 
 import os
 import sysconfig

@@ -1,4 +1,4 @@
-"""The parts of one answer of the resolver, against NumPy's linear algebra and closed forms."""
+"""Parts of the inverse kinematics, compared with NumPy and closed forms."""
 
 import numpy as np
 import pytest

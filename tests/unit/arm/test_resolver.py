@@ -1,4 +1,4 @@
-"""The resolver: exact where the arm can, least squares where it cannot, never beyond a limit."""
+"""Differential IK: exact if possible, otherwise least squares, and always within the limits."""
 
 import itertools
 

@@ -1,4 +1,4 @@
-"""The values of records, comparable to the bit."""
+"""Values of records in a form that can be compared bit by bit."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A loop that starts again after a busy life does what a new loop does, to the bit.
+"""A restarted loop behaves bit-identically to a new loop.
 
 What a run's plant answers is kept on a tape and played to a loop again: everything that it sends,
 reports and says is compared with a new loop's.

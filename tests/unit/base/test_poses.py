@@ -1,4 +1,4 @@
-"""Rotations, poses and twists against their definitions, at their poles and half turns too."""
+"""Rotations, poses and twists, compared with their definitions, also at poles and half turns."""
 
 import itertools
 import math

@@ -1,4 +1,4 @@
-"""A headless Chromium for tests and pictures, driven over its own DevTools socket."""
+"""Headless Chromium for tests and screenshots, controlled through its DevTools socket."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What several tests of the bench share."""
+"""Fixtures that several tests of the bench use."""
 
 import os
 import sys

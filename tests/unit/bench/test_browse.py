@@ -1,4 +1,4 @@
-"""The results browser without a browser: studies followed, questions, reports, refusals."""
+"""Server of the results browser: changing studies, queries, reports, errors."""
 
 import contextlib
 import json

@@ -1,4 +1,4 @@
-"""Answers about rows that are made up, against pandas: every kind of column, every limit."""
+"""Queries about synthetic rows, compared with pandas, for every kind of column and every limit."""
 
 from __future__ import annotations
 

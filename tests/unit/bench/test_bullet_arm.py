@@ -1,4 +1,4 @@
-"""The simulated arm: what is put into its world, and what it tells of itself."""
+"""Simulated arm: contents of its world, and measurements."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Hand-eye files say where fixed cameras are, and where a camera is believed to be."""
+"""Hand-eye files give the true poses of fixed cameras and the calibrated poses of cameras."""
 
 import numpy as np
 import pytest

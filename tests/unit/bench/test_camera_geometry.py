@@ -1,4 +1,4 @@
-"""Cameras of experiments: what they draw, what is in their view, where they sit, what they say."""
+"""Cameras of experiments: images, visibility, poses and error messages."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""What lies on a target, and what lights it, at given times."""
+"""Occluders and lights that are present only at given times."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""The demo's command line: refused in one line before anything starts, or understood."""
+"""Command line of the demo: arguments are accepted, or refused in one line before any start."""
 
 import re
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The Gymnasium environment: passes Gymnasium's own checker, and does what it is asked."""
+"""Gymnasium environment: it passes Gymnasium's checker, and executes the commanded twists."""
 
 import warnings
 

@@ -1,4 +1,4 @@
-"""An experiment is checked when it is made, and says what is wrong with it in one line."""
+"""Experiments are checked when they are made; an error is a one-line message."""
 
 import dataclasses
 import math

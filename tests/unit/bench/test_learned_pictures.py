@@ -1,4 +1,4 @@
-"""The pose that a network reads out of a picture: its weights, its rate, where it comes to."""
+"""Pose predicted from an image by a network: weights, rate, final pose."""
 
 from pathlib import Path
 

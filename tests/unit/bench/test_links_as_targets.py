@@ -1,4 +1,4 @@
-"""A link of the robot's own description as target: a crate on the table of the arm of the docs."""
+"""A link of the robot description as the target: a crate on a table."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""A target of one's own, by 'package.module:Class', and what the registry says of the shipped."""
+"""User-defined target 'package.module:Class', and the registry of shipped targets."""
 
 import numpy as np
 import pytest

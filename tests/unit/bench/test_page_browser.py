@@ -1,4 +1,4 @@
-"""The live page in a real browser: drawn, alive, and asking for what is pressed."""
+"""Live page in a real browser: it is drawn and updated, and sends requests."""
 
 import contextlib
 import os

@@ -1,4 +1,4 @@
-"""The page's server without a browser, and what it tells its viewers."""
+"""Server of the live page without a browser, and its messages to viewers."""
 
 import asyncio
 import base64

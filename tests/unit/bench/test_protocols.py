@@ -1,4 +1,4 @@
-"""The protocols that ship: published figures to the iteration, starts where they say, tables."""
+"""Shipped protocols: published numbers, start poses, tables."""
 
 import csv
 import json

@@ -1,4 +1,4 @@
-"""The report: right numbers of a run, curves with units for any scheme, one page, clear ends."""
+"""Report: correct numbers, curves with units for any scheme, one page, clear errors."""
 
 import csv
 import errno

@@ -1,4 +1,4 @@
-"""What figures show, of their lines, limits and words, against the run's arrays; none is rendered.
+"""Lines, limits and texts of figures, compared with the arrays of the run; none is rendered.
 
 The run is made_run's: a tilted path, a camera with fx other than fy, images from 1.9 s on.
 """

@@ -1,4 +1,4 @@
-"""How figures look: which lines are thin or bold, pale or above others, and what room there is.
+"""Appearance of figures: line widths, colours, drawing order and margins.
 
 A reader has to tell what was measured, the boldest, from what helps to read it. All widths and
 letters are in points, margins in inches.

@@ -1,4 +1,4 @@
-"""What the report's page is made of: the runs' own arrays, film, events; any name is harmless."""
+"""Data of the report's page: arrays of the runs, film and events; any run name is safe."""
 
 import base64
 import html

@@ -1,4 +1,4 @@
-"""Every number that a report tells of a run, recomputed from the run's arrays by other code."""
+"""Every number of a report, recomputed from the arrays of the run by independent code."""
 
 from __future__ import annotations
 

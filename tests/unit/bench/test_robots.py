@@ -1,4 +1,4 @@
-"""A robot as the bench knows it: where its packages are, its frames, cameras and controllers."""
+"""Robot of an experiment: packages, frames, cameras and controllers."""
 
 import dataclasses
 

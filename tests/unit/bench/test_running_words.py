@@ -1,4 +1,4 @@
-"""`bench run`, `resume` and their workers: what is carried out, printed, and kept."""
+"""`bench run` and `resume`, and their workers: execution, output and stored results."""
 
 import argparse
 import json

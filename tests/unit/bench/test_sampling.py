@@ -1,4 +1,4 @@
-"""Starts that are drawn: their ranges, what they have to see, and how joints are looked for."""
+"""Random starts: ranges, visibility of the target, and search for joints."""
 
 import numpy as np
 import pytest

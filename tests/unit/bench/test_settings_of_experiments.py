@@ -1,4 +1,4 @@
-"""Each setting of an experiment: what it is where nothing is said, and where its bounds are."""
+"""Every setting of an experiment: its default and its bounds."""
 
 import dataclasses
 

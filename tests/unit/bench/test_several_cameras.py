@@ -1,4 +1,4 @@
-"""Several cameras of one experiment: on every plant, unlike, late, at other rates, mistaken."""
+"""Several cameras of one experiment on every plant: different lenses, delays, rates and errors."""
 
 import base64
 

@@ -1,4 +1,4 @@
-"""Cameras that shake, on every plant: what they see, what is true, and what is said of them."""
+"""Vibrating cameras on every plant: images, true poses, and notes."""
 
 import contextlib
 from pathlib import Path

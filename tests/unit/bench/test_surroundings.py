@@ -1,4 +1,4 @@
-"""What is around the arm, links of it as targets, postures among it; and an experiment's parts."""
+"""World around the arm, its links as targets, postures in it; and the parts of an experiment."""
 
 from dataclasses import replace
 from pathlib import Path

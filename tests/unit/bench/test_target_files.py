@@ -1,4 +1,4 @@
-"""Targets in the simulated world: what is drawn of them is what their geometry says."""
+"""Targets in the simulated world: drawn files agree with the geometry."""
 
 import contextlib
 import io

@@ -1,4 +1,4 @@
-"""What teaches the networks: pictures with their answers, training, and the programs."""
+"""Training of the networks: images with labels, training, and programs."""
 
 import sys
 

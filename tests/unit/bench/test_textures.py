@@ -1,4 +1,4 @@
-"""Targets with pictures and by name, and what trackers find of them against the exact points."""
+"""Textured targets, and points that trackers find on them, compared with the exact points."""
 
 import struct
 import zlib

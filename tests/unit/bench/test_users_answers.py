@@ -1,4 +1,4 @@
-"""What the feature or the law of a user may return: converted where it is clear, else one line."""
+"""Return values of user-defined features and laws: converted, or refused in one line."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What the commands' words come to: every option reaches what carries it out."""
+"""Command line: every option reaches the function that uses it."""
 
 import sys
 from contextlib import contextmanager

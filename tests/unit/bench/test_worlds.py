@@ -1,4 +1,4 @@
-"""Experiments in a world of their own, and the one that ships."""
+"""Experiments with world files of users, and with the shipped one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The picture agrees with CameraInfo and with geometry to a fraction of a pixel."""
+"""Images agree with CameraInfo and with geometry to a fraction of a pixel."""
 
 from dataclasses import replace
 from functools import cache

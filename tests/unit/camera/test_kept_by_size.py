@@ -1,4 +1,4 @@
-"""What is prepared for views that come again is kept by the memory it takes, not by its number."""
+"""Cache of prepared geometry: its memory is limited, not its number of entries."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""What the renderer's compiled functions say of random numbers, each by itself, as plain Python."""
+"""Compiled functions of the renderer, run as plain Python on random numbers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How light becomes grey levels."""
+"""Conversion of light into grey levels."""
 
 from __future__ import annotations
 

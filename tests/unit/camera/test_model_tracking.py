@@ -1,4 +1,4 @@
-"""The pose of a solid by its edges: accuracy on drawn pictures, and what is said of a lost one."""
+"""Model-based tracking of a solid: accuracy on rendered images, and lost targets."""
 
 from types import SimpleNamespace
 

@@ -1,4 +1,4 @@
-"""Points on the visible edges of solids, each worked out here by itself."""
+"""Points on the visible edges of solids, compared with independent code."""
 
 from __future__ import annotations
 

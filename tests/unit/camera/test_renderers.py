@@ -1,4 +1,4 @@
-"""Both renderers draw what Bullet holds, and say what they cannot do."""
+"""Both renderers draw the geometry in Bullet, and report unsupported features."""
 
 from concurrent.futures import ThreadPoolExecutor
 

@@ -1,4 +1,4 @@
-"""A camera that shakes on its mounting: where it is, and what its pictures show."""
+"""Vibrating camera: its poses and its images."""
 
 from __future__ import annotations
 

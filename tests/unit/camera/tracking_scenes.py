@@ -1,4 +1,4 @@
-"""Moving sequences of three solids, drawn by the renderer, for tests and the side-by-side."""
+"""Rendered sequences of three moving solids, for tests and for the comparison with ViSP."""
 
 from __future__ import annotations
 

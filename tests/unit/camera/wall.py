@@ -1,4 +1,4 @@
-"""A wall with a texture, and what its pixels show, averaged over many places in each."""
+"""Textured wall, and its exact pixel values as means of many samples."""
 
 from __future__ import annotations
 

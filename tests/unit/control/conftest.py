@@ -1,4 +1,4 @@
-"""A robot without physics engine: unit masses that efforts push and positions put."""
+"""Robot without physics engine: unit masses that are driven by efforts or by positions."""
 
 import sys
 from dataclasses import dataclass, field

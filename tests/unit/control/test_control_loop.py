@@ -1,4 +1,4 @@
-"""Order and periods of read, update, write; the same inputs give the same bits."""
+"""Order and periods of read, update and write; equal inputs give bit-identical results."""
 
 import threading
 

@@ -1,4 +1,4 @@
-"""controller_manager: states, strictness, conflicts, when a switch happens, faults of users."""
+"""controller_manager: states, strictness, conflicts, time of a switch, errors of users' code."""
 
 import sys
 import types

@@ -1,4 +1,4 @@
-"""A controller that was at work and stopped does the same as a new one when it is started again.
+"""A restarted controller behaves like a new one.
 
 Of two unlike joints 'a' is not the controller's where it has one alone. The clock stands at the
 same, odd time when both are started.

@@ -1,4 +1,4 @@
-"""read() and write(): the five ways of driving, emergency stop, bad transmissions."""
+"""read() and write(): the five command modes, emergency stop, invalid transmissions."""
 
 from math import inf, nan, pi
 

@@ -1,4 +1,4 @@
-"""Messages through sockets that take them at once, later, or never."""
+"""Messages through sockets that accept them at once, later, or never."""
 
 import contextlib
 import socket

@@ -1,4 +1,4 @@
-"""What ROS hears of controllers and cameras never stands in the simulation's way."""
+"""Publishing of controllers and cameras never delays the simulation."""
 
 from __future__ import annotations
 

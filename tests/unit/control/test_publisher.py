@@ -1,4 +1,4 @@
-"""A topic's listeners come, read, leave: what each is sent, and what is kept for it."""
+"""Subscribers that come, read and leave: which messages each receives, and what is stored."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The thread that owns the simulation: gates, stalls, floods of jobs, the end."""
+"""Thread of the simulation: requests, stalls, floods of jobs, termination."""
 
 from __future__ import annotations
 

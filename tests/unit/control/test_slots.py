@@ -1,4 +1,4 @@
-"""Commands wait in slots; listeners that leave, resets and bad code in a controller do no harm."""
+"""Commands are stored until the next cycle; leaving subscribers, resets and errors do no harm."""
 
 from math import nan
 

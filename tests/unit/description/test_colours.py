@@ -1,4 +1,4 @@
-"""What a link looks like: Gazebo's materials by name; names that Gazebo does not have."""
+"""Appearance of links: Gazebo's materials by name, and unknown names."""
 
 import pytest
 

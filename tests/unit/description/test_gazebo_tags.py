@@ -1,4 +1,4 @@
-"""The <gazebo> tags of a URDF: plugins, cameras, flags of links; what is not known warns."""
+"""<gazebo> tags of a URDF: plugins, cameras, flags of links; unknown tags cause a warning."""
 
 import math
 from dataclasses import astuple

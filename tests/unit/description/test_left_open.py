@@ -1,4 +1,4 @@
-"""What each part of a description is where its file says nothing, in full."""
+"""Default values of every part of a description, in full."""
 
 import math
 from dataclasses import astuple

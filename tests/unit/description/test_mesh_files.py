@@ -1,4 +1,4 @@
-"""Mesh files: damaged ones are refused by name, sound ones are the same for eye and touch."""
+"""Mesh files: damaged files are refused by name; images and collisions use the same mesh."""
 
 import os
 import struct

@@ -1,4 +1,4 @@
-"""Poses that are given by a link, a joint, a frame or a model: the same places as without."""
+"""SDF poses relative to a link, joint, frame or model are equal to absolute poses."""
 
 import numpy as np
 import pytest

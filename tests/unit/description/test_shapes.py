@@ -1,4 +1,4 @@
-"""Shapes as triangles, and what a renderer is given of a world: where, in which colour."""
+"""Shapes as triangles, and the poses and colours that a renderer receives."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""URDF: what each element and attribute becomes, and what is said where one is wrong."""
+"""URDF: effect of each element and attribute, and error messages."""
 
 import math
 import os

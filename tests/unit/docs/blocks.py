@@ -1,4 +1,4 @@
-"""The code blocks of everything that the documentation site shows.
+"""Code blocks of all pages of the documentation site.
 
 What a test has to know of a block that a reader need not stands in a comment before it:
 `<!-- test: given arm, joints -->` names what the code takes for granted (see test_blocks.GIVEN),

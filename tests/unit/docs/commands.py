@@ -1,4 +1,4 @@
-"""Whether a command of the documentation would be taken as it is written; little is carried out."""
+"""Check whether a documented command would be accepted as written; few are executed."""
 
 from __future__ import annotations
 

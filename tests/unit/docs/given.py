@@ -1,4 +1,4 @@
-"""What code in the documentation takes for granted, by the name in the comment before it."""
+"""Objects that code blocks of the documentation assume, by their name in a preceding comment."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The page for those who add something names files and folders that there are."""
+"""Files and folders that the page for contributors names exist."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Every code block of the documentation does what it says: none is left out."""
+"""Every code block of the documentation works; none is left out."""
 
 from __future__ import annotations
 

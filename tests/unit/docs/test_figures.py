@@ -1,4 +1,4 @@
-"""Figures that several pages give are those of the code."""
+"""Numbers that several pages state are equal to those of the code."""
 
 import math
 

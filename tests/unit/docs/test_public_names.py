@@ -1,4 +1,4 @@
-"""What users import is public, listed once, and imported when it is used."""
+"""Public names are listed once and are imported when they are first used."""
 
 from __future__ import annotations
 

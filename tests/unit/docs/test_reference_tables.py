@@ -1,4 +1,4 @@
-"""Tables of READMEs and documentation say what the classes and registries say."""
+"""Tables of READMEs and documentation agree with the classes and registries."""
 
 import dataclasses
 import importlib

@@ -1,4 +1,4 @@
-"""Numbers of the documentation's tables, and defaults in help texts, are those of the code."""
+"""Numbers in tables of the documentation, and defaults in help texts, agree with the code."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Shapes, poses, a camera that really moves, and moments in exact arithmetic."""
+"""Shapes, poses, a moving camera, and moments in exact arithmetic."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Image messages of every encoding, and broken ones."""
+"""Image messages of every encoding, and invalid ones."""
 
 from __future__ import annotations
 

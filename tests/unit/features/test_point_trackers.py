@@ -1,4 +1,4 @@
-"""Trackers of special points on drawn pictures: what is a dot and what is none."""
+"""Point trackers on drawn images: which shapes are detected as dots."""
 
 from __future__ import annotations
 

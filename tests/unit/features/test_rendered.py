@@ -1,4 +1,4 @@
-"""Grey moments on pictures of the real renderer: below a pixel, and L against a moved camera."""
+"""Grey moments of rendered images: subpixel accuracy, and L compared with a moved camera."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Lens models: there and back, areas, and moments through a lens."""
+"""Lens models: inverse, areas, and moments through a lens."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The target as a camera square on would see it, from one tilted image: against that camera."""
+"""Rectified view of a tilted target, compared with a camera that faces it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Settings: whatever is written under a key is taken, or one line names the key."""
+"""Settings: any value of a key is accepted, or one line names the key."""
 
 import copy
 import json

@@ -1,4 +1,4 @@
-"""Puts the table of figures and the mesh scripts on the import path."""
+"""Adds robot_figures.py and the mesh scripts to the module path."""
 
 import os
 import sys

@@ -1,4 +1,4 @@
-"""The URDF says what the original's figures say, and describes bodies that can exist."""
+"""The URDF agrees with the original's data and describes physically possible bodies."""
 
 import math
 import shutil

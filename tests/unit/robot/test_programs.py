@@ -1,4 +1,4 @@
-"""The programs that launch files call for descriptions: of the robot, of a target, of a bag's."""
+"""Programs that launch files call for descriptions of the robot, a target, or a bag's robot."""
 
 import argparse
 import importlib.machinery

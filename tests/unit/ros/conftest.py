@@ -1,4 +1,4 @@
-"""A graph without a master: services, topics and parameters in memory, the simulation behind them.
+"""ROS graph without a master: services, topics and parameters in memory, with the simulation.
 
 Message types of our own packages come from the build where there is one, else they are generated
 here from their .msg and .srv files.

@@ -1,4 +1,4 @@
-"""A run's states, and the messages of them; an arm of two unlike joints.
+"""States of a run and their messages, for an arm with two different joints.
 
 On the graph the joints are in another order than the arm's; numbers are all different.
 """

@@ -1,4 +1,4 @@
-"""A run that was recorded into a bag is read back as it was, whatever the bag lacks."""
+"""A recorded run is read from its bag unchanged, whatever data the bag lacks."""
 
 from __future__ import annotations
 

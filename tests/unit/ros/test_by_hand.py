@@ -1,4 +1,4 @@
-"""Teleoperation and teaching on a graph: keys, a gamepad, views of a pose."""
+"""Teleoperation and teaching on a graph: keyboard, gamepad, views of a pose."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A camera's topics, settings and service; who listens decides what is drawn."""
+"""Topics, settings and service of a camera; only images with subscribers are rendered."""
 
 from __future__ import annotations
 

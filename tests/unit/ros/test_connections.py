@@ -1,4 +1,4 @@
-"""A node's port serves everybody, whatever another connection does."""
+"""A node serves all connections, independently of each other."""
 
 from __future__ import annotations
 

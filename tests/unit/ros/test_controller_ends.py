@@ -1,4 +1,4 @@
-"""What a controller node leaves behind."""
+"""Shutdown of a controller node."""
 
 import sys
 import types

@@ -1,4 +1,4 @@
-"""What scripts import, and parse, of ros_control: words, filters, finding managers."""
+"""Modules of ros_control that scripts import: arguments, filters, finding managers."""
 
 import importlib.util
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A robot's controllers on the graph: their manager's services, topics, PIDs, action and e-stop."""
+"""Controllers of a robot on the graph: services, topics, PIDs, action and emergency stop."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Gains by dynamic_reconfigure: what a law refuses changes nothing, and nothing is bent."""
+"""Gains by dynamic_reconfigure: an invalid gain changes nothing and is not clamped."""
 
 from types import SimpleNamespace
 

@@ -1,4 +1,4 @@
-"""The node as a whole: what its parameters make of it, how it starts and how it ends."""
+"""Bridge node: effect of its parameters, start and shutdown."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the live page asks of a graph: services, nodes begun anew, the robot and target changed."""
+"""Commands of the live page: services, restarted nodes, replaced robot and target."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The live page's node and rviz's markers: what they hear, draw, drive and hand on."""
+"""Node of the live page and rviz markers on a graph: input, drawing, commands and output."""
 
 from __future__ import annotations
 

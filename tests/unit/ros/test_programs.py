@@ -1,4 +1,4 @@
-"""Programs of the command line: what they ask the simulator for, what they print, their status."""
+"""Command-line programs: their requests to the simulator, output and exit status."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Services of one table: each is served by a function, and where it is asked for one at a time."""
+"""Table of services: each is served by a function, one call at a time where necessary."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The nodes that servo: what they hear reaches the loop, and what is asked of them is done."""
+"""Servo nodes: messages reach the loop, and requests are executed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Signals end a node whatever its main thread is at, and what is done on shutdown is finished."""
+"""Signals end a node in any state of its main thread; shutdown functions are completed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""spawn_model: what its arguments ask the simulator for."""
+"""spawn_model: the effect of each argument on the simulator."""
 
 from __future__ import annotations
 

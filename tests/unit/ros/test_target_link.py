@@ -1,4 +1,4 @@
-"""A link of a world's model for the nodes: its mesh, and where it is without a simulation."""
+"""A link of a world's model as a target of the nodes: its mesh, and its pose without simulation."""
 
 from pathlib import Path
 

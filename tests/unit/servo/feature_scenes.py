@@ -1,4 +1,4 @@
-"""What each registered feature ought to be, written down a second time from 3-D geometry.
+"""Expected values of each registered feature, computed independently from 3-D geometry.
 
 Nothing here uses the package's own formulas: points come from a pose by projection, moments from
 dense sums over a triangulation, poses from the poses themselves.

@@ -1,4 +1,4 @@
-"""A camera that moves as it is told, written independently of the package's own formulas."""
+"""Free camera that executes twists, written independently of the package's formulas."""
 
 import numpy as np
 from scipy.linalg import expm

@@ -1,4 +1,4 @@
-"""The loop closed without physics and pixels: joints that lag, a camera that sees exactly."""
+"""Closed loop without physics and images: lagging joints and a camera with exact features."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether the camera is at its goal, and how far it may be from it all the same."""
+"""Whether the camera is at its goal, and the uncertainty of its pose."""
 
 from types import SimpleNamespace
 

@@ -1,4 +1,4 @@
-"""L estimated by Broyden's rule: comes to the true one, wants no model, and forgets when told."""
+"""Broyden's estimate of L: it converges to the true L, needs no model, and can be reset."""
 
 from types import SimpleNamespace
 

@@ -1,4 +1,4 @@
-"""What the images say beyond the error: does it swing, can it be the goal's target?"""
+"""Checks of the error over time: oscillation, and whether the target can be the goal's target."""
 
 from types import SimpleNamespace
 

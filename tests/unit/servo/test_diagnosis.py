@@ -1,4 +1,4 @@
-"""Provoked failures get the right word, healthy runs none."""
+"""Provoked failures get the correct outcome, and normal runs get none."""
 
 from dataclasses import dataclass, replace
 from types import SimpleNamespace

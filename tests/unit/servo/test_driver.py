@@ -1,4 +1,4 @@
-"""The driver: joints by stamp, images with the joints of their instant, silence that stops the arm.
+"""LoopRunner: joints by stamp, images with the joints at their exposure, stop after silence.
 
 A played robot with exact vision and lagging joints, in simulated time.
 """

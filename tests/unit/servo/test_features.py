@@ -1,4 +1,4 @@
-"""Moments and points against a camera that really moves; the kernel on a fine picture."""
+"""Moments and points, compared with a moving camera; kernel features on a fine image."""
 
 from dataclasses import replace
 

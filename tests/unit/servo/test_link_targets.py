@@ -1,4 +1,4 @@
-"""A link of a model in a world file as the target: its shape, and where the simulation has it."""
+"""A link of a model in a world file as the target: its shape and its pose in the simulation."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Photometric features against pictures of an analytic texture, derived by finite differences."""
+"""Photometric features on an analytic texture, compared with finite differences."""
 
 from dataclasses import replace
 from types import SimpleNamespace

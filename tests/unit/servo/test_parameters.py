@@ -1,4 +1,4 @@
-"""Parameters: each listed once, checked, and made into one loop."""
+"""Parameters of the controller: each is listed once, checked, and used."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The pose of a plane from points that are not exact: where no other has a smaller error."""
+"""Pose of a plane from inexact points: no other pose has a smaller error."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Several cameras of one scheme: pictures that belong together, and one observation of them."""
+"""Several cameras of one scheme: simultaneous images, and one observation of them."""
 
 from dataclasses import replace
 from functools import partial

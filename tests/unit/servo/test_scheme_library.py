@@ -1,4 +1,4 @@
-"""The shipped compositions on an exact free camera: each comes to its goal as its theory says."""
+"""Shipped schemes with an exact free camera: each converges as its theory predicts."""
 
 from dataclasses import replace
 from types import SimpleNamespace

@@ -1,4 +1,4 @@
-"""The loop closed over an exact camera and lagging joints: arrives, judges, begins anew."""
+"""Closed loop with an exact camera and lagging joints: convergence, diagnosis, restart."""
 
 from types import SimpleNamespace
 

@@ -1,4 +1,4 @@
-"""Solids servoed by the moments of their silhouettes, told by label, colour and grey."""
+"""Solids servoed by silhouette moments, segmented by label, colour and grey level."""
 
 import sys
 from pathlib import Path

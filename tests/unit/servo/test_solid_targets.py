@@ -1,4 +1,4 @@
-"""Solids as targets: servoed by the pose of a mesh, and refused where it is none."""
+"""Solid targets: servoing by the pose of a mesh, and errors."""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Whether the target moves by itself: exact features of one that does, before a moving camera."""
+"""Detection of a moving target from exact features, with a moving camera."""
 
 from types import SimpleNamespace
 

@@ -1,4 +1,4 @@
-"""Teaching: what was seen is stored, averaged, to order 6, with a command line that works."""
+"""Teaching: the mean view is stored with moments up to order 6; command line."""
 
 import io
 import re

@@ -1,4 +1,4 @@
-"""Keys of the teleoperation, and a gamepad."""
+"""Keyboard and gamepad of the teleoperation."""
 
 import os
 import pty

@@ -1,4 +1,4 @@
-"""The compiled ticks between images, beside the driver's own, on a played robot."""
+"""Compiled updates between images give the same result as those in Python."""
 
 import numpy as np
 import pytest

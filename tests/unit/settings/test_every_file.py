@@ -1,4 +1,4 @@
-"""Every kind of settings of the workspace gives the same answer to the same value."""
+"""All settings files of the workspace treat equal values equally."""
 
 from __future__ import annotations
 

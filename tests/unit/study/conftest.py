@@ -1,4 +1,4 @@
-"""Studies of a flying camera that sees exactly: a run takes a hundredth of a second."""
+"""Studies of a free camera with exact features; a run takes a hundredth of a second."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Carrying a study out: every run once, the same whatever happens, and nothing lost."""
+"""Execution of a study: every run once, reproducible after any interruption, nothing lost."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tables, plots, differences, tuning and showing, of results that are known."""
+"""Tables, figures, comparisons, tuning and repetition of known results."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Every number that is told of a study, recomputed by pandas from the rows' Parquet files.
+"""Every number about a study, recomputed by pandas from the Parquet files.
 
 The fixture tells apart: groups of unlike sizes, as parts are missing, and the times of two that are
 there; NaN in one study's row and not in its partner's; ties; runs that were refused; seeds that

@@ -1,4 +1,4 @@
-"""What figures of studies show beside the rows' numbers: groups, names, scales, paths."""
+"""Figures of studies, compared with the rows: groups, names, scales, paths."""
 
 from __future__ import annotations
 

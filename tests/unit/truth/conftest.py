@@ -1,4 +1,4 @@
-"""Lets the tests of this folder import tests/truth_checks, and takes back what those do."""
+"""Makes tests/truth_checks importable for the tests of this folder, and restores its changes."""
 
 import logging
 import sys

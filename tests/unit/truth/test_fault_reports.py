@@ -1,4 +1,4 @@
-"""The reports of a soak that do not go together are found."""
+"""Inconsistent reports of a long run are detected."""
 
 from types import SimpleNamespace
 

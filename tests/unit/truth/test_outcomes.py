@@ -1,4 +1,4 @@
-"""The campaign that holds the loop's word against the truth: its kinds, events and sums."""
+"""Outcome campaign: its kinds of faults, events and sums."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""This machine with some files replaced, for one process: a mount namespace of its own."""
+"""Process with some files of this machine replaced, in a private mount namespace."""
 
 from __future__ import annotations
 

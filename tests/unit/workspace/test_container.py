@@ -1,4 +1,4 @@
-"""The container's files, without an engine to build them: stages, entry point, compose file."""
+"""Container files without building them: stages, entry point, compose file."""
 
 from __future__ import annotations
 

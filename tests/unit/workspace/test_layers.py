@@ -1,4 +1,4 @@
-"""Imports go down only: what computes is plain Python, ROS is a skin over it."""
+"""Imports between layers only go down; computation does not import ROS."""
 
 from __future__ import annotations
 

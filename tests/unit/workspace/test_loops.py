@@ -1,4 +1,4 @@
-"""Compiling loops before the first start: for sources, and for copies made of them."""
+"""Compilation before the first start, for the sources and for copies of them."""
 
 import importlib
 import os

@@ -1,4 +1,4 @@
-"""package.xml names what a package imports, and no more Python than that."""
+"""package.xml names the packages that are imported, and no other Python packages."""
 
 import ast
 import sys

@@ -1,4 +1,4 @@
-"""What tests/peers makes of results; the suites and packages themselves are other people's."""
+"""Evaluation of the results of tests/peers."""
 
 import importlib
 import sys

@@ -1,4 +1,4 @@
-"""The shipped ARAS robot under its shipped controllers, without ROS."""
+"""The shipped ARAS robot with its shipped controllers, without ROS."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""What cannot be simulated is refused by name, and the world stays as it was."""
+"""Models that cannot be simulated are refused by name, and the world does not change."""
 
 import math
 from dataclasses import replace

@@ -1,5 +1,4 @@
-"""Ticks in one compiled call are those made one by one, and those in which Python takes part, bit
-for bit; they stop where somebody looks."""
+"""Steps in one compiled call are bit-identical to single steps and to steps with Python code."""
 
 import random
 

@@ -1,4 +1,4 @@
-"""Damping of joints whose base is free: who takes it, by the eigenvalues of the problem."""
+"""Joint damping of robots with a free base: applied by motors or by Bullet."""
 
 import numpy as np
 import pinocchio

@@ -1,4 +1,4 @@
-"""What falls on something and what is thrown at something, against closed forms."""
+"""Falling and thrown bodies, compared with closed forms."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""A bolted model moves as if it were alone until something can touch it."""
+"""A fixed model moves as if it were alone until something can touch it."""
 
 import math
 from functools import cache

@@ -1,4 +1,4 @@
-"""A model as a whole: who is told of what is done to it, and what outlives a load."""
+"""Models: notification of changes, and state that is retained when they are reloaded."""
 
 import numpy as np
 import pytest

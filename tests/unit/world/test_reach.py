@@ -1,4 +1,4 @@
-"""Where links can get: boxes that hold every pose of them, and are no larger than they must be."""
+"""Bounding boxes of all poses that links can reach: complete, and as small as possible."""
 
 import math
 

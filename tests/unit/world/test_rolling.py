@@ -1,4 +1,4 @@
-"""What is round rolls, stands and lies as its shape has it, against closed forms."""
+"""Round bodies roll, stand and lie according to their shape, compared with closed forms."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""SDF: shapes, colours, links and joints, lights; what is not supported is named."""
+"""SDF: shapes, colours, links, joints and lights; unsupported elements are named."""
 
 import math
 from dataclasses import replace

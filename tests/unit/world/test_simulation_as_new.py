@@ -1,4 +1,4 @@
-"""A world after a busy life and reset_simulation goes on as one after a quiet life, to the bit.
+"""After reset_simulation, a used world continues bit-identically to an unused one.
 
 The demo's arm under its controllers with its camera, and a loose block with every sensor.
 """

@@ -1,4 +1,4 @@
-"""What a Simulation makes of its lights, cameras, robots and sensors, and what it refuses."""
+"""Simulation: lights, cameras, robots and sensors, and errors."""
 
 import zlib
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""What is given to a loose body for friction, contact by contact, written out with matrices."""
+"""Friction coefficients of loose bodies per contact, compared with matrix equations."""
 
 import numpy as np
 import pybullet

@@ -1,4 +1,4 @@
-"""What a step works out: contacts only where links can get, joints to the last digit."""
+"""Physics step: contacts only between links that can touch, joints solved to rounding."""
 
 import ctypes
 import math

@@ -1,4 +1,4 @@
-"""Free bases that stand: as still as if bolted down, and free as soon as the ground cannot hold."""
+"""Resting free bases: at rest like fixed ones, and free when the ground cannot hold them."""
 
 import itertools
 import math

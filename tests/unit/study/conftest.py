@@ -15,5 +15,5 @@ TINY = {
 
 @pytest.fixture(scope="session")
 def tiny():
-    """Makes the tiny study with keys changed."""
+    """Function that makes the tiny study with changed keys."""
     return lambda **changes: Study.from_mapping({**TINY, **changes})

@@ -13,7 +13,7 @@ if TESTS not in sys.path:
 
 @pytest.fixture(autouse=True)
 def logging_as_before():
-    """The commands keep lines off the terminal; tests of other files look for some."""
+    """Restore the logging that the commands change, for the tests of other files."""
     level = logging.root.manager.disable
     yield
     logging.disable(level)

@@ -20,7 +20,7 @@ pytestmark = pytest.mark.graph
 
 @pytest.fixture(scope="module")
 def printed():
-    """What a benchmark prints as its last line."""
+    """Return the JSON value in the last line that a benchmark prints."""
 
     def run(name):
         done = subprocess.run(

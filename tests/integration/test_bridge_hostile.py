@@ -90,7 +90,7 @@ def state() -> tuple:
 
 @pytest.fixture(scope="module", autouse=True)
 def bridge(launch, ros_node):
-    """A ball in the air and an arm under two controllers; simulated time stands still."""
+    """Simulation of a falling ball and an arm with two controllers, paused."""
     launched = launch(
         "aras_sim_bridge", "empty_world.launch", nodes=["/gazebo"], paused=True, speed_mode="max"
     )

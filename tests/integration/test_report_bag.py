@@ -55,7 +55,7 @@ def transform(parent, child, pose, stamp):
 
 
 def description():
-    """What the node `describe` tells of a run of the demo."""
+    """Return the description that the node `describe` publishes for a run of the demo."""
     urdf = (ROOT / "src/aras_visual_servo_gazebo/robots/aras_visual_servo.urdf").read_text()
     goal = ROOT / "src/aras_visual_servo_controller/config/goal_2016.yaml"
     return {
@@ -332,7 +332,7 @@ def messages(path):
 
 
 def later(message, seconds):
-    """The same message, with all stamps moved."""
+    """Return the message with all stamps shifted."""
     for part in (message, *getattr(message, "transforms", ())):
         if hasattr(part, "header"):
             part.header.stamp += rospy.Duration.from_sec(seconds)

@@ -91,7 +91,7 @@ class Tape:
             self.trace.append(("said", text))
 
     def play(self, parts: Assembly, driver: LoopRunner, readings=None) -> list[Any]:
-        """What the driver makes of all of them."""
+        """Process all readings with the driver, and return its outputs."""
         self.trace = []
         for reading in self.readings if readings is None else readings:
             self.time = max(self.time, reading.stamp)

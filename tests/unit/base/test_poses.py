@@ -151,7 +151,7 @@ def test_a_skew_matrix_is_a_cross_product():
 
 
 class VectorError(Exception):
-    """What a caller wants to be told with."""
+    """Error class of a caller."""
 
 
 @pytest.mark.parametrize(("values", "words"), [

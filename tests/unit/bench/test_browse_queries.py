@@ -55,7 +55,7 @@ def table():
 
 
 def chosen(look, *filters, studies=()):
-    """Rows as asked."""
+    """Return the rows that these filters select."""
     asked = queries.RunSelection(studies, tuple(Filter(*one) for one in filters))
     return queries.select_rows(look, asked).tolist()
 

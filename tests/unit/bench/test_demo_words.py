@@ -14,7 +14,7 @@ WORLD, LOOP = LAUNCH_FILES
 
 
 def refused(words, capsys):
-    """What is said of words that cannot be taken."""
+    """Return the error message for invalid words."""
     with pytest.raises(SystemExit) as ended:
         parse(words)
     assert ended.value.code == 2

@@ -35,14 +35,14 @@ class Blob(FlatShape):
 
 
 class Broken(TargetShape):
-    """Raises."""
+    """Shape whose method make raises an error."""
 
     def make(self):
         raise KeyError("corner")
 
 
 class Empty(TargetShape):
-    """Makes nothing."""
+    """Shape whose method make returns None."""
 
     def make(self):
         return None

@@ -46,7 +46,7 @@ def written(runs, tmp_path_factory):
 
 
 def ways(run):
-    """Of the joint states since the first image: s since then, m and rad from the goal."""
+    """Return time (s), distance (m) and angle (rad) to the goal at the joint states of servoing."""
     after = run.joint_stamp >= run.states[0].stamp
     poses = run.true_pose[after]
     distance = np.sqrt(((poses[:, :3, 3] - GOAL[:3, 3]) ** 2).sum(axis=1))
@@ -142,7 +142,7 @@ def recomputed(run):
 
 
 def shows(text, value, digits):
-    """Whether a printed number is this value to its digits."""
+    """Return whether a printed number is this value, rounded to its digits."""
     if value == 0:
         return text == "0"
     step = 10.0 ** (math.floor(math.log10(abs(value))) - digits + 1)

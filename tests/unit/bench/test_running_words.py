@@ -19,7 +19,7 @@ STUDY = "experiment: {plant: free}\nrepeats: 3\nvary: {gain: [1.0, 2.0]}\n"
 
 @pytest.fixture
 def calls(monkeypatch):
-    """What stubs were called with; `stub(place, name, answer)` puts one there."""
+    """List of the calls of stubs; `stub(place, name, answer)` installs a stub."""
     found = []
 
     def stub(place, name, answer=None):

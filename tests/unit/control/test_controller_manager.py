@@ -21,7 +21,7 @@ PARAMETERS = {
 
 
 class Recorder(Controller):
-    """Writes down what the manager does to it; raises where told to."""
+    """Controller that records the manager's calls, and raises an error if requested."""
 
     interface = "EffortJointInterface"
 

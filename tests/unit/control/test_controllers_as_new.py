@@ -69,7 +69,7 @@ class Bench:
         self.rig, self.k, self.trace = rig, 0, []
 
     def go_on(self, count, push=0.0):
-        """As many cycles of 1 ms; `push`: how far from their way the joints are."""
+        """Run `count` cycles of 1 ms; `push`: offset of the joints from their trajectory."""
         rig = self.rig
         for _ in range(count):
             self.k += 1

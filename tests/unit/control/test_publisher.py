@@ -15,7 +15,7 @@ from aras_sim_bridge.ros.runtime.publisher import NonBlockingPublisher
 
 
 class Connection:
-    """A listener's, as rospy keeps it."""
+    """Connection of a subscriber with the interface of rospy."""
 
     def __init__(self) -> None:
         self.endpoint_id = "/listener"

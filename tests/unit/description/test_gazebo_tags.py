@@ -25,7 +25,7 @@ def robot(inside):
 
 
 def camera(inside="", sensor="", kind="camera"):
-    """The camera of a sensor with this text in its <camera>, and beside it."""
+    """Return the camera of a sensor with this text inside and after its <camera>."""
     return robot(f"<gazebo reference='a'><sensor type='{kind}' name='eye'>{sensor}<camera>{inside}"
                  "</camera></sensor></gazebo>").cameras[0]
 

@@ -29,7 +29,7 @@ MANAGER = "/two/controller_manager"
 
 
 class Nodes:
-    """In place of roslaunch."""
+    """Replacement of roslaunch."""
 
     made: list[Nodes] = []
     dies = ""
@@ -51,7 +51,8 @@ class Nodes:
 
 @pytest.fixture
 def asked(graph, life, monkeypatch, tmp_path):
-    """Actions of the robot `robo`, and the services that they find; `calls` is what was asked."""
+    """Commands for the robot `robo`, and the services that they call; `calls` lists the requests.
+    """
     settings = make_listener_settings({"namespace": "/two/"})
     it = SimpleNamespace(graph=graph, life=life, calls=[], running={NODE, "/other"}, killed=[])
     it.listener = SimpleNamespace(run_trace=None)

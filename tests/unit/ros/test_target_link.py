@@ -31,7 +31,7 @@ WORLD = f"""<sdf version="1.6"><world name="a"><model name="crate">
 
 @pytest.fixture
 def asked(tmp_path, monkeypatch, capsys):
-    """What the program prints of a link, and its status; no master is there."""
+    """Function that runs the program without a master; it returns status and output."""
     monkeypatch.setenv("ROS_MASTER_URI", "http://127.0.0.1:1")
     monkeypatch.setattr(target_link.tempfile, "tempdir", str(tmp_path))
     (tmp_path / "a.world").write_text(WORLD)

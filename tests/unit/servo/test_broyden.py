@@ -104,7 +104,8 @@ def test_what_changes_by_more_than_any_camera_makes_is_not_learnt(jump, learnt):
 
 
 class Askew(ImageMoments):
-    """Its L takes the camera for turned by 70 degrees about its axis: the loop spirals."""
+    """Scheme whose L belongs to a camera rotated by 70 degrees about its axis: the path is a
+    spiral."""
 
     def measure(self, observation, goal):
         measured = super().measure(observation, goal)

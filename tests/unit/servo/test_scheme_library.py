@@ -113,7 +113,7 @@ class Asked(Proportional):
 
 
 def centres(way):
-    """Of the camera in the target's frame (n, 3)."""
+    """Return the positions (n, 3) of the camera in the target's frame."""
     return np.array([np.linalg.inv(place)[:3, 3] for place in way])
 
 

@@ -130,7 +130,7 @@ def kind(request) -> Kind:
 
 
 def kinds(fits: Callable[[Kind], bool]) -> pytest.MarkDecorator:
-    """Only those kinds."""
+    """Parametrise with the kinds that satisfy the condition."""
     return pytest.mark.parametrize("kind", [n for n in KINDS if fits(KINDS[n])], indirect=True)
 
 

@@ -19,7 +19,7 @@ DONE, CANCELLED = rows.Rows([{"run": 1}]), "cancelled"
 
 
 class KilledError(Exception):
-    """As distributed.KilledWorker."""
+    """Error with the name of distributed.KilledWorker."""
 
 
 class Dask:

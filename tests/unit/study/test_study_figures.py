@@ -48,7 +48,7 @@ def texts(found):
 
 
 def in_the_middle(text):
-    """Of its cell, in letters that fit."""
+    """Return whether a text is centred in its cell, in letters of 9 points."""
     return (text.get_ha(), text.get_va(), text.get_fontsize()) == ("center", "center", 9.0)
 
 

@@ -45,7 +45,7 @@ def test_there_are_at_least_25_kinds():
 
 
 class Plant:
-    """Gives one reading of each sort; keeps what it is commanded."""
+    """Plant that yields one reading of each kind and stores its commands."""
 
     def __init__(self):
         self.commands = []

@@ -11,7 +11,7 @@ from aras_sim_bridge.world.joint_damping import CHECK_EVERY, JointDamping
 
 
 class Joints:
-    """Notes what is asked of them, by joint."""
+    """Records the calls that joints receive."""
 
     def __init__(self, damping, inverse):
         self.damping_coefficients, self.inverse = damping, inverse

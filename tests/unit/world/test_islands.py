@@ -52,7 +52,7 @@ class Trial:
         return self
 
     def handles(self):
-        """What the controllers remember."""
+        """Return the internal state of the controllers."""
         return [row.tolist() for entry in self.robot.manager.running
                 for row in getattr(entry.controller, "rows", ())]
 

@@ -24,7 +24,7 @@ def described(make, root="hull"):
 
 @pytest.fixture(params=["hull", "world"])
 def model(make, request):
-    """Free, or bolted down; without gravity. `told`: what the world was told of it."""
+    """Model with a free or a fixed base, without gravity. `told`: notifications of the world."""
     with World(gravity=(0.0, 0.0, 0.0)) as world:
         it = world.spawn(described(make, request.param), "m", AT)
         it.world, it.told = world, []

@@ -34,7 +34,7 @@ def link(body, name="link", extra=""):
 
 
 def solid(shape, **options):
-    """A link that is seen and touched."""
+    """Return a link with a visual and a collision."""
     return link(part("visual", shape) + part("collision", shape), **options)
 
 

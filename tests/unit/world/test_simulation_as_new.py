@@ -50,7 +50,7 @@ def listen(robot):
 
 
 def follow(robot, count=400):
-    """What is told, and where all is, on the way to a goal."""
+    """Return messages and positions on the way to a goal."""
     robot.told.clear()
     robot.command(GOAL)
     way = []

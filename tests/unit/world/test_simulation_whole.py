@@ -38,7 +38,7 @@ CAMERA = """<gazebo reference="base"><sensor type="camera" name="{0}"><camera><i
 
 @pytest.fixture
 def renderers(monkeypatch):
-    """Those that were made, which draw nothing; `given` is what each was made with."""
+    """Renderers that draw nothing; `given` lists the arguments of each."""
     made = []
 
     def create(*given):

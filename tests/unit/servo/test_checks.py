@@ -26,7 +26,7 @@ def zigzag(*extremes, half=0.3, rate=100.0):
 
 
 def rings(samples, beside=lambda t: 0.0):
-    """Return what OscillationCheck reports at the end for an error, with another error beside it."""
+    """Return what OscillationCheck reports at the end for an error, next to another error."""
     answers = []
     for place in (0, 1):
         oscillation = OscillationCheck()

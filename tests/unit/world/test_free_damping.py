@@ -11,7 +11,7 @@ from aras_sim_bridge.world.joint_damping import CHECK_EVERY, JointDamping
 
 
 class Joints:
-    """Records the calls that joints receive."""
+    """Joints that record their motors and damping efforts."""
 
     def __init__(self, damping, inverse):
         self.damping_coefficients, self.inverse = damping, inverse

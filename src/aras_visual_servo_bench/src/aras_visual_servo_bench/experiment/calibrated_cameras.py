@@ -43,8 +43,8 @@ def with_fixed_cameras(experiment: Experiment, packages: PackagePath) -> Experim
 def with_calibration_offsets(experiment: Experiment, robot: Robot) -> Experiment:
     """Return the experiment with every calibration offset given by `xyz` and `rpy`.
 
-    If `calibration_offset.hand_eye` names a file with the calibrated pose of a camera, it is
-    replaced by the offset of the calibrated pose from the true pose.
+    If `calibration_offset.hand_eye` names a file with the calibrated pose of a camera, `hand_eye`
+    is replaced by the offset of the calibrated pose from the true pose.
 
     Raises:
         ExperimentError: a file cannot be used, or a link does not carry the camera.

@@ -345,7 +345,7 @@ def image_excursion(run: Run) -> float:
 
 
 @metric(
-    "1/s", GREATER, "logarithm of the error between 80 and 15 % of its first value",
+    "1/s", GREATER, "slope of the error's logarithm between 80 and 15 % of the first value",
     is_feature_based=True, default=True,
 )  # fmt: skip
 def decay_rate(run: Run) -> float:

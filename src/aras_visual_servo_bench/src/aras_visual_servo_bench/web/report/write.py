@@ -267,7 +267,7 @@ class _ReportWriter:
                 ) from None
 
     def draw_row(self, number: int) -> list[Path]:
-        """Draw the figures of the row with an index into files, and return their paths."""
+        """Draw the figures of row `number`, write them to files, and return the files' paths."""
         with style.apply_style(is_paper=self.paper):
             drawn = [(part.name, part.draw_figure(self.runs)) for part in CHAPTERS[number]]
             drawn = [(name, figure) for name, figure in drawn if figure is not None]

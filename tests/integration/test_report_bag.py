@@ -459,5 +459,5 @@ def test_bags_that_cannot_be_reported_on_are_named(tmp_path):
     with rosbag.Bag(str(waiting), "w") as bag:
         state = ServoState(phase="waiting", reason="no image on /labrob/camera")
         bag.write(f"{NAMESPACE}/controller/state", state, rospy.Time(1))
-    with pytest.raises(BenchError, match="its last phase is waiting: no image on /labrob/camera"):
+    with pytest.raises(BenchError, match="last phase is waiting: no image on /labrob/camera"):
         read_bag(waiting)

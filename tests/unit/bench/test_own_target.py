@@ -90,7 +90,7 @@ def test_a_wrong_name_is_told_before_anything_runs(target, why):
     (KITE, (0.1,), r"target.size is \[0.1\], must be two lengths"),
     (KITE, (0.1, -0.1), r"target.size\[1\] is -0.1, must be > 0"),
     ("box", (0.1, 0.1), "must be three lengths"),
-    (f"{__name__}:Broken", None, "Broken': make raised KeyError: 'corner'"),
+    (f"{__name__}:Broken", None, "Broken': its method make raised KeyError: 'corner'"),
     (f"{__name__}:Empty", None, "make returned NoneType, must return a Target"),
 ])  # fmt: skip
 def test_what_cannot_be_made_is_one_line(shape, size, why):

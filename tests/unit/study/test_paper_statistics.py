@@ -355,7 +355,7 @@ def test_a_key_with_one_value_or_drawn_values_is_refused(tmp_path):
     results = Results.read(write_study(tmp_path / "out", study))
     with pytest.raises(StudyError, match="delay is drawn at random: --between needs a key with"):
         results.compare(between="delay")
-    with pytest.raises(StudyError, match="all stored runs of out have gain=1.0: there is nothing"):
+    with pytest.raises(StudyError, match="all stored runs of out have gain=1.0, so there is no"):
         results.compare(between="gain")
 
 

@@ -1,5 +1,6 @@
 """The command line as a whole: one experiment, its name where pip installs it, its examples."""
 
+import contextlib
 import json
 import os
 import re
@@ -9,7 +10,8 @@ import sys
 import pytest
 
 from aras_visual_servo_bench import cli
-from aras_visual_servo_bench.cli import EXAMPLES, main, make_parser
+from aras_visual_servo_bench.cli import main
+from aras_visual_servo_bench.cli.arguments import EXAMPLES, make_parser
 from aras_visual_servo_bench.errors import BenchError, make_missing_library_error
 from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.plots import style
@@ -98,7 +100,7 @@ def test_a_study_with_keys_of_both_kinds_stays_a_study(tmp_path, capsys):
     assert "2 runs" in capsys.readouterr().out
 
 
-def test_pips_program_names_itself_and_compiles_before_it_starts(monkeypatch, capsys):
+def test_pips_program_names_itself_and_compiles_before_it_simulates(monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["/home/me/venv/bin/aras-servo"])
     compiled = []
     monkeypatch.setattr(cli.compile_packages, "find_missing", lambda packages: [packages[1]])
@@ -106,11 +108,20 @@ def test_pips_program_names_itself_and_compiles_before_it_starts(monkeypatch, ca
     assert main(["resume", "/nowhere"]) == 1
     said = capsys.readouterr().err.splitlines()
     assert compiled == ["aras_sim_bridge"]
-    assert said[0] == "first start: compiling for one or two minutes"
+    assert said[0] == "first simulation: compiling for one or two minutes"
     assert said[-1].startswith("aras-servo: ")
     assert make_parser().prog == "aras-servo"
     with pytest.raises(BenchError, match="give the number of a run: aras-servo show out 0"):
         raise_of(["show", "out"])
+
+
+@pytest.mark.parametrize("words", [["--help"], ["run", "--help"], ["table", "/nowhere"], ["fly"]])
+def test_pips_program_does_not_compile_without_a_simulation(words, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["/home/me/venv/bin/aras-servo"])
+    monkeypatch.setattr(cli.compile_packages, "find_missing", lambda packages: pytest.fail("asked"))
+    with contextlib.suppress(SystemExit):
+        main(words)
+    assert "compiling" not in capsys.readouterr().err
 
 
 def raise_of(words):

@@ -1,4 +1,4 @@
-"""The report: right numbers of a run, curves with units for any scheme, one page, clear ends."""
+"""Report: correct numbers, curves with units for any scheme, one page, clear errors."""
 
 import csv
 import errno
@@ -53,7 +53,7 @@ SIMPLE = tuple((write.Chapter(name, name, "", simple),) for name in "abc")
 
 @pytest.fixture(scope="module")
 def moments():
-    """The paper's moments on an arm without dynamics, exactly seen."""
+    """Run of the scheme `moments` on an arm without dynamics, with exact features."""
     return run_with_images(
         Experiment(plant="chain", duration=SECONDS, time_after_convergence=None), "moments"
     )
@@ -61,7 +61,7 @@ def moments():
 
 @pytest.fixture(scope="module")
 def points():
-    """Four points of a square, seen by a camera that flies."""
+    """Run of four points of a square with a free camera."""
     return run_with_images({
         "plant": "free", "target": {"shape": "square", "size": [0.1, 0.1]},
         "scheme": "numbered_points", "start": {"pose": [0.05, -0.03, 0.4, 3.14159, 0.0, 0.5]},
@@ -645,7 +645,7 @@ def test_a_machine_without_the_bench_s_libraries_is_told_how_to_get_them():
     program = """import sys
 sys.modules["pyarrow"] = None
 from aras_visual_servo_bench.cli import main
-sys.exit(main(["analyze", "run.bag", "--out", "report"]))"""
+sys.exit(main(["table", "out"]))"""
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True,
                           env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)})  # fmt: skip
     assert done.returncode == 1

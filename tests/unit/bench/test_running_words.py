@@ -1,4 +1,4 @@
-"""`bench run`, `resume` and their workers: what is carried out, printed, and kept."""
+"""`bench run` and `resume`, and their workers: execution, output and stored results."""
 
 import argparse
 import json
@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 import yaml
 
-from aras_visual_servo_bench.cli import analyze, main, run
+from aras_visual_servo_bench.cli import analyze, main, run, run_file
 from aras_visual_servo_bench.errors import StudyError
 from aras_visual_servo_bench.plots import study_figures
 from aras_visual_servo_bench.studies import replay
@@ -19,7 +19,7 @@ STUDY = "experiment: {plant: free}\nrepeats: 3\nvary: {gain: [1.0, 2.0]}\n"
 
 @pytest.fixture
 def calls(monkeypatch):
-    """What stubs were called with; `stub(place, name, answer)` puts one there."""
+    """List of the calls of stubs; `stub(place, name, answer)` installs a stub."""
     found = []
 
     def stub(place, name, answer=None):
@@ -97,7 +97,7 @@ def test_a_study_is_made_of_its_file_or_of_what_the_words_change(calls, study, t
     assert main(["run", str(tmp_path / "none.yaml"), "--out", "o"]) == 1
     assert main(["run", "paper_basn", "--out", "o"]) == 1
     said = capsys.readouterr().err
-    assert "there is no file paper_basn, and no shipped study: did you mean 'paper_basin'?" in said
+    assert "there is no file paper_basn, and no shipped study of this name: did you mean '" in said
 
 
 TINY = """experiment: {plant: free, duration: 0.1, lag: 0.0}
@@ -241,7 +241,7 @@ def test_an_experiment_is_run_once(calls, tmp_path, monkeypatch, words, name, so
     path.write_text("plant: free\nduration: 1.0\n")
     words = [str(path) if word == "FILE" else word for word in words]
     done, ran = SimpleNamespace(name=""), []
-    monkeypatch.setattr(run.loop, "run", lambda asked: ran.append(asked) or done)
+    monkeypatch.setattr(run_file.loop, "run", lambda asked: ran.append(asked) or done)
     calls(replay, "run_with_images", done)
     calls(analyze, "write_reports")
     assert main(["run", *words, "gain=2.5"]) == 0

@@ -1,4 +1,4 @@
-"""glTF files: what they show is drawn, what is wrong in them is one line."""
+"""glTF files: contents are drawn, and an error is a one-line message."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""Mesh files: damaged ones are refused by name, sound ones are the same for eye and touch."""
+"""Mesh files: damaged files are refused by name; images and collisions use the same mesh."""
 
 import os
 import struct
@@ -65,14 +65,14 @@ def dae(old="", new=""):
 
 
 def polygons(text, each):
-    """The same with a <polylist>."""
+    """Return the COLLADA file with a <polylist> instead of triangles."""
     text = text.replace(b'<triangles count="4">', b'<polylist count="4">')
     return text.replace(b"</triangles>", b"<vcount>" + each + b"</vcount></polylist>")
 
 
 
 def polygon_list(*corners):
-    """The same with <polygons>."""
+    """Return the COLLADA file with <polygons> instead of triangles."""
     text = dae("<p>0 2 1 0 1 3 0 3 2 1 2 3</p>").replace(b'<triangles count="4">', b"<polygons>")
     return text.replace(b"</triangles>", b"".join(b"<p>%b</p>" % each for each in corners)
                         + b"</polygons>")

@@ -1,4 +1,4 @@
-"""Moments against exact arithmetic, each other, and shapes whose moments are known."""
+"""Moments, compared with exact arithmetic, with each other and with known shapes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Image in, measurement out: accuracy, noise, and everything that can be wrong with an image."""
+"""From image to measurement: accuracy, noise, and every invalid image."""
 
 from __future__ import annotations
 

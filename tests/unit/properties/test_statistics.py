@@ -1,9 +1,10 @@
-"""Intervals and tests: what must hold whatever the numbers are."""
+"""Intervals and tests: properties that hold for any numbers."""
 
 import math
 
 import numpy as np
 import pytest
+import scipy
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -28,11 +29,10 @@ def test_a_rate_lies_in_its_interval_and_that_from_0_to_1(hits, misses):
     assert (1.0 - mirrored.high, 1.0 - mirrored.low) == pytest.approx((found.low, found.high))
     surer = statistics.proportion(hits, count, 0.5)
     assert found.low <= surer.low and surer.high <= found.high
-    # Wilson's, by its own formula
-    z = 1.959963984540054
-    centre = (hits + z * z / 2) / (count + z * z)
-    half = z / (count + z * z) * math.sqrt(hits * misses / count + z * z / 4)
-    assert (found.low, found.high) == pytest.approx((centre - half, centre + half), abs=1e-12)
+    for confidence in (0.5, 0.95, 0.999):
+        other = scipy.stats.binomtest(hits, count).proportion_ci(confidence, method="wilson")
+        found = statistics.proportion(hits, count, confidence)
+        assert (found.low, found.high) == pytest.approx(tuple(other), abs=1e-12)
 
 
 @settings(max_examples=25)
@@ -44,8 +44,18 @@ def test_a_median_is_that_of_what_is_known_and_the_same_each_time(values):
         assert math.isnan(found.value)
         return
     assert found.value == np.median(known)
+    assert min(known) <= found.value <= max(known)
+    if len(known) == 1:  # no interval
+        assert math.isnan(found.low) and math.isnan(found.high)
+        return
     assert min(known) <= found.low <= found.value <= found.high <= max(known)
     assert statistics.median(values) == found
+    if len(known) > 1 and np.ptp(known):
+        other = scipy.stats.bootstrap(
+            (known,), np.median, n_resamples=statistics.RESAMPLES, method="percentile",
+            rng=np.random.default_rng(0), batch=statistics.BATCH,
+        )  # fmt: skip
+        assert (found.low, found.high) == tuple(other.confidence_interval)
 
 
 @given(RATES)
@@ -55,11 +65,14 @@ def test_rates_of_pairs_are_compared_by_the_pairs_that_differ(pairs):
     whole = [(a, b) for a, b in pairs if not math.isnan(a + b)]
     assert found.count == len(whole) and found.paired
     back = statistics.compare_rates(after, before, True)
-    assert back.p == pytest.approx(found.p)
+    assert back.p == pytest.approx(found.p, nan_ok=True)
     assert (back.before, back.after) == pytest.approx((found.after, found.before), nan_ok=True)
     better, worse = sum(b > a for a, b in whole), sum(b < a for a, b in whole)
     n = better + worse
     tail = sum(math.comb(n, k) for k in range(min(better, worse) + 1)) / 2**n
+    if not whole:
+        assert math.isnan(found.p)
+        return
     assert found.p == pytest.approx(min(1.0, 2.0 * tail))
     if whole:
         assert found.before == pytest.approx(np.mean([a for a, _ in whole]))
@@ -75,7 +88,7 @@ def test_the_order_of_runs_and_what_is_unknown_tell_nothing(pairs, order):
             statistics.compare_values([a for a, _ in some], [b for _, b in some], paired)
             for some in (mixed, kept)
         )
-        assert 0.0 <= found.p <= 1.0
+        assert 0.0 <= found.p <= 1.0 or math.isnan(found.p) and found.count == 0
         assert found.count == other.count
         assert (found.before, found.after, found.p) == pytest.approx(
             (other.before, other.after, other.p), nan_ok=True)
@@ -86,7 +99,12 @@ def test_the_order_of_runs_and_what_is_unknown_tell_nothing(pairs, order):
 def test_of_what_is_unknown_nothing_can_be_told(compare, paired):
     for before, after in (([], []), ([1.0], [math.nan]), ([math.nan], [0.0])):
         found = compare(before, after, paired)
-        assert (found.p, found.count) == (1.0, 0)
+        assert math.isnan(found.p) and found.count == 0
+
+
+def test_what_was_not_tested_is_no_comparison_for_holm():
+    found = statistics.holm([0.02, math.nan, 0.03])
+    assert found[::2] == pytest.approx([0.04, 0.04]) and math.isnan(found[1])
 
 
 @given(st.lists(st.floats(0.0, 1.0), max_size=12))

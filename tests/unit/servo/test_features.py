@@ -1,4 +1,4 @@
-"""Moments and points against a camera that really moves; the kernel on a fine picture."""
+"""Moments and points, compared with a moving camera; kernel features on a fine image."""
 
 from dataclasses import replace
 
@@ -145,7 +145,7 @@ def test_the_shorter_way_of_a_symmetric_target_goes_through_the_wrap():
 
 
 class Moving(Feature):
-    """Of a target that moves by itself."""
+    """Points of a target that moves by itself."""
 
     names, tolerances, needs = ("x", "y"), (1.0, 1.0), frozenset()
 
@@ -173,7 +173,7 @@ def test_the_motion_of_the_target_is_fed_forward():
 
 
 class Tall(Feature):
-    """A user's, of as many rows as it is told."""
+    """User-defined feature with a given number of rows."""
 
     needs = frozenset()
 

@@ -1,4 +1,4 @@
-"""The one factory: the same record from pictures, from messages and from exact geometry."""
+"""Observations from images, messages and exact geometry are equal."""
 
 from types import SimpleNamespace
 

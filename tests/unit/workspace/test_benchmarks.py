@@ -1,4 +1,4 @@
-"""Every benchmark runs at a tiny size, and prints figures that are possible."""
+"""Benchmarks: run with a tiny size, and check that the results are plausible."""
 
 import json
 import math
@@ -42,6 +42,10 @@ RUNS = {
     "silhouettes": (
         ["--starts", "1", "--only", "sphere"],
         {r".*\.converged": (1, 1), r".*\.worst\.0": (0, 1e-3)},
+    ),
+    "startup": (
+        ["--repeats", "1", "--runs", "2", "help", "table", "free camera"],
+        {r"now\.help": (0.005, 1), r"now\.(table|free camera)": (0.05, 60)},
     ),
     "study": (
         ["--runs", "0", "--short", "2", "--two"],

@@ -1,57 +1,32 @@
 """Compilation with Numba, for short loops and small matrices, where NumPy's calls take too long.
 
 The types of the arguments are declared, so that the set-up can compile all functions. Compiled
-functions are cached in __pycache__ next to the source file, or in NUMBA_CACHE_DIR.
-
-A function is compiled again if its source file changes. Numba itself checks only this file. Here, a
-function is also compiled again if it uses a compiled function or a constant of another module that
-has changed.
-
-A function is compiled, or loaded from the cache, at its first call, because no program calls more
-than half of the functions. Nodes call `compile_all` instead, before their first image.
+functions are cached in __pycache__ next to the source file, or in NUMBA_CACHE_DIR. A function is
+compiled again if its source file changes, and also if another module changes a compiled function or
+a constant that it uses; Numba alone checks only the source file. A function is compiled or loaded
+from the cache at its first call, because no program calls more than half of the functions. The
+first such call also imports Numba, which takes 0.2 s of processor time. Nodes call `compile_all`
+before their first image instead.
 """
 
 from __future__ import annotations
 
 import functools
-import importlib
 import inspect
 import logging
-import sys
 import threading
 import zlib
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING
 
-import numba
-from numba.extending import intrinsic, typeof_impl
+from .lazy import import_without
 
 if TYPE_CHECKING:
+    import numba
     from numba.core.dispatcher import Dispatcher
-
-
-def _import_without(excluded: str, module: str) -> None:
-    """Import a module as if `excluded` were not installed.
-
-    If `excluded` is already imported, import the module normally.
-    """
-    if excluded in sys.modules:
-        importlib.import_module(module)
-        return
-    sys.modules[excluded] = None  # makes Python treat the module as missing
-    try:
-        importlib.import_module(module)
-    finally:
-        del sys.modules[excluded]
-
-
-# To find a BLAS library for np.convolve and np.correlate, Numba imports SciPy's linear algebra.
-# This takes 0.1 s of processor time, which is 16 % of the bridge's import time and 9 % of a short
-# run that compiles nothing. Numba has no public option to prevent the import. np.dot works without
-# it, because Numba searches for a BLAS library again when it compiles a call of np.dot.
-_import_without("scipy.linalg.cython_blas", "numba.np.arraymath")
 
 _log = logging.getLogger(__name__)
 _compile_lock = threading.RLock()
@@ -59,8 +34,20 @@ _compile_lock = threading.RLock()
 _functions: dict[tuple[str, str], CompiledFunction] = {}
 
 
+@cache
+def _import_numba() -> ModuleType:
+    import numba
+
+    # To find a BLAS library for np.convolve and np.correlate, Numba imports SciPy's linear algebra.
+    # This takes 0.1 s of processor time, which is 12 % of a short run that compiles nothing. Numba
+    # has no public option to prevent the import. np.dot does not need it, because Numba searches
+    # for the BLAS of np.dot when it compiles a call of it.
+    import_without("scipy.linalg", "numba.np.arraymath")
+    return numba
+
+
 class CompiledFunction:
-    """A function that Numba compiles for the declared types of arguments.
+    """A function that Numba compiles.
 
     It is compiled or loaded from the cache when it is first called from Python, or when a compiled
     function that calls it is compiled.
@@ -69,10 +56,10 @@ class CompiledFunction:
         py_func: the original Python function.
     """
 
-    def __init__(self, function: Callable, arguments: tuple, options: dict[str, object]) -> None:
+    def __init__(self, function: Callable, compile_function: Callable[[], Dispatcher]) -> None:
         functools.update_wrapper(self, function)
         self.py_func = function
-        self._arguments, self._options = arguments, options
+        self._compile = compile_function
         self._dispatcher: Dispatcher | None = None
         self._call: Callable = self._first_call
 
@@ -91,9 +78,7 @@ class CompiledFunction:
         """Return Numba's compiled function; compile or load it first if necessary."""
         with _compile_lock:
             if self._dispatcher is None:
-                self._dispatcher = self._call = _compile(
-                    self.py_func, self._arguments, self._options
-                )
+                self._dispatcher = self._call = self._compile()
         return self._dispatcher
 
     @property
@@ -106,11 +91,15 @@ class CompiledFunction:
         """Numba's statistics, which tell whether the function was compiled or loaded."""
         return self.compile().stats
 
+    # Numba reads the next two attributes where a compiled function calls this one.
+    @property
+    def _numba_type_(self) -> numba.types.Type:
+        return _import_numba().typeof(self.compile())
 
-@typeof_impl.register(CompiledFunction)
-def _find_type(function: CompiledFunction, _context: object) -> numba.types.Type:
-    """Return the Numba type of a function; Numba calls this when it compiles calls of it."""
-    return numba.typeof(function.compile())
+    @property
+    def targetoptions(self) -> dict[str, object]:
+        """Numba's options; `inline` lets Numba inline the function."""
+        return self.compile().targetoptions
 
 
 def jit(signature: str, allocates: bool = True) -> Callable[[Callable], CompiledFunction]:
@@ -127,19 +116,14 @@ def jit(signature: str, allocates: bool = True) -> Callable[[Callable], Compiled
         allocates: whether the function, or a function that it calls, creates arrays. If False, the
             function is compiled without reference counting and is faster.
     """
-    given = eval(f"({signature},)", vars(numba.types))
-    arguments = tuple(
-        kind.copy(readonly=True) if getattr(kind, "layout", "") == "A" else kind for kind in given
-    )
-
     def compile_function(function: Callable) -> CompiledFunction:
-        # `no_cfunc_wrapper`: the wrapper for calls from C is not compiled, because it is not used.
-        # `_nrt` is a private option that controls reference counting; there is no public one. With
-        # reference counting, a step of the simulated arm takes 8.0 µs of processor time instead of
-        # 6.2 µs (+28 %).
-        made = CompiledFunction(function, arguments, {
+        # The additional C wrapper is not compiled, because no other language calls the function.
+        # `_nrt` is a private option of Numba, but there is no public option that disables reference
+        # counting. With reference counting, a step of the simulated arm takes 8.0 µs of processor
+        # time instead of 6.2 µs (+28 %).
+        made = CompiledFunction(function, partial(_compile, function, signature, {
             "nogil": True, "error_model": "numpy", "_nrt": allocates, "no_cfunc_wrapper": True,
-        })  # fmt: skip
+        }))  # fmt: skip
         _functions[function.__module__, function.__qualname__] = made
         return made
 
@@ -159,7 +143,12 @@ def compile_all(package: str = "") -> None:
             function.compile()
 
 
-def _compile(function: Callable, arguments: tuple, options: dict[str, object]) -> Dispatcher:
+def _compile(function: Callable, signature: str, options: dict[str, object]) -> Dispatcher:
+    numba = _import_numba()
+    given = eval(f"({signature},)", vars(numba.types))
+    arguments = tuple(
+        kind.copy(readonly=True) if getattr(kind, "layout", "") == "A" else kind for kind in given
+    )
     # Numba's cache identifies a function only by its file and its name. Therefore a checksum of
     # everything else on which the compiled code depends is added to the name.
     name = function.__qualname__
@@ -202,38 +191,28 @@ def _compute_file_checksum(path: str, _time: int, _size: int) -> str:
     return str(zlib.crc32(Path(path).read_bytes()))
 
 
-def jit_inline(function: Callable) -> Callable:
+def jit_inline(function: Callable) -> CompiledFunction:
     """Decorate a small function that LLVM inlines into the compiled functions that call it.
 
     Use this if a call would take more time than the function itself. For example, a call with three
     arrays takes longer than the test of one triangle.
     """
-    return numba.njit(forceinline=True, nogil=True, error_model="numpy", _nrt=False,
-                      no_cfunc_wrapper=True)(function)  # fmt: skip
+    return CompiledFunction(function, partial(_make_inline, function, {"forceinline": True}))
 
 
-def jit_inline_numba(function: Callable) -> Callable:
+def jit_inline_numba(function: Callable) -> CompiledFunction:
     """Decorate a small function that Numba inlines into its callers before LLVM optimises them.
 
     Use this for loops over rows of arrays. LLVM vectorises such loops only if it can prove that the
     rows do not overlap, which is not possible if LLVM itself inlines the function (`jit_inline`).
     """
-    return numba.njit(inline="always", nogil=True, error_model="numpy", _nrt=False,
-                      no_cfunc_wrapper=True)(function)  # fmt: skip
+    return CompiledFunction(function, partial(_make_inline, function, {"inline": "always"}))
 
 
-@intrinsic
-def lowest_bit(typing: object, bits: numba.types.Type) -> tuple[object, Callable]:
-    """Return the index of the lowest set bit of a 64-bit integer, which must not be 0.
-
-    This can only be called from compiled code.
-    """
-
-    def build(context: object, builder: object, signature: object, arguments: list) -> object:
-        never_zero = context.get_constant(numba.types.boolean, True)
-        return builder.cttz(arguments[0], never_zero)
-
-    return numba.types.int64(bits), build
+def _make_inline(function: Callable, options: dict[str, object]) -> Dispatcher:
+    return _import_numba().njit(
+        nogil=True, error_model="numpy", _nrt=False, no_cfunc_wrapper=True, **options
+    )(function)
 
 
 @cache

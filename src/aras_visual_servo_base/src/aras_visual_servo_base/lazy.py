@@ -1,11 +1,13 @@
-"""Exports of a package that are imported when they are first used.
+"""Imports that load only what a program needs.
 
-A program therefore loads only those modules of a package that it needs.
+Exports of a package are imported when they are first used, and a library can be imported without
+another one that it does not need.
 """
 
 from __future__ import annotations
 
 import sys
+import threading
 from collections.abc import Callable, Mapping
 from importlib import import_module
 from importlib.util import find_spec
@@ -63,3 +65,32 @@ def import_later(place: str) -> Callable[..., Any]:
     """
     module, _, name = place.partition(":")
     return getattr(import_module(module), name)
+
+
+class _MissingModule:
+    """Finder for which one module is missing in the thread that created the finder."""
+
+    def __init__(self, name: str) -> None:
+        self._name, self._thread = name, threading.get_ident()
+
+    def find_spec(self, name: str, _path: object = None, _target: object = None) -> None:
+        if name == self._name and threading.get_ident() == self._thread:
+            raise ModuleNotFoundError(f"{name} is not imported here", name=name)
+
+
+def import_without(excluded: str, module: str) -> None:
+    """Import a module as if `excluded` were not installed.
+
+    If `excluded` is already imported, import the module normally.
+
+    Args:
+        excluded: full name of a module that `module` would import if it were installed. If that is
+            part of a package, the package is still imported.
+        module: full name of the module to import.
+    """
+    finder = _MissingModule(excluded)
+    sys.meta_path.insert(0, finder)
+    try:
+        import_module(module)
+    finally:
+        sys.meta_path.remove(finder)

@@ -14,7 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aras_visual_servo_base.compiled import jit, lowest_bit
+from aras_visual_servo_base.compiled import jit
+from aras_visual_servo_base.compiled_bits import lowest_bit
 
 from .clustering import CLUSTER_SIZE
 from .cones import (

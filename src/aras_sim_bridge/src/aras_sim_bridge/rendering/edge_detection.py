@@ -11,7 +11,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from aras_visual_servo_base.compiled import jit, jit_inline, lowest_bit
+from aras_visual_servo_base.compiled import jit, jit_inline
+from aras_visual_servo_base.compiled_bits import lowest_bit
 
 from .areas import COPLANAR_TOLERANCE
 from .binning import VisibleTriangles

@@ -6,31 +6,15 @@ import argparse
 import os
 import threading
 import webbrowser
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ..errors import BenchError, make_missing_library_error
 
-if TYPE_CHECKING:  # the web server's library may be missing
+if TYPE_CHECKING:  # not imported at run time here, because the web server's library may be missing
     from ..web.browse.server import BrowseServer
 
-PORT = 8090
 
-
-def add_parser(commands: Any) -> None:
-    """Add the parser of `browse`."""
-    browse = commands.add_parser("browse", help="filter, plot and open runs in a browser")
-    browse.add_argument("folders", nargs="+", type=Path, metavar="DIR",
-                        help="folder of a study, or of several studies")
-    browse.add_argument("--port", type=int, default=PORT, metavar="N",
-                        help="port (default %(default)s); if it is taken, the next free one")
-    browse.add_argument("--address", default="127.0.0.1", metavar="IP",
-                        help="address (default %(default)s); 0.0.0.0 allows other machines")
-    browse.add_argument("--no-open", action="store_true", help="do not open a browser")
-    browse.set_defaults(carry_out=_browse)
-
-
-def _browse(options: argparse.Namespace) -> int:
+def browse(options: argparse.Namespace) -> int:
     """Serve the page until Ctrl-C."""
     try:
         from ..web.browse.server import serve

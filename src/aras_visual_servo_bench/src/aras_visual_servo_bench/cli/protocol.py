@@ -7,8 +7,6 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-from pathlib import Path
-from typing import Any
 
 import yaml
 
@@ -20,28 +18,13 @@ from ..studies.results import Results
 from ..studies.study import Study
 from ..studies.study_folder import StudyFolder
 from . import run
+from .arguments import AXIS_OPTIONS
 
 TABLE_FILE = "table.csv"
-AXIS_OPTIONS = {"case": "scheme", "condition": "condition", "start": "start"}  # option: axis
 
 
-def add_parser(commands: Any) -> None:
-    """Add the parser of `protocol`."""
-    parser = commands.add_parser("protocol", help="run a published protocol, and write a table")
-    parser.add_argument("study", metavar="NAME", type=Path,
-                        help="name of a shipped study, or a study's YAML file")
-    parser.add_argument("--out", type=Path, required=True, help="output folder")
-    parser.add_argument("--seeds", type=int, help="number of seeds (default: that of the study)")
-    parser.add_argument("--first", type=int, help="first seed (default: that of the study)")
-    for option in AXIS_OPTIONS:
-        parser.add_argument(f"--{option}", action="append",
-                            help=f"run only this {option}; can be repeated")
-    parser.add_argument("--mix", action="store_true", help="continue even if the code has changed")
-    run.add_workers(parser)
-    parser.set_defaults(fail_fast=False, no_report=True, carry_out=_carry_out)
-
-
-def _carry_out(options: argparse.Namespace) -> int:
+def run_protocol(options: argparse.Namespace) -> int:
+    """Run the selected cases of a protocol, and write its table."""
     study = _select_cases(Study.from_yaml(run.find_study_file(options.study)), options)
     engine.check_study(study)
     text = yaml.safe_dump(study.to_mapping(), sort_keys=False)

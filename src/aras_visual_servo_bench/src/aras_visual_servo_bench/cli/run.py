@@ -1,28 +1,22 @@
-"""`bench run` runs an experiment or a study, `bench resume` continues a study."""
+"""Run and continue studies: `bench run STUDY` and `bench resume`."""
 
 from __future__ import annotations
 
 import argparse
 import os
 import sys
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import yaml
 
 from aras_visual_servo_base.names import suggest
-from aras_visual_servo_base.yaml_files import read_yaml
 
-from ..errors import ExperimentError, StudyError, find_program_name
-from ..experiment import overrides
-from ..experiment.experiment import Experiment
-from ..experiment.experiment_keys import check_key
+from ..errors import StudyError, find_program_name
 from ..experiment.packages import PackagePath
 from ..metrics.formatting import format_count
-from ..runner import loop
 from ..studies import card, engine, images, tables
-from ..studies.pools import CHUNKS_BEFORE_RESTART, DaskPool, InProcessPool, Pool
+from ..studies.pools import DaskPool, InProcessPool, Pool
 from ..studies.progress import format_duration
 from ..studies.results import Results
 from ..studies.study import Study
@@ -30,43 +24,6 @@ from ..studies.study_folder import StudyFolder, count_stored_runs
 
 SCREEN_ROWS = 40  # a table with more rows is not printed
 SCREEN_METRICS = ("settled", "final_distance", "image_excursion")
-
-
-def add_parsers(commands: Any) -> None:
-    """Add the parsers of `run` and `resume`."""
-    run = commands.add_parser("run", help="run an experiment or a study")
-    run.add_argument("study", nargs="?", type=Path, metavar="FILE|NAME",
-                     help="YAML file of an experiment or a study, or name of a shipped study "
-                          "(default: the experiment of the demo)")
-    run.add_argument("overrides", nargs="*", metavar="key=value",
-                     help="changed settings, for example gain=2.0 or repeats=5")
-    run.add_argument("--out", type=Path, help="output folder: new, or of the same study; for an "
-                                              "experiment the folder of its report")
-    run.add_argument("--dry-run", action="store_true", help="only print what would be run")
-    run.set_defaults(carry_out=_run)
-    resume = commands.add_parser("resume", help="continue an unfinished study")
-    resume.add_argument("folder", type=Path, help="study folder")
-    resume.set_defaults(carry_out=_resume)
-    for one in (run, resume):
-        add_workers(one)
-        one.add_argument("--fail-fast", action="store_true", help="stop after the first failed run")
-        one.add_argument("--no-report", action="store_true",
-                         help="do not write a table and figures")
-        one.add_argument("--mix", action="store_true", help="continue even if the code has changed")
-
-
-def add_workers(one: argparse.ArgumentParser) -> None:
-    """Add the options of the worker processes."""
-    one.add_argument("--workers", type=int, default=0, metavar="N",
-                     help="number of processes on this machine (default: one per core)")
-    one.add_argument("--in-process", action="store_true",
-                     help="run everything in this process, without workers")
-    one.add_argument("--scheduler", default="", metavar="ADDRESS",
-                     help="address of a Dask scheduler with workers")
-    one.add_argument("--cluster", default="", metavar="FILE",
-                     help="YAML file with a Dask cluster class, its arguments and its workers")
-    one.add_argument("--renew", type=int, default=CHUNKS_BEFORE_RESTART, metavar="N",
-                     help="restart workers every N chunks (default %(default)s)")
 
 
 def find_study_file(name: Path) -> Path:
@@ -84,22 +41,16 @@ def find_study_file(name: Path) -> Path:
     if not named.is_file():
         known = sorted(path.stem for path in shipped.glob("*.yaml"))
         raise StudyError(
-            f"there is no file {name}, and no shipped study: {suggest(name.name, known)}"
+            f"there is no file {name}, and no shipped study of this name: "
+            f"{suggest(name.name, known)}"
         )
     return named
 
 
-def _run(options: argparse.Namespace) -> int:
-    # The first argument is an override, not a file: change the experiment of the demo.
-    if "=" in str(options.study or "") and not options.study.exists():
-        options.overrides.insert(0, str(options.study))
-        options.study = None
-    changed = overrides.parse_overrides(options.overrides)
-    experiment = _read_experiment(options.study, changed)
-    if experiment is not None:
-        return _run_experiment(experiment, options)
+def run_study(options: argparse.Namespace, changes: dict[str, Any]) -> int:
+    """Run a study with changed settings."""
     options.study = find_study_file(options.study)
-    study = Study.from_yaml(options.study, changed)
+    study = Study.from_yaml(options.study, changes)
     engine.check_study(study)
     out = options.out or Path()
     room = images.check_room(study, out, count_stored_runs(out))
@@ -112,50 +63,13 @@ def _run(options: argparse.Namespace) -> int:
     if options.out is None:
         raise StudyError("give an output folder by --out DIR, or use --dry-run")
     text = options.study.read_text(encoding="utf-8")
-    if changed or "experiment" in text and Study.from_yaml(options.study).digest != study.digest:
+    if changes or "experiment" in text and Study.from_yaml(options.study).digest != study.digest:
         text = yaml.safe_dump(study.to_mapping(), sort_keys=False)
     return carry_out(StudyFolder.create(options.out, study, text), options)
 
 
-def _read_experiment(name: Path | None, changes: dict[str, Any]) -> Experiment | None:
-    """Return the experiment in a file, with changed settings; return None if it is a study.
-
-    If no file is given, it is the experiment of the demo.
-    """
-    values: Any = {}
-    if name is not None:
-        if not name.is_file():
-            return None
-        values = read_yaml(name, ExperimentError)
-        keys = set(values) if isinstance(values, dict) else set()
-        experiment_keys = {f.name for f in fields(Experiment)} - {f.name for f in fields(Study)}
-        if not keys & experiment_keys:
-            return None
-    for key in changes:
-        check_key(key)
-    return Experiment.from_mapping(overrides.with_overrides(values, changes))
-
-
-def _run_experiment(experiment: Experiment, options: argparse.Namespace) -> int:
-    """Run an experiment, print its summary, and write its report into --out."""
-    from ..studies import replay  # this import takes 0.5 s, and the workers do not need it
-    from . import analyze
-
-    for name in ("dry_run", "workers", "in_process", "scheduler", "cluster", "fail_fast", "mix"):
-        if getattr(options, name):
-            raise StudyError(f"--{name.replace('_', '-')} applies to studies, not to an experiment")
-    name, source = ("demo", "") if options.study is None else (options.study.stem, options.study)
-    out = None if options.no_report else options.out
-    if out is None:
-        run = loop.run(experiment)
-        run.name = name
-    else:
-        run = replay.run_with_images(experiment, name, str(source))
-    analyze.write_reports([run], out)
-    return 0
-
-
-def _resume(options: argparse.Namespace) -> int:
+def resume(options: argparse.Namespace) -> int:
+    """Continue an unfinished study."""
     folder = StudyFolder.open(options.folder)
     folder.check_file()
     return carry_out(folder, options)

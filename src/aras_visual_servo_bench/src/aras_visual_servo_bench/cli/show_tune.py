@@ -6,7 +6,6 @@ import argparse
 import dataclasses
 import traceback
 from pathlib import Path
-from typing import Any
 
 import yaml
 
@@ -19,35 +18,8 @@ from ..studies.study_folder import StudyFolder
 from . import run
 
 
-def add_parsers(commands: Any) -> None:
-    """Add the parsers of `show` and `tune`."""
-    show = commands.add_parser("show", help="repeat a run of a study, with report and video; print "
-                               "the experiment of a bag")  # fmt: skip
-    show.add_argument("folder", type=Path, metavar="DIR|BAG", help="study folder, or a bag")
-    show.add_argument("run", type=int, nargs="?", help="number of the run in the study")
-    show.add_argument("--out", type=Path, metavar="DIR", help="output folder; default for a run: "
-                      "show-RUN in the study folder. For a bag, the folder for its experiment, "
-                      "parameters, description and goal")
-    show.set_defaults(carry_out=_show)
-    tune = commands.add_parser("tune", help="search the settings that optimize a metric")
-    tune.add_argument("study", type=Path,
-                      help="YAML file of the study with which every candidate is evaluated")
-    tune.add_argument("overrides", nargs="*", metavar="key=value",
-                      help="changed settings, for example repeats=5")
-    tune.add_argument("--over", action="append", default=[], metavar="key=low:high",
-                      help="a setting and its range, for example gain=0.5:4; can be repeated")
-    tune.add_argument("--metric", default="settled",
-                      help="metric to optimize (default %(default)s)")
-    tune.add_argument("--evaluations", type=int, default=48, metavar="N",
-                      help="number of candidates (default %(default)s)")
-    tune.add_argument("--success", type=float, default=1.0, metavar="PART",
-                      help="required success rate, 0 to 1 (default %(default)s)")
-    tune.add_argument("--out", type=Path, required=True, help="output folder of the candidates")
-    run.add_workers(tune)
-    tune.set_defaults(carry_out=_tune)
-
-
-def _show(options: argparse.Namespace) -> int:
+def show(options: argparse.Namespace) -> int:
+    """Repeat a run of a study, or print the experiment of a bag."""
     if options.folder.is_file():
         return _show_bag(options)
     if options.run is None:
@@ -101,14 +73,16 @@ def _show_bag(options: argparse.Namespace) -> int:
     return 0
 
 
-def _tune(options: argparse.Namespace) -> int:
+def tune(options: argparse.Namespace) -> int:
+    """Search the settings of a study that optimize a metric."""
     from ..studies.tuner import SearchRange, Tuner
 
     study = Study.from_yaml(
         run.find_study_file(options.study), overrides.parse_overrides(options.overrides)
     )
     ranges = [SearchRange.parse(text) for text in options.over]
-    keys = {r.key for r in ranges}  # the study does not vary these settings; the search sets them
+    # The search sets these settings, so their variations in the study are removed.
+    keys = {r.key for r in ranges}
     study = dataclasses.replace(
         study, vary={key: values for key, values in study.vary.items() if key not in keys}
     )

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from statistics import NormalDist
 
 import numpy as np
-import scipy
+import scipy  # scipy.stats, which takes 0.5 s to import, is imported at its first use
 
 CONFIDENCE = 0.95
-RESAMPLES = 2000
+# Number of resamples of the bootstrap, and number of resamples that are in memory together.
+RESAMPLES, BATCH = 2000, 200
 
 
 @dataclass(frozen=True)
@@ -32,28 +35,52 @@ def proportion(hits: int, count: int, confidence: float = CONFIDENCE) -> Estimat
     This interval is also valid for rates near 0 and 1, and for small counts."""
     if not count:
         return Estimate(np.nan, np.nan, np.nan, 0)
-    interval = scipy.stats.binomtest(hits, count).proportion_ci(confidence, method="wilson")
-    return Estimate(hits / count, float(interval.low), float(interval.high), count)
+    rate, z = hits / count, NormalDist().inv_cdf(0.5 + 0.5 * confidence)
+    scale = 2.0 * (count + z * z)
+    centre = (2.0 * hits + z * z) / scale
+    half = z * math.sqrt(4.0 * hits * (1.0 - rate) + z * z) / scale
+    low = 0.0 if hits == 0 else centre - half
+    high = 1.0 if hits == count else centre + half
+    return Estimate(rate, low, high, count)
 
 
 def median(values: Sequence[float]) -> Estimate:
     """Estimate the median of the finite values with a percentile bootstrap interval.
 
-    The bootstrap has a fixed seed, so the same values always give the same interval.
+    The bootstrap has a fixed seed, so the same values always give the same interval. A single value
+    has no interval.
     """
-    known = np.asarray(values, float)
-    known = known[np.isfinite(known)]
+    known = _select_finite(values)
     if not known.size:
         return Estimate(np.nan, np.nan, np.nan, 0)
     middle = float(np.median(known))
-    if known.size < 2 or np.ptp(known) == 0.0:
+    if known.size == 1:
+        return Estimate(middle, np.nan, np.nan, 1)
+    if np.ptp(known) == 0.0:
         return Estimate(middle, middle, middle, known.size)
-    found = scipy.stats.bootstrap(
-        (known,), np.median, confidence_level=CONFIDENCE, n_resamples=RESAMPLES,
-        method="percentile", rng=np.random.default_rng(0), batch=200,
-    )  # fmt: skip
-    interval = found.confidence_interval
-    return Estimate(middle, float(interval.low), float(interval.high), known.size)
+    rng = np.random.default_rng(0)
+    medians = [
+        np.median(known[rng.integers(0, known.size, (BATCH, known.size))], axis=1)
+        for _ in range(RESAMPLES // BATCH)
+    ]
+    outside = 50.0 * (1.0 - CONFIDENCE)
+    low, high = np.percentile(medians, (outside, 100.0 - outside))
+    return Estimate(middle, float(low), float(high), known.size)
+
+
+def rate(values: Sequence[float]) -> Estimate:
+    """Estimate the rate of 1 among the known values, 0 or 1, with Wilson's interval."""
+    known = _select_finite(values)
+    return proportion(int(known.sum()), known.size)
+
+
+def quartiles(values: Sequence[float]) -> Estimate:
+    """Return the median of the finite values, and their quartiles as lower and upper bound."""
+    known = _select_finite(values)
+    if not known.size:
+        return Estimate(np.nan, np.nan, np.nan, 0)
+    low, middle, high = np.quantile(known, [0.25, 0.5, 0.75])
+    return Estimate(float(middle), float(low), float(high), known.size)
 
 
 @dataclass(frozen=True)
@@ -62,20 +89,36 @@ class Comparison:
 
     before: rate, or median of the finite values, of the first sample.
     after: rate or median of the second sample.
-    p: p-value: probability that chance alone gives at least such a difference.
+    p: p-value: probability that chance alone gives at least such a difference; NaN if one of the
+        samples is empty.
     paired: True if the samples are compared in pairs.
-    count: number of pairs; for samples without pairs, size of the smaller sample.
+    counts: sizes of both samples; in pairs, both are the number of pairs.
     """
 
     before: float
     after: float
     p: float
     paired: bool
-    count: int
+    counts: tuple[int, int]
+
+    @property
+    def count(self) -> int:
+        """Number of pairs, or of runs of the smaller sample."""
+        return min(self.counts)
+
+    @property
+    def least_p(self) -> float:
+        """Smallest p-value that samples of these sizes can have.
+
+        It is the p-value of the exact tests if all differences have the same sign: 2 / 2^n for n
+        pairs, and 2 / binomial(n + m, n) for samples of n and m runs.
+        """
+        n, m = self.counts
+        return min(2.0**-n if self.paired else 1.0 / scipy.special.comb(n + m, n), 0.5) * 2.0
 
 
 def compare_rates(before: Sequence[float], after: Sequence[float], paired: bool) -> Comparison:
-    """Compare successes (0 or 1) with McNemar's test if they are paired, else with Fisher's test.
+    """Compare binary values (0 or 1) with McNemar's test in pairs, otherwise with Fisher's test.
 
     Both tests are exact.
     """
@@ -85,11 +128,12 @@ def compare_rates(before: Sequence[float], after: Sequence[float], paired: bool)
         a, b = a[known], b[known]
         better, worse = int((b > a).sum()), int((b < a).sum())
         p = float(scipy.stats.binomtest(better, better + worse).pvalue) if better + worse else 1.0
+        p = p if len(a) else np.nan
     else:
         a, b = a[np.isfinite(a)], b[np.isfinite(b)]
         counts = [[int(x.sum()), int(len(x) - x.sum())] for x in (a, b)]
-        p = float(scipy.stats.fisher_exact(counts).pvalue) if len(a) and len(b) else 1.0
-    return Comparison(_compute_mean(a), _compute_mean(b), p, paired, min(len(a), len(b)))
+        p = float(scipy.stats.fisher_exact(counts).pvalue) if len(a) and len(b) else np.nan
+    return Comparison(_compute_mean(a), _compute_mean(b), p, paired, (len(a), len(b)))
 
 
 def compare_values(before: Sequence[float], after: Sequence[float], paired: bool) -> Comparison:
@@ -102,23 +146,32 @@ def compare_values(before: Sequence[float], after: Sequence[float], paired: bool
     if paired:
         known = np.isfinite(a) & np.isfinite(b)
         a, b = a[known], b[known]
-        differ = len(a) and not np.array_equal(a, b)
-        p = float(scipy.stats.wilcoxon(b, a).pvalue) if differ else 1.0
+        differ = not np.array_equal(a, b)
+        p = float(scipy.stats.wilcoxon(b, a).pvalue) if differ else 1.0 if len(a) else np.nan
     else:
         a, b = a[np.isfinite(a)], b[np.isfinite(b)]
-        p = float(scipy.stats.mannwhitneyu(b, a).pvalue) if len(a) and len(b) else 1.0
-    return Comparison(_compute_median(a), _compute_median(b), p, paired, min(len(a), len(b)))
+        p = float(scipy.stats.mannwhitneyu(b, a).pvalue) if len(a) and len(b) else np.nan
+    return Comparison(_compute_median(a), _compute_median(b), p, paired, (len(a), len(b)))
 
 
 def holm(p: Sequence[float]) -> list[float]:
-    """Adjust p-values for multiple comparisons by Holm's step-down correction."""
-    order = np.argsort(p)
-    adjusted = np.zeros(len(p))
+    """Adjust p-values for multiple comparisons by Holm's step-down correction.
+
+    A p-value that is NaN remains NaN and does not count as a comparison.
+    """
+    known = np.flatnonzero(np.isfinite(p))
+    order = known[np.argsort(np.asarray(p)[known])]
+    adjusted = np.full(len(p), np.nan)
     worst = 0.0
     for rank, index in enumerate(order):
-        worst = max(worst, min((len(p) - rank) * p[index], 1.0))
+        worst = max(worst, min((len(known) - rank) * p[index], 1.0))
         adjusted[index] = worst
     return adjusted.tolist()
+
+
+def _select_finite(values: Sequence[float]) -> np.ndarray:
+    found = np.asarray(values, float)
+    return found[np.isfinite(found)]
 
 
 def _compute_mean(values: np.ndarray) -> float:

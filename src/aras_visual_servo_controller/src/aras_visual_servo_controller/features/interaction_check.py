@@ -13,6 +13,7 @@ from aras_visual_servo_base.poses import Pose
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.undistortion import CameraModel
 
+from ..check_defaults import STEP, TOLERANCE
 from ..errors import ConfigurationError, InteractionMatrixError, SchemeError
 from ..goals.goal import Goal
 from ..kinematics.task import DIRECTIONS
@@ -37,10 +38,6 @@ TEST_POSES = np.array([
 CAMERA = CameraModel(640, 480, (600.0, 0.0, 319.5, 0.0, 600.0, 239.5, 0.0, 0.0, 1.0))
 # Measurements that an exact camera provides without an image.
 EXACT_NEEDS = frozenset((Need.MOMENTS, Need.CONTOUR, Need.CORNERS))
-# Motion for the finite differences, in rad or as a fraction of the depth. The differences are then
-# exact to about 1e-7.
-STEP = 1e-4
-TOLERANCE = 1e-3
 MAX_ROWS = 12  # largest number of rows in the printed table
 
 

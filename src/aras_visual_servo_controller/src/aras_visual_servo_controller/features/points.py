@@ -36,12 +36,12 @@ from .base import FEATURES, Feature, FeatureMeasurement, get_plane
 # wide and 0.001 to 0.3 px from the goal, 0.0025 px and 0.15 were measured. Half of these values is
 # sufficient to bound the final errors of 120 runs.
 SHARED_PIXEL_ERROR, SHARED_DISTANCE_ERROR = 0.0012, 0.085
-# The difference of the errors of goal and image, if both come from the same camera. The deviation of
-# the corners, estimated from the sides of the outline, is enlarged by MIN_DEVIATION (px), because
-# all points of a side along a row of pixels have the same error. It is multiplied by
+# Errors of the corners in goal and image that differ, if both come from the same camera. The
+# deviation of the corners, estimated from the sides of the outline, is enlarged by MIN_DEVIATION
+# (px), because all points of a side along a row of pixels have the same error. It is multiplied by
 # DEVIATION_FACTOR times the square root of the distance of the points from the goal (px, at least
 # MIN_DISTANCE). Fitted to the final offsets of 183 runs without noise, on outlines of 10 to 240 px:
-# the rms offset is equal to the estimate, the median is 0.54 of it.
+# the rms of the camera's offset is equal to the estimate, and its median is 0.54 of it.
 DEVIATION_FACTOR, MIN_DISTANCE, MIN_DEVIATION = 1.13, 0.002, 0.008
 TOLERANCE = 0.001  # normalised coordinates: 0.1 px for f = 100 px, or 0.2 mm at 0.2 m
 

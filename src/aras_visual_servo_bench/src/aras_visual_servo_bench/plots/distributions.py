@@ -1,0 +1,188 @@
+"""Figures with the distribution of metrics: rates, cumulative distributions and boxes."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ..metrics.formatting import choose_unit, format_heading
+from ..metrics.metrics import Metric, final_distance
+from ..metrics.statistics import Estimate, rate
+from ..studies.results import Results
+from .palette import BLUE, COLOURS, INK, PALE_BLUE, SOFT_INK, VERMILION
+from .run_groups import MAX_CURVES, RunGroup, find_distance_tolerance, group_runs
+from .style import escape_math, is_paper, make_axes
+
+# Largest number of letters of a group's name in one line, on the screen and in a paper. A longer
+# name has a line for each setting.
+MAX_NAME, MAX_PAPER_NAME = 40, 18
+MAX_COLUMNS, PANEL_WIDTH = 3, 3.8  # largest number of panels side by side; their width, inches
+LEGEND_ROW = 0.15  # height of a row of the legend of a figure for a paper, inches
+
+
+def draw_rates(all_results: Sequence[Results], metrics: Sequence[Metric]) -> Figure | None:
+    """Draw the rates of binary metrics, with a bar for each group of runs."""
+    if not metrics:
+        return None
+    groups = group_runs(all_results)
+    columns = min(len(metrics), MAX_COLUMNS)
+    names = [_split_lines(name) for name, *_ in groups]
+    figure, axes = make_axes(len(metrics), _find_height(names), columns, width=PANEL_WIDTH)
+    for number, (axis, metric) in enumerate(zip(axes, metrics, strict=True)):
+        rates = [rate(results.read_values(metric)[rows]) for _, results, rows in groups]
+        draw_bars(axis, rates, names if number % columns == 0 or is_paper() else [""] * len(names))
+        axis.set_xlabel(f"{_make_label(metric)} (%)")
+    return figure
+
+
+def draw_distributions(all_results: Sequence[Results], metrics: Sequence[Metric]) -> Figure | None:
+    """Draw the cumulative distribution of each metric, with a curve for each group of runs."""
+    if not metrics:
+        return None
+    groups = group_runs(all_results, MAX_CURVES)
+    figure, axes = make_axes(len(metrics), 3.0, min(len(metrics), MAX_COLUMNS), width=PANEL_WIDTH)
+    for axis, metric in zip(axes, metrics, strict=True):
+        draw_cumulative(axis, metric, groups)
+    axes[0].set_ylabel("runs below (%)")
+    return _add_legend(figure, axes[0], len(groups))
+
+
+def draw_boxes(all_results: Sequence[Results], metrics: Sequence[Metric]) -> Figure | None:
+    """Draw box plots of each metric, with a box for each group of runs."""
+    groups = group_runs(all_results)
+    if not metrics or len(groups) < 2:
+        return None
+    columns = min(len(metrics), MAX_COLUMNS)
+    # Long names would take the width of the boxes, so each setting of a name has its own line.
+    names = [_split_lines(name) for name, *_ in groups]
+    figure, axes = make_axes(len(metrics), _find_height(names), columns, width=PANEL_WIDTH)
+    for number, (axis, metric) in enumerate(zip(axes, metrics, strict=True)):
+        draw_metric_boxes(axis, metric, groups)
+        first = number % columns == 0 or is_paper()
+        axis.set_yticks(range(1, len(groups) + 1), names[::-1] if first else [])
+    return figure
+
+
+def draw_bars(axis: Axes, rates: Sequence[Estimate], names: Sequence[str]) -> None:
+    """Draw rates as horizontal bars with confidence intervals; the first bar is at the top."""
+    rows = np.arange(len(names))[::-1]
+    value = np.array([100.0 * r.value for r in rates])
+    spread = np.array([[100.0 * max(r.value - r.low, 0.0), 100.0 * max(r.high - r.value, 0.0)]
+                       for r in rates]).T  # fmt: skip
+    axis.barh(rows, value, color=BLUE, height=0.65)
+    axis.errorbar(value, rows, xerr=spread, fmt="none", ecolor=INK, capsize=3, lw=1.1)
+    axis.set_yticks(rows, names)
+    axis.set_xlim(0.0, 103.0)
+    axis.yaxis.grid(False)
+    for row, one in zip(rows, rates, strict=True):
+        if not one.count:
+            _note_missing(axis, row)
+
+
+def draw_cumulative(axis: Axes, metric: Metric, groups: Sequence[RunGroup]) -> None:
+    """Draw the cumulative distribution of a metric, with a curve for each group of runs."""
+    label, size, scaled = _scale_values(metric, groups)
+    for i, ((name, *_), values) in enumerate(zip(groups, scaled, strict=True)):
+        known = np.sort(values[np.isfinite(values)])
+        style = {"color": COLOURS[i % len(COLOURS)], "ls": "-" if i < len(COLOURS) else "--"}
+        if not known.size:
+            axis.plot([], [], label=f"{name} (no value)", **style)
+            continue
+        # If some runs have no value (they never settle), the curve ends below 100 %.
+        fraction = np.arange(known.size + 1) / values.size
+        axis.step(np.append(known[0], known), 100.0 * fraction, where="post", label=name, **style)
+    set_scale(axis, "x", scaled)
+    _mark_tolerance(axis, metric, groups, size)
+    axis.set(xlabel=label, ylim=(0.0, 103.0))
+
+
+def draw_metric_boxes(axis: Axes, metric: Metric, groups: Sequence[RunGroup]) -> None:
+    """Draw a horizontal box plot of a metric for each group of runs; the first is at the top."""
+    label, size, scaled = _scale_values(metric, groups)
+    known = [v[np.isfinite(v)] for v in scaled]
+    axis.boxplot(
+        known[::-1], orientation="horizontal", widths=0.6, patch_artist=True,
+        boxprops={"facecolor": PALE_BLUE, "edgecolor": BLUE},
+        medianprops={"color": VERMILION, "lw": 1.6}, whiskerprops={"color": BLUE},
+        capprops={"color": BLUE},
+        flierprops={"marker": ".", "markersize": 4, "markeredgecolor": SOFT_INK},
+    )  # fmt: skip
+    for row, values in enumerate(known[::-1], 1):
+        if not values.size:
+            _note_missing(axis, row)
+    set_scale(axis, "x", scaled)
+    _mark_tolerance(axis, metric, groups, size)
+    axis.set_xlabel(label)
+    axis.yaxis.grid(False)
+
+
+def _scale_values(
+    metric: Metric, groups: Sequence[RunGroup]
+) -> tuple[str, float, list[np.ndarray]]:
+    """Express the values of a metric in a unit that suits their magnitude.
+
+    Returns:
+        The label of the metric with this unit; the size of this unit in the metric's own unit; and
+        the values of each group of runs in this unit.
+    """
+    values = [results.read_values(metric)[rows] for _, results, rows in groups]
+    unit, size = choose_unit(metric.unit, np.concatenate(values))
+    name = escape_math(format_heading(metric.name.replace("_", " "), unit))
+    return name, size, [v / size for v in values]
+
+
+def _mark_tolerance(axis: Axes, metric: Metric, groups: Sequence[RunGroup], size: float) -> None:
+    """Draw a dotted line at the tolerance of the distance, if the metric is the final distance.
+
+    size: size of the axis's unit, m.
+    """
+    limit = find_distance_tolerance([results for _, results, _ in groups])
+    if metric.name == final_distance.name and limit is not None:
+        axis.axvline(limit / size, color=INK, ls=":", lw=1.2)
+
+
+def _note_missing(axis: Axes, row: float) -> None:
+    """Write the text 'no value' into a row of an axis, for a group of runs without values."""
+    axis.text(0.02, row, "no value", transform=axis.get_yaxis_transform(), va="center",
+              color=SOFT_INK, fontsize="small")  # fmt: skip
+
+
+def set_scale(axis: Axes, side: str, values: Sequence[np.ndarray]) -> None:
+    """Make an axis logarithmic if all values are positive and span more than two decades."""
+    known = np.concatenate([v[np.isfinite(v)] for v in values])
+    if known.size and known.min() > 0.0 and known.max() > 100.0 * known.min():
+        getattr(axis, f"set_{side}scale")("log")
+    elif side == "x":
+        axis.locator_params(axis="x", nbins=5)
+
+
+def _find_height(names: Sequence[str]) -> float:
+    """Return the height of a panel with one row per name, inches."""
+    lines = max(1 + name.count("\n") for name in names)
+    return max(0.3, 0.18 * lines) * len(names) * (1.3 if is_paper() else 1.0) + 1.4
+
+
+def _split_lines(name: str) -> str:
+    """Put each setting in a long name of a group on its own line; a list [...] is not divided."""
+    is_long = len(name) > (MAX_PAPER_NAME if is_paper() else MAX_NAME)
+    return re.sub(r", (?![^\[]*\])", ",\n", name) if is_long else name
+
+
+def _add_legend(figure: Figure, axis: Axes, count: int) -> Figure:
+    handles, labels = axis.get_legend_handles_labels()
+    if count > 1:
+        is_narrow = is_paper() and max(map(len, labels)) > MAX_PAPER_NAME
+        most = 1 if is_narrow else 2 if is_paper() else 3
+        if is_paper():  # enlarge the figure by the legend, so that the axes keep their height
+            rows = -(-count // most)
+            figure.set_figheight(figure.get_figheight() + LEGEND_ROW * rows)
+        figure.legend(handles, labels, loc="outside lower center", ncols=min(count, most))
+    return figure
+
+
+def _make_label(metric: Metric) -> str:
+    return escape_math(format_heading(metric.name.replace("_", " "), metric.unit))

@@ -156,7 +156,8 @@ def _override(
         for key in keys:
             values[key] = read(overrides, key, float, where, HardwareError)
     elif enabled:
-        warn(f"{where}/{switch} is true but {' and '.join(keys)} not all set: limit unchanged")
+        warn(f"{where}/{switch} is true, but this needs {' and '.join(keys)}: the limit is "
+             "unchanged; set what is missing")
     elif given:
         warn(f"{where}/{given[0]} is ignored: set {where}/{switch} to true to use it")
 

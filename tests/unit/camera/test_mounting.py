@@ -259,7 +259,7 @@ def test_intrinsics_of_a_lens_are_drawn_and_published(kind):
 
 
 @pytest.mark.parametrize(("kind", "inside", "reason"), [
-    ("wideanglecamera", "<intrinsics/>", "<intrinsics> is not for a wideanglecamera; it is"),
+    ("wideanglecamera", "<intrinsics/>", "a wideanglecamera has no <intrinsics>, so it is"),
     ("camera", "<type>equidistant</type>", "needs a wideanglecamera; this camera is drawn"),
 ])
 def test_what_a_lens_has_in_vain_is_named(kind, inside, reason):

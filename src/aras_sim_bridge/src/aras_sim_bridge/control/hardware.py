@@ -125,8 +125,8 @@ class RobotHardware:
             )
             return []
         if len(transmission.joints) > 1:
-            self._warn(f"{label} is skipped: only one joint per transmission is supported, but it has "
-                       f"{', '.join(transmission.joints)}; write one transmission for each")
+            self._warn(f"{label} is skipped: only one joint per transmission is supported, but it "
+                       f"has {', '.join(transmission.joints)}; write one transmission for each")
             return []
         if len(commanded) > 1:
             self._warn(f"{label}: only the first of the interfaces {', '.join(commanded)} is used; "

@@ -1,4 +1,7 @@
-"""Conversion of SDF of any version, with errors that Gazebo tolerates, to one form."""
+"""Conversion of SDF documents of any version to one form.
+
+Some errors that Gazebo tolerates are corrected.
+"""
 
 from __future__ import annotations
 

@@ -67,7 +67,7 @@ def _read_imus(sensor: Element, link: str, warnings: list[str]) -> list[SensorDe
         if made.kind != "imu":
             warnings.append(f"{where}: this plug-in must be in <gazebo> or <model>; ignored")
         elif not made.frame:
-            warnings.append(f"{where}: its plug-in has no <frameName>; ignored")
+            warnings.append(f"{where}: its plug-in has no <frameName>; ignored: add one")
         else:
             found.append(replace(made, link=link, pose=(at[:3], at[3:]), sample_rate=rate,
                                  channels=_read_channels(sensor, "imu", where)))

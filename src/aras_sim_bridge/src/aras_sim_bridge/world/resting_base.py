@@ -34,8 +34,8 @@ _REST_TOLERANCE = 1e-6
 _CONTACT_DISTANCE = 1e-4
 # Fraction of the friction and of the support polygon that may be used.
 _LOAD_LIMIT = 0.9
-# Smallest motion of a contact point along the normal, per motion of a joint, for which the joint is
-# able to move it. See _is_blocked.
+# Smallest speed of a contact point along the contact normal, per speed of a joint (for a rotation,
+# per speed at the lever's end), with which the joint is able to move the point. See _is_blocked.
 _SMALLEST_LEVER = 0.05
 # Smallest ratio of the mass of a fixed base to the mass of any free body. A body that hits the base
 # rebounds as from a wall for one step; the relative error is the inverse of this ratio.
@@ -132,9 +132,9 @@ def is_supported(
         + (my - (rz * sx - rx * sz)) * ny
         + (mz - (rx * sy - ry * sx)) * nz
     )
-    # Let a be the distance of the nearest corner and b that of the farthest; the variables contain
-    # the squares. The pressure can be distributed such that friction resists rotation with a lever
-    # of at least a² / b.
+    # Let a and b be the distances of the nearest and of the farthest corner from the centre of
+    # pressure; `nearest` is a² and `farthest` is b². The pressure can be distributed such that
+    # friction resists rotation with a lever of at least a² / b.
     return slide + twist * np.sqrt(farthest) / nearest <= _LOAD_LIMIT * friction * pressure
 
 
@@ -342,7 +342,8 @@ class RestingBases:
         for model in free:
             model.is_disturbed = False
         if resting and not self._fix_resting(free):
-            self._countdown = 4 * CHECK_EVERY  # Bullet may still find corners
+            # Check again soon, because Bullet may find further contacts of the base's corners.
+            self._countdown = 4 * CHECK_EVERY
 
     def _fix_resting(self, free: list[Model]) -> bool:
         """Fix the bases that are at rest; return False if there are none."""

@@ -43,7 +43,7 @@ class Irradiance:
 
     Attributes:
         pixels: (rows, columns, 3) float32, light on each pixel of the padded image that has no
-    edge.
+            edge.
         fragments: (F, 3) float32, light on each fragment.
     """
 
@@ -344,7 +344,7 @@ def _illuminate(tile, pixel, edges, valid, matrices, cells, columns, side, norma
     candidates = np.empty(len(order) + 1, np.int64)
     corner_of, corner_result = np.empty((9, 9), np.int64), np.empty((9, 9), np.int64)
     p, g, d, ray = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    e = np.zeros((2, 3))  # for hard shadows, it is only multiplied by 0
+    e = np.zeros((2, 3))  # axes of a lamp's disc; for hard shadows, they are multiplied by 0
     middle, low, high = np.empty(3), np.empty(3), np.empty(3)
     for n in range(tiles):
         if tile[n] == -2 or tile[n] == -1:

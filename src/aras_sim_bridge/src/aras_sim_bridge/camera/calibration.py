@@ -36,7 +36,7 @@ class Calibration:
             determines it (OpenCV).
         D: distortion coefficients in OpenCV's order.
         R, P: the matrices R (9 numbers) and P (12 numbers) of CameraInfo, row by row; None if the
-        file does not contain them.
+            file does not contain them.
 
     Raises:
         CameraError: the numbers contradict each other or are invalid.

@@ -56,7 +56,7 @@ class MountedCamera:
     Attributes:
         sensor: sensor of the camera.
         model, link: model and link on which the camera is mounted; None and 'world' for a camera
-    that is fixed in the world.
+            that is fixed in the world.
         on_frame: function that is called with each frame; None if there is no receiver.
     """
 

@@ -74,7 +74,7 @@ class CameraSensor:
         info: content of CameraInfo.
         vibration: vibration of the camera; None for a rigid mounting.
         depth, segmentation: whether frames contain depth and segmentation. They may be disabled
-    while there is no subscriber.
+            while there is no subscriber.
     """
 
     def __init__(self, config: CameraConfig, renderer: Renderer) -> None:
@@ -138,7 +138,7 @@ class CameraSensor:
         Args:
             world_T_link: pose (4, 4) of the camera's link.
             pixels: number of rows, camera matrix (3, 3) and lens of a band of rows; None for the
-        whole image.
+                whole image.
             mounting_T_shaken: displacement (4, 4) of the optical frame by vibration.
         """
         c, (rows, K, lens) = self.config, pixels or self._full_view
@@ -177,7 +177,7 @@ class CameraSensor:
 
         Raises:
             CameraError: the rate is not positive, above the physics rate, or too high for the
-        exposure; nothing is changed.
+                exposure; nothing is changed.
         """
         if not (np.isfinite(rate) and rate > 0.0):
             raise CameraError(

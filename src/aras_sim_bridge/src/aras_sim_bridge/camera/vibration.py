@@ -28,7 +28,7 @@ class Shake:
         frequency: frequency of the sines, Hz.
         xyz, rpy: amplitudes along and about the axes, m and rad.
         bandwidth: if it is not 0, each sine is replaced by noise of the same power in a band of
-    this width around `frequency`, Hz.
+            this width around `frequency`, Hz.
     """
 
     frequency: float = parameter(unit="Hz", above=0.0)

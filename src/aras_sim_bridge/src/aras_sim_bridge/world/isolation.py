@@ -135,8 +135,8 @@ class IsolationMonitor:
     def update(self, dt: float) -> None:
         """Choose the solver of each model for the following steps of `dt` s."""
         loose = [find_solids(model, model.link_indices.values()) for model in self._loose]
-        # Highest speed of the free bodies, m/s. It is doubled, because a body that is hit by another
-        # one may become faster.
+        # Highest speed of the free bodies, m/s. It is doubled, because a body that is hit by
+        # another one may become faster.
         fastest = 2.0 * max(map(_compute_speed, self._loose), default=0.0)
         wait, self.is_base_touchable = _NEVER, False
         for isolated in self.isolated_models:

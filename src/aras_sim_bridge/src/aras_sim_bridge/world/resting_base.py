@@ -71,12 +71,12 @@ def is_supported(
         previous_speeds (n,): joint velocities before the step.
         gravity (3,): gravity vector, m/s².
         ground (11,): mass of the base, centre of mass of the base, normal of the ground, a point of
-    the ground, friction coefficient.
+            the ground, friction coefficient.
         corners (m, 6): corners of the support polygon. A row is the corner relative to the point of
-    the ground, followed by the outward normal of the edge that starts at the corner.
+            the ground, followed by the outward normal of the edge that starts at the corner.
         contact_wrench (6,): torque and force on the model of contacts other than with the ground.
         ground_wrench (6,): the required torque and force of the ground and of the base's weight
-    together are written to this array.
+            together are written to this array.
         dt: time step, s.
     """
     for k in range(6):
@@ -144,7 +144,7 @@ def _add_contact_wrenches(contacts, root, contact_wrench):
 
     Args:
         contacts (m, 15 or more): contacts in world coordinates: the contact point, then three
-    forces, each as magnitude and direction.
+            forces, each as magnitude and direction.
         root (3, 4): world_T_root.
         contact_wrench (6,): torque about the root's origin and force, in the root's axes.
     """

@@ -35,7 +35,7 @@ class SensorModel:
 
     Attributes:
         gain: gain K, grey levels per electron. Light of g grey levels makes g / K electrons on
-    average, with a variance of g / K.
+            average, with a variance of g / K.
         full_well: largest number of electrons in a pixel, e-. More electrons are lost.
         read_noise: standard deviation of the number of electrons in the dark, e-.
         dark_current: electrons that are made per second of exposure without light, e-/s.
@@ -100,9 +100,9 @@ class Effects:
 
     Attributes:
         noise_mean, noise_stddev: mean and standard deviation of Gaussian noise, in grey levels from
-    0 to 255. The noise is independent in every channel.
+            0 to 255. The noise is independent in every channel.
         shot_noise: variance of the shot noise per grey level. It is 255 / N for a sensor with a
-    full-well capacity of N electrons.
+            full-well capacity of N electrons.
         exposure: factor by which the light is multiplied before the sensor.
         gain: factor by which the signal of the sensor is multiplied, including its shot noise.
         vignetting: fraction of the light that is lost in the corners of the image, 0..1.
@@ -112,10 +112,10 @@ class Effects:
         sensor: calibrated model of the sensor, instead of shot_noise.
         auto_exposure: auto exposure; None for a constant exposure.
         row_time: time between the exposures of two successive rows, from top to bottom, s; 0 for a
-    global shutter.
+            global shutter.
         rows_together: number of rows that are rendered for the same instant.
         further: parameters of further effects, by their registered names or 'package.module:Class'.
-    These effects act on the light before the exposure, in this order.
+            These effects act on the light before the exposure, in this order.
     """
 
     noise_mean: float = parameter(0.0, least=-255.0, most=255.0)

@@ -553,7 +553,8 @@ class Simulation:
             )
             mounted = MountedCamera(self._make_camera_sensor(config), model, camera.link)
         except (CameraError, RenderingError) as error:
-            log.error("model '%s' has no camera '%s': %s", model.name, camera.name, error)
+            log.error("model '%s' is simulated without camera '%s': %s",
+                      model.name, camera.name, error)
             return
         self.cameras.append(mounted)
         first = find_simultaneous(mounted, self.cameras)[0].sensor

@@ -188,7 +188,7 @@ class Drive:
             self._warn(
                 f"{what} {row[_DESIRED]:g} exceeds the limits that apply at position "
                 f"{handle.position:g} and velocity {handle.velocity:g}; {row[_APPLIED]:g} is "
-                "applied"
+                "applied; change the command or the limits"
             )
 
 

@@ -141,7 +141,7 @@ class RobotHardware:
         if joint is None or joint_name not in self.model.joint_names:
             raise HardwareError(
                 f"{label}: joint '{joint_name}' is not a movable joint of the simulated model; "
-                f"the model has {', '.join(self.model.joint_names) or 'none'}"
+                f"the model has {', '.join(self.model.joint_names) or 'none'}; correct the name"
             )
         if joint_name in self.handles:
             raise HardwareError(

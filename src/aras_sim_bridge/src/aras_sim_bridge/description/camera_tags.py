@@ -47,10 +47,11 @@ def read_cameras(sensor: Element, link: str, warnings: list[str]) -> list[Camera
     plugin = found[0] if found else None
     for extra in found[1:]:
         warnings.append(f"{where}: only one plug-in can publish its images; "
-                        f"'{extra.camera_name}' is ignored")
+                        f"'{extra.camera_name}' is ignored; remove one")
     if plugin and not plugin.trigger_topic and sensor.find("plugin/triggerTopicName") is not None:
         warnings.append(f"{where}: <triggerTopicName> works only with "
-                        "libgazebo_ros_triggered_camera.so; this camera publishes all the time")
+                        "libgazebo_ros_triggered_camera.so; this camera publishes all the time; "
+                        "use that plug-in or remove the element")
     if sensor.get("type") != "multicamera":
         return [_read_camera(sensor, nodes[0], name, link, where, plugin, warnings)]
     cameras = []

@@ -87,7 +87,7 @@ def read_model(folder: str, warnings: list[str]) -> Element:
     scope = root if root.find("world") is None else root.find("world")
     found = next((child for child in scope if child.tag in ("model", "light")), None)
     if found is None:
-        raise DescriptionError(f"{file} has no <model> and no <light>")
+        raise DescriptionError(f"{file} has no <model> and no <light>; add one")
     sdf_dialects.unify(root, warnings)
     for uri in found.iter("uri"):
         text = (uri.text or "").strip()

@@ -104,5 +104,5 @@ def _compute_positions(population: Element, where: str) -> list[Vector3]:
 def _read_count(text: str | None, where: str, most: int = LARGEST_POPULATION) -> int:
     value = parse_integer(text, where, 1)
     if not 1 <= value <= most:
-        raise DescriptionError(f"{where} is {value}; 1 to {most} are possible")
+        raise DescriptionError(f"{where} is {value}, must be 1 to {most}")
     return value

@@ -95,7 +95,7 @@ def _unify_flag(flag: Element, where: str, warnings: list[str]) -> bool:
         word = _BOOLEAN_WORDS[word]
     elif word and word not in ("true", "false", "1", "0"):
         warnings.append(f"{where} is '{shorten(flag.text)}', which is neither true nor false; "
-                        "ignored")
+                        "ignored: write true or false")
         return False
     flag.text = word
     return bool(word)

@@ -215,7 +215,8 @@ def _is_blocked(
     """Return whether a cluster in `candidates[:candidate_count]` blocks the ray from p along d.
 
     The ray ends at p + far * d. Clusters of the visual `skip` are ignored. Clusters of the visual
-    `own` are ignored up to the distance `own_distance` (m), because p may be outside its triangle.
+    `own`, to which p belongs, are ignored up to the distance `own_distance` (m), because p is in
+    the plane of its triangle, but may be outside the triangle.
     A cluster that blocks the ray is moved to the front of the candidates.
     """
     least = own_distance / np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])

@@ -142,7 +142,8 @@ class Tiles:
                 if forward.max() > best:
                     best, centre = forward.max(), pixels[forward.argmax()]
         if best == -2.0:
-            raise RenderingError("the lens model gives no ray for any pixel of the image")
+            raise RenderingError("the lens model gives no ray for any pixel of the image; correct "
+                                 "the camera matrix or the distortion")
         lens = _ExtrapolatedLens(unproject, centre)
         for cells in (1, 2, 4, 8):
             size = TILE // cells

@@ -115,7 +115,8 @@ def find_joint_columns(
         what = f"unknown are {', '.join(map(repr, unknown))}" if unknown else "empty or repeated"
         raise TrajectoryError(
             ErrorCode.INVALID_JOINTS,
-            f"joints of the trajectory are wrong ({what}); the controller has {', '.join(joints)}",
+            f"joints of the trajectory are wrong ({what}); use those of the controller: "
+            f"{', '.join(joints)}",
         )
     if len(names) != len(joints) and not partial:
         raise TrajectoryError(

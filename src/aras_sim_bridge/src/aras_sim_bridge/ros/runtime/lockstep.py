@@ -129,7 +129,7 @@ class Lockstep:
             self.start_round()
 
     def start_round(self) -> None:
-        """Start a round, which ignores messages that arrived before."""
+        """Stop simulated time until a new message has arrived on every selected topic."""
         for topic in self.topics:
             self._subscribe(topic)
         with self._lock:

@@ -364,7 +364,7 @@ def test_a_link_gets_other_properties(call, step, ball):
 def test_a_joint_gets_other_properties(call, step, slider):
     config = ODEJointProperties(damping=[2.0], hiStop=[0.5], vel=[0.0], cfm=[1.0])
     answer = call("set_joint_properties", "rail", config)
-    assert answer.status_message.endswith("; ignored, because only ODE has them: cfm")
+    assert answer.status_message.endswith("are ignored, because only ODE has them: cfm")
     assert call("get_joint_properties", "rail").damping == [2.0]
     call("set_model_configuration", "slider", "", ["slider::rail", "who"], [1.5, 0.0])
     assert call("get_joint_properties", "rail").position == pytest.approx([0.5])

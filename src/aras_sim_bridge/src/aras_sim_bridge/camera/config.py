@@ -241,8 +241,8 @@ class CameraConfig:
         """
         e, rows = self.effects, f"row_time {self.effects.row_time:g} s of {self.height} rows"
         durations = {f"exposure_time {e.exposure_time:g} s": e.exposure_time,
-                 f"{rows}, {e.row_time * self.height:g} s in all": e.row_time * self.height,
-                 f"exposure_time and {rows}, {compute_duration(e, self.height):g} s together":
+                 f"{rows} takes {e.row_time * self.height:g} s in all": e.row_time * self.height,
+                 f"exposure_time and {rows} take {compute_duration(e, self.height):g} s together":
                      compute_duration(e, self.height)}  # fmt: skip
         for what, time in durations.items():
             self._check(time < 1.0 / rate, f"{what}: must be shorter than the period of "

@@ -40,7 +40,10 @@ def _read_version(root: Element) -> tuple[int, ...]:
 
 
 def _unify(element: Element, old: bool, where: str, warnings: list[str]) -> None:
-    """Unify an element. If `old`, joint axes are in the model's frame by default."""
+    """Convert an element and its children to the unified form; see `unify`.
+
+    If `old`, joint axes are in the model's frame by default.
+    """
     if element.tag in _NAMED_TAGS and element.get("name"):
         label = f"{element.tag} '{shorten(element.get('name'))}'"
         where = f"{where}, {label}" if where and not where.startswith("world") else label
@@ -85,7 +88,7 @@ def _unify_pose(pose: Element, where: str, warnings: list[str]) -> None:
 
 
 def _unify_flag(flag: Element, where: str, warnings: list[str]) -> bool:
-    """Unify a flag and return whether it has a valid value; if not, add a warning."""
+    """Convert a flag to true or false; if its value is invalid, add a warning and return False."""
     word = (flag.text or "").strip().lower()
     if word in _BOOLEAN_WORDS:
         warnings.append(

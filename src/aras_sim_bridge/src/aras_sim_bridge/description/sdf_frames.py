@@ -168,7 +168,7 @@ def resolve_poses(model: Element, warnings: list[str]) -> None:
 
 
 def has_pose(frames: Frames, name: str) -> bool:
-    """Return whether a frame's pose is defined; another function reports an invalid pose."""
+    """Return whether a frame's pose is defined, and False if it is invalid, without an error."""
     try:
         return name in frames
     except DescriptionError:

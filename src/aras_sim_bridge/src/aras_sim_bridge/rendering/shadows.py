@@ -322,7 +322,8 @@ def _illuminate(tile, pixel, edges, valid, matrices, cells, columns, side, norma
     size, one = TILE // cells, np.uint64(1)
     width = columns * TILE
     tiles = len(tile)
-    # First pixel of each tile in f_pixel, in which the pixels of a tile follow each other.
+    # Index in f_pixel of each tile's first pixel with fragments; -1 if there is none. The pixels of
+    # a tile are consecutive in f_pixel.
     f_first = np.full(tiles + 1, -1)
     for n in range(len(f_pixel)):
         at = (f_pixel[n] // width // TILE) * columns + f_pixel[n] % width // TILE

@@ -102,7 +102,7 @@ class CommandInterpolator:
 
 @jit("f8[::1], f8, f8", allocates=False)
 def set_interpolation_target(row, command, time_ns):
-    """Start a line to a command; see CommandInterpolator.set_target."""
+    """Start a line in an interpolator's row towards a command that arrived at `time_ns`."""
     if not isnan(row[_ARRIVAL]):
         interval = (time_ns - row[_ARRIVAL]) / 1e9
         # A time that contains a pause or a reset of the clock does not enter the mean interval.
@@ -126,7 +126,7 @@ def set_interpolation_target(row, command, time_ns):
 
 @jit("f8[::1], f8", allocates=False)
 def advance_interpolation(row, period):
-    """Advance the set point; see CommandInterpolator.advance."""
+    """Advance the set point in an interpolator's row by `period` s, and return it."""
     row[_TIME_LEFT] -= period
     value = row[_VALUE]
     if row[_TIME_LEFT] > 0.0:

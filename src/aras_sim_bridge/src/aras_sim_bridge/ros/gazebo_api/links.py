@@ -150,5 +150,5 @@ def set_joint_properties(simulation: Simulation, request: SetJointProperties) ->
     text = "SetJointProperties: properties set"
     ignored = [name for name in properties if name not in JOINT_FIELDS and name != "vel"]
     if ignored:
-        text += f"; ignored, because only ODE has them: {', '.join(ignored)}"
+        text += f"; these properties are ignored, because only ODE has them: {', '.join(ignored)}"
     return {"status_message": text}

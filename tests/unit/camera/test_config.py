@@ -128,7 +128,7 @@ def test_every_shipped_preset_is_valid(preset):
     ({"distortion_coefficients": [1.0, 2.0]}, "needs 4 or 5"),
     ({"distortion_coefficients": [-0.8, 0.0, 0.0, 0.0, 0.0]}, "distorted radius stops increasing"),
     ({"distortion_model": "equidistant", "distortion_coefficients": [-0.5, 0, 0, 0],
-      "horizontal_fov": 3.0}, "the image radius stops increasing at"),
+      "horizontal_fov": 3.0}, "the distorted radius stops increasing at"),
     ({"update_rate": 0.0}, "update_rate is 0.0, must be > 0 Hz"),
     ({"near": 1.0, "far": 0.5}, "0 < near < far"),
     ({"camera_matrix": {"fx": 0, "fy": 1, "cx": 0, "cy": 0}}, "focal lengths above 0"),

@@ -146,8 +146,8 @@ class GripperActionController(Controller):
         if not self._running:
             refused = "is not running; start it first"
         elif not (isfinite(goal.position) and isfinite(goal.max_effort)):
-            refused = (f"position {goal.position} and effort {goal.max_effort} of the goal must be "
-                       "finite numbers")
+            refused = (f"position {goal.position} or effort {goal.max_effort} of the goal is not "
+                       "finite; send finite numbers")
         if refused:
             text = f"controller '{self.context.name}': {refused}"
             handle.finish(REJECTED, GripperResult(text=text))

@@ -149,8 +149,8 @@ def test_a_cyclic_include_is_one_warning(folders, read):
                 .replace("</joint", "</joint" if name == "hen" else "</battery"))
     found = read(include("hen"))
     assert list(found.models[0].links) == ["body", "egg::body"]
-    assert ("<include> of 'model://hen' is ignored: it includes itself: hen → egg → hen; remove one "
-            "of these includes") in found.warnings
+    assert ("<include> of 'model://hen' is ignored: it includes itself: hen → egg → hen; remove "
+            "one of these includes") in found.warnings
 
 
 def placed(simulation, found):

@@ -113,5 +113,4 @@ def report_stability(
         for i in np.argsort(-factors) if factors[i] > 1.0
     )
     return (f"the loaded PIDs are unstable at steps of {step:g} s: at the current joint positions "
-            f"they need steps of at most {longest:.2g} s; use shorter steps or lower the gains of "
-            f"{lower}")
+            f"they need {longest:.2g} s or less; use shorter steps or lower the gains of {lower}")

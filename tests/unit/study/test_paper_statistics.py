@@ -179,23 +179,59 @@ def test_success_can_be_named(path, capsys):
 # -- the tolerance --------------------------------------------------------------------------------
 
 
+def judge(study, run):
+    """A run at its goal, with the tolerance by which a run of the study is judged."""
+    limits = study.make_settings(run // study.repeats).get("reached") or study.experiment.get(
+        "reached") or (1.5e-3 * (0.2 + 0.01 * run), math.radians(0.3))  # fmt: skip
+    return {**rows.make_blank_row(study, run), "outcome": "x", "success": 1.0,
+            "distance_tolerance": limits[0], "angle_tolerance": limits[1]}  # fmt: skip
+
+
 @pytest.mark.parametrize(("changes", "sentence"), [
     ({}, "A camera is at its goal within 0.3 mm and 0.3°."),
-    ({"experiment": {"plant": "free"}},
-     "A camera is at its goal within 0.289 mm (0.15 % of the target's depth) and 0.3°."),
-    ({"experiment": {"plant": "free"}, "vary": {"target.size": [0.1, 0.2]}},
-     "A camera is at its goal within 0.15 % of the target's depth and 0.3°."),
-    ({"experiment": {"plant": "free"}, "vary": {"reached": [[1e-3, 0.1], [5e-5, 0.1]]},
-      "metrics": ["success"]},
+    ({"experiment": {"plant": "free"}, "vary": {}, "repeats": 1},
+     "A camera is at its goal within 0.3 mm (0.15 % of the target's depth) and 0.3°."),
+    ({"experiment": {"plant": "free"}, "vary": {}, "repeats": 11},
+     "A camera is at its goal within 0.3 to 0.45 mm (0.15 % of the target's depth) and 0.3°."),
+    ({"vary": {"reached": [[1e-3, 0.1], [5e-5, 0.1]]}, "metrics": ["success"]},
      "A camera is at its goal within 1 mm and 5.73° or 50 µm and 5.73°."),
 ])  # fmt: skip
-def test_captions_state_the_tolerance(changes, sentence, tmp_path, capsys):
+@pytest.mark.parametrize("style", ["md", "tex"])
+def test_captions_state_the_tolerance(changes, sentence, style, tmp_path, capsys):
     study = make_study(**{"cases": (), "repeats": 2, **changes})
-    path = write_study(tmp_path / "out", study, lambda study, run: {
-        **rows.make_blank_row(study, run), "outcome": "x", "success": 1.0})  # fmt: skip
-    for style, text in (("md", sentence), ("tex", sentence.replace("%", r"\%").replace(
-        "°", r"$^\circ$").replace("µ", r"$\mu$"))):  # fmt: skip
-        assert text in run_command(["table", path, "--format", style], capsys)[1]
+    path = write_study(tmp_path / "out", study, judge)
+    if style == "tex":
+        for symbol, tex in (("%", r"\%"), ("°", r"$^\circ$"), ("µ", r"$\mu$")):
+            sentence = sentence.replace(symbol, tex)
+    assert sentence in run_command(["table", path, "--format", style], capsys)[1]
+
+
+@pytest.mark.parametrize(("changes", "text"), [
+    ({}, "0.3 mm and 0.3°"),
+    ({"experiment": {"plant": "free"}}, "0.15 % of the target's depth and 0.3°"),
+    ({"cases": [{"reached": [1e-3, 0.1]}, {"reached": [2e-3, 0.1]}]},
+     "1 mm and 5.73° or 2 mm and 5.73°"),
+    ({"cases": [{"reached": [1e-3, 0.1]}, {"scheme": "moments"}]},
+     "0.3 mm and 0.3° or 1 mm and 5.73°"),
+])  # fmt: skip
+def test_runs_without_a_verdict_have_the_tolerance_of_the_study(changes, text, tmp_path):
+    study = make_study(**{"cases": (), "vary": {}, "repeats": 2, "metrics": ["success"], **changes})
+    path = write_study(tmp_path / "out", study, rows.make_blank_row)
+    assert Results.read(path).tolerance.text == text
+
+
+def test_the_stored_tolerance_is_that_of_the_verdict():
+    cases = {"tolerance": [{"name": "small", "set": {"reached": [1e-3, 0.1]}},
+                           {"name": "large", "set": {"reached": [1.0, 3.0]}},
+                           {"name": "default", "set": {"scheme": "points"}}]}  # fmt: skip
+    study = Study(experiment={"plant": "free", "features": "exact", "duration": 0.3}, cases=cases,
+                  metrics=["reached", "final_distance"])  # fmt: skip
+    found = study.run(progress=False).to_pandas()
+    small, large, default = found.distance_tolerance
+    assert (small, large) == (1e-3, 1.0) and 0.1 < default / 1.5e-3 < 0.4
+    assert found.angle_tolerance.tolist() == [0.1, 3.0, math.radians(0.3)]
+    assert found.reached.tolist() == (found.final_distance <= found.distance_tolerance).tolist()
+    assert found.reached.tolist() == [0.0, 1.0, 0.0]
 
 
 def test_a_setting_and_a_metric_cannot_share_a_column():

@@ -104,9 +104,8 @@ def has_final_distance(all_results: Sequence[Results]) -> bool:
 
 def find_distance_tolerance(all_results: Sequence[Results]) -> float | None:
     """Return the tolerance of the final distance, m; None if it is not the same for all runs."""
-    limits = {one.limit for r in all_results for one in r.tolerances}
-    limit = limits.pop() if len(limits) == 1 else np.nan
-    return float(limit) if np.isfinite(limit) else None
+    distances = {pair[0] for results in all_results for pair in results.tolerance.pairs}
+    return distances.pop() if len(distances) == 1 else None
 
 
 def label_setting(key: str) -> str:

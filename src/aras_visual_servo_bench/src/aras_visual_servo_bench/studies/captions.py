@@ -41,7 +41,7 @@ def describe_success(all_results: Sequence[Results], shown: Sequence[Metric] = (
 
 def describe_tolerances(all_results: Sequence[Results]) -> str:
     """Return the sentence with the tolerances of all studies."""
-    texts = {r.name: " or ".join(one.text for one in r.tolerances) for r in all_results}
+    texts = {r.name: r.tolerance.text for r in all_results}
     if len(set(texts.values())) == 1:
         return f"A camera is at its goal within {next(iter(texts.values()))}."
     listed = "; ".join(f"{name}: {text}" for name, text in texts.items())

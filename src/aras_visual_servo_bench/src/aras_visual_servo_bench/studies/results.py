@@ -26,7 +26,7 @@ from . import rows
 from . import study_folder as folders
 from .study import Study
 from .study_folder import StudyFolder
-from .tolerance import Tolerance, find_tolerances
+from .tolerance import Tolerance, find_tolerance
 
 if TYPE_CHECKING:
     import pandas
@@ -226,9 +226,13 @@ class Results:
         return metric.complete_values(self.read_numbers(metric.name))
 
     @cached_property
-    def tolerances(self) -> tuple[Tolerance, ...]:
-        """Tolerances within which the runs count as being at their goal."""
-        return find_tolerances(self.study)
+    def tolerance(self) -> Tolerance:
+        """Tolerance within which the runs are at their goal."""
+        stored = (  # not by earlier versions
+            self.read_numbers(name) if name in self.table.column_names else np.zeros(0)
+            for name in ("distance_tolerance", "angle_tolerance")
+        )
+        return find_tolerance(self.study, *stored)
 
     @property
     def judged_metric(self) -> Metric:

@@ -401,7 +401,7 @@ def test_a_key_with_one_value_or_drawn_values_is_refused(tmp_path):
 def test_one_run_per_cell_has_no_interval_and_no_test(tmp_path, capsys):
     path = write_study(tmp_path / "out", make_study(repeats=1))
     text = run_command(["table", path, "--metrics", "final_distance"], capsys)[1]
-    assert "final_distance: one value and therefore no interval in every group." in text
+    assert "final_distance has only one value, and so no interval, in every group." in text
     cells = text.splitlines()[2].split(" | ")
     assert "[" in cells[3] and "[" not in cells[5]
     text = run_command(["diff", path, "--between", "scheme", "--by", "gain"], capsys)[1]
@@ -414,18 +414,18 @@ def test_one_run_per_cell_has_no_interval_and_no_test(tmp_path, capsys):
 
 def test_a_cell_that_failed_completely_says_why(path, capsys):
     text = run_command(["table", path, "--metrics", "settled"], capsys)[1]
-    assert "scheme=polar, gain=2.0: no value of 10 (target_lost)" in text
+    assert "10 of 10 runs with scheme=polar, gain=2.0 (target_lost)" in text
     line = next(line for line in text.splitlines() if line.startswith("| polar | 2"))
     assert "| – |" in line and "10 of 10 target_lost" in line
 
 
 def test_runs_without_a_value_are_counted(path, raw, capsys):
     text = run_command(["table", path, "--metrics", "contradicts,settled"], capsys)[1]
-    assert "contradicts: scheme=points, gain=1.0: 1 without a value of 10 (refused)" in text
+    assert "contradicts has no value in 1 of 10 runs with scheme=points, gain=1.0 (refused)" in text
     for (scheme, gain), own in raw.groupby(["scheme", "gain"]):
         missing = own.settled.isna().sum()
-        named = f"scheme={scheme}, gain={gain}: {missing} without a value of 10" in text
-        assert named == (0 < missing < 10), (scheme, gain)
+        named = f"{missing} of 10 runs with scheme={scheme}, gain={gain} (" in text
+        assert named == (missing > 0), (scheme, gain)
 
 
 def test_identical_repeats_are_no_sample(tmp_path, capsys):
@@ -461,9 +461,52 @@ def test_units_follow_the_magnitude(unit, values, found):
 ODD = "[50 %] a_b & {#$} ~^\\ <|> \"q\" λ ° µ"
 
 
-def test_latex_compiles_without_overfull_lines(tmp_path, capsys):
+# A two-column paper: 252 pt a column, 516 pt the text, in the widest font that is common.
+PAPER = r"""\documentclass[10pt,twocolumn]{article}
+\usepackage{booktabs,graphicx}
+\usepackage[letterpaper,textwidth=516pt,textheight=696pt]{geometry}
+\setlength{\columnsep}{12pt}
+\begin{document}
+%s
+\end{document}
+"""
+
+
+def compile_paper(folder, *files):
+    """Compile a paper with files that are put into it as they are; nothing may stick out."""
     if shutil.which("pdflatex") is None:
         pytest.skip("needs pdflatex: apt-get install texlive-latex-recommended")
+    (folder / "paper.tex").write_text(PAPER % "\n".join(rf"\input{{{name}}}" for name in files))
+    done = subprocess.run(["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "paper"],
+                          cwd=folder, capture_output=True, text=True, errors="replace")
+    assert done.returncode == 0, done.stdout[-1500:]
+    for complaint in ("Overfull", "Missing character", "too large", "LaTeX Warning: Text page"):
+        assert complaint not in done.stdout, done.stdout[-3000:]
+
+
+def test_a_narrow_table_is_as_wide_as_a_column(path, tmp_path):
+    for by, metrics, name in (("gain", "success", "table"), ("scheme,gain", "settled", "table*"),
+                              ("scheme,gain", "", "table*")):  # fmt: skip
+        assert main(["table", str(path), "--by", by, "--metrics", metrics, "--format", "tex",
+                     "--out", str(tmp_path / "table.tex")]) == 0  # fmt: skip
+        text = (tmp_path / "table.tex").read_text()
+        assert text.count(rf"\begin{{{name}}}") == text.count(r"\begin{table") >= 1
+        compile_paper(tmp_path, "table")
+
+
+def test_a_table_of_a_hundred_rows_is_divided_into_pages(tmp_path):
+    study = make_study(vary={"gain": [1.0 + 0.1 * i for i in range(34)]}, repeats=2)
+    path = write_study(tmp_path / "out", study)
+    assert main(["table", str(path), "--format", "tex", "--out", str(tmp_path / "table.tex")]) == 0
+    text = (tmp_path / "table.tex").read_text()
+    parts = {text.count(f"\n{scheme} & {1.0 + 0.1 * i:.3g} & 2 & ")
+             for scheme in SCHEMES for i in range(34)}  # fmt: skip
+    assert len(parts) == 1 and parts.pop() > 1  # every row is in all parts
+    assert text.count("(continued)") == text.count(r"\begin{table") - 1 > 2
+    compile_paper(tmp_path, "table")
+
+
+def test_latex_compiles_without_overfull_lines(tmp_path, capsys):
     cases = {"scheme": [{"name": ODD, "set": {"scheme": "points"}},
                         {"name": "*", "set": {"scheme": "moments"}}]}  # fmt: skip
     path = write_study(tmp_path / "out", make_study(cases=cases))
@@ -472,13 +515,7 @@ def test_latex_compiles_without_overfull_lines(tmp_path, capsys):
     assert "commonest failure" not in text and "nan" not in text
     # \\ of older versions of LaTeX and of amsmath takes [ and * in the next line as its arguments
     assert "\n{[50 \\%]" in text and "\n{*} &" in text
-    (tmp_path / "paper.tex").write_text(
-        "\\documentclass{article}\\usepackage{booktabs}\n\\begin{document}\n\\input{table}\n"
-        "\\end{document}\n")  # fmt: skip
-    done = subprocess.run(["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "paper"],
-                          cwd=tmp_path, capture_output=True, text=True, errors="replace")
-    assert done.returncode == 0, done.stdout[-1500:]
-    assert "Overfull" not in done.stdout and "Missing character" not in done.stdout
+    compile_paper(tmp_path, "table")
 
 
 def test_latex_has_no_number_that_tex_cannot_set():
@@ -595,14 +632,7 @@ def test_figures_for_a_paper_have_its_column_and_font(tmp_path, capsys):
 
 
 def test_paper_figures_compile(path, tmp_path):
-    if shutil.which("pdflatex") is None:
-        pytest.skip("needs pdflatex: apt-get install texlive-latex-recommended")
     study_figures.write_figures(
         [Results.read(path)], tmp_path, ["pdf"], ["final_distance"], is_paper=True
     )
-    (tmp_path / "paper.tex").write_text(
-        "\\documentclass{article}\\usepackage{graphicx}\n\\begin{document}\n\\input{figures}\n"
-        "\\end{document}\n")  # fmt: skip
-    done = subprocess.run(["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "paper"],
-                          cwd=tmp_path, capture_output=True, text=True, errors="replace")
-    assert done.returncode == 0, done.stdout[-1500:]
+    compile_paper(tmp_path, "figures")

@@ -14,14 +14,16 @@ from ..metrics.metrics import Metric, final_distance
 from ..metrics.statistics import Estimate, rate
 from ..studies.results import Results
 from .palette import BLUE, COLOURS, INK, PALE_BLUE, SOFT_INK, VERMILION
-from .run_groups import MAX_CURVES, RunGroup, find_distance_tolerance, group_runs
+from .run_groups import MAX_CURVES, RunGroup, find_distance_tolerance, group_runs, label_groups
 from .style import escape_math, is_paper, make_axes
 
-# Largest number of letters of a group's name in one line, on the screen and in a paper. A longer
-# name has a line for each setting.
-MAX_NAME, MAX_PAPER_NAME = 40, 18
+MAX_NAME, MAX_PAPER_NAME = 40, 28  # a longer name of a group has several lines, letters
+MAX_PAPER_LEGEND = 18  # a legend with a longer name has one column in a paper, letters
 MAX_COLUMNS, PANEL_WIDTH = 3, 3.8  # largest number of panels side by side; their width, inches
 LEGEND_ROW = 0.15  # height of a row of the legend of a figure for a paper, inches
+# Heights of a box or bar, of each line of its name if it has several, and of the axis below, in
+# inches; they are reduced to 66 % in a paper.
+PAPER_ROW, PAPER_LINE, PAPER_AXIS = 0.3, 0.2, 0.9
 
 
 def draw_rates(all_results: Sequence[Results], metrics: Sequence[Metric]) -> Figure | None:
@@ -36,6 +38,7 @@ def draw_rates(all_results: Sequence[Results], metrics: Sequence[Metric]) -> Fig
         rates = [rate(results.read_values(metric)[rows]) for _, results, rows in groups]
         draw_bars(axis, rates, names if number % columns == 0 or is_paper() else [""] * len(names))
         axis.set_xlabel(f"{_make_label(metric)} (%)")
+    axes[0].set_ylabel(label_groups(all_results))
     return figure
 
 
@@ -48,7 +51,7 @@ def draw_distributions(all_results: Sequence[Results], metrics: Sequence[Metric]
     for axis, metric in zip(axes, metrics, strict=True):
         draw_cumulative(axis, metric, groups)
     axes[0].set_ylabel("runs below (%)")
-    return _add_legend(figure, axes[0], len(groups))
+    return _add_legend(figure, axes[0], label_groups(all_results, MAX_CURVES))
 
 
 def draw_boxes(all_results: Sequence[Results], metrics: Sequence[Metric]) -> Figure | None:
@@ -64,6 +67,7 @@ def draw_boxes(all_results: Sequence[Results], metrics: Sequence[Metric]) -> Fig
         draw_metric_boxes(axis, metric, groups)
         first = number % columns == 0 or is_paper()
         axis.set_yticks(range(1, len(groups) + 1), names[::-1] if first else [])
+    axes[0].set_ylabel(label_groups(all_results))
     return figure
 
 
@@ -158,7 +162,9 @@ def set_scale(axis: Axes, side: str, values: Sequence[np.ndarray]) -> None:
 def _find_height(names: Sequence[str]) -> float:
     """Return the height of a panel with one row per name, inches."""
     lines = max(1 + name.count("\n") for name in names)
-    return max(0.3, 0.18 * lines) * len(names) * (1.3 if is_paper() else 1.0) + 1.4
+    if is_paper():
+        return (PAPER_ROW if lines == 1 else PAPER_LINE * lines) * len(names) + PAPER_AXIS
+    return max(0.3, 0.18 * lines) * len(names) + 1.4
 
 
 def _split_lines(name: str) -> str:
@@ -167,15 +173,16 @@ def _split_lines(name: str) -> str:
     return re.sub(r", (?![^\[]*\])", ",\n", name) if is_long else name
 
 
-def _add_legend(figure: Figure, axis: Axes, count: int) -> Figure:
+def _add_legend(figure: Figure, axis: Axes, title: str) -> Figure:
+    """Add a legend below the axes if there are several curves."""
     handles, labels = axis.get_legend_handles_labels()
-    if count > 1:
-        is_narrow = is_paper() and max(map(len, labels)) > MAX_PAPER_NAME
-        most = 1 if is_narrow else 2 if is_paper() else 3
-        if is_paper():  # the axes keep their height
-            rows = -(-count // most)
+    if len(labels) > 1:
+        columns = min(len(labels), 3)
+        if is_paper():
+            columns = 1 if max(map(len, labels)) > MAX_PAPER_LEGEND else min(columns, 2)
+            rows = 1 + -(-len(labels) // columns)  # with the title
             figure.set_figheight(figure.get_figheight() + LEGEND_ROW * rows)
-        figure.legend(handles, labels, loc="outside lower center", ncols=min(count, most))
+        figure.legend(handles, labels, loc="outside lower center", ncols=columns, title=title)
     return figure
 
 

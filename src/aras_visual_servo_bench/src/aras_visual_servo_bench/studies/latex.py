@@ -1,4 +1,4 @@
-"""Tables and figures as LaTeX environments that go into a one-column or two-column paper."""
+"""Tables and figures as LaTeX environments for a two-column paper."""
 
 from __future__ import annotations
 
@@ -6,11 +6,12 @@ import itertools
 import re
 from collections.abc import Sequence
 
-# Letters of `\small` that fit into a column of 252 pt and into 345 pt, the width of the text in the
-# class `article` with one column. A tabular of IEEEtran at these limits has 246 pt and 338 pt.
-COLUMN_LETTERS, TEXT_LETTERS = 60, 82
-GAP_LETTERS = 3  # gap between two columns
-MAX_FLOAT_LINES = 40  # lines of a table with its caption; a page of `article` has 45 lines
+COLUMN_WIDTH, TEXT_WIDTH = 252.0, 516.0  # of a two-column paper, pt
+# Widths in Computer Modern of 9 points (`\small`), which is wider than Times, pt.
+LETTER_WIDTH, PUNCTUATION_WIDTH, COLUMN_GAP = 4.7, 2.6, 12.0
+INTERVAL_SCALE = 0.92  # an interval is written in letters of 8 points
+CAPTION_LETTERS = 105  # letters of a caption in a line of the width of the text
+MAX_FLOAT_LINES = 50  # lines of a table with its caption; a page of IEEEtran has 58 lines
 LINES_AROUND = 6  # lines of a tabular without its rows
 
 _ESCAPES = {c: f"\\{c}" for c in "&%$#_{}"} | {
@@ -54,14 +55,15 @@ def format_tex_figure(file: str, caption: Sequence[str]) -> str:
     caption: sentences of the caption.
     """
     return "\n".join([
-        r"\begin{figure}", r"\centering", rf"\includegraphics{{{file}}}",
+        r"\begin{figure}", r"\centering", rf"\includegraphics[width=\columnwidth]{{{file}}}",
         rf"\caption{{{' '.join(map(escape_tex, caption))}}}", r"\end{figure}", "",
     ])  # fmt: skip
 
 
 def format_tex_table(
-    heading: Sequence[str], body: Sequence[Sequence[str]], fixed: int, caption: Sequence[str]
-) -> str:
+    heading: Sequence[str], body: Sequence[Sequence[str]], fixed: int, caption: Sequence[str],
+    notes: Sequence[str] = (),
+) -> str:  # fmt: skip
     r"""Return table environments for LaTeX's package booktabs.
 
     A table that fits into a column of a two-column paper is a `table`. A wider one is a `table*`,
@@ -73,12 +75,14 @@ def format_tex_table(
         body: cells of each row, in LaTeX from column `fixed` on.
         fixed: number of the columns at the left that every part of the table repeats.
         caption: sentences of the caption.
+        notes: sentences below the table.
     """
-    parts, name = _split_columns(heading, body, fixed, COLUMN_LETTERS), "table"
+    parts, name = _split_columns(heading, body, fixed, COLUMN_WIDTH), "table"
     if len(parts) > 1:
-        parts, name = _split_columns(heading, body, fixed, TEXT_LETTERS), "table*"
-    text = " ".join(map(escape_tex, caption))
-    free = max(MAX_FLOAT_LINES - len(text) // TEXT_LETTERS, 2 * LINES_AROUND)
+        parts, name = _split_columns(heading, body, fixed, TEXT_WIDTH), "table*"
+    text, remarks = (" ".join(map(escape_tex, sentences)) for sentences in (caption, notes))
+    words = len(text) + len(remarks)
+    free = max(MAX_FLOAT_LINES - words // CAPTION_LETTERS, 2 * LINES_AROUND)
     rows = free - LINES_AROUND  # maximum number in a tabular
     lines, floats = [r"% needs \usepackage{booktabs}"], 0
     for columns, first in itertools.product(parts, range(0, len(body), rows)):
@@ -90,6 +94,7 @@ def format_tex_table(
             floats += 1
         free -= len(tabular)
         lines += [r"\par\medskip", *tabular]
+    lines += [rf"\par\smallskip{{\footnotesize\raggedright {remarks}\par}}"] if remarks else []
     return "\n".join([*lines, rf"\end{{{name}}}", ""])
 
 
@@ -107,29 +112,35 @@ def _make_tabular(
 
 
 def _split_columns(
-    heading: Sequence[str], body: Sequence[Sequence[str]], fixed: int, letters: int
+    heading: Sequence[str], body: Sequence[Sequence[str]], fixed: int, max_width: float
 ) -> list[list[int]]:
     """Return, for each part of a table, the indices of its columns with estimates.
 
     fixed: number of the columns before them, which every part repeats.
-    letters: width of a part.
+    max_width: width of a part, pt.
     """
     widths = [
-        GAP_LETTERS + max(map(len, [*name.split(), *(_strip_commands(row[i]) for row in body)]))
+        COLUMN_GAP + max(map(_estimate_width, [*name.split(), *(row[i] for row in body)]))
         for i, name in enumerate(heading)
     ]
     parts: list[list[int]] = []
     for i in range(fixed, len(heading)):
         width = sum(widths[:fixed]) + sum(widths[k] for k in parts[-1]) if parts else 0
-        if not parts or width + widths[i] > letters:
+        if not parts or width + widths[i] > max_width:
             parts.append([])
         parts[-1].append(i)
     return parts
 
 
-def _strip_commands(cell: str) -> str:
-    """Return the letters of a cell without commands, to estimate its width."""
-    return re.sub(r"\\\w+ ?|[{}$^]", "", cell)
+def _estimate_width(cell: str) -> float:
+    """Estimate the width of the text of a cell, pt."""
+    width = 0.0
+    for part, scale in zip(cell.split(r"\footnotesize "), (1.0, INTERVAL_SCALE), strict=False):
+        text = re.sub(r"\\([A-Za-z]+ ?|.)", "x", part)  # a command is a character
+        text = re.sub(r"[{}$^]", "", text)
+        narrow = sum(text.count(character) for character in ".,[] ")
+        width += scale * (PUNCTUATION_WIDTH * narrow + LETTER_WIDTH * (len(text) - narrow))
+    return width
 
 
 def _format_heading(heading: str) -> str:

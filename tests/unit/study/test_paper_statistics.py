@@ -305,7 +305,7 @@ def test_cases_of_one_study_are_compared_pairwise(path, raw, by):
         assert (d.comparison.before, d.comparison.after) == pytest.approx((middle(x), middle(y)))
         if p is not None:
             assert d.comparison.p == pytest.approx(p)
-        elif len(x) <= 12 and len(set(np.round(np.abs(y - x), 9))) == len(x):
+        elif len(x) <= 12:
             assert d.comparison.p == pytest.approx(count_signed_ranks(x, y))
     tested = [d for d in found if d.verdict != compare.UNTESTED]
     corrected = multipletests([d.comparison.p for d in tested], method="holm")[1]
@@ -440,6 +440,41 @@ def test_identical_repeats_are_no_sample(tmp_path, capsys):
     assert code == 0 and sentence in text and "(no difference)" in text
     other = write_study(tmp_path / "other", make_study())
     assert sentence not in run_command(["table", other], capsys)[1]
+
+
+@pytest.fixture(scope="module")
+def many():
+    """Results of 10 000 runs: 5 000 pairs in 100 groups, with ties."""
+    study = make_study(cases=(), vary={"gain": [1.0, 2.0], "delay": [0.001 * i for i in range(50)]},
+                       repeats=100, metrics=["success", "settled"])  # fmt: skip
+    rng = np.random.default_rng(0)
+    made = [{**rows.make_blank_row(study, run), "outcome": "converged", "verdict": "goal_reached",
+             "success": float(rng.random() < 0.8), "settled": round(rng.normal(5.0), 1)}
+            for run in range(study.run_count)]  # fmt: skip
+    return Results("many", study, rows.make_table(study, made, {}).append_column(
+        "real_time_multiple", [np.ones(len(made))]))  # fmt: skip
+
+
+def test_ten_thousand_rows_are_shown_in_a_few_lines(many):
+    assert many.table.num_rows == 10_000
+    assert len(repr(many).splitlines()) <= 4 and len(repr(many)) < 500
+    found = many.compare(between="gain", by=["delay"])
+    assert len(found.differences) == 100 and len(repr(found).splitlines()) <= 25
+    assert {d.comparison.count for d in found.differences} == {100}
+    pooled = many.compare(between="gain")
+    assert [d.comparison.count for d in pooled.differences] == [5000] * 2
+    raw = many.to_pandas()
+    one, two = (raw[raw.gain == gain].reset_index() for gain in (1.0, 2.0))
+    counts = pd.crosstab(one.success, two.success)
+    assert pooled.differences[0].comparison.p == pytest.approx(mcnemar(counts).pvalue)
+    assert len(tables.format_table(tables.make_table([many]), "csv").splitlines()) == 101
+
+
+def test_ten_thousand_groups_have_a_table(many):
+    """A table with a row for each run took minutes."""
+    table = tables.make_table([many], by=["run"])
+    assert len(table.rows) == 10_000
+    assert "settled has only one value, and so no interval, in every group." in table.notes
 
 
 # -- units and LaTeX ------------------------------------------------------------------------------

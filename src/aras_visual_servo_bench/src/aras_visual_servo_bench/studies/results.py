@@ -193,13 +193,18 @@ class Results:
         random_keys = {variation.key for variation in self.study.random_variations}
         return tuple(key for key in self.study.keys if key not in random_keys)
 
-    def read_column(self, name: str) -> list[Any]:
+    def read_column(self, name: str, rows: np.ndarray | None = None) -> list[Any]:
         """Return the values of a column.
+
+        Args:
+            name: name of the column.
+            rows: indices of the rows that are read; None: all.
 
         Raises:
             StudyError: there is no such column; the message suggests a similar name.
         """
-        return self._find_column(name).to_pylist()
+        column = self._find_column(name)
+        return (column if rows is None else column.take(rows)).to_pylist()
 
     def _find_column(self, name: str) -> pa.ChunkedArray:
         if name not in self.table.column_names:

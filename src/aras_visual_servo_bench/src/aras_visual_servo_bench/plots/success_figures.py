@@ -14,7 +14,16 @@ from ..metrics.metrics import final_distance
 from ..metrics.statistics import rate
 from ..studies import captions
 from ..studies.results import Results
-from .distributions import MAX_COLUMNS, MAX_NAME, draw_bars, draw_cumulative, draw_metric_boxes
+from .distributions import (
+    MAX_COLUMNS,
+    MAX_NAME,
+    add_group_legend,
+    draw_bars,
+    draw_cumulative,
+    draw_metric_boxes,
+    find_height,
+    split_lines,
+)
 from .palette import SOFT_INK, choose_text_colour
 from .run_groups import (
     find_map_limit,
@@ -54,13 +63,14 @@ def _draw_success_bars(all_results: Sequence[Results], keys: Sequence[str]) -> F
     hits = {results.name: results.compute_successes() for results in all_results}
     rates = [rate(hits[results.name][rows]) for _, results, rows in groups]
     has_distance = has_final_distance(all_results)
-    figure, axes = make_axes(
-        1 + has_distance, 0.42 * len(groups) + 1.5, 1 if is_paper() else 1 + has_distance,
-        width=4.4 if has_distance else 6.5,
-    )  # fmt: skip
-    names = [name for name, *_ in groups]
+    names = [split_lines(name) for name, *_ in groups]
+    height, columns = 0.42 * len(groups) + 1.5, 1 + has_distance
+    if is_paper():
+        height, columns = find_height(names), 1
+    figure, axes = make_axes(1 + has_distance, height, columns, width=4.4 if has_distance else 6.5)
     draw_bars(axes[0], rates, names)
-    axes[0].set_xlabel("runs with success (%), Wilson's 95 % interval")
+    interval = "" if is_paper() else ", Wilson's 95 % interval"  # a paper has it in the caption
+    axes[0].set_xlabel(f"runs with success (%){interval}")
     add_title(axes[0], f"Success by {label_setting(keys[0])}" if keys else "Success")
     if has_distance:
         draw_metric_boxes(axes[1], final_distance, groups)
@@ -83,7 +93,8 @@ def _draw_success_maps(all_results: Sequence[Results], keys: Sequence[str]) -> F
     for number, (axis, (name, results, rows)) in enumerate(zip(axes, panels, strict=True)):
         image = _draw_map(axis, results, rows, (down, lines), (across, columns))
         is_first = number % in_row == 0
-        axis.set_yticks(range(len(lines)), map(format_setting, lines) if is_first else [])
+        labels = [split_lines(format_setting(line)) for line in lines] if is_first else []
+        axis.set_yticks(range(len(lines)), labels)
         axis.set_ylabel(label_setting(down) if is_first else "")
         pool = f" (all {', '.join(pooled)})" if pooled else ""
         if len(panels) > 1 or pooled:
@@ -98,9 +109,11 @@ def _draw_success_maps(all_results: Sequence[Results], keys: Sequence[str]) -> F
         draw_cumulative(distance_axis, final_distance, curves)
         distance_axis.set_ylabel("runs below (%)")
         _describe_tolerance(distance_axis, all_results)
-        if len(curves) > 1:
-            title = ", ".join(map(label_setting, curve_keys)) if is_paper() else ""
-            distance_axis.legend(fontsize="small", title=title, title_fontsize="small")
+        if is_paper():
+            add_group_legend(figure, distance_axis, ", ".join(map(label_setting, curve_keys)))
+        elif len(curves) > 1:
+            handles, labels = distance_axis.get_legend_handles_labels()
+            distance_axis.legend(handles, map(split_lines, labels), fontsize="small")
     return figure
 
 

@@ -1,4 +1,4 @@
-"""The results browser without a browser: studies followed, questions, reports, refusals."""
+"""Server of the results browser: changing studies, queries, reports, errors."""
 
 import contextlib
 import json
@@ -70,7 +70,7 @@ def ask(served):
 
 @pytest.fixture(scope="module")
 def rows(folder):
-    """Of the first study, as Parquet has them."""
+    """Return the rows of the first study, read from its Parquet files."""
     return pq.read_table(folder / "first" / "parts").to_pylist()
 
 

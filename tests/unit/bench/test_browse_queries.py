@@ -1,4 +1,4 @@
-"""Answers about rows that are made up, against pandas: every kind of column, every limit."""
+"""Queries about synthetic rows, compared with pandas, for every kind of column and every limit."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def table():
 
 
 def chosen(look, *filters, studies=()):
-    """Rows as asked."""
+    """Return the rows that these filters select."""
     asked = queries.RunSelection(studies, tuple(Filter(*one) for one in filters))
     return queries.select_rows(look, asked).tolist()
 

@@ -1,4 +1,4 @@
-"""The protocols that ship: published figures to the iteration, starts where they say, tables."""
+"""Shipped protocols: published numbers, start poses, tables."""
 
 import csv
 import json
@@ -47,7 +47,7 @@ def study_of(name):
 
 
 def rows_of(name, out, *arguments):
-    """Of a published protocol, as its command leaves them."""
+    """Return the rows that the command of a protocol writes."""
     assert main(["protocol", name, "--out", str(out), "--in-process", *arguments]) == 0
     return table(out)
 
@@ -250,7 +250,7 @@ def test_a_goal_is_shown_through_the_camera_as_believed():
     result = run(FLIGHT.with_changes(calibration_offset={"focal": 1.1, "depth": 1.2}))
     assert result.verdict.is_reached and result.outcome == "converged"
     assert "wrong_camera_model" in result.outcomes  # on the way, which is not the one asked for
-    assert result.reason.startswith("the image equals the goal's, taught with this camera; but ")
+    assert result.reason.startswith("the image equals the goal, taught with this camera; but ")
     assert "calibrate" in result.remedy
 
 

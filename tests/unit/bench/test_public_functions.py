@@ -1,4 +1,4 @@
-"""What a program does with the public functions of bench and bridge, from a run to its figure."""
+"""Public functions of bench and bridge in a program, from a run to its figure."""
 
 from __future__ import annotations
 

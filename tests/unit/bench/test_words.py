@@ -1,4 +1,4 @@
-"""What the commands' words come to: every option reaches what carries it out."""
+"""Command line: every option reaches the function that uses it."""
 
 import sys
 from contextlib import contextmanager
@@ -39,7 +39,7 @@ cases:
 
 @pytest.fixture
 def asked(monkeypatch):
-    """What was called, and with what; `stub` puts such a function in its place."""
+    """List of calls with their arguments; `stub` replaces a function by a recording one."""
     found = []
 
     def stub(place, name, answer=None):
@@ -296,7 +296,7 @@ def test_browsing_serves_until_it_is_interrupted(asked, capsys, monkeypatch, dis
 
 @pytest.fixture
 def bar(monkeypatch):
-    """What the bar of progress shows."""
+    """Record what the progress bar shows."""
     shown = []
     monkeypatch.setattr(analyze, "ProgressBar", lambda _stream: SimpleNamespace(
         show=lambda part, what: shown.append((part, what)), close=lambda: shown.append("closed")))
@@ -305,7 +305,7 @@ def bar(monkeypatch):
 
 @pytest.fixture
 def bags(monkeypatch):
-    """Bags are not read but named, with what reading them tells of its progress."""
+    """Replace the reading of bags by a function that returns a named run and reports progress."""
     found = SimpleNamespace(read_bag=lambda path, progress: progress(0.25) or f"bag {path}")
     monkeypatch.setitem(sys.modules, "aras_visual_servo_bench.ros.bag", found)
 

@@ -1,4 +1,4 @@
-"""Calibrations of each format against OpenCV's projection, and files that are wrong."""
+"""Calibration files of each format, compared with OpenCV's projection; and invalid files."""
 
 import re
 

@@ -1,4 +1,4 @@
-"""Camera settings: what they give, and what is refused and how."""
+"""Camera settings: their effects, and error messages."""
 
 from dataclasses import replace
 from pathlib import Path

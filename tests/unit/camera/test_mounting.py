@@ -1,4 +1,4 @@
-"""Cameras of a whole simulation: models that come later, settings, what is refused."""
+"""Cameras of a simulation: later models, settings, and errors."""
 
 import logging
 from dataclasses import replace

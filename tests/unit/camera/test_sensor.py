@@ -1,4 +1,4 @@
-"""When a camera exposes, what its frames show then, and what the effects do."""
+"""Exposure times of a camera, contents of its frames, and effects."""
 
 import logging
 

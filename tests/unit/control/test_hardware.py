@@ -1,4 +1,4 @@
-"""read() and write(): the five ways of driving, emergency stop, bad transmissions."""
+"""read() and write(): the five command modes, emergency stop, invalid transmissions."""
 
 from math import inf, nan, pi
 
@@ -16,7 +16,7 @@ def gains(joint, **values):
 
 
 def only(rig, n=1):
-    """What the hardware told the model in the last n calls, without the joint's name."""
+    """Return the hardware's last n calls of the model, without the joint's name."""
     return [(call[0], *call[2:]) for call in rig.model.calls[-n:]]
 
 

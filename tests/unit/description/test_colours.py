@@ -1,4 +1,4 @@
-"""What a link looks like: Gazebo's materials by name; names that Gazebo does not have."""
+"""Appearance of links: Gazebo's materials by name, and unknown names."""
 
 import pytest
 
@@ -93,7 +93,7 @@ def visual(material, name="v"):
 
 
 def shown(*visuals):
-    """The colour of a link of SDF with these visuals, and what is said of it."""
+    """Return the colour of an SDF link with these visuals, and the warnings."""
     made = parse_sdf("<sdf><model name='r'><link name='a'>" + "".join(
         one.replace("'v'", f"'v{k}'") for k, one in enumerate(visuals)) + "</link></model></sdf>")
     return made.colours.get("a"), made.warnings

@@ -1,4 +1,4 @@
-"""The <gazebo> tags of a URDF: plugins, cameras, flags of links; what is not known warns."""
+"""<gazebo> tags of a URDF: plugins, cameras, flags of links; unknown tags cause a warning."""
 
 import math
 from dataclasses import astuple
@@ -25,7 +25,7 @@ def robot(inside):
 
 
 def camera(inside="", sensor="", kind="camera"):
-    """The camera of a sensor with this text in its <camera>, and beside it."""
+    """Return the camera of a sensor with this text inside and after its <camera>."""
     return robot(f"<gazebo reference='a'><sensor type='{kind}' name='eye'>{sensor}<camera>{inside}"
                  "</camera></sensor></gazebo>").cameras[0]
 

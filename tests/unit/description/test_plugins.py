@@ -1,4 +1,4 @@
-"""The table of plug-ins: which files are served, as what, and what is said of the others."""
+"""Table of plugins: supported files, their functions, and messages about others."""
 
 import math
 from dataclasses import astuple, replace

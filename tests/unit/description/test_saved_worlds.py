@@ -1,4 +1,4 @@
-"""Worlds as Gazebo's window saves them: included models, `<state>`, frames; what is not served."""
+"""Worlds saved by Gazebo: included models, `<state>`, frames, and unsupported elements."""
 
 import math
 import os

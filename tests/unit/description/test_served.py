@@ -1,4 +1,4 @@
-"""Which elements are served: every other one is named once, wherever it stands."""
+"""Supported elements; every unsupported element is named once."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Intervals and tests: what must hold whatever the numbers are."""
+"""Intervals and tests: properties that hold for any numbers."""
 
 import itertools
 import math

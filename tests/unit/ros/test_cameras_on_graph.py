@@ -1,4 +1,4 @@
-"""A camera's topics, settings and service; who listens decides what is drawn."""
+"""Topics, settings and service of a camera; only images with subscribers are rendered."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def nothing_announced(graph, monkeypatch):
 
 @pytest.fixture
 def eye(graph, thread, tmp_path, monkeypatch):
-    """A camera fixed in the world, on the graph below /eye; `calls` counts its rounds."""
+    """Camera fixed in the world, on the graph below /eye; `calls` counts its updates."""
     monkeypatch.setenv("ROS_HOME", str(tmp_path))
     thread.call(lambda: thread.simulation.add_camera("eye", SETTINGS))
     (mounted,) = thread.simulation.cameras

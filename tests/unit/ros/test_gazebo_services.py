@@ -1,4 +1,4 @@
-"""gazebo_ros's services about models, links and joints, in a world that is stepped."""
+"""Services of gazebo_ros for models, links and joints, in a stepped world."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""gazebo_ros's services about lights, spawning, physics; its state topics; faults."""
+"""Services of gazebo_ros for lights, spawning and physics; state topics; errors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Programs of the command line: what they ask the simulator for, what they print, their status."""
+"""Command-line programs: their requests to the simulator, output and exit status."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ class Program:
         rospy.Service(name, kind, service)
 
     def manager(self, namespace: str = "", **running: bool) -> list[tuple]:
-        """Serve a manager that has these controllers; returns the list of what it is asked for."""
+        """Serve a manager with these controllers; return the list of its requests."""
         claims = [HardwareInterfaceResources(f"hw::{kind}", ["j"]) for kind in ("A", "A", "B")]
         found = [ControllerState(name, "running" if runs else "stopped", "t", claims)
                  for name, runs in running.items()]
@@ -116,7 +116,7 @@ class Program:
         return module.main()
 
     def end(self) -> None:
-        """As by Ctrl-C."""
+        """End the program as with Ctrl-C."""
         self.down = True
         for hook in self.hooks:
             hook()

@@ -1,4 +1,4 @@
-"""The nodes that servo: what they hear reaches the loop, and what is asked of them is done."""
+"""Servo nodes: messages reach the loop, and requests are executed."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ SQUARE = np.array([(-0.1, -0.1), (0.2, -0.1), (0.2, 0.15), (-0.1, 0.15)])
 
 
 class Heard:
-    """In place of the driver: what the loop is told."""
+    """Replacement of the driver that records what the loop receives."""
 
     def __init__(self):
         self.images, self.told, self.sources, self.stops = [], [], {}, []
@@ -160,7 +160,7 @@ def test_pictures_reach_the_loop_with_their_depth(graph):
     depth(picture("16UC1", value=1250))
     bad = CameraInfo(width=64, height=48, K=[0.0] * 9)
     info(bad)
-    assert graph.lines[-1].startswith("camera_info is of no use: ") and not driver.images
+    assert graph.lines[-1].startswith("camera_info cannot be used: ") and not driver.images
     info(INFO)
     (stamp, (at, seen, camera, joints, commands, metres), name), = driver.images
     assert (stamp, at, name) == (3.25, 3.25, "left")
@@ -300,7 +300,7 @@ def test_the_node_s_parameters_are_checked_before_anything_begins(graph, life):
     rospy.set_param("~scheme", "pints")
     with pytest.raises(ConfigurationError, match="pints"):
         node_settings.read_node_settings()
-    with pytest.raises(ConfigurationError, match="no robot description on parameter robo$"):
+    with pytest.raises(ConfigurationError, match="no robot description on parameter robo: start"):
         node_settings.read_robot_settings({"description": "robo"})
     graph.parameters["/robo"] = ARM
     settings, arm = node_settings.read_robot_settings({"description": "robo", "gain": 3.5})
@@ -348,7 +348,7 @@ def test_a_controller_is_stopped_where_there_is_one(graph, life):
 
 
 class Server:
-    """In place of actionlib's."""
+    """Replacement of actionlib's server."""
 
     def __init__(self, name, kind, execute, auto_start):
         self.given, self.execute, self.started = (name, kind, auto_start), execute, False

@@ -1,4 +1,4 @@
-"""A user's scheme that goes wrong in any way holds the arm within the image, and is said once."""
+"""An error in a user's scheme stops the arm at the next image and is reported once."""
 
 from dataclasses import replace
 
@@ -154,7 +154,7 @@ def test_whole_numbers_and_lists_are_numbers_too_and_a_record_may_have_any_shape
 
 @pytest.mark.parametrize(("answer", "words"), [
     ([0.0, np.nan, 1.0], "mine returned joints that are not finite"),
-    ([0.0, 1.0], r"mine returned joints of shape \(2,\), \(3,\) is needed"),
+    ([0.0, 1.0], r"mine returned joints of shape \(2,\), shape \(3,\) is needed"),
     ("left", "mine returned joints of no numbers"),
 ])  # fmt: skip
 def test_joints_are_a_finite_number_each(answer, words):

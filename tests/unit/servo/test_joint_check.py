@@ -1,4 +1,4 @@
-"""Joints beside their commands: which stays behind, which swings by itself."""
+"""Joints that do not follow their commands or oscillate are reported."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,9 @@ def test_a_joint_that_swings_by_itself_is_told_at_once_and_before_what_it_does_t
         watched(15, lambda k: (-0.3, -0.3), lambda k: -np.array(swing(k))),
     ):
         assert check.joints == "J2"
-        assert check.reason == "J2 oscillates without a command, at up to 16.3 rad/s or m/s"
+        assert check.reason == (
+            "the motion of J2 oscillates without a command, at up to 16.3 rad/s or m/s"
+        )
     late = watched(60, lambda k: [np.cos(0.3 * k)] * 2, lambda k: [np.cos(0.3 * k - 1.0)] * 2)
     assert not late.reason  # one that follows a swinging command, late
 
@@ -51,7 +53,7 @@ def test_a_joint_stays_behind_where_the_loop_waits_for_it(of_ten, gone, told):
     check = watched(60, lambda k: (0.3, -0.2), lambda k: (0.3, -0.2 * gone),
                     lambda k: (False, k % 10 < of_ten))  # fmt: skip
     assert check.joints == ("J2" if told else "")
-    assert check.reason == ("J2 does not follow its command" if told else "")
+    assert check.reason == ("the motion of J2 does not follow the command" if told else "")
 
 
 def test_joints_are_named_together_once_the_loop_has_waited_for_a_second_and_a_half():
@@ -81,11 +83,14 @@ def judged(stamps, late, commanded, measured):
     if late.any(axis=1).mean() <= 0.6:
         gone = (asked * went).sum(axis=0) / (asked * asked).sum(axis=0)
         behind = (gone < 0.1) & (late.mean(axis=0) > 0.1)
-    found, reason = behind & (span >= 0.9 * 1.5), "{} does not follow its command"
+    found = behind & (span >= 0.9 * 1.5)
+    reason = "the motion of {} does not follow the command"
     if span > 0.3 and swing.any():
         found = swing
         fastest = np.abs(went[:, swing]).max()
-        reason = f"{{}} oscillates without a command, at up to {fastest:.1f} rad/s or m/s"
+        reason = (
+            f"the motion of {{}} oscillates without a command, at up to {fastest:.1f} rad/s or m/s"
+        )
     names = [f"J{i + 1}" for i in np.flatnonzero(found)]
     joints = " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
     return joints, reason.format(joints) if names else ""

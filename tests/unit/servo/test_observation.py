@@ -1,4 +1,4 @@
-"""The one factory: the same record from pictures, from messages and from exact geometry."""
+"""Observations from images, messages and exact geometry are equal."""
 
 from types import SimpleNamespace
 
@@ -132,8 +132,8 @@ def test_a_picture_that_cannot_be_segmented_as_asked_says_why():
         0.0, picture(outline()), CAMERA
     )
     assert not seen.valid and seen.moments is None
-    reason = "segmentation 'nearest_colour' needs a colour image, but the image is grey"
-    assert seen.reason == reason
+    reason = "segmentation 'nearest_colour' needs a colour image, but the image is grey; use a "
+    assert seen.reason == reason + "colour camera or method 'otsu'"
 
 
 @pytest.mark.parametrize("begin", [0.0, 31.5])
@@ -256,7 +256,8 @@ def test_a_coordinate_that_is_not_finite_among_those_that_are():
     observer = FeatureObserver(None, frozenset((Need.CORNERS,)))
     for points in ([[0.1, np.nan], [0.2, 0.3]], [[0.1, 0.2], [np.inf, 0.3]]):
         seen = observer.observe_exact_features(0.5, CAMERA, contour=outline(), points=points)
-        assert (seen.valid, seen.reason) == (False, "a coordinate of the target is not finite")
+        assert not seen.valid
+        assert seen.reason == "a coordinate of the target's outline or corners is not finite"
 
 
 def test_a_pose_that_is_known_better_comes_before_that_of_the_joints():

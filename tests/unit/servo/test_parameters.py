@@ -1,4 +1,4 @@
-"""Parameters: each listed once, checked, and made into one loop."""
+"""Parameters of the controller: each is listed once, checked, and used."""
 
 from __future__ import annotations
 
@@ -240,7 +240,7 @@ def test_starts_in_every_way_they_can_be_given(arm):
 
 
 class Two:
-    """An arm of two joints, neither of which may be at zero."""
+    """Arm of two joints whose limits exclude zero."""
 
     names, lower, upper = ("j", "k"), np.array([0.2, -1.0]), np.array([1.0, -0.3])
 
@@ -256,7 +256,7 @@ class Two:
     ("0.5 1 2", r"is \(0.5, 1.0, 2.0\), must be a name, none, {xyz, rpy} of the camera, or a f"),
     ([0.5], r"is \[0.5\], must be a name, none, {xyz, rpy} of the camera, or a finite number f"),
     (0.5, "is 0.5, must be a name, none"), ([0.5, np.nan], "is nan, must be a finite number"),
-    ({"j": 0.5}, "is '{'j': 0.5}', which has no value for k$"),
+    ({"j": 0.5}, "is '{'j': 0.5}', which has no value for k: give"),
     ({"j": 0.5, "k": 0.1, "l": 2.0}, "is .*, which has a value for l: the joints of this"),
     ({"j": "far", "k": 0.1}, "j is 'far', must be a finite number"),
     ({"xyz": [0, 0, 1], "rpy": [0, 0]}, "rpy is .0, 0., must be a list of 3"),

@@ -1,4 +1,4 @@
-"""Why the error does not shrink, by what a window of images leaves behind."""
+"""Reasons why the error does not decrease, from a window of images."""
 
 import json
 from dataclasses import replace
@@ -126,7 +126,7 @@ def test_a_stall_needs_a_window_of_images_of_a_loop_that_servoes(dt, phase, kind
 def test_a_limit_in_the_way_is_named_though_the_error_is_within_its_tolerances():
     progress, state = watched(0.08 * STILL, told=lambda i: STOPPED)
     assert kinds(progress, state) == ("joint_limit", "joint_limit")
-    assert "gantry at its limit" in progress.explain_timeout("the time is over").reason
+    assert "beyond the limit of gantry" in progress.explain_timeout("the time is over").reason
 
 
 def test_within_the_tolerances_is_each_error_s_mean_but_not_the_mean_of_all():
@@ -155,7 +155,7 @@ def test_an_error_that_no_motion_takes_away_is_a_local_minimum(reached, since, k
     found = progress.explain_stall(state)
     assert found.kind == kind
     if kind == "local_minimum":
-        assert "10 times its tolerance: a camera motion can reduce 9 %" in found.reason
+        assert "a camera motion can reduce the error by at most 9 %" in found.reason
         words = found.reason.split("null direction ")[1]
         assert abs(np.array(json.loads(words)) @ direction) == pytest.approx(1.0)
 

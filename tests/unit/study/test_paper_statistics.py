@@ -381,7 +381,7 @@ def test_the_command_compares_cases_and_explains_what_it_cannot(path, capsys):
     ):
         code, _, error = run_command(["diff", *words], capsys)
         assert code == 1 and complaint in error and error.count("\n") == 1
-    with pytest.raises(StudyError, match="give two studies to compare, or one study and a key"):
+    with pytest.raises(StudyError, match="give either two studies, or one study and a key"):
         Results.read(path).compare()
 
 
@@ -391,7 +391,7 @@ def test_a_key_with_one_value_or_drawn_values_is_refused(tmp_path):
     results = Results.read(write_study(tmp_path / "out", study))
     with pytest.raises(StudyError, match="delay is drawn at random: --between needs a key with"):
         results.compare(between="delay")
-    with pytest.raises(StudyError, match="all stored runs of out have gain=1.0: there is nothing"):
+    with pytest.raises(StudyError, match="all stored runs of out have gain=1.0, so there is no"):
         results.compare(between="gain")
 
 

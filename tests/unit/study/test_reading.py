@@ -1,4 +1,4 @@
-"""Tables, plots, differences, tuning and showing, of results that are known."""
+"""Tables, figures, comparisons, tuning and repetition of known results."""
 
 from __future__ import annotations
 
@@ -418,7 +418,7 @@ def test_a_video_has_the_colours_and_the_rate_of_its_pictures(tmp_path):
 
 @metric("", "smaller", "these tests")
 def failing(finished):
-    """Never a number."""
+    """Metric that is always NaN."""
     raise ZeroDivisionError("of mine")
 
 

@@ -1,4 +1,4 @@
-"""Every number that is told of a study, recomputed by pandas from the rows' Parquet files.
+"""Every number about a study, recomputed by pandas from the Parquet files.
 
 The fixture tells apart: groups of unlike sizes, as parts are missing, and the times of two that are
 there; NaN in one study's row and not in its partner's; ties; runs that were refused; seeds that
@@ -155,7 +155,7 @@ def quartiles(values):
 
 
 def commonest(group):
-    """How most of the failures ended, and the first reason of those that differ by numbers."""
+    """Return the most frequent outcome of failures, and its first reason, ignoring numbers."""
     failed = group[group.hit == 0]
     if failed.empty:
         return ""
@@ -168,7 +168,8 @@ def commonest(group):
 
 @pytest.fixture(scope="module")
 def expected(one):
-    """Of each gain and delay: (value, low, high, count) of each quantity, and what failed."""
+    """Return, for each gain and delay, (value, low, high, count) of each quantity, and the failure.
+    """
     return [(values, {"success": wilson(group.hit.sum(), len(group)),
                       QUARTILES: quartiles(group.final_distance), **{
                 name: bootstrapped(group[name]) for name in list(UNITS)[3:]}}, commonest(group))
@@ -176,7 +177,7 @@ def expected(one):
 
 
 def shows(text, value, digits=3):
-    """Whether a printed number is this value to its digits."""
+    """Return whether a printed number is this value, rounded to its digits."""
     if not math.isfinite(value):
         return text == ("∞" if value > 0 else "–")
     if value == 0:

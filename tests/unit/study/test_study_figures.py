@@ -1,4 +1,4 @@
-"""What figures of studies show beside the rows' numbers: groups, names, scales, paths."""
+"""Figures of studies, compared with the rows: groups, names, scales, paths."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def texts(found):
 
 
 def in_the_middle(text):
-    """Of its cell, in letters that fit."""
+    """Return whether a text is centred in its cell, in letters of 9 points."""
     return (text.get_ha(), text.get_va(), text.get_fontsize()) == ("center", "center", 9.0)
 
 

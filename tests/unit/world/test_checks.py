@@ -1,4 +1,4 @@
-"""What cannot be simulated is refused by name, and the world stays as it was."""
+"""Models that cannot be simulated are refused by name, and the world does not change."""
 
 import math
 from dataclasses import replace
@@ -20,7 +20,7 @@ def world():
 
 
 def chain(make, links, kind="fixed"):
-    """So many links in a row."""
+    """Return a chain of `links` links."""
     return parse_urdf(make.robot(
         *(make.link(f"l{k}") for k in range(links)),
         *(make.joint(f"j{k}", f"l{k - 1}", f"l{k}", kind, xyz="0.1 0 0")

@@ -1,4 +1,4 @@
-"""What is put into something else leaves it slowly, as in Gazebo, and is named in one line."""
+"""Deeply penetrating bodies separate slowly, as in Gazebo, and are reported in one line."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Names of the graph that two models may not share are refused before anything is spawned."""
+"""Names on the graph that two models cannot share are refused before spawning."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Sensors of motion and forces: what they tell at rest and in motion, when, and with what noise."""
+"""Motion and force sensors: values at rest and in motion, times, and noise."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""What a Simulation makes of its lights, cameras, robots and sensors, and what it refuses."""
+"""Simulation: lights, cameras, robots and sensors, and errors."""
 
 import zlib
 from dataclasses import replace
@@ -38,7 +38,7 @@ CAMERA = """<gazebo reference="base"><sensor type="camera" name="{0}"><camera><i
 
 @pytest.fixture
 def renderers(monkeypatch):
-    """Those that were made, which draw nothing; `given` is what each was made with."""
+    """Renderers that draw nothing; `given` lists the arguments of each."""
     made = []
 
     def create(*given):

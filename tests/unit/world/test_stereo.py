@@ -1,4 +1,4 @@
-"""Several eyes that expose together, and what stereo makes of their pictures."""
+"""Synchronised cameras, and stereo reconstruction from their images."""
 
 import logging
 import sys

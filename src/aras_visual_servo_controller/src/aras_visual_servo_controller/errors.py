@@ -17,7 +17,8 @@ class UnreachableError(ServoError):
     """A camera pose outside the workspace of the arm.
 
     Attributes:
-        distance: how far the wrist would be beyond the reach of the arm, m.
+        distance: distance between the desired camera position and that of the nearest posture
+            found, m.
     """
 
     def __init__(self, message: str, distance: float) -> None:

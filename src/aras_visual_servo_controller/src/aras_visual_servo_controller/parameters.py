@@ -19,9 +19,10 @@ from .records.state import PerJoint, ServoSettings, joint_parameter
 # Parameters for which a mapping from joint names to values can be given.
 BY_JOINT = ("max_velocity", "max_acceleration", "lower", "upper", "posture", "elbow", "lead",
             "stiffness", "damping", "controllers")  # fmt: skip
-MODEL_TRACKER = "model"  # tracks the pose of a known mesh
-MARKER_TRACKER = "marker"  # tracks an ArUco or AprilTag marker, or a board of markers
-OUTLINE_TRACKER = "outline"  # uses the corners of the segmented outline
+MODEL_TRACKER = "model"  # name of the tracker that measures the pose of a known mesh
+# Name of the tracker that detects an ArUco or AprilTag marker, or a board of markers.
+MARKER_TRACKER = "marker"
+OUTLINE_TRACKER = "outline"  # name of the tracker that uses the corners of the segmented outline
 # Parameters whose values are ROS graph names.
 GRAPH_NAMES = ("namespace", "camera_namespace", "command_topic", "description")
 LEGAL_NAME = re.compile(r"[~/]?[A-Za-z][\w/]*", re.ASCII)

@@ -124,7 +124,7 @@ class Settings(Parameters):
             if f.name not in raw_settings
             and getattr(robot_settings, f.name) != getattr(defaults, f.name)
         }
-        for key in BY_JOINT if self.joints else ():  # remove the values of unused joints
+        for key in BY_JOINT if self.joints else ():  # remove the values of joints that are not used
             if isinstance(value := known.get(key), Mapping):
                 known[key] = {name: v for name, v in value.items() if name in self.joints} or (
                     getattr(defaults, key)
@@ -415,9 +415,9 @@ class Settings(Parameters):
     def _make_outline_plane(self) -> Callable[[np.ndarray], Plane] | None:
         """Return a function that computes the plane of the model's outline.
 
-        The argument of the function is world_T_camera. It uses the initial pose of the mesh model.
-        Return None if that pose is not given; then a goal cannot be taught by the outline of the
-        model.
+        The function maps world_T_camera to the plane, for the initial pose of the mesh model.
+        Return None if the parameter model_start does not give this pose; then a goal cannot be
+        taught by the outline of the model.
         """
         if not self.model or "pose" not in self.model_start:
             return None

@@ -32,8 +32,9 @@ from .areas import (
 from .dense_coverage import FINE, compute_sample_mean, integrate_rows, is_hidden, sample_pixel
 from .tiles import TILE
 
-# A triangle that is narrower than 1 / SLIVER pixels is a sliver. Slivers do not hide other
-# triangles at samples, because one sample would represent a larger area than the sliver.
+# A triangle that is narrower than about 1 / SLIVER pixels is a sliver. Slivers are not sampled, so
+# they hide no other triangle at a sample. Each of the FINE samples represents 1 / FINE of the
+# pixel's area, which is more than a sliver covers.
 SLIVER = 64.0
 # Triangles that cover no sample are ignored if their area is smaller than this part of a pixel,
 # which changes a grey level by at most 0.1.

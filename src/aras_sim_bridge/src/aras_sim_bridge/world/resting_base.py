@@ -32,7 +32,8 @@ _REST_TOLERANCE = 1e-6
 # Distance below which two bodies are in contact, m. In Bullet, bodies at rest sink in by a tenth of
 # it.
 _CONTACT_DISTANCE = 1e-4
-# Fraction of the friction and of the support polygon that may be used.
+# The ground supports a base if the tangential load is at most this fraction of the friction limit,
+# and the centre of pressure is inside the support polygon scaled by this factor about its middle.
 _LOAD_LIMIT = 0.9
 # Smallest motion of a contact point along the normal, per motion of a joint, for which the joint is
 # able to move it. See _is_blocked.

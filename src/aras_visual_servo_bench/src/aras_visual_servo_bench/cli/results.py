@@ -10,9 +10,9 @@ from ..errors import StudyError, catch_write_errors, check_formats
 from ..studies import captions, compare, tables
 from ..studies.results import Results
 
-# Where pandas is installed, pyarrow imports it (0.7 s of processor time) to check whether the first
-# value that it converts is one of pandas. These commands have none. The results cannot import
-# pyarrow like this: a user's program may have values of pandas.
+# If pandas is installed, pyarrow imports it (0.7 s of processor time) to check whether the first
+# value that it converts is a pandas object. The values of these commands are not. In a user's
+# program they can be, so the module `results` imports pyarrow without this change.
 import_without("pandas", "pyarrow.dataset")
 
 

@@ -17,11 +17,12 @@ NEARLY_ZERO = "≈0"  # text of a number that is negligible compared with the la
 # A number is negligible if it is this many decades smaller than the largest number of its group.
 NEGLIGIBLE_DECADES = 6
 
-# Prefixes of units by decreasing size. A quantity has the first one with which it is at least 0.1.
+# Prefixes of units by decreasing size. A quantity is shown with the first prefix with which its
+# number is at least MIN_IN_UNIT.
 PREFIXES = (("", 1.0), ("m", 1e-3), ("µ", 1e-6))
 MIN_IN_UNIT = 0.1
 SCALABLE_UNITS = {"m": ("m", 1.0), "m/s": ("m/s", 1.0), "s": ("s", 1.0), "ms": ("s", 1e-3)}
-ANGLE_UNITS = {"rad": "°", "rad/s": "°/s"}  # shown in degrees, as tolerances are
+ANGLE_UNITS = {"rad": "°", "rad/s": "°/s"}  # angles are shown in degrees, like tolerances
 
 
 def make_printable(text: object) -> str:
@@ -106,7 +107,7 @@ def choose_unit(unit: str, values: Iterable[float]) -> tuple[str, float]:
 
 
 def format_in_unit(value: float, unit: str) -> str:
-    """Return a value with a unit that suits its magnitude."""
+    """Return a value as text, in the unit that `choose_unit` chooses for its magnitude."""
     unit, size = choose_unit(unit, [value])
     return format_quantity(format_number(value / size), unit)
 

@@ -27,7 +27,7 @@ LIMIT_MARGIN = 1e-3
 SETTLING_BAND = 0.02  # an error below this fraction of its first value is settled
 # The decay rate is measured while the error is between these fractions of its first value.
 DECAY_START, DECAY_END = 0.80, 0.15
-REDUCTION = 0.1  # `reduced` is 1 if distance and angle are at most this fraction of the first
+REDUCTION = 0.1  # largest fraction of the first distance and angle at which `reduced` is 1
 LATE_PERIODS = 1.5  # an image is late if it arrives more than this number of periods after exposure
 
 
@@ -63,10 +63,10 @@ class Metric:
         return (self.measure.__doc__ or "").strip().splitlines()[0]
 
     def complete_values(self, values: np.ndarray) -> np.ndarray:
-        """Return the values (n,) of n runs as statistics use them.
+        """Return the values (n,) of n runs with 0 for unknown values that count as 0.
 
-        A run without a value (NaN) of a binary metric counts as 0 if 1 is better: a run that was
-        refused or raised an error has not reached its goal. Other unknown values remain NaN.
+        An unknown value (NaN) of a binary metric counts as 0 if 1 is better: a run that was refused
+        or raised an error has not reached its goal. Other unknown values remain NaN.
 
         Raises:
             StudyError: the metric is binary, and a value is neither 0, 1 nor NaN.
@@ -191,7 +191,7 @@ def iterations(run: Run) -> float:
 
 @metric("s", SMALLER, "2 % settling time of the camera's true distance", default=True)
 def settled(run: Run) -> float:
-    """Time after which the camera's distance and angle to its goal stay below 2 % of the first."""
+    """Time after which distance and angle to the goal stay below 2 % of their first values."""
     return _to_finite(run.compute_settling_time())
 
 
@@ -322,7 +322,7 @@ def limit_time(run: Run) -> float:
 
 @metric("", SMALLER, "exact projection of the target's corners by the true camera", default=True)
 def image_excursion(run: Run) -> float:
-    """Largest distance of a corner from the image centre, in half image sizes.
+    """Largest offset of a target corner from the image centre, in half image widths or heights.
 
     A value above 1 means that a corner was outside the image.
     """
@@ -345,7 +345,7 @@ def image_excursion(run: Run) -> float:
 
 
 @metric(
-    "1/s", GREATER, "logarithm of the error between 80 and 15 % of its first value",
+    "1/s", GREATER, "slope of the error's logarithm between 80 and 15 % of the first value",
     is_feature_based=True, default=True,
 )  # fmt: skip
 def decay_rate(run: Run) -> float:
@@ -378,7 +378,7 @@ def decay_predicted(run: Run) -> float:
 
 
 @metric(
-    "s", SMALLER, "2 % settling time of the norm of the errors, each relative to its largest",
+    "s", SMALLER, "2 % settling time of the norm of the errors, each divided by its maximum",
     is_feature_based=True,
 )  # fmt: skip
 def error_settled(run: Run) -> float:
@@ -417,7 +417,7 @@ def smallest_singular_value(run: Run) -> float:
     is_feature_based=True,
 )  # fmt: skip
 def condition_L(run: Run) -> float:
-    """Largest condition number of L over all images, in the directions that the features model."""
+    """Largest condition number of L over all images, without uncontrolled twist components."""
     found = condition_number(run.singular_L)
     return float(np.nanmax(found)) if not np.isnan(found).all() else np.nan
 
@@ -467,7 +467,7 @@ def images_late(run: Run) -> float:
 
 
 @metric(
-    "ms", NEITHER, "clock of the recorder; negative if the recorder had not yet received the time"
+    "ms", NEITHER, "time of arrival by the recorder's clock; negative if this clock was late"
 )
 def delay(run: Run) -> float:
     """Mean time from an exposure until the recorder received the image."""

@@ -11,7 +11,8 @@ import numpy as np
 import scipy  # scipy.stats, which takes 0.5 s to import, is imported at its first use
 
 CONFIDENCE = 0.95
-RESAMPLES, BATCH = 2000, 200  # of the bootstrap; a batch limits its memory
+# Number of resamples of the bootstrap, and number of resamples that are in memory together.
+RESAMPLES, BATCH = 2000, 200
 # Rank tests are exact up to this number of pairs, or of values in both samples together. At 50, an
 # exact test takes 8 ms, and in 200 normal samples with p from 0.01 to 0.1, the normal approximation
 # differed by at most 7 % of p.
@@ -114,15 +115,15 @@ class Comparison:
     def least_p(self) -> float:
         """Smallest p-value that samples of these sizes can have.
 
-        It is that of the exact tests if all runs differ in the same direction: 2 / 2^n for n pairs,
-        and 2 / binomial(n + m, n) for samples of n and m runs.
+        It is the p-value of the exact tests if all differences have the same sign: 2 / 2^n for n
+        pairs, and 2 / binomial(n + m, n) for samples of n and m runs.
         """
         n, m = self.counts
         return min(2.0**-n if self.paired else 1.0 / scipy.special.comb(n + m, n), 0.5) * 2.0
 
 
 def compare_rates(before: Sequence[float], after: Sequence[float], paired: bool) -> Comparison:
-    """Compare successes (0 or 1) with McNemar's test if they are paired, else with Fisher's test.
+    """Compare binary values (0 or 1) with McNemar's test in pairs, otherwise with Fisher's test.
 
     Both tests are exact.
     """
@@ -211,7 +212,7 @@ def _sum_tails(fractions: np.ndarray, observed: int, mean: float) -> float:
 def holm(p: Sequence[float]) -> list[float]:
     """Adjust p-values for multiple comparisons by Holm's step-down correction.
 
-    NaN stays NaN: what was not tested does not count as a comparison.
+    A p-value that is NaN remains NaN and does not count as a comparison.
     """
     known = np.flatnonzero(np.isfinite(p))
     order = known[np.argsort(np.asarray(p)[known])]

@@ -78,7 +78,7 @@ def draw_boxes(all_results: Sequence[Results], metrics: Sequence[Metric]) -> Fig
 
 
 def draw_bars(axis: Axes, rates: Sequence[Estimate], names: Sequence[str]) -> None:
-    """Draw rates as horizontal bars, the first at the top, with their intervals."""
+    """Draw rates as horizontal bars with confidence intervals; the first bar is at the top."""
     rows = np.arange(len(names))[::-1]
     value = np.array([100.0 * r.value for r in rates])
     spread = np.array([[100.0 * max(r.value - r.low, 0.0), 100.0 * max(r.high - r.value, 0.0)]
@@ -111,7 +111,7 @@ def draw_cumulative(axis: Axes, metric: Metric, groups: Sequence[RunGroup]) -> N
 
 
 def draw_metric_boxes(axis: Axes, metric: Metric, groups: Sequence[RunGroup]) -> None:
-    """Draw a horizontal box for each group of runs, the first at the top."""
+    """Draw a horizontal box plot of a metric for each group of runs; the first is at the top."""
     label, size, scaled = _scale_values(metric, groups)
     known = [v[np.isfinite(v)] for v in scaled]
     axis.boxplot(
@@ -133,7 +133,12 @@ def draw_metric_boxes(axis: Axes, metric: Metric, groups: Sequence[RunGroup]) ->
 def _scale_values(
     metric: Metric, groups: Sequence[RunGroup]
 ) -> tuple[str, float, list[np.ndarray]]:
-    """Return the label of a metric, the size of its unit, and the values of each group in it."""
+    """Express the values of a metric in a unit that suits their magnitude.
+
+    Returns:
+        The label of the metric with this unit; the size of this unit in the metric's own unit; and
+        the values of each group of runs in this unit.
+    """
     values = [results.read_values(metric)[rows] for _, results, rows in groups]
     unit, size = choose_unit(metric.unit, np.concatenate(values))
     name = escape_math(format_heading(metric.name.replace("_", " "), unit))
@@ -141,9 +146,9 @@ def _scale_values(
 
 
 def _mark_tolerance(axis: Axes, metric: Metric, groups: Sequence[RunGroup], size: float) -> None:
-    """Draw a dotted line at the tolerance, if the metric is the final distance.
+    """Draw a dotted line at the tolerance of the distance, if the metric is the final distance.
 
-    size: unit of the axis, m.
+    size: size of the axis's unit, m.
     """
     limit = find_distance_tolerance([results for _, results, _ in groups])
     if metric.name == final_distance.name and limit is not None:
@@ -151,7 +156,7 @@ def _mark_tolerance(axis: Axes, metric: Metric, groups: Sequence[RunGroup], size
 
 
 def _note_missing(axis: Axes, row: float) -> None:
-    """Write into a row without data that there is none."""
+    """Write the text 'no value' into a row of an axis, for a group of runs without values."""
     axis.text(0.02, row, "no value", transform=axis.get_yaxis_transform(), va="center",
               color=SOFT_INK, fontsize="small")  # fmt: skip
 

@@ -1,4 +1,4 @@
-"""Groups of runs that figures of studies show: a curve, a box, a bar or a map for each of them."""
+"""Groups of runs in the figures of studies; each group has a curve, a box, a bar or a map."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def find_varied_keys(all_results: Sequence[Results]) -> list[str]:
 def limit_groups(
     all_results: Sequence[Results], keys: Sequence[str], max_groups: int
 ) -> Sequence[str]:
-    """Return as many of the first keys as form at most `max_groups` groups."""
+    """Return the longest start of `keys` whose values form at most `max_groups` groups."""
     while keys and sum(len(r.group_rows(keys)) for r in all_results) > max_groups:
         keys = keys[:-1]
     return keys
@@ -58,7 +58,7 @@ def find_map_limit() -> int:
 
 
 def find_pooled_keys(kind: str, all_results: Sequence[Results]) -> list[str]:
-    """Return the keys whose values are not shown separately in a kind of figure."""
+    """Return the varied keys whose values a kind of figure pools into common groups."""
     keys = find_varied_keys(all_results)
     if kind == "success":
         keys, limit = keys[:-2], find_map_limit()
@@ -73,7 +73,7 @@ def list_groups(
 ) -> list[RunGroup]:
     """Group the runs of each study by the values of some keys.
 
-    is_long: whether the names of the groups contain keys and units, not only values.
+    is_long: whether the name of a group contains keys and units; False: only values.
     """
     found = []
     for results in all_results:
@@ -106,7 +106,7 @@ def label_groups(all_results: Sequence[Results], max_groups: int = MAX_GROUPS) -
 
 
 def has_final_distance(all_results: Sequence[Results]) -> bool:
-    """Return whether all studies know the final distance of a run."""
+    """Return whether every study has at least one run with a known final distance."""
     name = final_distance.name
     return all(
         name in r.table.column_names and np.isfinite(r.read_numbers(name)).any()

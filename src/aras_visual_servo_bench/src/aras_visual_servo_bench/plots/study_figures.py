@@ -143,7 +143,7 @@ def draw_trajectories(paths: Sequence[Path]) -> Figure | None:
             label = escape_math(folder.path.resolve().name) if n == 0 else None
             known = norm[np.isfinite(norm)]
             if not known.size:
-                continue  # the target was never visible
+                continue  # no image of this run has a measurement
             axes[0].semilogy(time, norm / known[0], color=colour, lw=0.7, alpha=0.5, label=label)
             places = np.array(rows["pose"].to_pylist(), float).reshape(-1, 4, 4)[:, :3, 3]
             for axis, (i, j) in ((axes[1], (0, 1)), (axes[2], (0, 2))):

@@ -220,7 +220,7 @@ def format_log_axis(axis: Axes) -> None:
         between = (1.0, 2.0, 5.0) if high < 50.0 * low else (1.0,)
         axis.yaxis.set_major_locator(LogLocator(subs=between))
         axis.yaxis.set_major_formatter("{x:g}")
-    elif not is_paper():  # the font of a paper has no superscript minus sign
+    elif not is_paper():  # plain text such as 10⁻³; the font of a paper lacks the character ⁻
         axis.yaxis.set_major_formatter(FuncFormatter(_format_power))
     axis.yaxis.set_minor_formatter(NullFormatter())
 
@@ -270,7 +270,8 @@ def add_legend(axis: Axes, columns: int = 4, **options: object) -> None:
 def add_legend_below(figure: Figure, columns: int, handles: Sequence[Artist] | None = None) -> None:
     """Add a legend at the centre below all axes.
 
-    The bottom margin of the figure is enlarged by the height of all lines but the first.
+    The bottom margin has space for one line of the legend. It is enlarged by the height of further
+    lines.
 
     Args:
         figure: figure of the axes.

@@ -1,4 +1,4 @@
-"""Figures of the success of runs, with the final distance that explains it."""
+"""Figures of success rates, next to the distributions of the final distance."""
 
 from __future__ import annotations
 
@@ -190,9 +190,9 @@ def _draw_map(
 
 
 def find_curve_keys(all_results: Sequence[Results]) -> Sequence[str]:
-    """Return the keys of the curves of final distances next to success maps.
+    """Return the keys for whose values there are curves of final distances next to success maps.
 
-    They are those of the maps; of a single map, the key of its rows.
+    If there are several maps, each map has a curve. A single map has a curve for each of its rows.
     """
     keys = find_varied_keys(all_results)
     pooled = find_pooled_keys("success", all_results)

@@ -89,7 +89,7 @@ def describe_missing(
 
 
 def describe_repeats(all_results: Sequence[Results]) -> list[str]:
-    """Warn of studies in which the repeats of each setting are identical, which is no sample."""
+    """Return a warning for each study whose repeats of a setting all give identical results."""
     found = []
     for results in all_results:
         points = results.table["point"].to_numpy() if "point" in results.table.column_names else []

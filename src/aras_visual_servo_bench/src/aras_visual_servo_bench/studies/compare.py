@@ -50,7 +50,7 @@ class Difference:
     sides: names of both samples; empty for two studies.
     unit: unit of the metric.
     note: why the difference is not tested or cannot be significant, and which other settings of
-        both samples differ; '' if there is nothing to say.
+        both samples differ; '' if neither applies.
     """
 
     group: str
@@ -118,12 +118,13 @@ def find_differences(
 ) -> list[Difference]:  # fmt: skip
     """Compare success and metrics of two studies, or of the values of a key within one study.
 
-    Success and other binary metrics are compared by McNemar's test in pairs, and otherwise by
-    Fisher's exact test; other metrics by Wilcoxon's signed-rank test in pairs, and otherwise by the
-    Mann-Whitney U test. Two runs are a pair if their seeds and all settings that are not compared
-    are equal. If every run has its own seed, the settings are enough if no two runs have the same
-    ones, as with random starts. Holm's method corrects the p-values for the number of tests,
-    because at a significance level of 5 %, one of twenty would be significant by chance.
+    The tests for pairs of runs are McNemar's test for success and other binary metrics, and
+    Wilcoxon's signed-rank test for other metrics. Without pairs, they are Fisher's exact test and
+    the Mann-Whitney U test. Two runs are a pair if their seeds and all settings that are not
+    compared are equal. If every run has its own seed, the seeds of a pair may differ, provided that
+    its settings identify it, for example a random start. Holm's method corrects the p-values for
+    the number of tests, because at a significance level of 5 %, one of twenty would be significant
+    by chance.
 
     Args:
         first: results of a study.
@@ -139,7 +140,8 @@ def find_differences(
             cannot be compared.
     """
     if (second is None) == (not between):
-        raise StudyError("give two studies to compare, or one study and a key (--between KEY)")
+        raise StudyError("nothing to compare: give either two studies, or one study and a key "
+                         "(--between KEY)")
     if second is None:
         chosen = _select_comparable(first, between, metrics)
         pairs = _pair_cases(first, between, by)
@@ -244,12 +246,14 @@ def _describe_difference(d: Difference) -> str:
 def _pair_groups(
     first: Results, second: Results, by: Sequence[str]
 ) -> Iterator[tuple[str, _Sample, _Sample]]:
-    """Yield the groups of settings that two studies have in common, with their runs."""
+    """Yield each group of settings that two studies have in common, with its runs in both studies.
+    """
     keys = tuple(by) or tuple(k for k in first.parameters if k in second.parameters)
     one, two = first.group_rows(keys), second.group_rows(keys)
     groups = [values for values in one if values in two]
     if not groups:
-        raise StudyError(f"{first.name} and {second.name} have no settings of {keys} in common")
+        raise StudyError(f"{first.name} and {second.name} have no settings of {keys} in common: "
+                         "compare studies with some equal values of these keys, or name other keys")
     for values in groups:
         group = name_group(keys, values) if keys else "all"
         yield group, _Sample("", first, one[values]), _Sample("", second, two[values])
@@ -258,7 +262,9 @@ def _pair_groups(
 def _pair_cases(
     results: Results, between: str, by: Sequence[str]
 ) -> Iterator[tuple[str, _Sample, _Sample]]:
-    """Yield each two values of a key in each group, with their runs.
+    """Yield each pair of values of a key in each group of runs, with the runs of both values.
+
+    An entry is the name of the group, and the runs with the first and with the second value.
 
     Raises:
         StudyError: the study does not vary the key, draws it at random, or has one value of it.
@@ -273,8 +279,8 @@ def _pair_cases(
         raise StudyError(f"{between} is given with --between and --by: keep one of them")
     if len(set(map(str, results.read_column(between)))) < 2:
         value = results.read_column(between)[0]
-        raise StudyError(f"all stored runs of {results.name} have {between}={value}: there is "
-                         "nothing to compare; other cases may still have to be run")  # fmt: skip
+        raise StudyError(f"all stored runs of {results.name} have {between}={value}, so there is "
+                         "nothing to compare: run the missing cases first, or name another key")
     column = results.read_column(between)
     for values, rows in results.group_rows(by).items():
         group = name_group(by, values) if by else "all"
@@ -290,8 +296,8 @@ def _select_comparable(results: Results, between: str, names: Sequence[str]) -> 
     """Return the metrics that can be compared between the values of a key.
 
     Raises:
-        StudyError: a metric is named that depends on the features of the scheme, and the scheme
-            differs.
+        StudyError: `names` contains a metric that depends on the features of the scheme, but the
+            compared runs have different schemes.
     """
     study = results.study
     is_scheme = between == SCHEME or any(
@@ -312,9 +318,9 @@ def _select_comparable(results: Results, between: str, names: Sequence[str]) -> 
 def _pair_rows(one: _Sample, two: _Sample) -> tuple[np.ndarray, np.ndarray, bool]:
     """Return the rows of both samples, and whether they are paired.
 
-    They are paired if at least 90 % of the runs have a partner; other runs are then left out. The
-    partner has the same seed and the same other settings. If no seed occurs twice, the other
-    settings are enough, provided that they identify each run.
+    The rows are paired if at least 90 % of the runs have a partner, which has the same seed and the
+    same settings; runs without a partner are then left out. If this gives no pairs, partners need
+    only the same settings, provided that these identify each run.
     """
     varied = _find_varied_keys(one, two)
     for keys in (["seed", *varied], varied):
@@ -331,13 +337,13 @@ def _pair_rows(one: _Sample, two: _Sample) -> tuple[np.ndarray, np.ndarray, bool
 
 
 def _index_rows(sample: _Sample, keys: Sequence[str]) -> dict[tuple, int]:
-    """Return the row of each combination of values of some keys."""
+    """Return the row of each run of a sample, by the run's values of some keys."""
     columns = [sample.results.read_column(key, sample.rows) for key in keys]
     return {tuple(column[i] for column in columns): int(row) for i, row in enumerate(sample.rows)}
 
 
 def _find_varied_keys(one: _Sample, two: _Sample) -> list[str]:
-    """Return the settings other than the seed that vary within a sample."""
+    """Return the settings, except the seed, that vary within at least one of two samples."""
     shared = [k for k in one.results.study.keys if k in two.results.study.keys and k != "seed"]
     return sorted(
         key for key in shared
@@ -346,7 +352,7 @@ def _find_varied_keys(one: _Sample, two: _Sample) -> list[str]:
 
 
 def _describe_confounding(one: _Sample, two: _Sample, between: str) -> str:
-    """Name the settings that differ between two cases along with the compared key."""
+    """Describe other settings than the compared key that differ between two cases; '' if none."""
     if not between:
         return ""
     found = []

@@ -10,9 +10,9 @@ COLUMN_WIDTH, TEXT_WIDTH = 252.0, 516.0  # of a two-column paper, pt
 # Widths in Computer Modern of 9 points (`\small`), which is wider than Times, pt.
 LETTER_WIDTH, PUNCTUATION_WIDTH, COLUMN_GAP = 4.7, 2.6, 12.0
 INTERVAL_SCALE = 0.92  # an interval is written in letters of 8 points
-CAPTION_LETTERS = 105  # letters of a caption in a line of the width of the text
+CAPTION_LETTERS = 105  # number of letters of a caption in a line of the width of the text
 MAX_FLOAT_LINES = 50  # lines of a table with its caption; a page of IEEEtran has 58 lines
-LINES_AROUND = 6  # lines of a tabular without its rows
+LINES_AROUND = 6  # number of lines of a tabular, except its rows
 
 _ESCAPES = {c: f"\\{c}" for c in "&%$#_{}"} | {
     "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}",
@@ -25,7 +25,11 @@ _NUMBERS = {"∞": r"\infty", "≈0": r"\approx 0"}
 
 
 def escape_tex(text: str) -> str:
-    """Return a text for LaTeX; line breaks become spaces, and brackets are no optional argument."""
+    """Return a text with the special characters of LaTeX escaped.
+
+    Line breaks become spaces. A text that starts with [ or * is put into braces, because LaTeX
+    would read it as an argument of the command before it.
+    """
     escaped = "".join(_ESCAPES.get(c, c) for c in " ".join(text.split()))
     return f"{{{escaped}}}" if escaped.startswith(("[", "*")) else escaped
 
@@ -67,8 +71,9 @@ def format_tex_table(
     r"""Return table environments for LaTeX's package booktabs.
 
     A table that fits into a column of a two-column paper is a `table`. A wider one is a `table*`,
-    which extends over both columns. Columns that do not fit into the width of the text follow below
-    with the same settings, and what does not fit onto the page is in another environment.
+    which extends over both columns. If it is wider than the text, it is divided into parts, one
+    below the other, each with the columns of settings. Parts that do not fit onto the page are in
+    another environment.
 
     Args:
         heading: heading of each column.
@@ -81,9 +86,9 @@ def format_tex_table(
     if len(parts) > 1:
         parts, name = _split_columns(heading, body, fixed, TEXT_WIDTH), "table*"
     text, remarks = (" ".join(map(escape_tex, sentences)) for sentences in (caption, notes))
-    words = len(text) + len(remarks)
-    free = max(MAX_FLOAT_LINES - words // CAPTION_LETTERS, 2 * LINES_AROUND)
-    rows = free - LINES_AROUND  # maximum number in a tabular
+    letters = len(text) + len(remarks)
+    free = max(MAX_FLOAT_LINES - letters // CAPTION_LETTERS, 2 * LINES_AROUND)
+    rows = free - LINES_AROUND  # maximum number of rows of a tabular
     lines, floats = [r"% needs \usepackage{booktabs}"], 0
     for columns, first in itertools.product(parts, range(0, len(body), rows)):
         tabular = _make_tabular(heading, body[first : first + rows], fixed, columns)
@@ -101,7 +106,7 @@ def format_tex_table(
 def _make_tabular(
     heading: Sequence[str], body: Sequence[Sequence[str]], fixed: int, measured: Sequence[int]
 ) -> list[str]:
-    """Return the lines of a tabular with the fixed columns and those with some estimates."""
+    """Return the lines of a tabular with the first `fixed` columns and the columns `measured`."""
     columns = [*range(fixed), *measured]
     alignment = "l" * (fixed - 1) + "r" * (len(columns) - fixed + 1)
     lines = [[_format_heading(heading[i]) for i in columns],
@@ -116,8 +121,8 @@ def _split_columns(
 ) -> list[list[int]]:
     """Return, for each part of a table, the indices of its columns with estimates.
 
-    fixed: number of the columns before them, which every part repeats.
-    max_width: width of a part, pt.
+    fixed: number of columns with settings, which come first and are repeated in every part.
+    max_width: largest width of a part, pt.
     """
     widths = [
         COLUMN_GAP + max(map(_estimate_width, [*name.split(), *(row[i] for row in body)]))

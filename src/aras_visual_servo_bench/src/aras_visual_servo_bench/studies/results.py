@@ -31,7 +31,7 @@ from .tolerance import Tolerance, find_tolerance
 if TYPE_CHECKING:
     import pandas
 
-SHOWN_ENDS = 4  # in the description
+SHOWN_ENDS = 4  # largest number of different outcomes that the text of Results lists
 REAL_TIME_MULTIPLE = Metric(
     "real_time_multiple", "", metrics.GREATER,
     "wall time of the worker, stored in a separate file",
@@ -148,7 +148,7 @@ class Results:
         self, other: Results | None = None, by: Sequence[str] = (), metrics: Sequence[str] = (),
         between: str = "",
     ) -> Any:  # fmt: skip
-        """Test the differences from another study, or between own cases, for significance.
+        """Test which differences from another study, or between own cases, are significant.
 
         Runs are paired if their seeds and the settings that are not compared are equal; p-values
         are corrected for the number of comparisons by Holm's method. `find_differences` describes
@@ -223,7 +223,7 @@ class Results:
         return _to_numbers(column)
 
     def read_values(self, metric: Metric) -> np.ndarray:
-        """Return the values (n,) of a metric as statistics use them; see `complete_values`.
+        """Return the values (n,) of a metric, with unknown values as in `Metric.complete_values`.
 
         Raises:
             StudyError: the metric is binary, and a run has another value than 0 and 1.
@@ -261,7 +261,7 @@ class Results:
         return self.make_end_column().to_pylist()
 
     def make_end_column(self) -> pa.ChunkedArray:
-        """Return the result of `describe_ends` as a column."""
+        """Return a text column: each run's outcome, and the verdict if the loop has converged."""
         outcome, verdict = self._find_column("outcome"), self._find_column("verdict")
         both = pc.binary_join_element_wise(outcome, verdict, ", ")
         return pc.if_else(pc.starts_with(outcome, "converged"), both, outcome)
@@ -281,8 +281,8 @@ class Results:
     def select_metrics(self, names: Sequence[str]) -> tuple[Metric, ...]:
         """Return the metrics with these names; if no names are given, all metrics except success.
 
-        Tables, figures and comparisons always contain the success of the runs. So `success` is a
-        valid name, but it is never among the returned metrics.
+        `success` is a valid name but never among the returned metrics, because tables, figures and
+        comparisons always contain the success of the runs.
 
         Raises:
             StudyError: the results have no such metric.

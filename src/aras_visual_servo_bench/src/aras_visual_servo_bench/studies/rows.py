@@ -82,7 +82,7 @@ def compute_row(study: Study, run: int, worker: str = "") -> Rows:
         image_rows = []
     except ExperimentError as error:
         values |= {"outcome": REFUSED, "reason": _to_line(error)}
-    except Exception as error:  # an error in code, of the project or of the user
+    except Exception as error:  # a programming error in this project or in the user's code
         values |= {"outcome": FAULT, "reason": _to_line(f"{type(error).__name__}: {error}")}
     release_freed_memory()
     times = {

@@ -82,8 +82,8 @@ def make_table(
     """Make a table with the success rate and estimates of metrics of each group of runs.
 
     Binary metrics have their rate with Wilson's interval, other metrics have their median with a
-    bootstrap interval. The quartiles of the final distance follow the success rate, which depends
-    on a tolerance.
+    bootstrap interval. Next to the success rate, which depends on a tolerance, the table has the
+    quartiles of the final distance.
 
     Args:
         all_results: results of one or more studies.
@@ -172,7 +172,7 @@ def _make_headings(table: Table, units: Sequence[tuple[str, float]]) -> list[str
 
 
 def _list_numbers(table: Table) -> list[list[float]]:
-    """Return all numbers of each column with estimates."""
+    """Return, for each column with estimates, its values and the bounds of their intervals."""
     columns = zip(*(estimates for *_, estimates in table.rows), strict=True)
     return [[n for e in column for n in (e.value, e.low, e.high)] for column in columns]
 
@@ -242,7 +242,7 @@ def _format_csv(table: Table) -> str:
 
 
 def _format_latex(table: Table) -> str:
-    """Format table environments; the failures have no column, because they do not fit into it."""
+    """Format a table as LaTeX table environments, without the column of failures (too wide)."""
     heading, *body = _format_cells(table, format_tex_interval, "--")
     settings = len(table.keys)
     body = [[*map(escape_tex, row[:settings]), *row[settings:]] for row in body]

@@ -14,21 +14,23 @@ from ..schemes.base import JointController, Scheme, SchemeBase
 # decays fastest without oscillation at the gain 1 / (e T) = 1.5 f. The suggested factor is smaller,
 # as a reserve.
 GAIN_PER_HERTZ = 1.2  # suggested gain per frequency of the oscillation, 1/s per Hz
-# A loop that oscillates at f has at least this fraction of the gain 2 pi f: if L is too small, the
-# effective gain is higher than the configured one.
+# In theory a loop that oscillates at f has the gain 2 pi f or more. A configured gain down to this
+# fraction of 2 pi f is accepted, because the effective gain is higher than the configured one if L
+# is too small.
 MIN_GAIN_PART = 0.3
-MAX_GAIN_FACTOR = 0.6  # largest factor by which a gain is multiplied to reduce it
-MIN_GAIN_FACTOR = 0.02  # smallest such factor
-TIME_RESERVE = 1.5  # factor on the remaining time, which is predicted from the measured rate
-MAX_TIME_FACTOR = 50.0  # largest suggested factor on the duration
-# Additional factor on the remaining time if joints move at their speed limits: another joint may
-# become the slowest one later.
+MAX_GAIN_FACTOR = 0.6  # a suggested gain is at most this fraction of the present gain
+MIN_GAIN_FACTOR = 0.02  # a suggested gain is at least this fraction of the present gain
+TIME_RESERVE = 1.5  # safety factor on the predicted time to the goal
+MAX_TIME_FACTOR = 50.0  # the suggested duration is at most this many times the present one
+# Additional factor on the remaining time if a joint moves at its speed limit, because another joint
+# may become the slowest one later.
 LINEAR_RESERVE = 2.0
 TIME_CONSTANTS = 8.0  # time constants (1 / gain) that a run needs to reach its goal
-# Up to this noise of the error, in tolerances, a larger target is suggested.
+# Up to this noise of the error, in tolerances, the remedy is a larger target; for more noise, it is
+# less image noise.
 NOISE_OF_SMALL_TARGET = 2.0
-NOISE_WHEN_UNKNOWN = 50.0  # noise that is assumed if it is unknown, in tolerances
-TOLERATED_NOISE = 0.5  # noise that remains after the suggested change, in tolerances
+NOISE_WHEN_UNKNOWN = 50.0  # noise that is assumed if it was not measured, in tolerances
+TOLERATED_NOISE = 0.5  # noise of the error that the suggested change leaves, in tolerances
 SETTLING_TIME = 3.0  # time for which the error has to stay small, s, with a reserve
 # Schemes that can turn the camera by 180 degrees on a straight path from most starts.
 HALF_TURN_SCHEMES = "pose, two_and_half_d or polar_points"
@@ -54,8 +56,9 @@ def find_gain(scheme: Scheme | JointController | None) -> float | None:
 def can_oscillate(scheme: Scheme | JointController | None, frequency: float) -> bool:
     """Return whether a loop with the gain of this scheme can oscillate at `frequency` (Hz).
 
-    The joints integrate their commanded velocities, so a loop that oscillates at f has a gain of at
-    least 2 pi f.
+    The joints integrate their commanded velocities, so a loop that oscillates at f has a gain of
+    about 2 pi f or more. Lower gains are accepted down to MIN_GAIN_PART times this value. A scheme
+    without a gain can oscillate at any frequency.
     """
     gain = find_gain(scheme)
     return gain is None or gain > MIN_GAIN_PART * 2.0 * pi * frequency
@@ -87,7 +90,12 @@ def suggest_gain(
 
 
 def _compute_duration(gain: float, duration: float) -> tuple[Change, ...]:
-    """Return the change that extends the duration (s) if a loop with this gain (1/s) needs it."""
+    """Return the change that extends the time limit of a run, or () if the run has enough time.
+
+    Args:
+        gain: gain of the control law, 1/s.
+        duration: time limit of the run, s.
+    """
     needed = (TIME_CONSTANTS / gain + SETTLING_TIME) / duration
     return (multiply("duration", needed),) if isfinite(duration) and needed > 1.0 else ()
 
@@ -102,7 +110,7 @@ def suggest_more_time(duration: float, size: float, rate: float, linear: bool = 
             per second for a linear one.
         linear: whether the error decreases linearly, because joints are at their speed limits.
     """
-    advice = "allow more time, or a higher gain"
+    advice = "allow more time, or raise the gain"
     if linear:
         advice = "allow more time, or raise max_velocity or max_acceleration"
     if rate <= 0.0 or not isfinite(duration):
@@ -113,7 +121,7 @@ def suggest_more_time(duration: float, size: float, rate: float, linear: bool = 
 
 
 def suggest_scheme(candidate: Outcome, scheme: Scheme | JointController) -> Remedy:
-    """Suggest another scheme for a camera retreat, a local minimum or a singularity."""
+    """Suggest another scheme after a camera retreat, a local minimum or a singularity."""
     is_user = is_user_scheme(scheme)
     if candidate.kind == "singular":
         advice = (
@@ -170,7 +178,7 @@ def suggest_larger_target(noise: float, *others: Change) -> Remedy:
 
 
 def suggest_faster_joints(advice: Remedy) -> Remedy:
-    """Return the advice with a shorter lag, for joints that follow their commands too slowly."""
+    """Return the advice with a shorter setting `lag`, for joints that follow too slowly."""
     return Remedy(advice.advice, *advice.changes, multiply("lag", 0.02))
 
 

@@ -24,21 +24,22 @@ from ..features.pose import are_collinear, refine_pose
 from ..goals.goal import Goal
 from ..observation.observation import Observation
 
-# An ambiguous pose is one whose image points are at most this far from the goal's points, because
-# features may accept such a difference as converged.
+# At an ambiguous pose each image point is at most this far from the goal's point. Features may
+# accept such a difference as converged. The smaller of the two limits applies.
 MAX_POINT_DISTANCE = 5e-3  # normalised
-MAX_RADIUS_PART = 0.1  # as a fraction of the target's radius
+MAX_RADIUS_PART = 0.1  # limit as a fraction of the target's radius in the image
 # Two poses are the same if they differ by less than this: translation as a fraction of the depth,
 # rotation in rad.
 SAME_POSE = 2e-3
 # A pose whose target plane differs from the goal's by less than this is the goal turned about the
 # target's normal, as for a symmetric target. Such a pose is not listed as ambiguous.
 SAME_PLANE = 0.02
-# The target's plane by kinematics decides between two poses if its difference from the plane at one
-# of them is less than this fraction of its difference from the plane at the other.
+# Kinematics predict the target's plane in the camera frame. This prediction decides for one of two
+# poses if its difference from the plane at that pose is less than this fraction of its difference
+# from the plane at the other pose.
 NEARER_FACTOR = 0.5
-# Smallest difference between the squared errors of two fits, in units of the variance, at which the
-# image decides between two poses.
+# The image decides between two poses if the squared image errors of their fits differ by more than
+# this, in units of the variance of a corner.
 MIN_FIT_DIFFERENCE = 25.0
 EXACT_ACCURACY = 1e-6  # normalised accuracy that is assumed for points without noise
 # largest residual of an affine map to the goal's points, as a fraction of the target's radius
@@ -86,8 +87,8 @@ class AmbiguousPoses:
         """Find the ambiguous pose at which the camera is.
 
         Returns:
-            The pose, or None if the camera is at none of them; all poses between which neither the
-            plane nor the image decides.
+            The pose, or None if the camera is at none of them; all ambiguous poses that neither the
+            target's plane nor the image can distinguish from the goal.
         """
         possible, nearest, least = [], None, np.inf
         for pose in self.poses:
@@ -114,7 +115,8 @@ class AmbiguousPoses:
     def _compare_fit(self, observation: Observation, pose: AmbiguousPose) -> float:
         """Return by how much better the image fits this pose than the goal.
 
-        The result is the difference of the squared errors, in units of the variance of the corners.
+        The result is the squared image error at the goal minus that at the pose, in units of the
+        variance of a corner. It is 0 if the corners cannot be matched with the goal's points.
         """
         corners = _match_corners(observation.corners, self._points)
         if corners is None:
@@ -222,7 +224,13 @@ def _match_corners(corners: np.ndarray | None, points: np.ndarray) -> np.ndarray
 def _compute_residual(
     image_points: np.ndarray, points: np.ndarray, inverse_depth: np.ndarray
 ) -> float:
-    """Return the squared image error of points (n, 2) that no camera motion explains."""
+    """Return the sum of squared image errors that remains after the best small camera motion.
+
+    Args:
+        image_points: (n, 2) measured normalised image points.
+        points: (n, 2) expected normalised image points.
+        inverse_depth: (n,) inverse depths of the expected points, 1/m.
+    """
     L, error = point_interaction(points, inverse_depth), (image_points - points).ravel()
     rest = error - L @ np.linalg.lstsq(L, error, rcond=None)[0]
     return float(rest @ rest)

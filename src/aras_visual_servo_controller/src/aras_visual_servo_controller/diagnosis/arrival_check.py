@@ -37,24 +37,25 @@ if TYPE_CHECKING:
     from .ambiguous_poses import AmbiguousPoses
 
 # Largest offset from the goal of a camera that has arrived: translation as a fraction of the
-# target's depth, rotation in rad. It is smaller than NEGLIGIBLE_UNCERTAINTY by more than
-# OFFSET_FACTORS, which account for an inaccurate L. The tolerances of the features alone may allow
-# 6 mm in a direction that hardly changes the features (four points of a plane tilted by 40
-# degrees).
+# target's depth, rotation in rad. It is chosen so that the offset times OFFSET_FACTORS, which
+# account for an inaccurate L, stays below NEGLIGIBLE_UNCERTAINTY. The tolerances of the features
+# alone may allow an offset of 6 mm in a direction that hardly changes the features (measured with
+# four points on a plane that is tilted by 40 degrees).
 GOAL_TOLERANCE = (8e-4, 3.5e-3)
 # A camera that has arrived may exceed the tolerances and the offset by this factor.
 HYSTERESIS = 1.5
-KNOWN_DEVIATIONS = 2.0  # standard deviations of the mean that are taken as its uncertainty
+# The uncertainty of a mean offset is this number of its standard deviations.
+KNOWN_DEVIATIONS = 2.0
 # Largest rms scatter of the errors about their mean, in tolerances. A larger scatter is due to
 # motion, not to noise.
 MAX_SCATTER = 3.0
-# The mean of a few images could hide a motion. Therefore each image has to be within the tolerances
-# if the window contains fewer than FEW_IMAGES images.
+# The mean of a few images could hide a motion. If the window contains fewer than FEW_IMAGES images,
+# each single image therefore has to be within the tolerances.
 FEW_IMAGES = 5
-MIN_IMAGES = 3  # smallest number of images in the window
-MAX_WINDOW = 120  # largest number of averaged images
-# An error of more than this many tolerances (four times the largest noise) empties the window,
-# because the linearisation by L is not valid so far from the goal.
+MIN_IMAGES = 3  # smallest number of images that can show an arrival
+MAX_WINDOW = 120  # largest number of images in a mean
+# If an error exceeds this number of tolerances (four times the largest noise), the stored offsets
+# are removed, because the linearisation by L is not valid so far from the goal.
 FAR_TOLERANCES = 12.0
 # The uncertainty is computed again when the mean error has decreased to this fraction of the error
 # for which it was computed last.
@@ -63,7 +64,8 @@ RENEWAL_RATIO = 0.7
 # deviations. A larger difference shows that kinematics do not describe the camera's motion.
 OUTLIER_DEVIATIONS = 5.0
 NOISE_STEPS = 8  # minimum number of images from which the noise is estimated
-MAX_ROWS = 64  # for more rows of L than this, the normal equations are solved
+# If L has more rows than this, its least-squares problem is solved by the normal equations.
+MAX_ROWS = 64
 # After an arrival, each of the first VIEW_PERIOD images is compared with the goal, then only every
 # VIEW_PERIOD-th.
 VIEW_PERIOD = 8
@@ -141,7 +143,7 @@ class ArrivalCheck:
                 self._view_check.clear()
             self._is_reached, self._margin = False, None
             return ArrivalStatus(pending_reason=reason)
-        if not self._is_reached:  # views from before the arrival are ignored
+        if not self._is_reached:  # images from before the arrival are ignored
             self._images = 0
             self._view_check.retain(max(1 if offsets is None else offsets.count, MIN_VIEWS))
         self._is_reached = True
@@ -175,8 +177,8 @@ class ArrivalCheck:
         # The features become more accurate as the camera approaches the goal.
         if self._margin is None or size < RENEWAL_RATIO * self._error_size:
             self._error_size = size
-            # Use the same images as for the offset, so that the accuracy belongs to this distance
-            # from the goal.
+            # Estimate the accuracy from the same images as the offset, so that both belong to the
+            # same distance from the goal.
             latest = errors[-max(offsets.count, MIN_VIEWS) :]
             self._margin = margin = ArrivalMargin(
                 scheme_output, observation, goal, latest.mean(axis=0),
@@ -188,7 +190,8 @@ class ArrivalCheck:
 
                 self._ambiguous_poses = AmbiguousPoses(goal)
             self._other_pose, self._possible_poses = self._ambiguous_poses.find_pose(observation)
-            # Otherwise L belongs to the residual, not to the features.
+            # With a residual (error of a whole image), L describes the residual and not the
+            # features.
             if scheme_output.residual is None:
                 L = scheme_output.L / tolerances[:, None] / np.repeat((1.0, goal.distance), 3)
                 self._view_check.set_expected_place(
@@ -205,9 +208,10 @@ class ArrivalCheck:
         return ArrivalStatus(True, "", self._wrong_pose_reason, uncertainty)
 
     def _compare_views(self, offset: np.ndarray, ambiguity: str) -> None:
-        """Compare the images with the goal.
+        """Compare the images since the arrival with the goal.
 
-        Set the reason why the camera is at another pose, and the motion that no feature measures.
+        Store the reason why the camera is at another pose than the goal (empty if it is not), and
+        the camera motion that the images show although no feature measures it.
 
         Args:
             offset: (6,) offset of the camera from the goal by features and kinematics, scaled.
@@ -232,7 +236,11 @@ class ArrivalCheck:
         self, scheme_output: SchemeOutput, observation: Observation, tolerances: np.ndarray,
         free: np.ndarray | None, depth: float,
     ) -> None:
-        """Store the offset of the camera near its goal, if L determines it at this image."""
+        """Store the camera's offset from its goal at this image.
+
+        All offsets are removed instead if the error is far from its tolerances, or if L does not
+        determine the offset.
+        """
         if _is_far(scheme_output.error, tolerances):
             self._offsets.clear()
             return
@@ -248,7 +256,8 @@ class ArrivalCheck:
     def _has_settled(self, stamp: float, tolerances: np.ndarray) -> bool:
         """Return whether the mean error of the last `hold` seconds is within `tolerances` (k,)."""
         recent = self._errors
-        # Keep one image from the start of the window or before, to know that the window is full.
+        # Keep one image from before the last `hold` seconds, which shows that images cover all of
+        # them.
         old_count = int(np.searchsorted(recent.stamps, stamp - self.hold + ROUNDING, "right"))
         min_count = MIN_IMAGES if self.hold > 0.0 else 1
         recent.drop_oldest(max(min(old_count - 1, len(recent) - min_count), 0))
@@ -276,7 +285,7 @@ def compute_mean_offset(
             `world_T_camera` (16,), NaN if the pose is unknown.
         observable: L^+ L (6, 6), the part of a motion that changes the offsets.
         settled_images: number of images since the features settled.
-        was_reached: whether the camera was at its goal at the previous image.
+        was_reached: whether the camera had arrived at the previous image.
         depth: depth of the target at the goal, m.
 
     Returns:
@@ -318,10 +327,15 @@ def _estimate_offset(
     settled_images: int,
     noise: np.ndarray,
 ) -> PoseOffsets:
-    """Return the offset averaged over all settled images, if that mean is more accurate.
+    """Return the more accurate of two mean offsets: of the latest images, or of all settled images.
 
-    While the camera still approaches its goal, the offsets scatter more. Then the mean of the
-    latest images may be more accurate.
+    More images average the noise better. But while the camera still approaches its goal, the
+    offsets of all settled images scatter more than the latest ones.
+
+    Args:
+        offsets: mean offset of the latest images.
+        rows, observable, settled_images: see `compute_mean_offset`.
+        noise: (6,) standard deviation of the offset of one image, m and rad.
     """
     mean, scatter, count, _ = _average_offsets(rows, observable, settled_images, np.full(2, np.inf))
     by_latest, by_all = np.diag(offsets.scatter) / offsets.count, np.diag(scatter) / count
@@ -334,10 +348,10 @@ def _estimate_offset(
 
 
 def compute_speed(stamps: np.ndarray, rows: np.ndarray) -> tuple[float, float]:
-    """Return the camera's speed relative to its goal before the last image, m/s and rad/s.
+    """Return the camera's speed relative to its goal between the last two images, m/s and rad/s.
 
-    Return the smaller of two estimates. The estimate from kinematics is too large if the target
-    moves with the camera. The estimate from the images is too large if they are noisy.
+    The smaller of two estimates is returned, because each of them may be too large: the one by
+    kinematics if the target moves with the camera, the one by the images if they are noisy.
 
     Args:
         stamps, rows: see `compute_mean_offset`.
@@ -345,7 +359,7 @@ def compute_speed(stamps: np.ndarray, rows: np.ndarray) -> tuple[float, float]:
     if len(rows) < 2 or stamps[-1] <= stamps[-2]:
         return 0.0, 0.0
     by_images = _compute_lengths((rows[-1, :6] - rows[-2, :6]).tolist())
-    # The result is NaN if poses are unknown.
+    # NaN if the poses are unknown; fmin then returns the estimate from the images.
     by_kinematics = _compute_lengths(_compute_motion_since(rows, len(rows) - 2).tolist())
     dt = stamps[-1] - stamps[-2]
     return tuple(float(np.fmin(*pair)) / dt for pair in zip(by_images, by_kinematics, strict=True))
@@ -495,7 +509,7 @@ def _average_offsets(rows, observable, count, limit):
                 mean = total[n, a] / count
                 variances[n, a // 3] += max(square[n, a, a] / count - mean * mean, 0.0) / count
             scatter[n] = variances[n, 0] / limit[0] ** 2 + variances[n, 1] / limit[1] ** 2
-        n = 1 if scatter[1] <= scatter[0] else 0  # 0 if poses are unknown: scatter[1] is NaN
+        n = 1 if scatter[1] <= scatter[0] else 0  # scatter[1] is NaN if poses are unknown
         is_enough = variances[n, 0] <= limit[0] ** 2 and variances[n, 1] <= limit[1] ** 2
         if is_enough or count == m:
             mean, scattered = total[n] / count, square[n] / count

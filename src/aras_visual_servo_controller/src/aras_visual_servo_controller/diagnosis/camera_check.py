@@ -17,66 +17,70 @@ from ..schemes.base import SchemeOutput
 class CameraCheck:
     """Comparison of the motion of the features with the prediction by L and the camera's motion.
 
-    A wrong depth scales the effect of all translations by the same factor and does no harm. A wrong
-    focal length, mounting or distortion has no such common factor. Therefore one scale per
-    direction of the camera is fitted over the whole run. With a correct camera model the scales of
-    the translations are equal and those of the rotations are 1. Translations are compared with each
-    other in pairs. Each row of the fit is a sum over a few images, so that a slow motion exceeds
-    the noise as well.
+    For each of the six directions of the camera, the check fits one scale: the ratio of measured to
+    predicted motion of the features. If the camera model is correct, the scales of the rotations
+    are 1. The scales of the three translations are equal, but not 1 if the depth is wrong; a wrong
+    depth is not a fault. A wrong focal length, mounting or distortion gives different scales. The
+    fit uses all images of the run. Each row of its linear system is a sum over up to
+    MAX_IMAGES_PER_ROW images, so that also a slow motion exceeds the noise.
 
-    Measured on the simulated arm with a correct camera model: the fit leaves 0.06 % of the motion
-    unexplained with moments and 1.6 % with points (2.7 % on a loaded machine, that is, 0.4
-    tolerances per image). No two scales differ by more than both 0.04 and 2.4 standard deviations.
-    With 0.9 times the true focal length, the scales differ by 0.10 (11 standard deviations) if the
-    camera descends by a centimetre and moves sideways. If it does only one of the two, the error
-    cannot be distinguished from a wrong depth.
+    Measured on the simulated arm with a correct camera model: the fit leaves 0.06 % of the squared
+    motion of the features unexplained for moments and 1.6 % for points. On a loaded machine it is
+    2.7 % for points, which is 0.4 tolerances per image. No two scales differ by more than both 0.04
+    and 2.4 standard deviations. With 0.9 times the true focal length, the scales differ by 0.10 (11
+    standard deviations) if the camera descends by a centimetre and also moves sideways. If it does
+    only one of the two, a wrong focal length cannot be distinguished from a wrong depth.
 
     The target's own motion that a scheme reports (`SchemeOutput.error_drift`) is subtracted first.
-    To distinguish image noise from a wrong camera model, the residuals of successive rows have to
-    be correlated. Their correlation is 0.8 for a wrong mounting, -0.5 for noise and 0 for a target
-    that was pushed once.
+    A wrong camera model is reported only if the residuals of successive rows are correlated. Their
+    correlation is 0.8 for a wrong mounting, -0.5 for image noise and 0 for a target that was pushed
+    once.
 
-    The mean L of two images predicts the step between them only if L changes little. Other steps
-    are skipped, for example those of a scheme that turns the camera by 20 degrees from image to
-    image.
+    The mean L of two images predicts the change of the features between them only if L changes
+    little. Other pairs of images are skipped, for example if a scheme turns the camera by 20
+    degrees from image to image.
 
-    The arm's motion is known as accurately as the joint positions at the exposures. If these are
-    extrapolated because joint states arrive late, nothing is compared. On a loaded machine, late
-    commands shake the arm between two joint states. If the joint speeds at two images do not
-    explain the distance that the joints moved in between, the image gets a smaller weight.
+    The camera's motion is computed from the joint positions at the exposures. If joint states
+    arrive late, these positions are extrapolated and nothing is compared. On a loaded machine, late
+    commands let the joints speed up and slow down between two joint states. If the joint speeds at
+    two images do not explain the distance that the joints moved in between, the image gets a
+    smaller weight.
     """
 
     # Predicted motion of the features in one row of the fit, in tolerances. With less motion, noise
     # and joint friction would dominate.
     MIN_ROW = 3.0
-    # Largest number of images per row of the fit. A motion that is too slow for it may be the
-    # target's own.
+    # Largest number of images per row of the fit. If the motion of so many images is smaller than
+    # MIN_ROW, it is discarded, because it may be the target's own motion.
     MAX_IMAGES_PER_ROW = 4
     MIN_PATH = 40.0  # predicted motion of the features before the first decision, in tolerances
-    # A camera model is wrong if a fit of the depth alone leaves a larger residual than these two.
-    MAX_MISFIT_PART = 0.04  # as a fraction of the squared motion
-    MIN_MISFIT = 1.5  # in tolerances per image
-    # Smallest correlation of the residuals of successive rows, for a wrong camera model.
+    # A camera model is wrong if one factor on all translations (a wrong depth) leaves a residual
+    # larger than both of these limits.
+    MAX_MISFIT_PART = 0.04  # limit as a fraction of the squared motion
+    MIN_MISFIT = 1.5  # limit of the rms residual, in tolerances per image
+    # The camera model is reported as wrong only if the residuals of successive rows have at least
+    # this correlation.
     MIN_CORRELATION = 0.2
-    # A scale is wrong if its error exceeds MIN_DIFFERENCE plus MIN_DEVIATIONS standard deviations.
+    # A scale is wrong if it differs from its expected value by more than MIN_DIFFERENCE plus
+    # MIN_DEVIATIONS standard deviations.
     MIN_DIFFERENCE, MIN_DEVIATIONS = 0.04, 4.0
-    # Motion of the features, in tolerances, that a translation alone has to cause for its scale to
-    # be
-    # evaluated.
+    # The scale of a translation is evaluated only if this translation alone has moved the features
+    # by at least so much, in tolerances.
     MIN_TRANSLATION = 3.0
-    # The same for a rotation. It is larger, because shaking joints tilt the camera and this motion
-    # is
-    # not measured.
+    # The scale of a rotation is evaluated only if this rotation alone has moved the features by at
+    # least so much, in tolerances. The limit is larger than for a translation, because shaking
+    # joints tilt the camera and this motion is not measured.
     MIN_ROTATION = 8.0
-    MIN_NOISE = 0.05  # smallest noise of a row that is assumed, in tolerances
-    # Rms effect of shaking joints on the features in a recorded run, as a fraction of the upper
-    # bound of that effect.
+    MIN_NOISE = 0.05  # lower bound of the estimated noise of a row, in tolerances
+    # Typical motion of the features due to shaking joints, as a fraction of its upper bound (see
+    # `_estimate_shaking`). The rms value of a recorded run.
     SHAKING_FACTOR = 0.3
     # Fraction of an image period in which a joint may still move at its previous speed.
     LATE_PART = 0.25
     # The mean L of two images is used only if the difference between their two L changes the
-    # predicted step by less than this fraction. For rotations near 180 degrees with six moments
-    # this fraction is 0.5 to 2, and a third of the motion is unexplained.
+    # predicted motion by less than this fraction. For six moments and rotations near 180 degrees
+    # the change is 0.5 to 2 times the predicted motion, and the mean L leaves a third of the motion
+    # unexplained.
     MAX_L_CHANGE = 0.3
 
     def __init__(self, jacobian: Callable[[np.ndarray], np.ndarray] | None = None) -> None:
@@ -91,7 +95,7 @@ class CameraCheck:
         self._last_measurement: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
         self._normal, self._right = np.zeros((6, 6)), np.zeros(6)
         self._square = self._path_length = 0.0
-        # Last row of the fit, and sums of the products of each row with the previous row.
+        # Last row of the fit, and sums of the products of successive rows.
         self._last_row: tuple[np.ndarray, np.ndarray] | None = None
         self._next_normal, self._next_right = np.zeros((6, 6)), np.zeros(6)
         self._next_square = 0.0
@@ -182,9 +186,15 @@ class CameraCheck:
         L: np.ndarray,
         tolerances: np.ndarray,
     ) -> float:
-        """Return a bound of the feature motion that the joint speeds do not explain.
+        """Return an upper bound of the feature motion due to joint motion between the joint states.
 
-        The bound is in tolerances of the features.
+        The joint speeds at the two images do not explain this motion. The bound is in tolerances of
+        the features.
+
+        Args:
+            before, now: joint positions and velocities at the previous and at the present image.
+            L: (k, 6) interaction matrix of the features.
+            tolerances: (k,) tolerance of each component of the error.
         """
         if self._jacobian is None or before is None or now is None:
             return 0.0
@@ -230,7 +240,11 @@ class CameraCheck:
         )
 
     def _is_smooth(self, depth: float, misfit: float) -> bool:
-        """Return whether residuals of successive rows are correlated if only the depth is fitted.
+        """Return whether the residuals of successive rows are correlated.
+
+        Args:
+            depth: fitted factor on all translations; the rotations have the factor 1.
+            misfit: residual of this fit as a fraction of the squared motion.
         """
         scale = np.array([depth] * 3 + [1.0] * 3)
         product = self._next_square - scale @ self._next_right + scale @ self._next_normal @ scale
@@ -301,7 +315,7 @@ def _fit_scales(
     expected, damped = np.ones(6), normal.copy()
     for i in range(6):
         expected[i] = depth if i < 3 else 1.0
-        damped[i, i] += 0.1  # directions without motion keep the expected scale
+        damped[i, i] += 0.1  # a direction without motion keeps its expected scale
     spread = _invert(damped)
     scale, left, misfit = np.zeros(6), square, square
     for i in range(6):
@@ -323,7 +337,7 @@ def _fit_scales(
             if not is_rotation:
                 variance += spread[j, j] - 2.0 * spread[i, j]
             deviation, unit = np.sqrt(variance), 1.0 if is_rotation else abs(depth)
-            # A residual due to uncertain motion data makes the scales too small.
+            # An error of the camera's motion makes the fitted scales too small.
             bias = max(left, 0.0) * variance
             excess = (abs(difference) - deviations * noise * deviation) / unit - bias
             excess -= min_difference
@@ -353,7 +367,7 @@ def _predict_motion(
     target_motion,
     is_angle,
 ):
-    """Add the effects of the camera's and the target's motion that are predicted for this image.
+    """Predict the features' motion since the previous image, and add it to `parts`.
 
     Args:
         error_before, error: (k,) error at the previous and at the present image.
@@ -363,13 +377,16 @@ def _predict_motion(
         motion: (6,) camera motion between the two images.
         dt: time between the two images, s.
         tolerances: (k,) unit of `parts`.
-        parts: (k, 6) effect of each direction of the camera on each feature; modified in place.
-        target_motion: (k,) effect of the target's motion; modified in place.
+        parts: (k, 6) motion of each feature due to each direction of the camera, summed over the
+            images of a row, in tolerances; modified in place.
+        target_motion: (k,) motion of each feature due to the target, summed over the images of a
+            row; modified in place.
         is_angle: (k,) whether each component is an angle, which may wrap.
 
     Returns:
-        The largest sum of `parts` over the directions; whether an angle wrapped; the largest
-        change of the predicted step by the difference of the two L, in tolerances.
+        The largest predicted motion of a feature in this row, in tolerances; whether an angle
+        wrapped; the largest change of the predicted motion due to the difference of the two L, in
+        tolerances.
     """
     widest, greatest, wrapped, interaction_change = 0.0, 0.0, False, 0.0
     for i in range(len(error)):
@@ -395,7 +412,7 @@ def _predict_motion(
 
 @jit("f8[:], f8[:], f8[:], f8[:], f8, f8, f8[:,:], f8[:,:], f8[:]", allocates=False)
 def _compute_unexplained(q_before, v_before, q, v, dt, late, jacobian, L, tolerances):
-    """Return the largest motion of a feature by joint motion that the joint speeds do not explain.
+    """Return the largest feature motion due to joint motion that the joint speeds do not explain.
 
     The result is in tolerances of the feature.
 

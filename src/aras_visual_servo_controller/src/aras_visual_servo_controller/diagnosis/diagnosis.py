@@ -18,15 +18,15 @@ from .advice import suggest_longer_watchdog
 from .base import DIAGNOSES, ORDER
 from .evidence import Evidence
 
-# An outcome in WHILE_SERVOING replaces another one only after it has been found for at least
-# STEADY_TIME (s).
+# While the arm servoes, a new kind of outcome is reported only after it has been found for at least
+# STEADY_TIME (s). This holds if both the old and the new kind are in WHILE_SERVOING.
 STEADY_TIME = 1.0
 WHILE_SERVOING = (
     "running", "target_moves", "wrong_camera_model", "gain_too_high", "joint_limit", "singular",
     "local_minimum", "camera_retreat", "out_of_reach", "saturation", "too_noisy", "no_progress",
     "wrong_object",
 )  # fmt: skip
-# Interruptions of the images are forgotten after this time without a further one, s.
+# Stops by the watchdog are forgotten when this time has passed without another stop, s.
 RECOVERY_TIME = 10.0
 
 
@@ -72,9 +72,9 @@ class Diagnosis:
         self._image_count = 0
         self._last_stamp: float | None = None  # stamp of the last image, s
         self._longest_gap = 0.0  # longest time without an image, s
-        self._outcome_stamp = -np.inf  # time since which the present outcome is reported, s
-        # Kind of the outcome that may replace the present one, and time since which it has been
-        # found, s.
+        self._outcome_stamp = -np.inf  # time at which the present outcome was first reported, s
+        # Kind of the outcome that may replace the present one, and the time (s) at which it was
+        # first found.
         self._candidate: tuple[str, float] | None = None
         self._is_ended = False
         self._starvation_count, self._starvation_outcome, self._starvation_stamp = (
@@ -125,7 +125,7 @@ class Diagnosis:
 
         Args:
             t: time at which the arm was stopped, s.
-            period: period of the images before the stop, s.
+            period: mean time between two images before the stop, s.
         """
         self._starvation_count = (
             1 if t - self._starvation_stamp > RECOVERY_TIME else self._starvation_count + 1
@@ -155,8 +155,8 @@ class Diagnosis:
             found = evidence.add_advice(
                 self._explain_timeout(f"not at the goal after {duration:.1f} s{last}")
             )
-            # An image for which the scheme failed interrupts the loop, and the camera has to settle
-            # again.
+            # Such an image interrupts the loop, and the camera then has to settle again for `hold`
+            # seconds. A recent failure therefore explains why the run did not converge in time.
             recent = self._faults and self._faults[-1][0] > (evidence.measured_stamp or 0.0) - (
                 self.run_context.settings.hold
             )
@@ -194,8 +194,7 @@ class Diagnosis:
             found = diagnosis.judge(record, evidence)
             if found is not None:
                 break
-        # The watchdog has stopped the arm repeatedly. Images between these stops do not change the
-        # outcome.
+        # After repeated stops by the watchdog, images between the stops do not change the outcome.
         is_recent = stamp - self._starvation_stamp < RECOVERY_TIME
         is_starved = found.kind == "running" and is_recent and self._starvation_count > 1
         evidence.current_outcome = (
@@ -205,7 +204,7 @@ class Diagnosis:
     def _debounce(self, stamp: float, candidate: Outcome) -> Outcome:
         """Return the outcome to report.
 
-        A new outcome is reported only after it has been found for STEADY_TIME.
+        An outcome that replaces another one during servoing has to be found for STEADY_TIME first.
         """
         current = self.evidence.current_outcome
         if candidate.kind == current.kind:

@@ -21,7 +21,7 @@ from .target_check import TargetCheck
 
 # An arm is almost straight if the angle of its elbow is less than this, rad.
 STRETCHED_BEND = 0.1
-# Outcomes that may result from an occluded target or from a wrong L.
+# Kinds of outcomes that may be consequences of an occluded target or of a wrong L.
 CONSEQUENCES = ("camera_retreat", "gain_too_high", "local_minimum", "no_progress", "too_noisy",
           "ambiguous", "target_lost", "singular", "timed_out", "target_moves", "wrong_object",
           "wrong_camera_model")  # fmt: skip
@@ -42,8 +42,8 @@ class Evidence:
         last_touched_borders: image borders that the target touched last, as text.
         measured_stamp: stamp of the last image for which the scheme computed a task, s; None before
             the first.
-        is_running_away: whether the target has just moved faster than the camera's motion can
-            explain.
+        is_running_away: whether the features have just moved so far that only a motion of the
+            target can explain it.
         error: (k,) error of the latest image, in tolerances.
         tolerances: (k,) tolerances of the scheme.
         is_angle: (k,) whether each component is an angle, which may wrap.
@@ -103,8 +103,7 @@ class Evidence:
     def find_camera_fault(self, observation: Observation) -> str:
         """Describe how the features contradict the camera model.
 
-        Return an empty text if they do not, or if the target has just moved faster than the
-        camera's motion can explain.
+        Return an empty text if they do not contradict it, or while `is_running_away`.
         """
         if self.is_running_away:
             return ""
@@ -117,13 +116,13 @@ class Evidence:
         """Return the outcome for features that do not move as L and the camera's motion predict."""
         if self.motion_check.is_interaction_wrong:
             return make_outcome(
-                "scheme_fault", f"{fault}, although the target's centre moves as predicted: L is "
-                "not that of the scheme's features",
+                "scheme_fault", f"{fault}, although the target's centre moves as predicted: the "
+                "scheme's L does not belong to its features",
             )  # fmt: skip
         return self.explain_occlusion(make_outcome("wrong_camera_model", fault))
 
     def explain_occlusion(self, candidate: Outcome) -> Outcome:
-        """Return an occlusion of the target as the outcome if it can have caused `candidate`.
+        """Return the outcome for an occluded target if the occlusion can explain `candidate`.
 
         Otherwise return `candidate`.
         """
@@ -142,7 +141,7 @@ class Evidence:
         )
 
     def add_advice(self, candidate: Outcome) -> Outcome:
-        """Add further findings and a specific remedy to the outcome of an unsuccessful run."""
+        """Return an outcome of an unsuccessful run with further findings and a specific remedy."""
         if candidate.kind in ("camera_retreat", "local_minimum", "singular"):
             candidate = replace(
                 candidate, remedy=suggest_scheme(candidate, self.run_context.scheme)
@@ -179,14 +178,16 @@ class Evidence:
         )
 
     def _find_narrowing_parameters(self, reason: str) -> list[str]:
-        """Return the parameters that narrow the limits of the joints that a reason names."""
+        """Return the parameters that narrow the limits of joints whose names occur in `reason`."""
         return sorted({key for key, names in self.run_context.narrowed_limits.items()
                        if any(name in reason for name in names)})  # fmt: skip
 
     def _report_goal_limits(self) -> Outcome:
         """Return the outcome for a goal that was taught with joints beyond their limits."""
         outside = join_names(list(self.run_context.joints_beyond_limits))
-        found = make_outcome("joint_limit", f"the goal was taught with {outside} beyond its limit")
+        found = make_outcome(
+            "joint_limit", f"the goal was taught with joints beyond the limits of {outside}"
+        )
         keys = self._find_narrowing_parameters(found.reason)
         return replace(found, remedy=suggest_wider_limits(keys)) if keys else found
 

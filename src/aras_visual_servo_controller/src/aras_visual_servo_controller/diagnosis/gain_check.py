@@ -1,4 +1,4 @@
-"""Check whether the gain of a loop is too high for the delay of its images."""
+"""Check whether the gain of a loop is too high for the delay between image and command."""
 
 from __future__ import annotations
 
@@ -12,13 +12,14 @@ from .advice import can_oscillate, find_gain, suggest_gain
 from .oscillation_check import OscillationCheck
 from .target_check import TargetCheck
 
-# Time for which an oscillation is remembered, s: it may be the cause of a later loss of the target.
+# An oscillation is remembered for this time, s, because it may be the cause of a later loss of the
+# target.
 OSCILLATION_MEMORY = 1.0
 # Largest product of the gain and the delay from image to command. At this product the response
-# overshoots by a third of the first error; at pi / 2 the loop never comes to rest.
+# overshoots by a third of the initial error; at pi / 2 the loop oscillates for ever.
 MAX_GAIN_TIMES_AGE = 0.8
-AGE_FILTER = 0.1  # weight of a new value in the mean age
-OSCILLATION_RATIO = 0.25  # frequency of an oscillation times the delay of the loop
+AGE_FILTER = 0.1  # weight of a new value in the running mean of the age
+OSCILLATION_RATIO = 0.25  # an oscillation due to a delay T has the frequency 0.25 / T
 
 
 class GainCheck:
@@ -73,7 +74,10 @@ class GainCheck:
         return last[1] if last is not None and stamp - last[0] < OSCILLATION_MEMORY else None
 
     def is_oscillating_fast(self, stamp: float) -> bool:
-        """Return whether a recent oscillation is faster than all target motions that are fitted."""
+        """Return whether a recent oscillation is too fast to be fitted as a motion of the target.
+
+        The limit is `TargetCheck.MAX_FREQUENCY`.
+        """
         return self._is_fast and self.find_recent_oscillation(stamp) is not None
 
     @property

@@ -19,20 +19,23 @@ class JointCheck:
     distance.
     """
 
-    SPAN = 1.5  # duration of the evaluated data, s
-    # A joint lags if the loop waits for it in more than this fraction of the images.
+    SPAN = 1.5  # duration of the evaluated joint states, s
+    # If the loop waits for any joint in more than this fraction of the images, every joint lags for
+    # which it waits.
     MAX_WAITING_PART = 0.6
-    # A joint is blocked if the loop waits for it in more than this fraction of the images
+    # Even if the loop waits in fewer images than that, a joint lags if the loop waits for it in
+    # more than this fraction of the images, and if it makes less than MIN_MOTION_PART of its
+    # commanded motion.
     MIN_WAITING_PART = 0.1
-    # and it makes less than this fraction of its commanded motion.
     MIN_MOTION_PART = 0.1
-    # A lagging joint that moves faster than this (rad/s or m/s) is slow, not blocked.
+    # The joints are slow, not blocked, if all lagging joints move faster than this (rad/s or m/s).
     SLOW_SPEED = 1e-3
     # A joint oscillates if the rms difference between its measured and commanded velocity exceeds
     # MIN_SPEED_ERROR (rad/s or m/s) and SPEED_ERROR_FACTOR times the rms commanded velocity.
     MIN_SPEED_ERROR, SPEED_ERROR_FACTOR = 0.5, 3.0
-    CHECK_PERIOD = 5  # number of images between two evaluations
-    # An oscillation is detected from data of at least this duration, s; a lagging joint needs SPAN.
+    CHECK_PERIOD = 5  # number of images between two evaluations of the joints
+    # Data of at least this duration, s, are needed to detect an oscillation. A lagging joint is
+    # detected after SPAN.
     MIN_SPAN = 0.3
 
     def __init__(self, names: Sequence[str] = (), lengths: np.ndarray | float = 1.0) -> None:
@@ -40,7 +43,7 @@ class JointCheck:
 
         Args:
             names: names of the n joints.
-            lengths: (n,) motion of each joint that corresponds to 1 rad or 1 m.
+            lengths: (n,) unit of each joint: the joint motion that counts as much as 1 rad or 1 m.
         """
         self._names, self._lengths = tuple(names), np.asarray(lengths, float)
         self._samples = RecentErrors()
@@ -87,10 +90,11 @@ class JointCheck:
         if oscillates.any():
             fastest = max_speed[oscillates].max()
             self.reason = (
-                f"{self.joints} oscillates without a command, at up to {fastest:.1f} rad/s or m/s"
+                f"the motion of {self.joints} oscillates without a command, at up to "
+                f"{fastest:.1f} rad/s or m/s"
             )
         elif lags.any():
-            self.reason = f"{self.joints} does not follow its command"
+            self.reason = f"the motion of {self.joints} does not follow the command"
 
     def _format_names(self, joints: np.ndarray) -> str:
         """Return the names of the joints for which `joints` (n,) is True, as text."""

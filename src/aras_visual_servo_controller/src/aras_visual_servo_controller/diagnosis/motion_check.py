@@ -15,21 +15,23 @@ from .target_check import TargetCheck, compute_centre
 
 # The features agree with L if the correlation of their motion with the prediction exceeds this.
 MIN_CORRELATION = 0.5
-# A single feature with a lower correlation than this moves against the prediction.
+# A feature moves opposite to its prediction if its correlation is lower than this.
 OPPOSING_CORRELATION = -0.7
 # The correlation is evaluated only if the ratio of measured to predicted motion is between
 # 1 / MAX_MOTION_RATIO and MAX_MOTION_RATIO. A moving target causes other ratios: the features move
 # farther than predicted, or hardly at all if the camera follows the target.
 MAX_MOTION_RATIO = 2.0
-# With a lower ratio of measured to predicted motion than this, L is wrong.
+# L is wrong if the ratio of measured to predicted motion is lower than this.
 MIN_MOTION_RATIO = 0.2
-SCATTER_FACTOR = 50.0  # ratio of unexplained steps of the features to those of the target's centre
-# Predicted motion of the target's centre, in tolerances, after which it is compared with the
-# measured motion. The value is small, because a camera that moves in a wrong direction loses its
-# target within 0.2 s.
+# The scheme is wrong if the unexplained steps of its features are more than this many times those
+# of the target's centre, both in tolerances.
+SCATTER_FACTOR = 50.0
+# The measured motion of the target's centre is compared with the prediction whenever the predicted
+# motion reaches this, in tolerances. The value is small, because a camera that moves in a wrong
+# direction loses its target within 0.2 s.
 CENTRE_MIN_ROW = 3.0
-# If the motion of the target's centre has at least this correlation with the camera's motion, the
-# scheme's L is wrong.
+# The scheme's L is wrong if the features contradict the camera's motion, but the motion of the
+# target's centre has at least this correlation with its prediction.
 SURE_CORRELATION = 0.8
 
 
@@ -95,9 +97,9 @@ class MotionCheck:
         ).target_motion_part
 
     def find_scheme_fault(self, stamp: float, is_converged: bool) -> str:
-        """Describe a behaviour of the features that no image can cause.
+        """Describe a change of the features that the images cannot cause.
 
-        Return an empty text if there is none.
+        Return an empty text if there is no such change.
         """
         centre, steps = self._centre_check, self.step_check
         if steps.unchanged_since is not None and not is_converged:
@@ -106,7 +108,7 @@ class MotionCheck:
                 "although the camera moves and with it the image of the target"
             )
         if self.is_interaction_wrong and (names := self._list_opposing_features()):
-            return f"{names} moves opposite to the prediction by the scheme's L; check its sign"
+            return f"the scheme's L predicts the opposite motion of {names}; check the sign of L"
         if not is_converged and centre is not None:
             if steps.is_jumping(stamp):
                 return f"the features jump repeatedly, the target does not: {self.jump_reason}"
@@ -136,10 +138,9 @@ class MotionCheck:
 
     @property
     def is_interaction_wrong(self) -> bool:
-        """Return whether the scheme's L is wrong.
+        """Return whether the target's centre moves as predicted from the camera's motion.
 
-        L is wrong if the features contradict the camera's motion, but the target's centre moves as
-        predicted from it.
+        If the features contradict the camera's motion at the same time, the scheme's L is wrong.
         """
         centre = self._centre_check
         return (
@@ -158,8 +159,8 @@ class MotionCheck:
         """Describe how the features have contradicted L; empty text if they have not.
 
         Args:
-            is_target_moving: whether the target moves. Then a single feature may move in the
-                direction opposite to its prediction by L.
+            is_target_moving: whether the target moves. If it does, single features that move
+                opposite to their prediction by L are ignored.
         """
         steps, text = (
             self.step_check,
@@ -174,9 +175,9 @@ class MotionCheck:
             return f"{text}: their correlation is {steps.correlation:.2f}"
         against = steps.correlation < MIN_CORRELATION and steps.motion_ratio < MAX_MOTION_RATIO
         if not is_target_moving and against and (names := self._list_opposing_features()):
-            return f"{text}: {names} moves in the opposite direction"
+            return f"{text}: the motion of {names} is opposite to the prediction"
         if self.is_interaction_wrong and steps.motion_ratio < MIN_MOTION_RATIO:
-            return f"{text}: they move {steps.motion_ratio:.2g} times as far"
+            return f"{text}: they move {steps.motion_ratio:.2g} times as far as predicted"
         return ""
 
     def _list_opposing_features(self) -> str:

@@ -8,24 +8,26 @@ from aras_visual_servo_base.compiled import jit
 
 from ..observation.recent_errors import RecentErrors
 
-# Largest probability that white noise is mistaken for an oscillation at a tested frequency.
+# Largest probability with which white noise may be mistaken for an oscillation at one frequency.
 MAX_CHANCE = 1e-8
 
 
 class OscillationCheck:
     """Test for large reversals of the error that do not decay and have a dominant frequency.
 
-    Noise reverses as often, but it has no dominant frequency. As the period of an oscillation is
-    unknown, it is searched for in time spans of different lengths (SPANS), in the longer ones less
+    Noise reverses as often, but it has no dominant frequency. The period of an oscillation is
+    unknown. Therefore time spans of different lengths (SPANS) are searched, the longer ones less
     often.
     """
 
-    # Searched time spans, s. A delay of 0.4 s causes oscillations with periods of 1.6 to 3 s.
+    # Time spans that are searched, s. A delay of 0.4 s causes oscillations with periods of 1.6 to 3
+    # s.
     SPANS = (2.0, 5.0, 12.0)
     CHECK_PERIODS = (1, 6, 12)  # number of images between two searches, for each span
     MIN_HEIGHT = 6.0  # smallest peak-to-peak height, in tolerances; noise is smaller
     MIN_REVERSALS = 5
-    # Smallest mean number of images between two reversals if no frequency is determined.
+    # If no frequency is determined, an error oscillates only if the mean number of images between
+    # two reversals is at least this.
     MIN_IMAGES_PER_REVERSAL = 4.0
 
     def __init__(self) -> None:
@@ -74,7 +76,8 @@ class OscillationCheck:
     def _find_turning_points(self, count: int) -> np.ndarray:
         """Return the latest turning points (count,) of the error component with the largest range.
 
-        Return an empty array if the error did not change its sign between every two of them.
+        Return an empty array if the component has the same sign at two successive turning points,
+        or if it reverses as often as noise.
         """
         errors = self._errors.errors
         if len(errors) < 3:
@@ -82,7 +85,7 @@ class OscillationCheck:
         error = errors[:, _find_largest_error(errors)].copy()
         peaks = _find_peaks(error, self.MIN_HEIGHT)[-count:]
         changes_sign = (np.diff(np.sign(error[peaks])) != 0.0).all()
-        # Noise reverses at about every second image.
+        # Noise reverses at about every second image, an oscillation less often.
         is_smooth = len(peaks) > 1 and np.diff(peaks).mean() >= self.MIN_IMAGES_PER_REVERSAL
         return error[peaks] if changes_sign and is_smooth else np.zeros(0)
 
@@ -100,8 +103,8 @@ def _dot(a, b):
 def _find_dominant_wave(stamps, error, near_frequency):
     """Fit the sum of a wave and a straight line to an error (m,).
 
-    The frequency is searched for near `near_frequency`, at which the error reverses. The amplitude
-    of the wave may change linearly.
+    The frequency is searched for between 0.7 and 1.2 times `near_frequency`, the estimate from the
+    reversals of the error. The amplitude of the wave may change linearly.
 
     Returns:
         The frequency, Hz, and the residual as a fraction of the squared error.
@@ -200,20 +203,21 @@ def _find_frequency(stamps, errors, min_height, reversals):
     if between < reversals or late < 0.5 * before:
         return 0.0
     since, until, half_periods = stamps[peaks[1]], stamps[peaks[-1]], len(peaks) - 2
-    # The oscillation has to continue until now. It has ended if there was no peak for one and a
-    # half periods.
+    # An oscillation without a peak in the last one and a half periods has ended and is not
+    # reported.
     if until <= since or stamps[-1] - until > 1.5 * (until - since) / half_periods:
         return 0.0
     near_frequency = 0.5 * half_periods / (until - since)
-    # In a loop that oscillates between joint limits, only the last periods may be similar.
+    # Fit all data first, then only the second half: in a loop that oscillates between joint limits,
+    # only the last periods may be similar.
     for start in (0, count // 2):
-        # Degrees of freedom that remain after the fit of the line and the wave.
+        # Number of values minus the six parameters of the line and the wave.
         free = count - start - 6
         if free < 6:
             break
         frequency, rest = _find_dominant_wave(stamps[start:], error[start:].copy(), near_frequency)
-        # The residual has to be at most half of the error, and smaller than the residual of white
-        # noise at any tested frequency.
+        # The residual has to be at most half of the squared error. It also has to be so small that
+        # white noise reaches it at a tested frequency with a probability of at most MAX_CHANCE.
         if rest < min(0.5, MAX_CHANCE ** (2.0 / free)):
             return frequency
     return 0.0

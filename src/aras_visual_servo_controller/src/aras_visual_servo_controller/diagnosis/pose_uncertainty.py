@@ -1,9 +1,9 @@
-"""Bound of the remaining distance between the camera and its goal, which 99.7 % of runs keep.
+"""Upper bound of the distance between an arrived camera and its goal, exceeded in 0.3 % of runs.
 
 The bound is the sum of the mean offset by L; the noise of this mean; twice the accuracy of the
-features, because the goal was measured in the same way; the offset along directions that
-kinematics control; the motion along directions that nothing measures; and the distance of other
-poses from which the target looks the same.
+features, because the goal was measured in the same way; the offset along directions that kinematics
+control; the motion along directions that nothing measures; and the distance of other poses from
+which the target looks the same.
 
 Offsets are scaled in this module: rotations are multiplied by the target's depth, so that all six
 components are in m.
@@ -38,11 +38,11 @@ if TYPE_CHECKING:
 # A camera whose uncertainty is below this is reported as 'converged' without the uncertainty.
 # Translation as a fraction of the target's depth (0.3 mm at 0.2 m), rotation in rad.
 NEGLIGIBLE_UNCERTAINTY = (1.5e-3, radians(0.3))
-# Motion between two images, by the joints, below which a camera is at rest: translation as a
-# fraction of the depth, rotation in rad.
+# A camera is at rest if it moves less than this between two images according to the joints:
+# translation as a fraction of the depth, rotation in rad.
 REST_MOTION = (5e-5, 1e-4)
-# Time for which the camera may continue to move as before the last image, until its command, which
-# is ramped, takes effect, s.
+# The camera keeps its speed of the last image for at most this time, s, because the next command
+# takes effect gradually.
 REACTION_TIME = 0.06
 # Factors on the translation and the rotation of an offset that exceeds the noise. They account for
 # an L that is computed with 0.6 times the true depth, and for a mounting that is wrong by 8
@@ -54,10 +54,11 @@ OFFSET_FACTORS = 1.7, 1.4
 # reduce this to 0.1 % of the offsets, but widen the bound by a seventh.
 TAIL_FACTOR = 1.1
 Z_997 = 2.748  # 99.7 % quantile of a normal distribution
-# Fraction of the scatter of one image that averaging does not remove, because the clipping of noise
-# at black and white shifts the measurement. Measured with corners and markers, averaged over 25
-# images with a noise of 5 grey levels: without this effect the error would be 0.2 of the scatter;
-# it is twice that in a quarter of the cases, and four times that in one case of twenty.
+# Part of the standard deviation of one image that averaging does not remove, because the clipping
+# of noise at black and white shifts the measurement. Measured with corners and markers, averaged
+# over 25 images with a noise of 5 grey levels: independent noise would leave an error of 0.2
+# standard deviations of one image. The error is at least twice as large in a quarter of the cases,
+# and at least four times as large in one case of twenty.
 SYSTEMATIC_PART = 0.25
 # A direction is not measured if its singular value of L is below this fraction of the largest one.
 RANK_TOLERANCE = 1e-6
@@ -66,24 +67,27 @@ RANK_TOLERANCE = 1e-6
 # example, a small plate looks the same from two sides; there, an estimated offset of 0.08 was 0.19
 # in truth.
 MAX_LINEAR_OFFSET = 0.05
-# Largest scatter of the offset between single images, in the same units. The mean over several
+# Largest standard deviation of the offset between single images, in the same units as
+# MAX_LINEAR_OFFSET. The limit is larger than MAX_LINEAR_OFFSET, because the mean over several
 # images is more accurate.
 MAX_SCATTER = 0.08
-# If the ratio of translation to scaled rotation in an unmeasured direction exceeds this, the
-# direction is treated as a translation, not as a rotation about an axis.
+# An unmeasured direction is treated as a pure translation if its translation exceeds its scaled
+# rotation by this factor, otherwise as a rotation about an axis.
 MIN_TRANSLATION_RATIO = 20.0
-# The residual is evaluated only for an L of at most this many rows. The accuracy of features with
-# more components is known.
+# The error that no camera motion explains is evaluated only if L has at most this many rows.
+# Features with more components declare their accuracy.
 MAX_RESIDUAL_ROWS = 64
-# A nearby pose may have the same features if a singular value of L is below this fraction of the
-# largest one.
+# A direction of the camera is measured poorly if its singular value of L is below this fraction of
+# the largest one. A nearby pose in this direction may have the same features.
 WEAK_DIRECTION = 0.05
-# A motion does not turn the plane if its effect is below this fraction of the largest effect.
+# In `_compute_plane_offset`, a camera motion is ignored if it changes the target's plane by less
+# than this fraction of the largest change.
 MIN_PLANE_CHANGE = 0.05
 NO_OFFSET, IDENTITY = np.zeros(6), np.eye(6)
-NOISE_DEVIATIONS = 3.0  # an error of more than this many standard deviations is not noise
+# An error of more than this many standard deviations is not explained by noise.
+NOISE_DEVIATIONS = 3.0
 USE_LARGER_TARGET = suggest_larger_target(1.5)
-ADD_FEATURE = Remedy("if the pose matters, add a feature that measures these motions")
+ADD_FEATURE = Remedy("if the exact pose matters, add a feature that measures these motions")
 PLANE_REASON = (
     "according to kinematics the target's plane differs from the goal's in the camera's frame (the "
     "target was moved, or the calibration is wrong, or another pose has the same features):"
@@ -97,7 +101,7 @@ class PoseOffsets(NamedTuple):
 
     Attributes:
         mean: (6,) mean offset, m and rad.
-        scatter: (6, 6) covariance of the offsets that single images give.
+        scatter: (6, 6) covariance of the offset of a single image.
         count: number of images.
         speed: speed of the camera relative to its goal before the last image, m/s and rad/s.
     """
@@ -109,9 +113,9 @@ class PoseOffsets(NamedTuple):
 
 
 class ArrivalMargin:
-    """Model of the uncertainty of an arrival.
+    """Model of the uncertainty of an arrival, created when the camera reaches its goal.
 
-    The model is valid until the error has become clearly smaller.
+    A new model is created when the error has decreased further; see `arrival_check.RENEWAL_RATIO`.
     """
 
     def __init__(
@@ -136,8 +140,8 @@ class ArrivalMargin:
                 `Feature.accuracy`.
             ik_solution: joint velocities, which show in which directions an arm of few joints can
                 move the camera; None if it can move in all six.
-            noise: (k,) standard deviations of the mean error.
-            scatter: (6, 6) covariance of the offsets that single images give, m and rad.
+            noise: (k,) standard deviation of each component of the mean error.
+            scatter: (6, 6) covariance of the offset of a single image, m and rad.
         """
         self._goal, self._modelled = goal, scheme_output.task.modelled
         self._ambiguity, self._symmetry_bound = (
@@ -156,7 +160,7 @@ class ArrivalMargin:
             accuracy = _estimate_residual_accuracy(L, error, noise) if accuracy is None else (
                 accuracy * max(compute_unexplained_ratio(L, error, accuracy, noise), 1.0)
             )  # fmt: skip
-        if len(L) > 6:  # replace L by six rows with the same least-squares solution
+        if len(L) > 6:  # replace L by six rows that give the same least-squares solution
             Q, L = np.linalg.qr(L)
             accuracy = None if accuracy is None else Q.T @ accuracy
         self._ik_solution = ik_solution
@@ -174,16 +178,17 @@ class ArrivalMargin:
             variance = ((along * scale) @ scatter * (along * scale)).sum(axis=1)
             is_measured &= np.sqrt(np.maximum(variance, 0.0)) <= MAX_SCATTER * depth
         inverse = np.divide(1.0, s, out=np.zeros_like(s), where=is_measured)
-        out = free.T @ vt.T * inverse  # (6, f), maps rotated rows to offsets
+        out = free.T @ vt.T * inverse  # (6, f), maps U^T e to an offset, where L = U S V^T
         spread = out @ spread
         # The factor 2 accounts for the measurement of the goal, which has the same accuracy.
         self._measurement_covariance = 2.0 * TAIL_FACTOR**2 * spread @ spread.T
         rows = min(len(L), len(s))
         self._coupling = np.eye(6) - out[:, :rows] @ u.T[:rows] @ L
         self._unseen_directions = along[~is_measured]
-        # The pose of a computed goal is exact. If this camera has taught the goal, the target may
-        # have been moved since; then only the direction of the plane by kinematics is used, and
-        # only for camera directions that the features measure poorly.
+        # A computed goal has an exact pose, so that the plane predicted by kinematics can be
+        # compared in all directions. If this camera has taught the goal, the target may have been
+        # moved since. Then only the direction of the plane's normal is compared, and only for
+        # camera directions that the features measure poorly.
         self._is_goal_camera = goal.camera is not None and goal.camera == observation.camera
         self._plane_offset: tuple[float, float] | None = None
         self._doubtful_directions = (
@@ -192,7 +197,7 @@ class ArrivalMargin:
 
     @property
     def has_unseen_directions(self) -> bool:
-        """Return whether there are directions that nothing measures."""
+        """Return whether neither features nor kinematics measure some direction of the camera."""
         return len(self._unseen_directions) > 0
 
     def bound_uncertainty(
@@ -209,6 +214,9 @@ class ArrivalMargin:
             offsets: mean offset and its covariance.
             unseen_motion: (6,) motion that the image shows but no feature measures, scaled.
             poses: ambiguous poses at which the camera may be.
+
+        Returns:
+            The bounds of translation and rotation, with their cause and a remedy as text.
         """
         held_offset = self._compute_held_offset(observation)
         scatter_part = self._compute_scatter_part(offsets)
@@ -227,11 +235,12 @@ class ArrivalMargin:
         reason, remedy = "", NO_REMEDY
         if count := len(self._unseen_directions):
             parts.append(f"{count} direction{'s' if count > 1 else ''}")
-            reason = f"no feature measures {count} of the camera's motions accurately enough"
+            reason = f"no feature measures {count} of the camera's directions accurately enough"
             remedy = ADD_FEATURE
         else:
-            cause, remedy = "because of noise and the accuracy of the image", USE_LARGER_TARGET
-            if self._plane_offset is None:  # computed once, as the camera is at rest
+            cause, remedy = "because of noise and limited image accuracy", USE_LARGER_TARGET
+            # Computed only once, because the camera is at rest after its arrival.
+            if self._plane_offset is None:
                 offset = self.compute_offset(observation, offsets.mean)
                 self._plane_offset = self._compute_plane_offset(observation, offset)
             plane_distance, plane_angle = self._plane_offset
@@ -275,7 +284,7 @@ class ArrivalMargin:
     def _compute_plane_offset(
         self, observation: Observation, offset: np.ndarray
     ) -> tuple[float, float]:
-        """Return the additional offset of the camera that the target's plane by kinematics shows.
+        """Return the additional camera offset that follows from the target's plane by kinematics.
 
         Only directions that the features measure poorly are evaluated. A camera motion v, w changes
         the plane p by (p . v) p + p x w and its normal n by n x w.
@@ -309,7 +318,7 @@ class ArrivalMargin:
         return 1.0 / max(offsets.count - 1, 1) + self._systematic_part**2
 
     def _bound_unseen_motion(self) -> tuple[float, float]:
-        """Bound the camera's motion along directions that nothing measures, m and rad."""
+        """Bound the camera's motion along unmeasured directions: distance, m, and angle, rad."""
         if not len(self._unseen_directions):
             return 0.0, 0.0
         distance, angle = (
@@ -325,7 +334,14 @@ def split_directions(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Split the camera directions into those that kinematics control and those of the task.
 
-    For an arm of few joints, the directions of the task are those in which it can move the camera.
+    For an arm with fewer than six joints, the directions of the task are all those in which the arm
+    can move the camera.
+
+    Args:
+        observation: observation with the camera's pose.
+        goal: goal of the run.
+        modelled: (6,) whether the task controls each component of the camera's twist.
+        ik_solution: joint velocities with the arm's Jacobian; None for a free camera.
 
     Returns:
         The offset (6,) along the directions that kinematics control, and the directions (f, 6) in
@@ -348,8 +364,9 @@ def _estimate_residual_accuracy(
 ) -> np.ndarray | None:
     """Estimate the accuracy (k, k) of features that declare none.
 
-    The accuracy is estimated as the part of the error (k,) that no motion explains by L (k, 6),
-    minus the noise (k,). Return None if L explains the whole error.
+    The accuracy is estimated from the part of the error (k,) that, according to L (k, 6), no camera
+    motion explains. The squared noise (k,) is subtracted from the square of this part. Return None
+    if L and the noise explain the whole error.
     """
     lengths = np.linalg.norm(L, axis=1)
     weights = np.divide(1.0, lengths, out=np.zeros_like(lengths), where=lengths > 0.0)
@@ -367,8 +384,8 @@ def compute_unexplained_ratio(
 ) -> float:
     """Return the ratio of the unexplained part of an error (k,) to its expected size.
 
-    The unexplained part is what remains after the effects of a motion, by L (k, 6), and of noise
-    (k,) are removed. Its expected size follows from the accuracy (k, m) of the goal and the image.
+    The unexplained part is the error minus the effects of noise (k,) and of the best camera motion
+    by L (k, 6). Its expected size follows from the accuracy (k, m) of both the goal and the image.
     Return 0 if k does not exceed the rank of L.
     """
     u, s, _ = np.linalg.svd(L)
@@ -397,7 +414,7 @@ def compute_confidence_length(mean, covariance):
             variance += 2.0 * covariance[i, j] ** 2 + 4.0 * mean[i] * covariance[i, j] * mean[j]
     if variance <= 0.0 or square <= 0.0:
         return np.sqrt(max(square, 0.0))
-    # 2 / (9 n), where n is the number of degrees of freedom.
+    # This is 2 / (9 n) of the Wilson-Hilferty formula, with n degrees of freedom.
     inverse = variance / (9.0 * square * square)
     return np.sqrt(square * (1.0 - inverse + Z_997 * np.sqrt(inverse)) ** 3)
 
@@ -407,11 +424,11 @@ def _compute_bounds(mean, scatter, measured, scatter_part, coupling, held_offset
     """Return 99.7 % bounds of an offset's translation and rotation, both scaled to m.
 
     Args:
-        mean: (6,) mean offset by the images, m and rad.
-        scatter: (6, 6) covariance of the offsets by single images, m and rad.
+        mean: (6,) mean offset that the images show, m and rad.
+        scatter: (6, 6) covariance of the offset of a single image, m and rad.
         measured: (6, 6) covariance due to the accuracy of the features, scaled.
-        scatter_part: fraction of the scatter that remains in the mean.
-        coupling: (6, 6) matrix that maps `held_offset` to an offset, scaled.
+        scatter_part: fraction of `scatter` that remains in the mean.
+        coupling: (6, 6) matrix that maps `held_offset` to the offset that it causes, scaled.
         held_offset: (6,) offset along the directions that kinematics control, scaled.
         scale: (6,) factors that scale an offset.
     """
@@ -421,7 +438,7 @@ def _compute_bounds(mean, scatter, measured, scatter_part, coupling, held_offset
         for i in range(3 * block, 3 * block + 3):
             square += mean[i] ** 2
             noise += scatter_part * scatter[i, i]
-        # The offset is enlarged only as far as it exceeds the noise.
+        # OFFSET_FACTORS apply only as far as the offset exceeds the noise.
         certainty = 1.0 - noise / square if noise < square else 0.0
         factors[block] = 1.0 + (OFFSET_FACTORS[block] - 1.0) * certainty
     for i in range(6):
@@ -435,7 +452,7 @@ def _compute_bounds(mean, scatter, measured, scatter_part, coupling, held_offset
 
 
 def bound_symmetry(ambiguity: str, goal: Goal) -> tuple[float, float]:
-    """Bound the camera's motion about a symmetric target, which looks the same after a rotation.
+    """Bound how far the camera may be from its goal because the target looks the same when rotated.
 
     Args:
         ambiguity: angle of the symmetry, such as '90°'; any other text gives infinite bounds.

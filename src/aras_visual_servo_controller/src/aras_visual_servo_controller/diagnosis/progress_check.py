@@ -19,28 +19,29 @@ if TYPE_CHECKING:
     from ..kinematics.ik_solution import IKSolution
 
 WINDOW = 1.5  # time over which progress is evaluated, s
-# There is no progress if the mean error in the second half of this time exceeds this fraction of
-# the mean error in the first half.
+# There is no progress if the mean error in the second half of WINDOW exceeds this fraction of the
+# mean error in the first half.
 MIN_PROGRESS = 0.9
 STALL_REASON = "the error does not decrease"
-# An error with a ratio between MIN_PROGRESS and this one decreases slowly and would reach its goal
-# with more time. A gain of 0.1 gives a ratio of 0.93.
+# The error decreases slowly if the ratio of the two mean errors is between MIN_PROGRESS and this
+# value; the run then needs more time. A gain of 0.1 1/s gives a ratio of 0.93.
 SLOW_PROGRESS = 0.98
 # A cause is reported if at least this fraction of the images in the window shows it.
 MIN_IMAGE_PART = 0.6
-# Noise hides whether the camera is at its goal if the scatter of the error from image to image
-# exceeds these two values.
-MIN_NOISE = 1.0  # in tolerances
-MIN_NOISE_PART = 0.5  # as a fraction of the total scatter
-FULL_SPEED = 0.99  # with a smaller scale of the velocity, a joint limits the motion
+# The error is too noisy to show whether the camera is at its goal if its scatter from image to
+# image exceeds both of these limits.
+MIN_NOISE = 1.0  # limit in tolerances
+MIN_NOISE_PART = 0.5  # limit as a fraction of the total scatter of the error
+FULL_SPEED = 0.99  # a joint limits the motion if the velocities are scaled by less than this
 # The run needs more time if a joint limits the motion in more than this fraction of its images.
 MIN_SLOWED_PART = 0.3
 MIN_SPEED = 1e-3  # smallest commanded camera speed that is evaluated, in target depths per second
-ROTATION_WEIGHT = 0.5  # translation, in depths per second, that corresponds to 1 rad/s
-# The camera is in a local minimum if, according to L, a camera motion can reduce the error only by
-# a smaller fraction than this.
+ROTATION_WEIGHT = 0.5  # translation that counts as much as 1 rad/s, in target depths per second
+# The camera is in a local minimum if, according to L, no camera motion reduces the error by at
+# least this fraction.
 MIN_EXPLAINED_PART = 0.1
-# If the time between two images exceeds this (s), the frame rate makes the run slow, not the gain.
+# If the time between two images exceeds this (s), the run is slow because of the frame rate and not
+# because of the gain.
 MAX_PERIOD = 0.2
 
 
@@ -48,7 +49,7 @@ MAX_PERIOD = 0.2
 class _ServoedImage:
     """Data of one image at which the camera was servoed.
 
-    Its size and its error (k,) are in units of the tolerances (k,).
+    The error (k,) and its size, the largest component, are in units of the tolerances (k,).
     """
 
     stamp: float
@@ -65,7 +66,7 @@ class _ServoedImage:
         """Return the joint velocities of the state's task."""
         return self.state.ik_solution
 
-    # These properties are cached, because they are used at every image of the window.
+    # The following properties are cached, because each image is evaluated many times.
     @cached_property
     def rank(self) -> int:
         """Return the rank of L."""
@@ -73,7 +74,7 @@ class _ServoedImage:
 
     @cached_property
     def is_infeasible(self) -> bool:
-        """Return whether the arm achieves too small a part of the desired camera twist."""
+        """Return whether the arm loses more than 30 % of the desired camera twist."""
         if self.ik_solution is None:
             return False
         desired = _compute_speed(self.state.desired_twist, self.depth)
@@ -82,7 +83,7 @@ class _ServoedImage:
 
     @cached_property
     def explained_part(self) -> float:
-        """Return the fraction of the error that a camera twist can reduce according to L."""
+        """Return the fraction of the error that, according to L, a camera motion can remove."""
         L, norm = self.state.scheme_output.L, float(np.linalg.norm(self.error))
         if L is None or len(L) != len(self.error) or norm == 0.0:
             return 1.0
@@ -103,8 +104,8 @@ class ProgressCheck:
         self._window: deque[_ServoedImage] = deque()
         self._duration = duration
         self._image_count = self._slowed_count = 0
-        # Time (s) and size of the error at the first image, and at the last image at which a limit
-        # reduced the velocity.
+        # Time (s) and size of the error (in tolerances) at the first image, and at the last image
+        # at which a limit reduced the velocity.
         self._first: tuple[float, float] | None = None
         self._last_slowed, self._limiting_joint = (0.0, 0.0), ""
 
@@ -147,7 +148,7 @@ class ProgressCheck:
 
     @property
     def is_shrinking(self) -> bool:
-        """Return whether the error has decreased, or is within its tolerances except for noise."""
+        """Return whether the error has decreased, or its mean is within the tolerances."""
         images = list(self._window)
         half = len(images) // 2
         if half == 0:
@@ -164,13 +165,13 @@ class ProgressCheck:
     def explain_stall(self, state: ServoState) -> Outcome:
         """Return the outcome for an error that does not decrease.
 
-        While the error decreases, the outcome is 'running'.
+        The outcome is 'running' while the error decreases, and while its cause is unknown.
         """
         images = list(self._window)
         if state.phase != SERVOING or images[-1].stamp - images[0].stamp < 0.9 * WINDOW:
             return Outcome("running", state.reason)
         if self.is_shrinking:
-            # The mean error is within its tolerances, but the camera is not at its goal: a limit of
+            # The mean error is within its tolerances, but the camera has not arrived: a limit of
             # the arm may prevent the rest of the motion.
             held_back = _is_within_tolerances(images[len(images) // 2 :]) and (
                 _find_limit(images) or _find_infeasibility(images)
@@ -197,7 +198,7 @@ class ProgressCheck:
 
     @property
     def _halves(self) -> tuple[float, float]:
-        """Return the mean size of the error in the first and the second half of the images."""
+        """Return the mean error of the first and of the second half, in tolerances."""
         images = list(self._window)
         half = len(images) // 2
         before, after = (
@@ -306,9 +307,9 @@ def _estimate_noise(images: Sequence[_ServoedImage]) -> float:
 
 
 def _describe_accuracy(images: Sequence[_ServoedImage]) -> str:
-    """Describe how accurately one image determines the camera pose.
+    """Describe how accurately a single image determines the camera pose, as text.
 
-    Return an empty text if L does not show it.
+    Return an empty text if there is no L of the features.
     """
     last = images[-1]
     L = last.state.scheme_output.L
@@ -329,7 +330,7 @@ def _find_limit(images: Sequence[_ServoedImage]) -> Outcome | None:
         return None
     joints = ", ".join(sorted({name for names in stopped for name in names}))
     return make_outcome(
-        "joint_limit", f"{joints} at its limit: the path to the goal leads beyond it"
+        "joint_limit", f"the path to the goal leads beyond the limit of {joints}"
     )
 
 
@@ -342,7 +343,7 @@ def _find_rank_loss(images: Sequence[_ServoedImage]) -> Outcome | None:
             make_outcome("too_noisy", f"{text}: {dropped}"),
             remedy=suggest_larger_target(_estimate_noise(images)),
         )
-    return make_outcome("singular", f"{text}: a direction of the camera is not measured")
+    return make_outcome("singular", f"{text}: the features do not measure all camera motions")
 
 
 def _find_minimum(images: Sequence[_ServoedImage]) -> Outcome | None:
@@ -356,7 +357,8 @@ def _find_minimum(images: Sequence[_ServoedImage]) -> Outcome | None:
     return make_outcome(
         "local_minimum",
         f"the camera is at rest with an error of {images[-1].error_size:.0f} times its tolerance: "
-        f"a camera motion can reduce {100.0 * images[-1].explained_part:.0f} % of it{text}",
+        "according to L, a camera motion can reduce the error by at most "
+        f"{100.0 * images[-1].explained_part:.0f} %{text}",
     )
 
 
@@ -367,11 +369,12 @@ def _find_infeasibility(images: Sequence[_ServoedImage]) -> Outcome | None:
     missing = np.round(np.asarray(solution.infeasible_twist), 4).tolist()
     if sum(s.is_stretched for s in images) > MIN_IMAGE_PART * len(images):
         return make_outcome(
-            "out_of_reach", "the arm is stretched and the goal lies beyond its reach; part of the "
-            f"desired twist that is lost: {missing}",
+            "out_of_reach", "the arm is stretched and the goal lies beyond its reach; the arm "
+            f"loses this part of the desired twist (m/s, rad/s): {missing}",
         )  # fmt: skip
     return make_outcome(
-        "singular", f"the arm cannot move the camera as desired; lost part of the twist: {missing}"
+        "singular", "the arm cannot move the camera as desired; it loses this part of the desired "
+        f"twist (m/s, rad/s): {missing}"
     )
 
 

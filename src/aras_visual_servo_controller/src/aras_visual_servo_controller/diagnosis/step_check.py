@@ -50,7 +50,7 @@ class StepCheck:
             motion should have changed it by MIN_PREDICTED_MOTION tolerances, s; None if the error
             changes.
         occluded_since: time since which a part of the target inside the image has been invisible,
-            s; None if nothing has become invisible since the first image.
+            s; None if no part is hidden.
         has_drift: whether the features have moved steadily while the camera was at rest.
         names: (k,) names of the features.
         next_region: ranges of x and y, normalised, in which the target may be in the next image;
@@ -63,31 +63,34 @@ class StepCheck:
     # A jump is a step that exceeds MIN_JUMP tolerances, and JUMP_FACTOR times both the explained
     # step and the typical step.
     MIN_JUMP, JUMP_FACTOR = 20.0, 8.0
-    STEP_MEMORY = 0.9  # weight of the old value in the typical step
+    STEP_MEMORY = 0.9  # weight of the old value in the running means
     # `unchanged_since` is set when the error has not changed in UNCHANGED_IMAGES images although
-    # the
-    # predicted motion is MIN_PREDICTED_MOTION tolerances.
+    # the predicted motion of the features is MIN_PREDICTED_MOTION tolerances.
     MIN_PREDICTED_MOTION, UNCHANGED_IMAGES = 5.0, 8
-    # Measured and predicted motion are added up over several images, until the predicted motion is
-    # this
-    # large, in tolerances; then noise is a small part of the sums. They form a row.
+    # The steps of successive images are added up until their predicted motion is at least this
+    # large, in tolerances; then noise is a small part of the sum. Such a sum of measured and
+    # predicted motion is called a row.
     MIN_ROW = 8.0
-    MIN_ROWS = 5  # number of rows that determine a correlation
+    MIN_ROWS = 5  # number of rows from which a correlation is computed
     RECENT_IMAGES = 5
-    # The features drift at rest if their motion exceeds MIN_DRIFT tolerances, and if a steady drift
-    # explains more than MIN_DRIFT_PART of the squared steps (1/n for noise in n images).
+    # The features drift although the camera is at rest if their motion exceeds MIN_DRIFT
+    # tolerances, and if a steady drift explains more than MIN_DRIFT_PART of the squared steps.
+    # (Noise in n images gives 1/n.)
     MIN_DRIFT, MIN_DRIFT_PART = 2.5, 0.7
     MAX_REST_MOTION = 0.05  # largest predicted motion of a camera at rest, in tolerances
-    MIN_REST_IMAGES, MAX_REST_IMAGES = 4, 30  # numbers of images that are evaluated
-    MIN_CENTRE_JUMP = 0.02  # smallest jump of the target's centre, in normalised coordinates
+    # A drift at rest is searched for in at least and at most this number of images.
+    MIN_REST_IMAGES, MAX_REST_IMAGES = 4, 30
+    # Smallest motion between two images that is a jump of the target's centre, normalised.
+    MIN_CENTRE_JUMP = 0.02
     # Something covers the target if at least this fraction of its area disappears between two
-    # images and remains invisible for RECENT_IMAGES images. The area is corrected for the distance
-    # by kinematics.
+    # images and stays invisible for RECENT_IMAGES images. The area is corrected for the distance,
+    # which follows from kinematics.
     MIN_HIDDEN_PART = 0.06
-    # Largest relative change of the squared distance between these two images.
+    # Two images are compared for an occlusion only if the squared distance between camera and
+    # target changes by less than this fraction between them.
     MAX_DISTANCE_CHANGE = 0.2
-    # Predicted area, relative to the goal's, below which occlusion is not evaluated: the camera is
-    # then more than 100 times as far from the target as at the goal.
+    # An occlusion is not searched for if the predicted area, relative to the area at the goal, is
+    # below this: the camera is then more than 100 times as far from the target as at the goal.
     MIN_PREDICTED_AREA = 1e-4
 
     def __init__(self, min_row: float = MIN_ROW) -> None:
@@ -105,26 +108,27 @@ class StepCheck:
         self._last_measurement: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
         self.typical_step, self._count = 1.0, 0
         self._same_count, self._same_stamp, self._path = 0, 0.0, 0.0
-        # Number of images at which the camera is at rest, sum of the squared steps, and sum of the
+        # Since the camera is at rest: number of images, sum of the squared steps, and sum of the
         # steps (k,), in tolerances.
         self._rest_sums: tuple[int, float, np.ndarray | float] = 0, 0.0, 0.0
         self.has_drift = False
         self._steps: deque[tuple[float, float, float]] = deque(maxlen=self.RECENT_IMAGES)
-        # Squared distance by kinematics at the last image, relative to the goal's.
+        # Predicted squared distance at the last image, relative to the goal's.
         self._scale = 1.0
-        # Area in the last image, corrected for the distance, relative to the goal's.
+        # Area of the target in the last image, corrected for the distance, relative to the goal's.
         self._last_area = 0.0
-        # Running mean of this area, and its usual relative deviation.
+        # Running mean of the corrected area, and its usual relative deviation.
         self._mean_area = self._area_deviation = 0.0
-        # Number of images since a part of the target disappeared, and stamp of the first of them,
-        # s.
+        # Number of images since a part of the target disappeared, and the stamp (s) of the first of
+        # them.
         self._hidden_count, self._hidden_stamp = 0, 0.0
-        self._whole_area = 0.0  # corrected area before something covered the target
+        self._whole_area = 0.0  # corrected area before the target was covered
         self.next_region: tuple[tuple[float, float], tuple[float, float]] | None = None
         self._centre: tuple[float, float] | None = None
         self._centre_jumps = 0
-        # Sums over all complete rows, (3, k): measured times predicted motion, measured motion
-        # squared, predicted motion squared. Incomplete row, (2, k): measured and predicted motion.
+        # Sums over all complete rows, (3, k): measured times predicted motion, squared measured
+        # motion, squared predicted motion. The next attribute is the incomplete row, (2, k):
+        # measured and predicted motion so far.
         self._correlation_sums: np.ndarray | None = None
         self._row = np.zeros((2, 0))
 
@@ -141,7 +145,7 @@ class StepCheck:
         if not self._steps:
             return 0.0
         whole, rest, predicted = (sum(part) for part in zip(*self._steps, strict=True))
-        # The motion has to exceed the effect that the camera's motion has with any mounting.
+        # Any mounting error could explain a smaller motion of the features by the camera's motion.
         return rest / whole if whole > max(self.MIN_JUMP, self.JUMP_FACTOR * predicted) else 0.0
 
     @property
@@ -195,7 +199,7 @@ class StepCheck:
 
     @property
     def motion_ratio(self) -> float:
-        """Return the ratio of the features' measured motion to the prediction by L."""
+        """Return the ratio of measured to predicted motion of the features; 1 without data."""
         if self._correlation_sums is None:
             return 1.0
         _, moved, predicted = self._correlation_sums.sum(axis=1)
@@ -283,7 +287,7 @@ class StepCheck:
         )
 
     def add_area(self, observation: Observation, goal: Goal) -> None:
-        """Update the visible area of the target, and detect occlusions and jumps of its centre."""
+        """Update the visible area of the target; detect occlusions and jumps of the centre."""
         moments, desired = observation.moments, goal.moments
         if not observation.valid or moments is None or desired is None or moments.m00 <= 0.0:
             return
@@ -291,7 +295,8 @@ class StepCheck:
         dx, dy = (0.0, 0.0) if self._centre is None else (x - self._centre[0], y - self._centre[1])
         self._centre = x, y
         jumped = max(abs(dx), abs(dy)) > self.MIN_CENTRE_JUMP
-        # In the next image the target is at most twice its last displacement plus its size away.
+        # The centre is extrapolated by twice its last displacement. In the next image, the target
+        # should be within one target size of this point.
         x, y, size = x + 2.0 * dx, y + 2.0 * dy, sqrt(moments.m00)
         self.next_region = (x - size, x + size), (y - size, y + size)
         self._centre_jumps = min(self._centre_jumps + 1, self.FREQUENT_JUMPS) if jumped else max(
@@ -329,7 +334,7 @@ class StepCheck:
 
     @property
     def visible_part(self) -> float:
-        """Return the visible fraction of a covered target, 0 to 1."""
+        """Return the fraction of a covered target that is still visible, 0 to 1."""
         return self._last_area / self._whole_area if self._whole_area else 1.0
 
 
@@ -351,7 +356,7 @@ def predict_area(observation: Observation, goal: Goal) -> float:
 
 
 def predict_distance(world_T_camera: np.ndarray | None, goal: Goal) -> float:
-    """Return the target's depth by the joints alone, relative to the goal's depth.
+    """Return the target's depth that follows from the joints, relative to the goal's depth.
 
     Return 1 if the goal has no pose.
     """

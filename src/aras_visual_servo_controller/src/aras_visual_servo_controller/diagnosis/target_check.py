@@ -1,7 +1,7 @@
 """Check whether the target moves.
 
-A part of the features' motion is not explained by the camera's motion. The target moves if a
-constant or periodic motion of the target explains this part.
+The camera's motion explains only a part of the features' motion. The target moves if a constant or
+periodic motion of the target explains the remaining part.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from ..schemes.base import SchemeOutput
 
 @dataclass(frozen=True, eq=False)
 class _Row:
-    """One row of the fit: motion of k features within ROW_PERIOD, in tolerances.
+    """One row of the fit: motion of k features over at least ROW_PERIOD, in tolerances.
 
     Attributes:
         stamp: middle of the period, s.
         feature_motion: (k,) measured motion.
-        L: (k, 6) mean interaction matrix.
+        L: (k, 6) mean interaction matrix, in tolerances.
         motion: (6,) motion of the camera.
         drift: (k, 6) motion of the features that a unit twist of the target causes in this period.
             The twist is in world axes; its reference point is the camera's position at the first
@@ -46,7 +46,8 @@ class _RowSums:
     """Sums of the rows of the fit over groups of `rows_per_sum` rows, in tolerances.
 
     Attributes:
-        feature_motion: (n,) measured motion of the features, for all groups.
+        feature_motion: (n,) measured motion of the features; n is the number of groups times the
+            number of features.
         motion_parts: (n, 6) motion predicted for each direction of the camera.
         rows_per_sum: number of rows in a group.
     """
@@ -79,7 +80,7 @@ class _RowSums:
 
     @property
     def mixed_effects(self) -> np.ndarray:
-        """Return the effects (n, 18) of the camera's motion along wrong axes.
+        """Return the feature motions (n, 18) due to camera motions along wrong axes.
 
         See `_compute_mixed_effects`.
         """
@@ -87,29 +88,28 @@ class _RowSums:
 
     @property
     def drift(self) -> np.ndarray:
-        """Return the effects (n, 6) of a unit twist of the target on the features."""
+        """Return the feature motions (n, 6) due to a unit twist of the target."""
         return self._sum_rows(np.array([row.drift for row in self._rows]))
 
     @property
     def stamps(self) -> np.ndarray:
-        """Return the time (n,) since the first row, s."""
+        """Return the time (n,) of each value since the first group, s."""
         stamps = np.array([row.stamp for row in self._rows]).reshape(-1, self.rows_per_sum)
         stamps = stamps.mean(axis=1)
         return np.repeat(stamps - stamps[0], len(self._rows[0].feature_motion))
 
     @property
     def translation_effect(self) -> np.ndarray:
-        """Return the effect (n,) of all translations of the camera on the features."""
+        """Return the feature motions (n,) due to all translations of the camera."""
         return self.motion_parts[:, :3].sum(axis=1)
 
     @property
     def rotation_effect(self) -> np.ndarray:
-        """Return the effect (n,) of all rotations of the camera on the features."""
+        """Return the feature motions (n,) due to all rotations of the camera."""
         return self.motion_parts[:, 3:].sum(axis=1)
 
     def fit_depth(self) -> float:
-        """Return the factor on the camera's translations that explains the features' motion best.
-        """
+        """Return the factor on the camera's translations that best explains the feature motion."""
         along = self.translation_effect
         square = float(along @ along)
         return (
@@ -117,7 +117,7 @@ class _RowSums:
         )
 
     def compute_rest_residual(self, depth: float) -> np.ndarray:
-        """Return the features' motion (n,) that a target at rest leaves unexplained.
+        """Return the feature motions (n,) that the camera's motion does not explain.
 
         Args:
             depth: factor on the camera's translations.
@@ -128,62 +128,65 @@ class _RowSums:
 class TargetCheck:
     """Fit of the features' motion over the last SPAN seconds by the motions of camera and target.
 
-    Three explanations are compared by their residual, the squared motion that they do not explain:
+    Three explanations are compared. The residual of an explanation is the sum of the squared
+    feature motions that it does not explain.
 
-    - a target at rest and a correct camera model, except for the depth; - a target at rest and a
-      wrong camera model (mounting, focal length): a translation along one axis may have the effect
-      of a translation along another axis, and likewise a rotation;
-    - a target that moves with a constant twist, or oscillates at one frequency in addition.
+    - The target is at rest and the camera model is correct, except for the depth.
+    - The target is at rest and the camera model is wrong (mounting, focal length): a translation
+      along one axis may have the effect of a translation along another axis, and likewise a
+      rotation.
+    - The target moves with a constant twist, and may also oscillate at one frequency.
 
-    The ratio of the residual of the third explanation to that of the first was measured on the
-    simulated outcomes of tests/outcomes (30 images per second; kinematic arm and free camera). It
-    is 1e-5 for a target that moves at 10 to 40 mm/s, at most 0.035 for a target that oscillates by
-    5 to 20 mm at 0.2 to 0.6 Hz, at least 0.2 for a wrong mounting or focal length, and 0.9 for
-    image noise.
+    The ratio of the third residual to the first one was measured on the simulated outcomes of
+    tests/outcomes (30 images per second; kinematic arm and free camera). It is 1e-5 for a target
+    that moves at 10 to 40 mm/s, at most 0.035 for a target that oscillates by 5 to 20 mm at 0.2 to
+    0.6 Hz, at least 0.2 for a wrong mounting or focal length, and 0.9 for image noise.
     """
 
-    ROW_PERIOD = 0.12  # shortest duration of a row, s
+    ROW_PERIOD = 0.12  # one row of the fit is the motion during at least this time, s
     SPAN = 6.0  # time over which the motion is fitted, s
     MIN_ROWS = 10  # number of rows before the first fit
     CHECK_PERIOD = 5  # number of rows between two fits
-    # Smallest number of values in a fit: its 18 factors would explain any smaller set of values.
+    # Smallest number of values in a fit of single rows. A wrong camera model is fitted with 18
+    # factors, which would explain any small set of values.
     MIN_NUMBERS = 60
-    # Numbers of rows in a group. If single rows show no motion, groups of more rows are added up:
-    # within ROW_PERIOD, a target at 1 mm/s moves by less than the tolerances, while a sum has no
-    # more
-    # noise than a row.
+    # Numbers of rows in a group. If groups of one row show no motion, larger groups are tried: a
+    # target at 1 mm/s moves by less than the tolerances within ROW_PERIOD, and the sum over a group
+    # has no more noise than one row.
     ROWS_PER_SUM = (1, 3, 6, 12)
-    # For each size of a group: a motion of the target is fitted if the rms residual of the camera's
-    # motion exceeds this, in tolerances.
+    # Minimum rms residual for a target at rest, in tolerances, for each number of rows in a group.
+    # A motion of the target is fitted only if the residual exceeds it.
     MIN_RESIDUAL = (0.3, 0.3, 0.3, 0.15)
-    MIN_SUMMED_NUMBERS = 12  # smallest number of summed values in a fit
+    MIN_SUMMED_NUMBERS = 12  # smallest number of values in a fit if rows are summed in groups
     # An oscillation is fitted only to rows that cover at least this time, s.
     MIN_OSCILLATION_SPAN = 2.5
     # The target moves if its motion reduces the residual to less than this fraction of the residual
     # for a target at rest.
     MAX_RESIDUAL_PART = 0.1
-    # The residual also has to be less than this fraction of the residual for a wrong camera model.
+    # The residual for a moving target also has to be less than this fraction of the residual for a
+    # wrong camera model.
     MAX_CAMERA_PART = 0.5
-    # Smallest factor on the camera's translations that a wrong depth can explain. If the features
-    # move even less, the camera follows the target.
+    # Smallest factor on the camera's translations that a wrong depth can explain. With a smaller
+    # factor, the camera follows the moving target.
     MIN_DEPTH_FACTOR = 0.3
-    # A wrong camera model is also fitted if the squared motion of the features is more than this
-    # fraction of the predicted one, because the camera may move in another direction than assumed.
+    # A wrong camera model is also fitted if the ratio of measured to predicted squared motion lies
+    # between this and its inverse, because the camera may move in another direction than predicted.
     MIN_MOTION_PART = 0.2
-    # Smallest scale of the motion along and about each direction that a wrong camera model can
-    # explain. Half the motion corresponds to a wrong focal length, or to a mounting error of 60
-    # degrees.
+    # Smallest scale of the translation along or the rotation about an axis that a wrong camera
+    # model can explain. A scale of 0.5 corresponds to a focal length that is wrong by a factor of
+    # two, or to a mounting error of 60 degrees.
     MIN_CAMERA_FACTOR = 0.5
-    # A wrong camera model explains the motion as well as a moving target if its residual is less
-    # than this fraction of the residual for a target at rest.
+    # A wrong camera model explains the motion as well as a moving target does if its residual is
+    # less than this fraction of the residual for a target at rest.
     CAMERA_EXPLAINS_PART = 0.02
     MAX_FREQUENCY = 1.5  # highest frequency of an oscillation that is fitted, Hz
-    # Normalised tolerance of the target's centre. The centre is used if the scheme's L does not
-    # belong to the present view.
+    # Tolerance of the target's centre in normalised coordinates. The centre is used instead of the
+    # features if the scheme's L does not belong to the present view.
     CENTRE_TOLERANCE = 1e-3
 
     def __init__(self) -> None:
-        # Whether a wrong camera model explained the motion as well at the last fit.
+        # Whether, at the last fit, a wrong camera model explained the motion as well as a moving
+        # target.
         self.has_camera_explanation = False
         self._rows: deque[_Row] = deque()
         self._origin = np.zeros(3)  # reference point of the target's twist, in m and world axes
@@ -262,8 +265,8 @@ class TargetCheck:
             rows.clear()
         if not rows:
             self._origin = pose[:3, 3]
-        # Relative to the camera, the target's twist acts like a camera twist of opposite sign. At
-        # the distance d from its reference point, the velocity is v + w x d.
+        # The target's twist has the same effect on the image as the opposite twist of the camera.
+        # At the distance d from the reference point of the twist, the velocity is v + w x d.
         camera_R_world = pose[:3, :3].T
         translation_L, rotation_L = L[:, :3] @ camera_R_world, L[:, 3:] @ camera_R_world
         lever = skew(pose[:3, 3] - self._origin)
@@ -291,7 +294,7 @@ class TargetCheck:
             rest = rows.compute_rest_residual(max(depth, self.MIN_DEPTH_FACTOR))
             square = float(rest @ rest)
             if group == 1 and square * self.ROWS_PER_SUM[-1]**2 < self.MIN_RESIDUAL[-1]**2 * count:
-                return ""  # the residual of a sum of n rows is at most n times as large
+                return ""  # no group of rows can reach its MIN_RESIDUAL
             if square >= min_residual**2 * count:
                 if np.linalg.matrix_rank(self._rows[-1].L[:, :3]) < 2:
                     return ""  # L has rank 1 and does not determine the motion
@@ -313,14 +316,15 @@ class TargetCheck:
             )
         self.has_camera_explanation = camera_residual < self.CAMERA_EXPLAINS_PART * residual
         bound = min(self.MAX_RESIDUAL_PART * residual, self.MAX_CAMERA_PART * camera_residual)
-        # The factor on the depth is fitted as its deviation from 1. A camera that follows its
-        # target at constant speed does not move it in the image, and a factor of 0 must not explain
-        # that.
+        # The first column fits the deviation of the depth factor from 1. If the camera follows its
+        # target at constant speed, the features do not move. The regularised fit must then find a
+        # target velocity, and not a depth factor of 0.
         constant, velocity = _fit_columns(columns[:, :4], motion - effect)
         if constant < bound:
             return f"it moves at {1e3 * float(np.linalg.norm(velocity[1:])):.1f} mm/s"
-        # There are few sums and they change smoothly, so that rotations and oscillations explain
-        # half of them by chance. Therefore their bound is lower.
+        # The sums over large groups are few and change smoothly, so that a rotation or an
+        # oscillation can explain half of their motion by chance. Therefore a lower residual is
+        # required of them.
         bound = min(self.MAX_RESIDUAL_PART / rows.rows_per_sum**2 * residual, bound)
         # With fewer than six values per image, a rotation cannot be distinguished from a
         # translation.
@@ -343,7 +347,7 @@ class TargetCheck:
         span = time[-1]
         if span < self.MIN_OSCILLATION_SPAN:
             return ""
-        # Remove the effects of depth and twist once for all frequencies.
+        # Remove the effects of depth and constant twist here, once for all frequencies.
         base = np.linalg.qr(columns)[0]
         feature_motion = feature_motion - base @ (base.T @ feature_motion)
         min_residual, best_frequency = np.inf, 0.0
@@ -357,9 +361,11 @@ class TargetCheck:
 
 
 def compute_centre(observation: Observation, goal: Goal) -> tuple[np.ndarray, np.ndarray, float]:
-    """Compute the target's centre (2,) from its moments, the L (2, 6) of the centre, and its drift.
+    """Compute the target's centre from its moments, with its interaction matrix and drift.
 
-    The drift is 0. The arrays are empty if the moments or the depth are unknown.
+    Returns:
+        The centre (2,), normalised; its L (2, 6); its drift, which is 0. The arrays are empty if
+        the moments or the depth are unknown.
     """
     measured, desired = observation.moments, goal.moments
     if measured is None or desired is None or not goal.depth or measured.m00 <= 0.0:
@@ -385,9 +391,9 @@ def _add_step(
     interaction_sum,
     is_angle,
 ):
-    """Add the motion of the features between two images, and the mean of both L.
+    """Add the motion of the features between two images, and the mean L of these images.
 
-    Both are divided by the tolerances.
+    Motion and L are divided by the tolerances.
 
     Args:
         error_before, error: (k,) error at the previous and at the present image.
@@ -396,13 +402,12 @@ def _add_step(
             motion.
         tolerances_before, tolerances: (k,) tolerances at each of the two images.
         dt: time between the two images, s.
-        feature_motion: (k,) sum of the motion; modified in place.
-        interaction_sum: (k, 6) sum of the L; modified in place.
+        feature_motion: (k,) sum of the feature motions; modified in place.
+        interaction_sum: (k, 6) sum of the mean L; modified in place.
         is_angle: (k,) whether each component is an angle, which may wrap.
 
     Returns:
-        Whether an angle wrapped, that is, changed by more than any feature moves between two
-        images.
+        Whether an angle has wrapped, that is, has changed by more than 1 rad.
     """
     wrapped = False
     for i in range(len(error)):
@@ -418,10 +423,10 @@ def _add_step(
 
 
 def _compute_mixed_effects(row: _Row) -> np.ndarray:
-    """Return the effects (k, 18) of the camera's motion along wrong axes.
+    """Return the feature motions (k, 18) due to camera motions along wrong axes.
 
-    There is a column for the effect that the motion along each axis would have if it acted along
-    each of the three axes, for translations and for rotations.
+    Nine columns are the feature motions if the camera's translation along one of the three axes
+    acted along one of the three axes. Nine more columns are those for rotations.
     """
     return np.hstack([
         (row.L[:, first : first + 3, None] * row.motion[first : first + 3]).reshape(-1, 9)
@@ -432,8 +437,9 @@ def _compute_mixed_effects(row: _Row) -> np.ndarray:
 def _fit_camera(columns: np.ndarray, feature_motion: np.ndarray, min_factor: float) -> float:
     """Return the squared motion of the features that a wrong camera model does not explain.
 
-    A camera motion in one direction may act in any other direction. It moves the features at least
-    `min_factor` times as far as predicted; if they move less, the camera follows the target.
+    With a wrong camera model, a camera motion along one axis may act along any other axis. It has
+    to move the features at least `min_factor` times as far as predicted. If they move less, the
+    camera follows the target.
 
     Args:
         columns: (n, 18) effects of the camera's motion, see `_compute_mixed_effects`.

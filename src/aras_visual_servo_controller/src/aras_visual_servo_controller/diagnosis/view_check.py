@@ -25,22 +25,23 @@ if TYPE_CHECKING:
     from ..observation.observation import Observation
 
 MIN_VIEWS = 3  # smallest number of images for a comparison
-NOISE_DEVIATIONS = 3.0  # a mean within this many standard deviations is explained by noise
-MAX_WINDOW = 120  # largest number of averaged images
+NOISE_DEVIATIONS = 3.0  # a mean difference of less than this many standard deviations is noise
+MAX_WINDOW = 120  # largest number of images in a mean
 # Tolerances of the scale-free central moments. Converged runs with five cameras, with and without
-# noise, differ from the goal by 0.2 % in the second order and 6e-5 in the third. The closest wrong
-# pose that was found, 18 degrees away, differs by 0.6 % and 5e-4.
-SECOND_ORDER_TOLERANCE = 0.02  # as a fraction of the goal's largest moment of this order
+# noise, differ from the goal by 0.2 % in the second order and 6e-5 in the third order. The closest
+# wrong pose that was found is rotated by 18 degrees and differs by 0.6 % and 5e-4.
+SECOND_ORDER_TOLERANCE = 0.02  # relative to the goal's largest second-order moment
 THIRD_ORDER_TOLERANCE = 2.5e-4
-# Tolerance of the target's centre (normalised) and size (relative). It is added to the noise and
+# Tolerance of the target's centre (normalised) and size (relative), in addition to the noise and to
 # the accuracy of the features.
 MAX_PLACE_DIFFERENCE = 4e-3
-# A direction is not measured if a motion along it of more than this stays within the features'
-# tolerances: translation as a fraction of the depth, rotation in rad.
+# The features do not measure a direction of the camera if a motion of this size along it changes no
+# feature by more than its tolerance: translation as a fraction of the depth, rotation in rad.
 UNSEEN_MOTION = 0.05
-# The view measures such a direction if it shows at least this fraction of the motion.
+# Position and size of the target can show a camera motion in such an unmeasured direction only if
+# they change by at least this fraction of the motion.
 MIN_SHOWN_PART = 0.05
-SHAPE_NUMBERS = 7  # number of moments that describe the shape
+SHAPE_NUMBERS = 7  # number of second- and third-order moments, which describe the shape
 PLACE_FEATURES = ("xg", "yg", "area")  # features of the target's position and size
 
 
@@ -49,7 +50,8 @@ class ViewCheck:
 
     def __init__(self) -> None:
         self._views = RecentErrors()
-        # Stamp of each image that has not been compared yet, and moments of each camera.
+        # Stamp of each image that has not been compared with the goal yet, and the moments that
+        # each camera measured in it.
         self._pending_views: deque[tuple[float, list[Moments | None]]] = deque(maxlen=MAX_WINDOW)
         self._goal: Goal | None = None
         self._expected_place: _ExpectedPlace | None = None
@@ -74,7 +76,7 @@ class ViewCheck:
         self._pending_views.append((observation.stamp, moments))
 
     def retain(self, count: int) -> None:
-        """Retain only the latest `count` images, and compare the new ones with the goal."""
+        """Compare the new images with the goal, and remove all but the latest `count` images."""
         while len(self._pending_views) > count:
             self._pending_views.popleft()
         for stamp, views in self._pending_views:
@@ -93,9 +95,10 @@ class ViewCheck:
 
         Args:
             observation: observation of the present image.
-            L: (k, 6) interaction matrix of the features, in tolerances, for scaled rotations (rad
-                times the target's depth).
-            covariance: (6, 6) of the camera's offset from the goal, with scaled rotations.
+            L: (k, 6) interaction matrix of the features divided by their tolerances, for scaled
+                rotations (rad times the target's depth).
+            covariance: (6, 6) covariance of the camera's offset from the goal, with scaled
+                rotations.
             depth: depth of the target at the goal, m.
         """
         rows = [
@@ -136,9 +139,9 @@ class ViewCheck:
                 are multiplied by the target's depth).
 
         Returns:
-            A description of the difference that no unmeasured motion explains, empty if there is
-            none; the camera motion (6,) that the view shows although the features do not measure
-            it.
+            Text that describes a difference which no unmeasured camera motion explains, empty if
+            there is none; the camera motion (6,) that the view shows although the features do not
+            measure it.
         """
         self.retain(MAX_WINDOW)
         if len(self._views) < MIN_VIEWS or self._expected_place is None:
@@ -147,7 +150,7 @@ class ViewCheck:
         return self._expected_place.compare(mean, unknown, offset)
 
     def _average_views(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the mean differences (c, 10) between the views of c cameras and the goal.
+        """Return the mean differences (c, 10) of the views of c cameras from the goal.
 
         Their noise (c, 10) is returned as well.
         """
@@ -160,8 +163,8 @@ class ViewCheck:
 class _ExpectedPlace:
     """Expected differences of the target's position and size from those at the goal.
 
-    The matrix `rows` (3 c, 6) is their interaction matrix for c cameras. See
-    `ViewCheck.set_expected_place`.
+    The matrix `rows` (3 c, 6) is the interaction matrix of position and size for c cameras. See
+    `ViewCheck.set_expected_place` for the other arguments.
     """
 
     def __init__(
@@ -173,7 +176,8 @@ class _ExpectedPlace:
         _, s, vt = np.linalg.svd(L)
         s = np.append(s, np.zeros(len(vt) - len(s)))
         unseen = vt[s * UNSEEN_MOTION * depth < 1.0]
-        # Directions that the features do not measure, and their effects on position and size.
+        # Combine the unmeasured directions so that each one has its own effect on position and
+        # size.
         u, s, vt = np.linalg.svd(rows @ unseen.T, full_matrices=False)
         is_visible = s * depth > MIN_SHOWN_PART
         self._visible_directions, self._motions = (
@@ -202,7 +206,7 @@ class _ExpectedPlace:
 
 
 def _list_goals(goal: Goal, cameras: list[str]) -> list[Goal]:
-    """Return the goal of each camera, or the first camera's if a camera has none."""
+    """Return the goal of each camera; a camera without a goal gets the first camera's."""
     return [goal.cameras.get(name, goal) for name in cameras] or [goal]
 
 
@@ -211,8 +215,8 @@ def _compute_difference(measured: Moments | None, desired: Moments | None) -> np
 
     The difference consists of the second- and third-order central moments of the outline, in
     tolerances, the target's centre (normalised) and the logarithm of its size. Ten values are
-    compared, because several poses can have the same values of six features. Return zeros if view
-    and goal cannot be compared.
+    compared, because several camera poses can give the same six values. Return zeros if view and
+    goal cannot be compared.
     """
     if measured is None or desired is None or measured.kind != desired.kind or desired.m00 <= 0.0:
         return np.zeros(SHAPE_NUMBERS + len(PLACE_FEATURES))
@@ -224,7 +228,8 @@ def _compute_difference(measured: Moments | None, desired: Moments | None) -> np
         measured.yg - desired.yg,
         0.5 * np.log(measured.area / desired.area),
     )
-    # The unit is the largest second-order moment; the mixed moment can be small.
+    # All second-order moments are divided by the largest one, because the mixed moment can be
+    # small.
     return np.concatenate(
         [
             second / (SECOND_ORDER_TOLERANCE * _normalise_moments(desired, 2).max()),

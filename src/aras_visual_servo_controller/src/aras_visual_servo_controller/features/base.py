@@ -91,7 +91,7 @@ class Feature(ABC):
         tolerances: (k,) tolerance of each component, which has converged if |error| is below it. A
             DepthFraction is a tolerance relative to the target's depth.
         directions: (6,) whether the feature controls each of the camera directions vx ... wz. The
-            others are held by kinematics.
+            arm's kinematics hold the others constant.
         weights: (k,) weight of each component in the least squares; None if all are equal.
         is_geometric: whether s follows from the image positions of the target's points. The output
             of a network does not, so a deviation from L does not indicate a camera error.
@@ -179,7 +179,7 @@ class Feature(ABC):
             )
 
     def teach(self, observation: Observation) -> Mapping[str, Any]:
-        """Return the data of the view at the goal that the goal file stores.
+        """Return the data that the goal file stores for this feature, from the view at the goal.
 
         The values are numbers, lists and strings, which can be written as YAML. When the goal is
         read again, they are in `goal.features[name]`. Moments, kernel features, joints, camera and

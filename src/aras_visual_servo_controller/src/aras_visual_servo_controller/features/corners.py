@@ -175,7 +175,9 @@ class PolarPoints(CornerFeature):
         """Compute s (k,) from points (n, 2) and their inverse depths (n,)."""
         rho = np.hypot(points[:, 0], points[:, 1])
         if rho.min() < MIN_LENGTH:
-            raise MeasurementError("a point lies on the optical axis: it has no polar angle")
+            raise MeasurementError(
+                "a point lies on the optical axis: it has no polar angle; use the feature points"
+            )
         return np.stack([rho, np.arctan2(points[:, 1], points[:, 0])], axis=1).ravel()
 
     def interaction(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:

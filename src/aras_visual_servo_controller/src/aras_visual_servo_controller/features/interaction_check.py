@@ -26,30 +26,31 @@ Observe = Callable[[np.ndarray], Observation]
 # Corners of a hexagon without symmetry, 7 cm wide, in the plane z = 0 of the world.
 CORNERS = np.array([(-0.03, -0.036, 0.0), (0.0, -0.036, 0.0), (0.004, 0.012, 0.0),
                     (0.034, 0.01, 0.0), (0.03, 0.036, 0.0), (-0.034, 0.034, 0.0)])  # fmt: skip
-# world_T_camera at the goal, 0.3 m above the hexagon.
+# world_T_camera at the goal, 0.3 m above the hexagon CORNERS.
 GOAL_POSE = Pose.from_rpy((0.01, 0.005, 0.3), (np.pi, 0.0, 0.1)).matrix()
-# The checked views: tilted by 14 degrees to different sides, turned, and 5 to 9 cm from the goal.
-# At a single view, a wrong sign may be hidden by a coordinate that is close to 0 there.
+# Default views: tilted by 14 degrees to different sides, rotated, and 5 to 9 cm from the goal.
+# Several views are needed, because a coordinate close to 0 may hide a wrong sign in one of them.
 TEST_POSES = np.array([
     Pose.from_rpy((0.03, -0.04, 0.28), (np.pi - 0.2, 0.15, 0.4)).matrix(),
     Pose.from_rpy((-0.03, 0.04, 0.33), (np.pi + 0.2, -0.15, -0.3)).matrix(),
     Pose.from_rpy((-0.05, -0.035, 0.36), (np.pi - 0.15, -0.2, 0.9)).matrix(),
 ])  # fmt: skip
 CAMERA = CameraModel(640, 480, (600.0, 0.0, 319.5, 0.0, 600.0, 239.5, 0.0, 0.0, 1.0))
-# Measurements that exist without images.
+# Measurements that an exact camera provides without an image.
 EXACT_NEEDS = frozenset((Need.MOMENTS, Need.CONTOUR, Need.CORNERS))
-MAX_ROWS = 12  # rows that a printed check lists
+MAX_ROWS = 12  # largest number of rows in the printed table
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class InteractionCheck:
-    """Comparison of an interaction matrix L with finite differences; printed, it is a table.
+    """Comparison of an interaction matrix L with finite differences, printed as a table.
 
     The feature has k components and was checked at p poses.
 
     Attributes:
-        feature: name of the feature, as given. names: (k,) of its components.
-        poses: (p, 4, 4) world_T_camera.
+        feature: name of the feature, as given.
+        names: (k,) names of its components.
+        poses: (p, 4, 4) poses world_T_camera at which L was checked.
         L, differences: (p, k, 6) interaction matrices, and finite differences of the error.
         units: (6,) units of the motions: depth at the goal (m) three times, and 1 rad three times.
         tolerance: largest relative error of a correct row.
@@ -65,7 +66,7 @@ class InteractionCheck:
 
     @cached_property
     def _relative(self) -> np.ndarray:
-        """Relative errors (p, k) of the rows at the poses; inf for values that are not finite."""
+        """Relative error (p, k) of each row of L at each pose; inf if a value is not finite."""
         L, differences = self.L * self.units, self.differences * self.units
         off = np.linalg.norm(L - differences, axis=2)
         size = np.maximum(np.linalg.norm(L, axis=2), np.linalg.norm(differences, axis=2))
@@ -74,18 +75,22 @@ class InteractionCheck:
 
     @property
     def errors(self) -> np.ndarray:
-        """Relative error (k,) of each row, at the pose where it is largest."""
+        """Relative error (k,) of each row of L, at the pose where it is largest."""
         return self._relative.max(axis=0)
 
     @property
     def is_correct(self) -> bool:
-        """True if no row differs by more than the tolerance."""
+        """True if no row of L differs from the finite differences by more than the tolerance."""
         return bool((self.errors <= self.tolerance).all())
 
     def find_worst_entry(self, row: int | None = None) -> tuple[int, int, int]:
-        """Return pose, row and column of the entry that contributes most to the error of a row.
+        """Find the entry of L that contributes most to the error of a row.
 
-        row: the row; None: the one with the largest relative error.
+        Args:
+            row: index of the row; None for the row with the largest relative error.
+
+        Returns:
+            The indices of the pose, the row and the column.
         """
         if row is None:
             row = int(np.argmax(self.errors))
@@ -154,7 +159,7 @@ def check_interaction_matrix(
         world_T_camera: (4, 4) or (p, 4, 4), optical frame at which L is checked, in the world. The
             default is three views, tilted by 14 degrees, 5 to 9 cm from the goal, and turned.
         goal: goal. By default it is taught 0.3 m above the hexagon.
-        step: half the distance between the two views, in depths and rad.
+        step: half the motion between the two views of a difference, in depths or rad.
         tolerance: largest relative error of a row. Finite differences of exact observations are
             correct to about 1e-6; differences of images need a larger `step` and `tolerance`.
 
@@ -214,9 +219,15 @@ def _compute_both(
     feature: Feature, observe: Observe, pose: np.ndarray, goal: Goal, motions: np.ndarray,
     step: float,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Compute L (k, 6) at a pose and the finite differences (k, 6), the latter per unit of motion.
+    """Compute L (k, 6) at a pose, and the finite differences (k, 6) per unit of motion.
 
-    motions: (6,) half the distance between the two views, m and rad.
+    Args:
+        feature: feature to check.
+        observe: function that returns the observation at a pose.
+        pose: (4, 4) world_T_camera.
+        goal: goal of the feature.
+        motions: (6,) half the motion between the two views of a difference, m and rad.
+        step: the same motion in the units of the differences (depth and rad).
     """
     here = feature.measure(observe(pose), goal)
     columns = []
@@ -251,7 +262,7 @@ def _format_percent(part: float) -> str:
 
 
 def _make_exact_observer(feature: Feature) -> Observe:
-    """Return a function that computes exact observations of the hexagon.
+    """Return a function that computes exact observations of the default target, a hexagon.
 
     Raises:
         ConfigurationError: the feature needs other measurements.

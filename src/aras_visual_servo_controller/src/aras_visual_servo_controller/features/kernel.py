@@ -1,4 +1,4 @@
-"""The kernel features of 2015, with a corrected derivative.
+"""The kernel features of the laboratory's controller of 2015, with a corrected derivative.
 
 The camera node publishes the four features
 
@@ -59,7 +59,7 @@ class Kernel(Feature):
 
     needs = frozenset((Need.KERNEL,))
     names = ("kernel_0", "kernel_1", "kernel_2", "kernel_3")
-    # An error of 1 % of kernel 0 or 1 is half a pixel; 2 % of kernel 2 is 1 % of the distance.
+    # 1 % of kernel 0 or 1 corresponds to half a pixel, and 2 % of kernel 2 to 1 % of the distance.
     tolerances = (0.01, 0.01, 0.02, 0.04)
     units = ("", "", "", "rad")
     directions = LEVEL_CAMERA
@@ -102,7 +102,9 @@ class Kernel(Feature):
         try:
             J = np.linalg.inv(data[:16].reshape(4, 4))
         except np.linalg.LinAlgError as error:
-            raise MeasurementError("the kernel features' Jacobian is singular") from error
+            raise MeasurementError(
+                "camera/kernel: the kernel features' Jacobian is singular; check the camera node"
+            ) from error
         depth = goal.depth * np.sqrt(kernel.features[2] / k[2])
         L = _compute_interaction(J, np.reshape(observation.camera.K, (3, 3)), depth)
         scale = np.append(kernel.features[:3], 1.0)
@@ -113,7 +115,8 @@ class Kernel(Feature):
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
         """Return the accuracy of s.
 
-        One row of pixels changes a feature by about its tolerance.
+        The tolerances are used, because an error of one row of pixels changes a feature by about
+        its tolerance.
         """
         return np.diag(self.tolerances)
 
@@ -135,8 +138,8 @@ def _compute_interaction(J: np.ndarray, K: np.ndarray, depth: float) -> np.ndarr
     fx, fy = K[0, 0], K[1, 1]
     # The kernels count pixels from 1; K counts them from 0.
     row_centre, column_centre = (K[1, 2] + 1.0) * DELTA_X, (K[0, 2] + 1.0) * DELTA_Y
-    # Ratio of the kernel steps to the angular size of a pixel: its value for rows divided by its
-    # value for columns.
+    # A pixel has the size DELTA_X by DELTA_Y in units of the kernel, and 1 / fy by 1 / fx in
+    # normalised coordinates. This is the ratio of both scales, rows by columns.
     across = (fy * DELTA_X) / (fx * DELTA_Y)
     L = np.zeros((4, 6))
     # The optical y axis is along the rows and the x axis along the columns. A rotation from rows to

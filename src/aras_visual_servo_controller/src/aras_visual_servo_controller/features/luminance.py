@@ -28,15 +28,16 @@ from ..goals.goal import Goal
 from ..observation.observation import Need, Observation
 from .base import FEATURES, Feature, FeatureMeasurement, compare_cameras, get_plane
 
-# Rounding and rendering noise of a fit of two images from the same view, in grey levels.
+# Error of the features due to rounding and rendering if two images show the same view, in grey
+# levels.
 GREY_NOISE = 0.2
-# Factor on a pixel's error in a fit of smoothed images, in which neighbouring pixels share the
-# error.
+# Factor on the error of a single pixel. Neighbouring pixels of the smoothed images have nearly the
+# same error, so that it does not average out over the image.
 NEIGHBOUR_FACTOR = 3.5
 SYMMETRY_ORDERS = (8, 7, 6, 5, 4, 3, 2)  # orders of rotational symmetry that are tested
-MAX_DEPTH = 500.0  # more distant parts of the plane are ignored; in units of the goal's distance
-MIN_OVERLAP = 0.3  # fraction of the image that must be visible before and after the rotation
-BORDER = 10  # width of the ignored image border, px; new parts of the scene enter there
+MAX_DEPTH = 500.0  # largest depth of the plane that is evaluated, in units of the goal's distance
+MIN_OVERLAP = 0.3  # part of the image that has to be visible both before and after the rotation
+BORDER = 10  # width of the border that is ignored, px, because new parts of the scene enter there
 # The image has too little texture if an eigenvalue of L^T L is below this fraction of the largest.
 EIGENVALUE_TOLERANCE = 1e-12
 
@@ -57,7 +58,9 @@ class _PixelRays:
         scale = by_column_x * by_row_y - by_row_x * by_column_y
         inside = (slice(BORDER, -BORDER),) * 2
         if min(camera.width, camera.height) < 4 * BORDER:
-            raise MeasurementError("the image is too small for photometric servoing")
+            raise MeasurementError(
+                "the image is too small for photometric servoing: use a camera with more pixels"
+            )
 
         def crop(values: np.ndarray) -> np.ndarray:
             return np.ascontiguousarray(values[inside], np.float32)
@@ -181,7 +184,8 @@ class Luminance(Feature):
         normal = np.array(plane) / np.linalg.norm(plane)
         directions = np.stack([rays.x.ravel(), rays.y.ravel(), np.ones(rays.x.size)])
         depth = 1.0 / np.maximum(np.array(plane) @ directions, plane.C / MAX_DEPTH)
-        # The area of the plane that one pixel covers increases with the cube of the depth.
+        # Each pixel is weighted by the area of the plane that it covers, which increases with the
+        # cube of the depth.
         weight = np.abs(goal_image - np.median(goal_image)).ravel() * depth**3
         centre = directions @ (weight * depth) / max(weight.sum(), np.finfo(float).tiny)
         for folds in SYMMETRY_ORDERS:
@@ -223,7 +227,7 @@ class Luminance(Feature):
             )
 
     def _reduce(self, error: np.ndarray, L: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Reduce e (n,) and L (6, n) to a short error with its interaction matrix."""
+        """Reduce the errors e (n,) of n pixels and L (6, n) to an error (6,) and its L (6, 6)."""
         H = (L @ L.T).astype(float)
         g = (L @ error).astype(float)
         return square_root(H + self.damping * np.diag(np.diag(H)), g)
@@ -251,14 +255,16 @@ class LuminanceMap(Luminance):
     def __init__(self) -> None:
         super().__init__()
         self._basis: np.ndarray | None = None
-        self._basis_rays: _PixelRays | None = None  # rays for which the basis was made
+        self._basis_rays: _PixelRays | None = None  # rays for which the stored basis was computed
 
     def make_basis(self, rays: _PixelRays) -> np.ndarray:
         """Return the basis B (count, pixels) for the pixels inside the border."""
         raise NotImplementedError
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
-        """Return the accuracy of s, which is that of a grey level, as the rows of B have length 1.
+        """Return the accuracy of s.
+
+        Because the rows of B have length 1, it equals the accuracy of a grey level.
         """
         return GREY_NOISE * np.eye(len(self._basis))
 
@@ -349,7 +355,9 @@ def square_root(H: np.ndarray, g: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """
     values, vectors = np.linalg.eigh(H)
     if not values[0] > EIGENVALUE_TOLERANCE * values[-1]:
-        raise MeasurementError("the image has too little texture for photometric servoing")
+        raise MeasurementError(
+            "the image has too little texture for photometric servoing: use a textured target"
+        )
     roots = np.sqrt(values)
     return vectors.T @ g / roots, roots[:, None] * vectors.T
 
@@ -378,5 +386,7 @@ def get_grey_image(observation: Observation) -> np.ndarray:
     """
     image = observation.image
     if image is None:
-        raise MeasurementError("this observation has no image, because its features are exact")
+        raise MeasurementError(
+            "this observation has no image, because its features are exact: set features: images"
+        )
     return image if image.ndim == 2 else cv2.cvtColor(np.asarray(image), cv2.COLOR_RGB2GRAY)

@@ -21,7 +21,7 @@ from .points import backproject as places_of
 from .pose import PoseInGoalFrame, compute_goal_frame_feature, estimate_planar_pose
 
 MATCH_RATIO = 0.8  # largest ratio of best to second-best match distance (Lowe 2004)
-MIN_MATCHES = 8  # smallest number of consistent matches
+MIN_MATCHES = 8  # smallest number of matches that fit one homography
 MAX_REPROJECTION_ERROR = 3.0  # largest distance of a match from the homography, px
 # Offset of SIFT keypoints to the right and down, px, because SIFT first doubles the image.
 SIFT_OFFSET = 0.25
@@ -81,7 +81,7 @@ class Matches(Luminance):
         )  # fmt: skip
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | float | None:
-        """Return the accuracy of s: the residual of the latest matches after the best motion."""
+        """Return the accuracy of s: the rms distance of the matches after the best motion."""
         return self._match_error
 
     def detect_keypoints(self, grey: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping
-from math import sqrt
+from math import hypot, sqrt
 from typing import Any, ClassVar
 
 import numpy as np
@@ -31,22 +31,19 @@ from ..observation.observation import Need, Observation
 from .base import FEATURES, Feature, FeatureMeasurement, get_plane
 
 # Goal and image have nearly the same measurement errors if they come from the same camera. The
-# difference of these errors is SHARED_PIXEL_ERROR (px) plus SHARED_DISTANCE_ERROR times the mean
-# distance of the points from the goal. For corners of targets 8 to 40 px wide, 0.001 to 0.3 px from
-# the goal, 0.0025 px and 0.15 were measured. About half of these values bounds the final errors of
-# 120 runs.
+# difference of these errors is modelled as SHARED_PIXEL_ERROR (px) plus SHARED_DISTANCE_ERROR times
+# the mean distance of the points from the goal (px). For corners of targets that are 8 to 40 px
+# wide and 0.001 to 0.3 px from the goal, 0.0025 px and 0.15 were measured. Half of these values is
+# sufficient to bound the final errors of 120 runs.
 SHARED_PIXEL_ERROR, SHARED_DISTANCE_ERROR = 0.0012, 0.085
-# If the points are 1 px from the goal, the corner spread (by the sides of the outline) is
-# multiplied
-# by DEVIATION_FACTOR. The factor increases with the square root of the distance, for distances
-# above
-# MIN_DISTANCE px. Measured on 1 092 rendered pairs of goal and image, 0.001 to 0.3 px apart: the
-# rms
-# offset of the camera is 0.7 to 1.7 times the estimate for markers and outlines of 10 to 110 px,
-# and
-# 2.0 times for outlines of 26 px that are 0.1 to 0.3 px apart.
-DEVIATION_FACTOR, MIN_DISTANCE = 1.5, 0.006
-TOLERANCE = 0.001  # in normalised coordinates: 0.1 px for f = 100 px, 0.2 mm at 0.2 m
+# Errors of the corners in goal and image that differ, if both come from the same camera. The
+# deviation of the corners, estimated from the sides of the outline, is enlarged by MIN_DEVIATION
+# (px), because all points of a side along a row of pixels have the same error. It is multiplied by
+# DEVIATION_FACTOR times the square root of the distance of the points from the goal (px, at least
+# MIN_DISTANCE). Fitted to the final offsets of 183 runs without noise, on outlines of 10 to 240 px:
+# the rms of the camera's offset is equal to the estimate, and its median is 0.54 of it.
+DEVIATION_FACTOR, MIN_DISTANCE, MIN_DEVIATION = 1.13, 0.002, 0.008
+TOLERANCE = 0.001  # normalised coordinates: 0.1 px for f = 100 px, or 0.2 mm at 0.2 m
 
 
 class PointFeature(Feature):
@@ -88,7 +85,7 @@ class PointFeature(Feature):
             raise ConfigurationError(f"{goal.name} contains no depth: set the target's depth (m)")
 
     def teach(self, observation: Observation) -> Mapping[str, Any]:
-        """Return the data of the view at the goal that the goal file stores."""
+        """Return the data that the goal file stores for this feature, from the view at the goal."""
         return {"points": np.asarray(self.points(observation), float).tolist()}
 
     def read_desired_points(self, goal: Goal) -> np.ndarray:
@@ -108,7 +105,7 @@ class PointFeature(Feature):
                 ": teach it (rosrun aras_visual_servo_controller teach --scheme ...)"
             )
         if not np.isfinite(points).all():
-            raise ConfigurationError(f"{goal.name}: a point is not finite")
+            raise ConfigurationError(f"{goal.name}: a point is not finite; teach the goal again")
         return points
 
     def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
@@ -175,7 +172,7 @@ class PointFeature(Feature):
         """
         points = np.asarray(self.points(observation), float)
         if not np.isfinite(points).all():
-            raise MeasurementError("a point of the target is not finite")
+            raise MeasurementError("a point that the feature measured is not finite")
         if points.shape == desired.shape:
             return points
         message = f"{len(np.atleast_1d(points))} points are visible, the goal has {len(desired)}"
@@ -253,10 +250,13 @@ def estimate_corner_accuracy(
     if spread is None:
         common = SHARED_PIXEL_ERROR / fx + SHARED_DISTANCE_ERROR * sqrt(away)
         return max(min(accuracy, common), observation.corner_repeatability) * identity
-    # Noise increases the distance of the corners from the goal, so its deviation is subtracted.
+    # Noise increases the measured distance of the corners from the goal, so the variance of the
+    # noise is subtracted.
     deviation = compute_rms_deviation(spread)
     away = fx * sqrt(max(away - deviation**2, 0.0))
-    return min(DEVIATION_FACTOR * sqrt(max(away, MIN_DISTANCE)), accuracy / deviation) * spread
+    enlarged = hypot(deviation, MIN_DEVIATION / fx)
+    common = DEVIATION_FACTOR * sqrt(max(away, MIN_DISTANCE)) * enlarged
+    return min(common, accuracy) / deviation * spread
 
 
 def _spread(observation: Observation, points: np.ndarray) -> np.ndarray | None:

@@ -212,7 +212,9 @@ def estimate_planar_pose(object_points: np.ndarray, points: np.ndarray) -> np.nd
         MeasurementError: the points do not determine a pose.
     """
     if are_collinear(points):
-        raise MeasurementError("the points of the target give no pose: they lie on one line")
+        raise MeasurementError(
+            "the points of the target give no pose: they lie on one line; use other points"
+        )
     middle = object_points.mean(axis=0)
     basis = np.linalg.svd(object_points - middle)[2]
     flat = (object_points - middle) @ basis[:2].T
@@ -251,7 +253,7 @@ def refine_pose(
         if not (P[:, 2] > 0.0).all():
             raise MeasurementError("the points of the target give a pose behind the camera")
         projected = P[:, :2] / P[:, 2:]
-        # The target moves relative to the camera, so L has the opposite sign.
+        # refine_pose moves the target and not the camera, so L has the opposite sign.
         L = -point_interaction(projected, 1.0 / P[:, 2])
         step = np.linalg.lstsq(L, (points - projected).ravel(), rcond=None)[0]
         turned = exponential(step)[:3, :3]

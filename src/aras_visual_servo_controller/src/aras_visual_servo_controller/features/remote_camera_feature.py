@@ -15,15 +15,15 @@ from ..goals.goal import Goal
 from ..observation.observation import Need, Observation
 from .base import Feature, FeatureMeasurement, scale_tolerances
 
-ROUNDING = 1e-6  # element of an adjoint matrix below which it is treated as 0
+ROUNDING = 1e-6  # elements of an adjoint matrix below this are treated as 0
 
 
 class RemoteCameraFeature(Feature):
     """A feature measured by another camera than the control camera.
 
     Its L is transformed to the twist of the control camera. If the other camera exposed earlier, s
-    is extrapolated to the control camera's exposure. The feature controls the directions of the
-    control camera that move the other camera in a direction controlled by the wrapped feature.
+    is extrapolated to the control camera's exposure. A direction of the control camera is
+    controlled if it moves the other camera in a direction that the wrapped feature controls.
     """
 
     def __init__(self, feature: Feature, camera: str) -> None:
@@ -94,7 +94,7 @@ class RemoteCameraFeature(Feature):
         )))  # fmt: skip
 
     def teach(self, observation: Observation) -> Mapping[str, Any]:
-        """Return the data of the view at the goal that the goal file stores."""
+        """Return the data that the goal file stores for this feature, from the view at the goal."""
         return self.feature.teach(observation.cameras[self.camera])
 
     def reset(self) -> None:

@@ -23,7 +23,8 @@ from .corners import POINT_TOLERANCES, NumberedPoints
 from .points import estimate_corner_accuracy
 from .pose import PLANARITY_TOLERANCE, PoseInGoalFrame, compute_goal_frame_feature
 
-MIN_DISPARITY = 2e-3  # smallest distance of the cameras, in depths, for a measurable depth
+# Smallest distance between the cameras at which depth is measured, in target depths.
+MIN_DISPARITY = 2e-3
 STEP = 1e-6  # step of finite differences, in normalised coordinates
 
 
@@ -100,10 +101,11 @@ class StereoPoints(Feature):
         self._set_count(len(self._triangulate_goal(goal)))
 
     def teach(self, observation: Observation) -> Mapping[str, Any]:
-        """Return the data of the view at the goal that the goal file stores."""
+        """Return the data that the goal file stores for this feature, from the view at the goal."""
         views = [observation.cameras[name] for name in self.cameras]
         found = [n.points(v) for n, v in zip(self._point_features, views, strict=True)]
-        if len(found[0]) == len(found[1]):  # both cameras use the order of the first one
+        # Store the points of both cameras in the order of the first one.
+        if len(found[0]) == len(found[1]):
             found[1] = self._point_features[1]._match_to_goal(views[1], found[0])[0]
         return {"points": [np.asarray(points, float).tolist() for points in found]}
 
@@ -212,7 +214,9 @@ def estimate_rigid_motion(before: np.ndarray, after: np.ndarray) -> np.ndarray:
     middle, other = before.mean(axis=0), after.mean(axis=0)
     U, sizes, Vt = np.linalg.svd(before.T @ (after - other))
     if not sizes[1] > PLANARITY_TOLERANCE * sizes[0]:
-        raise MeasurementError("the points of the target lie on one line: they give no pose")
+        raise MeasurementError(
+            "the points of the target lie on one line: they give no pose; use other points"
+        )
     a_T_b = np.eye(4)
     a_T_b[:3, :3] = Vt.T @ np.diag([1.0, 1.0, np.linalg.det(Vt.T @ U.T)]) @ U.T
     a_T_b[:3, 3] = other - a_T_b[:3, :3] @ middle

@@ -55,12 +55,13 @@ from .goal_file import (
 if TYPE_CHECKING:
     from ..kinematics import Arm
 
-# Depth of the target if the goal does not contain it, m; that of the laboratory.
+# Depth of the laboratory's target, m. It is used if the goal contains no depth.
 DEFAULT_DEPTH = 0.2
-# A pose is out of the arm's reach if its error exceeds this: position in m, orientation in 0.1 m x
-# rad.
+# A pose is out of the arm's reach if an error of more than this, m, remains. A rotation error of 1
+# rad counts as 0.1 m.
 REACH_TOLERANCE = 2e-3
-# The camera's mounting has changed since teaching if the pose differs by more than this, m and rad.
+# The camera's mounting has changed since teaching if the camera's pose at the goal's joints differs
+# from the stored pose by more than this, m and rad.
 SAME_PLACE, SAME_ANGLE = 1e-4, 1e-3
 
 
@@ -121,13 +122,17 @@ class Goal:
 
     @property
     def scale(self) -> float:
-        """Ratio of the target's depth to DEFAULT_DEPTH; lengths in settings are multiplied by it.
+        """Ratio of the target's depth to DEFAULT_DEPTH.
+
+        Lengths in settings are meant for DEFAULT_DEPTH and are multiplied by this ratio.
         """
         return self.distance / DEFAULT_DEPTH
 
     @cached_property
     def cameras(self) -> dict[str, Goal]:
-        """Return the goal of each camera by name, first this goal, which is the control camera's.
+        """Return the goal of each camera, by camera name.
+
+        The first goal is this one, which belongs to the control camera.
         """
         return {self.camera_name: self, **self.other_cameras}
 
@@ -224,8 +229,8 @@ class Goal:
     def for_cameras(self, arms: Mapping[str, CameraKinematics]) -> Goal:
         """Return the goal for several cameras, the control camera first.
 
-        If the goal contains no view of a camera, the view is computed from the target's geometry,
-        if that is known.
+        The view of a camera that the goal does not contain is computed from the target's geometry,
+        if the geometry is known.
 
         Args:
             arms: kinematics of each camera, by name.
@@ -270,8 +275,9 @@ class Goal:
     def find_unreachable_reason(self, arm: Arm) -> str:
         """Describe why the arm cannot reach the goal's pose.
 
-        Return an empty text if the arm can reach the pose to within REACH_TOLERANCE (an arm of few
-        joints rarely reaches a pose exactly), or if the goal contains joints.
+        Return an empty text if the arm can reach the pose, or if the goal contains joints. An error
+        within REACH_TOLERANCE is accepted, because an arm with fewer than six joints rarely reaches
+        a pose exactly.
         """
         if self.joints or self.world_T_camera is None:
             return ""
@@ -296,13 +302,14 @@ class Goal:
         return Plane(*(up / (self.depth * up[2])).tolist())
 
     def compute_plane(self, world_T_camera: np.ndarray) -> Plane | None:
-        """Return the plane of a target at rest, in the camera frame at the pose `world_T_camera`.
+        """Return the target's plane in the frame of a camera at the pose `world_T_camera` (4, 4).
 
-        Return None if the goal does not contain the plane, or if the camera is in the plane.
+        The target is assumed to be at rest since teaching. Return None if the goal does not contain
+        the plane, or if the camera is in the plane.
         """
         if self.plane is None or self.world_T_camera is None:
             return None
-        # A point X of the plane, in the goal's camera frame, fulfils (A, B, C) . X = 1.
+        # Every point X of the plane, in the goal's camera frame, satisfies (A, B, C) . X = 1.
         normal, offset = self._plane_in_world
         height = offset - float(normal @ world_T_camera[:3, 3])
         if height == 0.0:

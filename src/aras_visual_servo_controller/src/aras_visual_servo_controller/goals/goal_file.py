@@ -1,6 +1,6 @@
 """Reading and writing of goal files.
 
-Every key is checked; an error is reported by a message of one line.
+Every key is checked. The message of an error has one line.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from ..observation.observation import CAMERA
 from ..observation.target_geometry import TargetGeometry
 from .starts import PoseEntry, ThreeNumbers
 
-# The target is not visible if the sine of the angle between the line of sight and the target's
-# plane is below this.
+# A camera sees the target's plane edge-on, and not the target, if the sine of the angle between the
+# line of sight and the plane is below this.
 EDGE_ON_COSINE = 0.05
 MIN_DEPTH, MAX_DEPTH = 1e-3, 100.0  # allowed distance between target and camera, m
 Matrix = tuple[float, float, float, float, float, float, float, float, float]
@@ -87,7 +87,7 @@ def read_goal_fields(data: Any, name: str) -> dict[str, Any]:
     """Read the fields of a Goal, except its name, from a mapping that was read from YAML."""
     try:
         entries = build(GoalEntries, data, f"{name}: ", ConfigurationError)
-    except VisionError as error:  # the camera model raises this error
+    except VisionError as error:  # raised by the camera model for an invalid camera
         raise ConfigurationError(f"{name}: {error}") from error
     target = entries.target
     return {
@@ -131,7 +131,8 @@ def _read_plane(entry: ThreeNumbers | None, name: str) -> Plane | None:
         )
     if plane.C / math.hypot(*plane) < EDGE_ON_COSINE:
         raise ConfigurationError(
-            f"{name}: plane is {list(plane)}: the camera looks parallel to it, not at it"
+            f"{name}: plane is {list(plane)}: the camera looks parallel to it, not at it; give the "
+            "coefficients A, B, C of 1/Z = A x + B y + C of the target's plane"
         )
     return plane
 

@@ -41,10 +41,10 @@ def find_start_joints(
             joint name, or {xyz, rpy} of the camera in the arm's base.
         arm: arm whose joints are returned.
         package: directory of this package.
-        near: joints (n,) from which the search for a solution of a pose starts. If they are the
-            goal's joints, the arm reaches the goal without changing its configuration; for that, an
-            experiment has checked collisions and occlusion. None to start from zero, or from the
-            nearest joints within the limits.
+        near: joints (n,) from which the search for the joints of a pose starts. With the goal's
+            joints, the start has the same arm configuration (such as elbow up) as the goal;
+            experiments check collisions and occlusion for this configuration only. None to search
+            from zero joints, or from the nearest joints within the limits.
 
     Raises:
         ConfigurationError: the name is unknown, the number of values is wrong, the arm does not
@@ -93,7 +93,8 @@ def _read_joints(values: Mapping[str, Any], arm: Arm, name: str) -> np.ndarray:
     missing = [joint for joint in arm.names if joint not in values]
     if missing:
         raise ConfigurationError(
-            f"parameter ~start is '{name}', which has no value for {', '.join(missing)}"
+            f"parameter ~start is '{name}', which has no value for "
+            f"{', '.join(missing)}: give a value for each joint"
         )
     return np.array([values[joint] for joint in arm.names])
 

@@ -62,7 +62,8 @@ def svd(a):
         if done:
             break
     sizes, order = np.empty(r), np.empty(r, np.int64)
-    for i in range(r):  # compiles to a tenth of the machine code of NumPy's norm and argsort
+    # A loop, because it compiles to a tenth of the machine code of NumPy's norm and argsort.
+    for i in range(r):
         square = 0.0
         for k in range(length):
             square += rows[i, k] * rows[i, k]
@@ -129,8 +130,8 @@ def solve_least_squares(L, e, tolerance):
 def has_singular_values_above(a, bound):
     """Return whether all singular values of a (m, n) are greater than `bound`.
 
-    They are if the Cholesky decomposition of a a^T - bound^2 I exists, where a^T a is used if a has
-    more rows than columns.
+    This is the case if the Cholesky decomposition of a a^T - bound^2 I exists. If a has more rows
+    than columns, a^T a is used instead.
     """
     side = a if a.shape[0] <= a.shape[1] else a.T
     squares = multiply(side, side.T)

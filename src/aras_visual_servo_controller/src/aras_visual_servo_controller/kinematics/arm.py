@@ -69,7 +69,9 @@ class Arm:
         moving += [j for j in target_path if j.kind != "fixed" and j.name not in shared]
         moving = _select_joints(moving, joints)
         if not moving:
-            raise ConfigurationError("robot description: no joint moves the camera")
+            raise ConfigurationError(
+                "robot description: no joint moves the camera; check camera_frame and joints"
+            )
         limits = np.array(list(zip(*map(_read_limits, moving), strict=True)))
         self.lower, self.upper, self.velocity, self.effort = map(_make_read_only, limits)
         span = np.where(np.isfinite(self.upper - self.lower), self.upper - self.lower, np.nan)
@@ -127,7 +129,8 @@ class Arm:
             raise ConfigurationError(f"robot description: {error}") from None
         if not path:
             raise ConfigurationError(
-                f"robot description: {camera_frame} is the base itself, which no joint moves"
+                f"robot description: {camera_frame} is the base itself, which no joint moves; name "
+                "a link that a joint moves as camera_frame"
             )
         return cls(path, target_path, joints, locked)
 
@@ -270,12 +273,14 @@ class Arm:
         if joint >= 0 and not is_speed:
             raise MeasurementError(
                 f"the measured position {q[joint]:g} of {self.names[joint]} is impossible (limits "
-                f"{self.lower[joint]:g} to {self.upper[joint]:g})"
+                f"{self.lower[joint]:g} to {self.upper[joint]:g}): check the joint states, and the "
+                "limits in the robot description"
             )
         if joint >= 0:
             raise MeasurementError(
                 f"the measured speed {speeds[joint]:g} of {self.names[joint]} is impossible (limit "
-                f"{self.velocity[joint]:g})"
+                f"{self.velocity[joint]:g}): check the joint states, and the limit in the robot "
+                "description"
             )
 
     def inverse_kinematics(
@@ -287,8 +292,9 @@ class Arm:
         Args:
             world_T_camera: (4, 4) desired pose of the camera.
             q0: (n,) joints from which the search starts.
-            tolerance: largest pose error: position in m, orientation in 0.1 m x rad. Most solutions
-                are exact to 1e-12; near a singularity of the arm, an error of up to 1e-8 remains.
+            tolerance: largest pose error, m, in which a rotation error of 1 rad counts as 0.1 m.
+                Most solutions are exact to 1e-12; near a singularity of the arm, an error of up to
+                1e-8 remains.
             cost: function that returns the cost >= 0 of joints (n,). The first solution with the
                 cost 0 is returned; if there is none, the solution with the lowest cost. None to
                 return the first solution.
@@ -360,7 +366,7 @@ def _check_joint(joint: Joint) -> None:
     if joint.is_movable and joint.mimic is not None:
         raise DescriptionError(
             f"joint '{joint.name}' mimics another joint and moves the camera, which is not "
-            "supported"
+            "supported: remove its <mimic> from the description"
         )
     lower, upper, _, _ = _read_limits(joint)
     if not lower < upper:

@@ -12,13 +12,14 @@ from .chain import CHAIN_SIGNATURE, compute_pose_and_jacobian
 from .held_directions import compute_held_directions
 from .limits import compute_velocity_ranges
 
-# All twists have full weight if the singular values of L are above this fraction of the largest.
+# A twist whose singular value of L is below this fraction of the largest one gets less weight.
 WELL_CONDITIONED = 0.05
-# Smallest sensitivity of the task to a joint motion that is assumed for the damping of the motion.
+# Lower bound of the sensitivity of the task to a weak joint motion. The damping of the motion is
+# proportional to this sensitivity.
 MIN_DEMAND = 0.3
-# Smaller singular values, as a fraction of the largest, are rounding errors.
+# Singular values below this fraction of the largest one are rounding errors.
 SINGULAR_TOLERANCE = 1e-9
-STRAIGHT_TOLERANCE = 1e-9  # rad; if an elbow is bent less, rounding determines its side
+STRAIGHT_TOLERANCE = 1e-9  # bend of an elbow, rad, below which rounding determines its side
 # A joint motion of less than this, in rad or m, hardly changes the Jacobian, even near a straight
 # elbow.
 SMALL_MOTION = 0.002
@@ -50,12 +51,12 @@ def _build_rows(
         held_speeds: (p,) desired velocities along the held directions.
         free: (6 - p, 6) directions that are not held.
         scaled_jacobian: (6, n) Jacobian of the arm.
-        hold_onset, hold_full: singular value at which the arm starts to control a held direction,
-            and at which it controls the direction fully.
+        hold_onset, hold_full: singular values of the Jacobian along the held directions. Above
+            hold_onset, the camera is held partly in a direction; above hold_full, completely.
 
     Returns:
-        Orthonormal directions (m, 6); the velocities (m,) along them; weights (m,), 0 to 1, for the
-        case that the arm cannot achieve all of these velocities.
+        Orthonormal directions (m, 6); the desired velocities (m,) along them; the weights (m,), 0
+        to 1, of these velocities in the least squares.
     """
     # Sort the held directions by how well the arm can move the camera along them.
     u_held, reach, _ = svd(multiply(held_directions, scaled_jacobian))
@@ -96,7 +97,7 @@ def _build_rows(
 def _solve_damped(
     scaled_jacobian, basis, desired, weights, preferred, free, fixed, damping, damping_below, units
 ):
-    """Compute joint velocities for the desired twist, and the part of others that keeps it.
+    """Compute joint velocities for the desired twist, and velocities that do not change this twist.
 
     Args:
         scaled_jacobian: (6, n) Jacobian of the arm.
@@ -106,7 +107,7 @@ def _solve_damped(
         fixed: (n,) velocities of the other joints.
         damping: maximum damping.
         damping_below: singular value of the Jacobian below which a motion is damped.
-        units: (n,) motion of each joint that has the same weight as the others.
+        units: (n,) joint motions, rad or m, that have the same weight in the least squares.
 
     Returns:
         The velocities (n,) for the desired twist; the part (n,) of `preferred` that does not affect
@@ -135,7 +136,7 @@ def _solve_damped(
         for i in range(m):
             for j in range(len(joints)):
                 damped[i, j] = task[i, j]
-        # The damping in a direction increases with the sensitivity of the task to it.
+        # A motion is damped more if the task is more sensitive to it.
         sensitivity = multiply(rows, u_arm)
         for i in range(strong, len(s)):
             strength = max(_norm(sensitivity[:, i]), MIN_DEMAND)
@@ -278,7 +279,8 @@ def _solve_within_ranges(
         near, back = False, True
         for elbow in elbows:
             near |= free[int(elbow[0])] and abs(q[int(elbow[0])] - elbow[1]) < reach_bend
-        if near:  # also try the Jacobian of bent elbows, and use it if it bends the elbows further
+        # Solve again with the Jacobian of bent elbows; use this if it bends the elbows further.
+        if near:
             solution, spare = _solve_damped(
                 bent_jacobian,
                 basis,

@@ -16,8 +16,9 @@ from aras_visual_servo_base.names import suggest
 from ..errors import ConfigurationError
 from .arm import Arm
 
-PARALLEL_TOLERANCE = 1e-4  # rad; robot descriptions write pi as 3.1416
-MIN_LINK_LENGTH = 1e-3  # m; a shorter link cannot be stretched
+# Tolerance of parallel axes, rad, because robot descriptions write pi as 3.1416.
+PARALLEL_TOLERANCE = 1e-4
+MIN_LINK_LENGTH = 1e-3  # an elbow at a link shorter than this, m, cannot be stretched
 
 
 @dataclass(frozen=True)

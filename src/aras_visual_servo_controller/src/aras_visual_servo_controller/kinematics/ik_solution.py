@@ -65,8 +65,8 @@ class IKSolution:
         """Construct the solution from the fields of a message, which contains neither L nor J.
 
         Args:
-            singular_values: singular values of L in its modelled directions, and singular values of
-                L J, both in descending order.
+            singular_values: singular values of L for the directions that the task controls, and
+                singular values of L J, both in descending order.
         """
         none = np.full(len(velocities), np.nan)
         return cls(

@@ -9,7 +9,7 @@ from aras_visual_servo_base.poses import rotation_vector, rotation_vector_rate, 
 
 from ..errors import UnreachableError
 
-ROTATION_LENGTH = 0.1  # m; length that has the same weight as 1 rad
+ROTATION_LENGTH = 0.1  # length that has the same weight as 1 rad, m
 ATTEMPTS = 16  # number of initial guesses; the given one is the first
 
 
@@ -71,7 +71,8 @@ def solve_inverse_kinematics(
                 return found.x
             if cheapest is None or costs < cheapest[0]:
                 cheapest = costs, found.x
-        # The guess for a continuous joint is at most one turn away from q0.
+        # A continuous joint gets a random guess within half a turn of q0, any other joint within
+        # half of its range; the first attempts stay nearer.
         reach = np.minimum(high - low, 2.0 * np.pi) * min(1.0, 0.2 + attempt / ATTEMPTS)
         guess = q0 + random.uniform(-0.5, 0.5, len(q0)) * reach
     if cheapest is not None:

@@ -86,7 +86,7 @@ class Limits:
     def find_narrowed(self, arm: Arm) -> dict[str, list[str]]:
         """Return the joints whose position limits are narrower than the arm's own.
 
-        They are returned by the name of the parameter that narrows the limits.
+        The keys are the names of the parameters that narrow the limits.
         """
         narrower = {"lower": self.lower > arm.lower, "upper": self.upper < arm.upper}
         return {
@@ -133,7 +133,7 @@ def _merge_limits(
     except (TypeError, ValueError) as error:
         raise ConfigurationError(f"limits: {key} is {override!r}: {error}") from error
     if np.isnan(values).any():
-        raise ConfigurationError(f"limits: {key} is {override!r}: not a number")
+        raise ConfigurationError(f"limits: {key} is {override!r}: give a number")
     return values
 
 

@@ -14,9 +14,9 @@ from .algebra import ROUNDING_TOLERANCE, is_task_finite, solve_least_squares, sv
 ALL_DIRECTIONS = (True,) * 6
 DIRECTIONS = ("vx", "vy", "vz", "wx", "wy", "wz")
 UNITS = ("m/s",) * 3 + ("rad/s",) * 3
-# Largest uncertainty of the camera's offset along a direction at which the direction is servoed. It
-# is the standard deviation of the offset that one image gives, in depths or rad. Noise moves the
-# camera by some tenths of it.
+# A direction of the camera is servoed only if its uncertainty is at most this. The uncertainty is
+# the standard deviation of the camera's offset along the direction, as measured by one image, in
+# depths or rad. Noise moves the servoed camera by some tenths of this standard deviation.
 MAX_UNCERTAINTY = 0.3
 
 
@@ -139,12 +139,12 @@ class Task:
 
     @cached_property
     def singular_values(self) -> np.ndarray:
-        """Singular values of L in its modelled directions, in m and rad, in descending order."""
+        """Singular values of L for the directions that the task controls, in descending order."""
         return svd(self.L[:, self.modelled])[1]
 
     @cached_property
     def _svd(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Singular value decomposition of L in its modelled directions, with lengths in depths."""
+        """Singular value decomposition of L for the controlled directions, lengths in depths."""
         return svd((self.L * self._scale)[:, self.modelled])
 
     @property
@@ -203,17 +203,18 @@ class Task:
         )
         count = int((self.uncertainty > MAX_UNCERTAINTY).sum())
         least = float(self.uncertainty[self.uncertainty > MAX_UNCERTAINTY].min())
-        known = "no feature shows more than noise there" if least == np.inf else (
-            f"one image locates the camera there to {100.0 * least:.0f} % of the depth"
+        known = "the features do not measure this offset" if least == np.inf else (
+            f"one image determines the offset only to {100.0 * least:.0f} % of the depth"
         )  # fmt: skip
         return (
-            f"{count} direction{'s' if count > 1 else ''} of the camera not servoed ({parts}): "
-            f"{known}, more than {100.0 * MAX_UNCERTAINTY:.0f} % is not safe"
+            f"{count} direction{'s' if count > 1 else ''} of the camera not servoed ({parts}), "
+            "because the uncertainty of the camera's offset along a direction must not exceed "
+            f"{100.0 * MAX_UNCERTAINTY:.0f} % of the depth: {known}"
         )
 
     @cached_property
     def twist(self) -> np.ndarray:
-        """Least-squares twist (6,) of a camera that moves in the modelled directions only."""
+        """Least-squares twist (6,), with nonzero components in the controlled directions only."""
         twist = np.zeros(6)
         twist[self.modelled] = solve_least_squares(
             (self.L * self._scale)[:, self.modelled], self.desired_rate, ROUNDING_TOLERANCE
@@ -225,7 +226,7 @@ def _read_array(values: ArrayLike) -> np.ndarray:
     try:
         return np.array(values, float)
     except (TypeError, ValueError) as error:
-        raise TaskError(f"not an array of numbers: {error}") from error
+        raise TaskError(f"a value of the task is not an array of numbers: {error}") from error
 
 
 def _reduce_rows(

@@ -13,7 +13,8 @@ from aras_visual_servo_base.settings import check, parameter
 
 from ..errors import ConfigurationError
 
-# A higher gain, 1/s, is probably given in a wrong unit: at 30 images per second even 60 oscillates.
+# A higher gain, 1/s, is probably given in a wrong unit. At 30 images per second the loop already
+# oscillates with a gain of 60 1/s.
 MAX_GAIN = 1000.0
 
 

@@ -52,7 +52,7 @@ class CommandIntegrator:
         self.command = np.array(positions, float)
 
     def adopt_joints(self, positions: np.ndarray) -> None:
-        """Set the command to the joint positions (n,) if these were changed while it was at rest.
+        """Set the command to the joint positions (n,) if the joints were moved during a rest.
         """
         arrived = np.asarray(self.settings.arrived, float)
         if self.command is not None and (np.abs(positions - self.command) > arrived).any():

@@ -53,7 +53,7 @@ from .servo_control import ServoControl
 if TYPE_CHECKING:
     from ..kinematics.ik_solution import IKSolution
 
-# A stamp that is this far in the future, s, is from before a reset of the clock.
+# An image whose stamp is farther in the future than this, s, was sent before a reset of the clock.
 MAX_STAMP_LEAD = 1.0
 
 
@@ -97,7 +97,7 @@ class Servo(ServoControl):
         if self.is_approaching:
             if self._start_approach is self._to_start or not observation.valid:
                 return self._record(observation)
-            # The target is visible, although the arm is still on its path back.
+            # The arm is on its path back to its last pose, but the target is visible again.
             self._start_approach, self._have_joints_jumped = None, True
         joints = observation.joints if observation.joints is not None else self._joints
         if joints is None:
@@ -105,7 +105,7 @@ class Servo(ServoControl):
             return self._record(observation)
         start_time = None if self.clock is None else self.clock()
         solution = None
-        try:  # nothing is changed unless all of these calls succeed
+        try:  # the state of the loop changes only after all of these calls succeed
             self.arm.check(joints.positions, joints.velocities)
             if self._is_paused and self.integrator.is_at_rest:
                 # The arm is at rest: reset integrals and the initial transient of the law.
@@ -185,7 +185,7 @@ class Servo(ServoControl):
             observation, joints, scheme_output, solution, seconds, arrival_status=arrived
         )
 
-    # -- ticks -----------------------------------------------------------------------------
+    # -- updates ---------------------------------------------------------------------------
 
     def update(
         self, t: float, joints: JointSample | None = None, missing_reason: str = ""
@@ -241,7 +241,7 @@ class Servo(ServoControl):
             )
             return ""
         if self.executor.task is not None and dt <= 0.0:
-            return ""  # t is the stamp of an image; newer joints follow as time advances
+            return ""  # t is the stamp of an image; wait for a newer joint state
         try:
             result = self.executor.compute_velocities(t, dt, measured, self._start_stamp)
         except SchemeTimeoutError as error:

@@ -134,7 +134,7 @@ class ServoControl:
         try:
             self._reset_scheme()
         except SchemeError as error:
-            self._halt(HOLDING, str(error))  # the check is repeated for the next image
+            self._halt(HOLDING, str(error))  # the scheme is reset again at the next image
 
     def start(self) -> None:
         """Continue after `stop` or `hold` and reset the scheme at the next image."""

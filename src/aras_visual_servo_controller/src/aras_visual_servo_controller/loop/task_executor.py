@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from ..kinematics.ik_solution import IKSolution
 
 
-ROUNDING = 1e-12  # s; rounding error of times
+ROUNDING = 1e-12  # rounding error of times, s
 
 
 class TaskExecutor:

@@ -24,7 +24,7 @@ from ..schemes import JointController, Scheme
 from .start_approach import StartApproach
 
 NO_IMAGES = "no images arrive"
-# Number of points of a computed outline, similar to that of an outline from an image.
+# Number of points of a computed outline. An outline from an image has about as many.
 OUTLINE_POINTS = 400
 
 
@@ -154,7 +154,9 @@ def make_mean_goal(
         ConfigurationError: there is no view, or the depth is unknown.
     """
     if not views:
-        raise ConfigurationError(f"{name}: there is no valid view of the target")
+        raise ConfigurationError(
+            f"{name}: there is no valid view of the target: bring the target into view"
+        )
     target = None if target_goal is None else target_goal.target
     goals = [Goal.teach(scheme, view, name, depth, target) for view in views]
     joints = {key: float(np.mean([g.joints[key] for g in goals])) for key in goals[0].joints}
@@ -205,7 +207,7 @@ def complete_by_geometry(goal: Goal, scheme: Scheme | JointController) -> Goal:
             outline = _sample_sides(goal.target.compute_outline(goal.world_T_camera))
             view = FeatureObserver(None, scheme.needs).observe_exact_features(
                 0.0, goal.camera, world_T_camera=goal.world_T_camera, plane=goal.plane,
-                # The corners are found as in an image.
+                # Find the corners by the same method as in an image.
                 contour=outline, points=find_corners(outline),
             )  # fmt: skip
             taught = {key: dict(entry) for key, entry in scheme.teach(view).items()}

@@ -27,8 +27,8 @@ MAX_WAITING_IMAGES = 8  # number of images of a camera that can wait for those o
 # Largest difference between two stamps of the same exposure, as a fraction of the shorter of the
 # two cameras' periods: triggered cameras may have different clocks.
 SAME_EXPOSURE_PART = 0.25
-ROUNDING = 1e-6  # s; rounding error of periods
-SAME_STAMP = 1e-9  # s; stamps that differ by less are equal
+ROUNDING = 1e-6  # rounding error of image periods, s
+SAME_STAMP = 1e-9  # stamps that differ by less than this, s, are equal
 
 ObserveFrame = Callable[[JointSample | None, tuple[JointSample, ...]], Observation]
 
@@ -271,6 +271,7 @@ class CameraRig:
             return -adjoint(relative_pose(arm.fixed_pose, control.world_T_camera))
         if here is None or control.world_T_camera is None:
             raise MeasurementError(
-                f"the pose of camera {name} relative to {control.name} is unknown"
+                f"the pose of camera {name} relative to {control.name} is unknown: joint states at "
+                "the exposures are needed"
             )
         return adjoint(relative_pose(here, control.world_T_camera))

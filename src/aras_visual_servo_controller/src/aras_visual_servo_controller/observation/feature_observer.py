@@ -220,7 +220,7 @@ class FeatureObserver:
         if contour is None and points is None:
             valid, reason = False, "the target is not in view"
         elif not all(np.isfinite(a).all() for a in (contour, corners) if a is not None):
-            valid, reason = False, "a coordinate of the target is not finite"
+            valid, reason = False, "a coordinate of the target's outline or corners is not finite"
         return self._make_observation(
             stamp, valid, reason, camera, joints, world_T_camera, commands,
             moments=moments, contour=contour, corners=corners, plane=plane, corner_noise=noise,
@@ -282,7 +282,8 @@ def explain_implausible(moments: Moments) -> str:
         return f"implausible moments: an area of {moments.m00:.3g}"
     powers = (2.0 * MAX_COORDINATE) ** np.add.outer(*(np.arange(moments.order + 1),) * 2)
     if not (np.abs(moments.centred) <= moments.m00 * powers).all():
-        return f"implausible moments: {np.abs(moments.centred).max():.3g} for an area of " + (
+        return (
+            f"implausible moments: a moment of {np.abs(moments.centred).max():.3g} for an area of "
             f"{moments.m00:.3g}"
         )
     return ""

@@ -1,6 +1,6 @@
 """Frame: the data of one exposure of a camera.
 
-These data are an image, exact features, or the moments that a camera node measured.
+A frame contains an image, exact features, or the moments that a camera node measured.
 """
 
 from __future__ import annotations

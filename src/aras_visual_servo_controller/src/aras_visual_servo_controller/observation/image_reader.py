@@ -24,7 +24,8 @@ if TYPE_CHECKING:
 
     from .frame import Frame
 
-MeasuredFields = dict[str, object]  # measured values by the name of their field of Observation
+# Measured values, by the name of the field of Observation that they fill.
+MeasuredFields = dict[str, object]
 
 
 class ImageReader:

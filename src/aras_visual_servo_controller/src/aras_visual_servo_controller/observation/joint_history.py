@@ -16,14 +16,14 @@ import numpy as np
 
 from ..kinematics.joint_sample import JointSample
 
-# Joints are known only if the nearest sample is not farther away than this, s.
+# The joints at an instant are known only if a sample within this time, s, exists.
 MAX_AGE = 0.1
 # Extrapolation is reliable up to this number of sample periods, because one sample may still be in
 # transit.
 MAX_PERIODS = 1.5
 # The period is the median over this number of periods, so that lost samples do not change it.
 MEDIAN_PERIODS = 8
-# s; greater than the rounding error of stamps and smaller than any period of samples.
+# tolerance of stamps, s: above their rounding error and below any sample period
 ROUNDING = 1e-6
 
 

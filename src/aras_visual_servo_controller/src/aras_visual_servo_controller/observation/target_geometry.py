@@ -96,7 +96,9 @@ class TargetGeometry:
         down = world_T_camera[2, 2]
         depth = (self.surface - world_T_camera[2, 3]) / down if down != 0.0 else -1.0
         if not depth > 0.0:
-            raise ServoError("the camera does not look at the target's plane")
+            raise ServoError(
+                "the camera does not look at the target's plane: point it at the target"
+            )
         return float(depth)
 
     def compute_plane(self, world_T_camera: np.ndarray) -> Plane:
@@ -107,7 +109,7 @@ class TargetGeometry:
         """
         height = self.surface - world_T_camera[2, 3]
         if height == 0.0:
-            raise ServoError("the camera lies in the target's plane")
+            raise ServoError("the camera lies in the target's plane: move it above the target")
         return Plane(*(world_T_camera[2, :3] / height).tolist())
 
     def compute_outline(self, world_T_camera: np.ndarray) -> np.ndarray:
@@ -130,7 +132,9 @@ class TargetGeometry:
         )
         points = (corners - world_T_camera[:3, 3]) @ world_T_camera[:3, :3]
         if (points[:, 2] <= 0.0).any():
-            raise ServoError("the target is behind the camera and cannot be projected")
+            raise ServoError(
+                "the target is behind the camera and has no image: point the camera at the target"
+            )
         return convex_hull(points[:, :2] / points[:, 2:])
 
 

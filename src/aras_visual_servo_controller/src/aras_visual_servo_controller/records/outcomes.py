@@ -91,7 +91,7 @@ REMEDIES = {
         multiply("target.size", 1.5),
     ),
     "no_progress": Remedy("start nearer to the goal, or use another scheme", START_CLOSER),
-    "timed_out": Remedy("allow more time, or a higher gain", multiply("duration", 3.0)),
+    "timed_out": Remedy("allow more time, or raise the gain", multiply("duration", 3.0)),
 }
 KINDS = tuple(REMEDIES)
 

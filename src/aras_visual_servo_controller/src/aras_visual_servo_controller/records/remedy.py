@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 OPERATIONS = ("set", "multiply", "remove")
-# Descriptions of quantities that are multiplied and whose keys are not self-explanatory.
+# Texts for keys whose values are multiplied and whose names are not self-explanatory.
 KEY_DESCRIPTIONS = {
     "start": "the start's offset from the goal",
     "goal": "the goal's offset from the start",
@@ -71,7 +71,10 @@ class Remedy(str):
                 Change.
         """
         if isinstance(advice, Remedy) or not all(isinstance(one, Change) for one in changes):
-            raise TypeError("a Remedy is made of a text and of Changes")
+            raise TypeError(
+                "a Remedy is made of a text and of Changes: pass the advice as str, then each "
+                "Change"
+            )
         text = " and ".join(map(str, changes))
         remedy = super().__new__(cls, ": ".join(filter(None, (advice, text))))
         remedy.advice, remedy.changes = advice, changes

@@ -29,7 +29,7 @@ class RunContext:
         unreachable_reason: why the arm cannot reach the pose at which the goal was taught; '' if it
             can.
         names: names of the n joints.
-        joint_units: (n,) motion of each joint that corresponds to 1 rad or 1 m.
+        joint_units: (n,) unit of each joint: the joint motion that counts as much as 1 rad or 1 m.
         narrowed_limits: joints whose limits are made narrower than the robot's own, by the name of
             the parameter that does so.
         elbows: elbows of the arm.

@@ -80,8 +80,8 @@ class ServoSettings:
     watchdog_images: float = parameter(3.0, least=0.0)
     scheme_timeout: float = parameter(30.0, "s", above=0.0)
     stop_time: float = parameter(0.15, "s", above=0.0, most=10.0)
-    # If the arm moves slowly and is away from its limits, the velocities are used longer than this:
-    # until the next image or for 0.05 s.
+    # While the arm moves slowly and is away from its limits, the velocities are used longer than
+    # this: until the next image, but at most for 0.05 s.
     resolve_period: float = parameter(0.01, "s", above=0.0)
     output: str = parameter("position", choices=OUTPUTS)
     stiffness: PerJoint = joint_parameter(0.0, "N/m, N m/rad", least=0.0)
@@ -207,7 +207,8 @@ class ServoState:
     def with_outcome(self, run_outcome: Outcome) -> ServoState:
         """Return the state with an outcome.
 
-        Its reason is the outcome's reason followed by the loop's, and its remedy is the outcome's.
+        The new state has the remedy of the outcome, and as reason that of the outcome, followed by
+        '; now: ' and the reason of this state.
         """
         reason = self.reason
         if run_outcome.reason and not run_outcome.is_open:
@@ -241,12 +242,12 @@ class ServoState:
 
     @property
     def dropped_reason(self) -> str:
-        """Return which part of the desired twist is not servoed, and why, as text; see Task."""
+        """Return the part of the desired twist that is not servoed, and why, as text; see Task."""
         return "" if self._task is None else self._task.dropped_reason
 
     @property
     def singular_values_L(self) -> np.ndarray:
-        """Return the singular values of L in its modelled directions, in descending order."""
+        """Return the singular values of L for the directions of the task, in descending order."""
         if self._task is None:
             return np.zeros(0) if self.ik_solution is None else self.ik_solution.singular_values_L
         return self._task.singular_values

@@ -9,7 +9,7 @@ import rospy
 
 from aras_visual_servo_base import safe_xml
 
-PERIOD = 0.2  # wall time between two checks, s
+PERIOD = 0.2  # wall time between two checks for a new robot description, s
 
 
 class DescriptionWatch:
@@ -37,7 +37,7 @@ class DescriptionWatch:
         try:
             urdf = str(rospy.get_param(self._parameter, ""))
         except OSError:
-            return ""  # the master is not reachable; the node reports this
+            return ""  # the ROS master is not reachable, which the node reports elsewhere
         if urdf and urdf != self._urdf:
             self._urdf, self._start_count = urdf, 0
             return urdf

@@ -15,9 +15,9 @@ from .commands import CommandTopics
 class ForeignCommandListener:
     """Subscriber of the joints' command topics, which records commands of other nodes.
 
-    It subscribes when this is first requested, because it also receives the commands of its own
-    node, and most runs do not need it. It stays subscribed, because rospy leaks a file descriptor
-    for every subscriber that is unregistered.
+    The topics are subscribed at the first request, because most runs do not need them, and because
+    the subscription also delivers the commands of this node itself. They stay subscribed, because
+    rospy leaks a file descriptor for every subscriber that is unregistered.
     """
 
     def __init__(self, commands: CommandTopics) -> None:
@@ -31,7 +31,7 @@ class ForeignCommandListener:
     def listen(self, is_active: bool) -> None:
         """Start or stop reporting commands, without blocking."""
         self._is_active = is_active
-        # A subscription blocks while the master is not reachable, so it is made in a thread.
+        # Subscribing blocks while the master is not reachable, so it is done in a thread.
         if is_active and not self._is_subscribing:
             self._is_subscribing = True
             threading.Thread(target=self._subscribe, name="foreign commands", daemon=True).start()

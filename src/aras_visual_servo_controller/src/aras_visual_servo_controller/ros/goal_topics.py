@@ -12,9 +12,9 @@ from ..loop.servo import Servo
 
 
 class GoalTopics:
-    """Latched publishers of the goal.
+    """Latched publishers of the camera pose at the goal and of the target's outline there.
 
-    They publish the camera pose at the goal, and the outline of the target in the goal's view.
+    The outline is that in the goal's view.
     """
 
     def __init__(self, namespace: str) -> None:

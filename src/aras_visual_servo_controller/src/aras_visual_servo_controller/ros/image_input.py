@@ -64,7 +64,7 @@ class ImageInput:
             camera = CameraModel.from_message(message)
         except VisionError as error:
             camera = None
-            rospy.logwarn_throttle(5.0, f"camera_info is of no use: {error}")
+            rospy.logwarn_throttle(5.0, f"camera_info cannot be used: {error}")
         with self._lock:
             self._camera = camera
             early = {}

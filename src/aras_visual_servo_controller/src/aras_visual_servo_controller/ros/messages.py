@@ -14,7 +14,7 @@ from ..msg import ServoReport, ServoState
 from ..records.outcomes import PoseUncertainty
 from ..records.state import ServoState as State
 
-# Placeholder for an image without valid intrinsics; it is not used in computations.
+# Placeholder for an image without valid intrinsics; no computation uses it.
 UNKNOWN_CAMERA = CameraModel(1, 1, tuple(np.eye(3).flat))
 
 

@@ -21,7 +21,7 @@ from .node_settings import read_node_settings
 from .reconfigure import GainServer
 from .ros_publisher import RosPublisher
 
-WATCH_PERIOD = 0.02  # wall time between two checks, s
+WATCH_PERIOD = 0.02  # wall time between two checks of the robot description and of the timeouts, s
 SHUTDOWN_TIME = 0.2  # wall time that rospy's threads get for sending the last messages, s
 
 
@@ -78,7 +78,7 @@ class ControllerNode:
     def spin(self) -> None:
         """Supervise the loop until ROS shuts down.
 
-        The checks use wall time, because simulated time can stop.
+        The loop is checked at intervals of wall time, because simulated time can stop.
 
         Raises:
             ConfigurationError: the settings do not fit a robot.

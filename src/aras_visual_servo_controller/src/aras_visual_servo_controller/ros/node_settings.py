@@ -1,4 +1,4 @@
-"""Reading of the node's private parameters, which are checked."""
+"""Read and check the private parameters of the node."""
 
 from __future__ import annotations
 
@@ -25,7 +25,8 @@ def read_node_settings() -> tuple[Settings, dict[str, object]]:
     raw_settings.pop(GAINS[1:], None)
     raw_settings.setdefault("lockstep", rospy.get_param("/gazebo/speed_mode", "") == "lockstep")
     settings = Settings.from_mapping(raw_settings, find_package_folder())
-    settings.list_cameras(settings.make_scheme())  # report errors now, before a robot is available
+    # To report errors now, before a robot is available.
+    settings.list_cameras(settings.make_scheme())
     if settings.desired != "auto":
         settings.load_goal()
     return settings, raw_settings
@@ -46,7 +47,8 @@ def read_robot_settings(raw_settings: dict[str, object]) -> tuple[Settings, Arm]
     urdf = str(rospy.get_param(settings.description, ""))
     if not urdf:
         raise ConfigurationError(
-            f"there is no robot description on parameter {settings.description}"
+            f"there is no robot description on parameter {settings.description}: start the "
+            "simulator, or load the URDF onto this parameter"
         )
     settings = settings.for_robot(read_robot_name(urdf), raw_settings)
     return settings, settings.make_arm(urdf)

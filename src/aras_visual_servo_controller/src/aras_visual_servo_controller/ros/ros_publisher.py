@@ -18,7 +18,7 @@ from .foreign_commands import ForeignCommandListener
 from .messages import make_report_message, make_state_message
 
 LISTENERS_TIMEOUT = 5.0  # wall time for which the node waits for a recorder, s
-REPEAT_WARNING = 5.0  # wall time between two warnings, s
+REPEAT_WARNING = 5.0  # wall time between two warnings of topics without subscribers, s
 
 
 class RosPublisher:
@@ -102,7 +102,7 @@ class RosPublisher:
         self._log_state(state.phase, state.reason)
 
     def _check_listeners(self) -> None:
-        """Warn periodically of command topics without subscribers, as the arm cannot move then."""
+        """Warn periodically if command topics have no subscribers, because the arm cannot move."""
         now = time.monotonic()
         if self._check_time is None:
             self._check_time = now

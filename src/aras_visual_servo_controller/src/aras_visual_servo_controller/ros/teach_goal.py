@@ -23,7 +23,13 @@ from ..kinematics import Arm
 
 
 def make_goal_from_geometry(path: Path, urdf: Path) -> Goal:
-    """Compute the goal of a file for an exact camera on this robot, without ROS.
+    """Compute a goal from a goal file with joints and target geometry, without ROS.
+
+    The view of the target is computed for a camera without errors on this robot, at these joints.
+
+    Args:
+        path: goal file.
+        urdf: file of the robot description.
 
     Raises:
         ConfigurationError: the file contains no geometry or no joints, or does not fit the robot.
@@ -67,7 +73,7 @@ def main(argv: list[str] | None = None) -> int:
             if arguments.urdf is None:
                 raise ConfigurationError("--geometry needs --urdf FILE, the robot description")
             goal = make_goal_from_geometry(arguments.geometry, arguments.urdf)
-            heading = "View of an exact camera on the target at this pose, from its geometry."
+            heading = "View of the target from this pose, computed from the geometry below."
         else:
             from .teach import collect_views  # imported here, because only this import needs ROS
 

@@ -1,7 +1,8 @@
 """Compiled updates of the loop between two images, from joint states to commands.
 
-They replace LoopRunner.add_joint_state for successive joint states while the arm servoes and
-nothing unusual happens. They call the same compiled functions, without the Python objects.
+The compiled updates replace LoopRunner.add_joint_state for successive joint states while the arm
+servoes and nothing unusual happens. Both call the same compiled functions, but here without Python
+objects in between.
 """
 
 from __future__ import annotations
@@ -27,23 +28,21 @@ if TYPE_CHECKING:
     from .loop_runner import LoopRunner
 
 # Indices of the array `clock`, whose times are in s: last update, latest joint state, computation
-# of
-# the present velocities, time for which these are valid, last command. The last element is the
-# index
-# of the current task, 0 or 1.
+# of the present velocities, time for which these are valid, last command. The last element is the
+# index of the current task, 0 or 1.
 NOW, NEWEST, SOLVED_AT, VALID_FOR, SENT_AT, TASK = range(6)
 # Indices of the array `rows`, each row (n,): command, its velocity, present solution, command that
 # was sent last, positions and velocities of the latest joint state, whether a limit stopped each
 # joint.
 COMMAND, VELOCITY, SOLUTION, SENT_COMMAND, Q, V, STOPPED = range(7)
-# Indices of the array `settings`.
+# Indices of the array `settings` of `process_joint_state`.
 (
-    LONGEST_STEP,  # the first four: fields of ServoSettings
+    LONGEST_STEP,  # this and the next three are fields of ServoSettings
     WATCHDOG,
     LAG,
     SOLVE_PERIOD,
     ANSWER_TIME,  # time of the last processed image, s
-    ANSWER_LIFETIME,  # time for which its task may be executed, s
+    ANSWER_LIFETIME,  # time for which the task of the last processed image may be executed, s
     SECOND_TASK_TIME,  # time at which the second task starts, s
     THIRD_TASK_TIME,  # time at which a third task starts, s
 ) = range(8)

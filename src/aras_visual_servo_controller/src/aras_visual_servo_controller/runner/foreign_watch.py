@@ -1,6 +1,6 @@
 """Detection of other nodes that command the joints.
 
-They are detected by the motion of the joints and by their messages on the command topics.
+Such nodes are detected by the motion of the joints, and by messages on the command topics.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ..records.state import HOLDING, Command
 from ..settings import Settings
 
 QUIET_TIME = 1.0  # the loop commands the joints again after this time without a foreign command, s
-# Wall time for which commands are observed after the last sign of another node, s.
+# Commands of other nodes are received for this wall time, s, after the last sign of such a node.
 LISTENING_TIME = 5.0
 
 

@@ -43,12 +43,14 @@ from ..records.state import (
 from ..settings import Settings
 from .foreign_watch import ForeignCommands, ForeignWatch
 
-REPORT_PERIOD = 1.0 / 30.0  # period of reports without images, s, as for a camera
-SILENT_TIME = 0.05  # without a joint state for this time, s, the time follows the clock
+# Period of reports while no images arrive, s: that of a camera with 30 images per second.
+REPORT_PERIOD = 1.0 / 30.0
+SILENT_TIME = 0.05  # if no joint state arrives for this time, s, the loop's time follows the clock
 STOPPED_CLOCK_TIME = 0.5  # a clock that has not advanced for this wall time, s, is reported
 RESUME_ADVICE = "resume the simulation, or start the simulator again"
 REPEAT_PERIOD = 0.1  # period at which a command that a joint does not follow is sent again, s
-MAX_CLOCK_SKEW = 0.5  # a stamp that differs more from the clock, s, comes from another clock
+# A stamp that differs from the clock by more than this, s, comes from another clock.
+MAX_CLOCK_SKEW = 0.5
 
 
 class LoopListener(Protocol):
@@ -101,7 +103,7 @@ class LoopRunner:
         self._silence_report_time = -np.inf
         self._clock_moved_time = wall_clock()  # wall time at which the clock last advanced
         self._is_starved = self._is_e_stopped = self._is_ended = False
-        self.start_count = 0  # number of times that joint states have started
+        self.start_count = 0  # number of times that joint states started to arrive
         self._sources: dict[str, Source] = {}
         features = settings.get_camera(camera_rig.control.name).features
         self.set_source(
@@ -297,12 +299,12 @@ class LoopRunner:
         self.history.clear()
         self.commands.clear()
         self._pending_image: tuple[float, ObserveFrame] | None = None
-        # For each camera: by how much the stamp of its last image, which was ignored, was ahead of
-        # the clock, s.
+        # For each camera: lead (s) of its last image's stamp over the clock, if that image was
+        # ignored because of it.
         self._stamps_ahead: dict[str, float] = {}
-        self._stamp: float | None = None  # stamp of the latest joint state
-        self._joints_arrival = 0.0  # clock time at which it was received
-        self.update_time: float | None = None  # time of the last update
+        self._stamp: float | None = None  # stamp of the latest joint state, s
+        self._joints_arrival = 0.0  # clock time at which the latest joint state was received, s
+        self.update_time: float | None = None  # time of the last update, s
         self._now: float | None = None
         self.sent_values: np.ndarray | None = None
         self._sent_stamp = 0.0

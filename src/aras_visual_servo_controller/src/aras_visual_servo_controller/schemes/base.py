@@ -99,7 +99,7 @@ class SchemeBase(ABC):
         return None
 
     def teach(self, observation: Observation) -> Mapping[str, Mapping[str, Any]]:
-        """Return the data of the view at the goal that the goal file stores, by feature name."""
+        """Return the data that the goal file stores for each feature, from the view at the goal."""
         return {}
 
 

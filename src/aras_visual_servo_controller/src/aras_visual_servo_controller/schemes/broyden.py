@@ -21,13 +21,14 @@ from aras_visual_servo_base.poses import logarithm
 from ..features.base import FeatureMeasurement
 from ..observation.observation import Observation
 
-# Let d be the translation, in m, that moves the features as far as a rotation by 1 rad. A rotation
-# by
-# 1 rad has the weight of this fraction of d.
+# Let d be the translation, in m, that moves the features as far as a rotation by 1 rad. In
+# Broyden's rule, a rotation by 1 rad counts as a translation by this fraction of d.
 ROTATION_WEIGHT = 0.5
-MIN_STEP = 1 / 600  # camera motion at which half of the feature change is noise, as a fraction of d
-UNKNOWN_MOTION = 0.6  # value of d if L is zero, m
-LONGEST_JUMP = 1.0  # if an error changes by more than this, it is an angle that wrapped
+# Camera motion at which half of the feature change is noise, as a fraction of the length d.
+MIN_STEP = 1 / 600
+UNKNOWN_MOTION = 0.6  # value of d, m, if L is zero, so that d cannot be computed
+# An error that changes by more than this is a wrapped angle; the image is skipped.
+LONGEST_JUMP = 1.0
 
 
 class Broyden:
@@ -54,7 +55,8 @@ class Broyden:
     def reset(self) -> None:
         """Discard the estimate and the last image."""
         self._L: np.ndarray | None = None
-        self._weights, self._floor = np.ones(6), 0.0  # W and floor, which are set with the first L
+        # W and floor of Broyden's rule (see the module), set with the first L.
+        self._weights, self._floor = np.ones(6), 0.0
         # Stamp and error of the last image.
         self._last_measurement: tuple[float, np.ndarray] | None = None
 
@@ -65,8 +67,8 @@ class Broyden:
         if self._L is None or len(self._L) != len(error):
             known = self.start if self.start is not None else measured.L
             self._L = np.array(known, float)
-            # Translation, m, that moves the features as far as 1 rad; for points it is their
-            # distance.
+            # Translation d, m, that moves the features as far as a rotation by 1 rad. For points it
+            # is their distance from the camera.
             moving, turning = (np.linalg.norm(part) for part in np.hsplit(self._L, 2))
             length = turning / moving if moving > 0.0 and turning > 0.0 else UNKNOWN_MOTION
             self._weights = np.repeat((1.0, (ROTATION_WEIGHT * length) ** 2), 3)

@@ -90,5 +90,5 @@ def compute(
             f"scheme {name} returned the task {type(output.task).__name__} instead of a Task"
         )
     if all(arrays[field] is getattr(output, field) for field in arrays):
-        return output  # this is the usual case, in which no array was converted
+        return output  # the usual case: no array had to be converted
     return dataclasses.replace(output, **arrays)

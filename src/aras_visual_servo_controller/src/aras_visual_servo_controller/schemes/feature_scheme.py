@@ -22,7 +22,8 @@ from .output_checks import check_array
 
 INTERACTIONS = ("current", "desired", "mean", "estimated")
 LONGEST_GAP = 0.3  # a longer gap between two images, s, restarts the filter of the error
-LONGEST_JUMP = 1.0  # a larger jump of an error, such as an angle that wraps, restarts the filter
+# An error that jumps by more than this, such as a wrapped angle, restarts the filter.
+LONGEST_JUMP = 1.0
 # Singular values of L below this fraction of the largest one are treated as noise, if the features
 # come from images and their accuracy is not given.
 NOISE_RANK_TOLERANCE = 1e-4
@@ -156,10 +157,11 @@ class FeatureScheme(FeatureSchemeBase):
     def _estimate_accuracy(
         self, L: np.ndarray, observation: Observation, goal: Goal
     ) -> dict[str, Any]:
-        """Return the argument `accuracy` or `rank_tolerance` of the Task, if L is ill-conditioned.
+        """Return keyword arguments for the Task: none, unless L is ill-conditioned.
 
-        To make rows of different units comparable, the rows of L (k, 6) are scaled to length 1,
-        with lengths relative to the distance at the goal.
+        If it is, they contain `accuracy`, or `rank_tolerance` if the accuracy is unknown. To make
+        rows of different units comparable, the rows of L (k, 6) are scaled to length 1, with
+        lengths relative to the distance at the goal.
         """
         scaled = L[:, self._modelled] * np.repeat((goal.distance, 1.0), 3)[self._modelled]
         lengths = np.linalg.norm(scaled, axis=1, keepdims=True)

@@ -62,10 +62,10 @@ class FeatureSchemeBase(Scheme):
         return None if found is None else check_accuracy(self.feature, found, self._row_count)
 
     def teach(self, observation: Observation) -> Mapping[str, Mapping[str, Any]]:
-        """Return the data of the view at the goal that the goal file stores, by feature name."""
+        """Return the data that the goal file stores for each feature, from the view at the goal."""
         taught = {f.name: check_taught_entry(f, f.teach(observation)) for f in self.features}
-        # Feature.check requires an entry, which may be empty, for every feature that overrides
-        # `teach`.
+        # Feature.check accepts only a goal with an entry for each feature that overrides `teach`.
+        # For such features an empty entry is stored as well.
         required = {f.name for f in self.features if type(f).check is Feature.check
                       and type(f).teach is not Feature.teach}  # fmt: skip
         return {name: entry for name, entry in taught.items() if entry or name in required}
@@ -91,7 +91,7 @@ class FeatureSchemeBase(Scheme):
         """Return the result of `feature.measure` with float64 arrays.
 
         Raises:
-            SchemeError: the result is not valid.
+            SchemeError: a shape is wrong, or a value is not finite.
         """
         measured = check_measurement(self.feature, measurement)
         self._row_count = len(measured.error)

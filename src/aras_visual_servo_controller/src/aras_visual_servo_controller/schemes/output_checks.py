@@ -71,7 +71,7 @@ def check_measurement(feature: Feature, measurement: object) -> FeatureMeasureme
     if not isinstance(measurement.ambiguity, str):
         raise SchemeError(f"{where} ambiguity {_describe(measurement.ambiguity)}: a text is needed")
     if all(value is getattr(measurement, field) for field, value in arrays.items()):
-        return measurement  # this is the usual case, in which no array was converted
+        return measurement  # the usual case: no array had to be converted
     return dataclasses.replace(measurement, **arrays)
 
 
@@ -159,7 +159,7 @@ def check_joint_output(name: str, output: object, count: int) -> np.ndarray:
     array = to_float_array(output)
     if array is None or array.shape != (count,):
         shape = "no numbers" if array is None else f"shape {array.shape}"
-        raise SchemeError(f"scheme {name} returned joints of {shape}, ({count},) is needed")
+        raise SchemeError(f"scheme {name} returned joints of {shape}, shape ({count},) is needed")
     if not np.isfinite(array).all():
         raise SchemeError(f"scheme {name} returned joints that are not finite")
     return array

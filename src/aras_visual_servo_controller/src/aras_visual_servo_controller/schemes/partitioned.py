@@ -67,7 +67,10 @@ def _compute_area(points: np.ndarray) -> float:
     """
     area = abs(signed_area(points))
     if area < 1e-12:
-        raise MeasurementError("the points of the target lie on one line, so that its area is zero")
+        raise MeasurementError(
+            "the points of the target lie on one line, so that its area is zero: use points that "
+            "are not on one line"
+        )
     return area
 
 

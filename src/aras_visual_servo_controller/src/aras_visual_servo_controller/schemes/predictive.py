@@ -39,11 +39,11 @@ class Predictive(FeatureSchemeBase):
     steps: ClassVar[int] = 4
     effort: ClassVar[float] = 1e-4
     speed: ClassVar[tuple[float, ...]] = (1.0, 1.0, 1.0, 1.5, 1.5, 1.5)
-    margin: ClassVar[float] = 12.0  # px; covers the error of the linear prediction
+    margin: ClassVar[float] = 12.0  # px; reserve for the error of the linear prediction
 
     def __init__(self, law: Law | None = None) -> None:
         super().__init__(law)
-        # Imported here, because the import takes a third of a second.
+        # Imported here and not at the top, because the import takes a third of a second.
         from scipy.optimize import minimize
 
         self._minimize = minimize
@@ -73,7 +73,14 @@ class Predictive(FeatureSchemeBase):
     def _plan_twist(
         self, observation: Observation, error: np.ndarray, s: np.ndarray, L: np.ndarray
     ) -> tuple[np.ndarray, str]:
-        """Return the twist (6,) for L (k, 6), and a note if a constraint could not be met."""
+        """Return the optimal twist (6,), and a note if a constraint could not be met.
+
+        Args:
+            observation: observation with the camera.
+            error: (k,) error s - s*.
+            s: (k,) normalised coordinates of the points.
+            L: (k, 6) interaction matrix, with lengths in units of the distance at the goal.
+        """
         gain = float(getattr(self.law, "gain", GAIN))
         dt = self.horizon / self.steps
         times = dt * np.arange(1, self.steps + 1)

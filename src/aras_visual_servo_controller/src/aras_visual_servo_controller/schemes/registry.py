@@ -69,7 +69,8 @@ def create_scheme(
         return made
     if wrong := [n for n, cls in zip(names, found, strict=True) if not issubclass(cls, Feature)]:
         raise ConfigurationError(
-            f"scheme '{wrong[0]}' is not a feature and cannot be combined with features"
+            f"scheme '{wrong[0]}' is not a feature and cannot be combined with features: use it "
+            "alone"
         )
     features = [
         construct("scheme", n, cls, ConfigurationError)
@@ -131,7 +132,7 @@ def check_scheme(scheme: object, name: str) -> object:
                 f"scheme '{name}': {type(scheme).__name__} has no {attribute}; define it"
             )
     for attribute, single in (("names", str), ("units", str), ("needs", Need)):
-        if isinstance(getattr(scheme, attribute), single):  # a single value instead of a tuple
+        if isinstance(getattr(scheme, attribute), single):  # make a tuple of a single value
             value = getattr(scheme, attribute)
             setattr(scheme, attribute, (value,) if value else ())
     if np.ndim(scheme.tolerances) == 0 and isinstance(scheme.tolerances, int | float):

@@ -1,7 +1,7 @@
 """Time limits for user-defined code.
 
 A watchdog thread checks all running calls every CHECK_PERIOD. In a call that exceeds its limit, it
-raises an exception. The time of a call is the number of checks, so that no time passes while the
+raises an exception. The time of a call is counted in checks, so that it stands still while the
 process is suspended or at a debugger's prompt. The thread ends when there are no calls to check.
 
 Python raises the exception between two bytecode instructions. A call that blocks outside of Python
@@ -30,7 +30,7 @@ from ..errors import MeasurementError, SchemeError, SchemeTimeoutError
 
 T = TypeVar("T")
 
-CHECK_PERIOD = 0.25  # time between two checks, s
+CHECK_PERIOD = 0.25  # time between two checks of the running calls, s
 RETRY_CHECKS = 4  # number of checks between two interruptions of the same call
 IDLE_CHECKS = 4  # number of checks without a running call after which the thread ends
 PYTHON_FOLDER = str(Path(os.__file__).parent)
@@ -86,7 +86,8 @@ def call_user_code(
             return call(*arguments)
         finally:
             _end_call(here)
-    except BaseException as error:  # Clean-up code of the call can raise another exception.
+    # An interrupted call may also raise another exception, from its clean-up code.
+    except BaseException as error:
         _end_call(here)
         if here.is_interrupted:
             place = _find_place(error.__traceback__)
@@ -150,7 +151,7 @@ def _watch_calls() -> None:
         known, idle = now, 0 if now else idle + 1
         if idle >= IDLE_CHECKS:
             with _thread_lock:
-                if not _calls:  # a call that is added from now on starts a new thread
+                if not _calls:  # the next call starts a new thread
                     _watch_thread = None
                     return
 
@@ -162,7 +163,8 @@ def _interrupt(call: _Call) -> None:
         return
     call.remaining_checks += RETRY_CHECKS
     again = call.is_interrupted
-    call.is_interrupting = True  # this is set before `is_done` is read; see _end_call
+    # Set before `is_done` is read, because `_end_call` sets `is_done` and then reads this flag.
+    call.is_interrupting = True
     if not call.is_done:
         call.is_interrupted = True
         ctypes.pythonapi.PyThreadState_SetAsyncExc(

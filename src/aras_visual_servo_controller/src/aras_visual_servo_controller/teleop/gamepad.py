@@ -16,7 +16,7 @@ import numpy as np
 from ..kinematics.task import DIRECTIONS
 from .jog import MAX_TWIST
 
-DEADBAND = 0.12  # a stick closer to its centre than this fraction of its range counts as centred
+DEADBAND = 0.12  # a stick is at rest if it is closer to its centre than this fraction of its range
 SLOW, FAST = 4, 5  # shoulder buttons; the arm moves only while one is pressed
 # Speed while each button is pressed, as a fraction of the maximum speed.
 SPEEDS = {SLOW: 0.3, FAST: 1.0}

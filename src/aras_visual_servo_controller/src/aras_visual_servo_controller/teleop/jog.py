@@ -20,8 +20,9 @@ COMMAND_LIFETIME = 0.3  # time for which a requested speed is valid, s
 RAMP_TIME = 0.25  # time in which the maximum speed is reached from rest, and vice versa, s
 # Maximum speeds of the camera, in m/s and rad/s.
 MAX_TWIST = (0.25,) * 3 + (1.0,) * 3
-LONGEST_STEP = 0.1  # largest time step, s, also after a longer pause between two updates
-# Distance by which a command may be ahead of its joint, which may be blocked, rad or m.
+LONGEST_STEP = 0.1  # longest integrated time step, s, even if the last update was longer ago
+# Distance by which a command may be ahead of its joint, rad or m. It limits the command if the
+# joint is blocked.
 MAX_LEAD = 0.05
 DEFAULT_JOINT_SPEED = 1.0  # maximum speed of a joint without a speed limit, rad/s or m/s
 
@@ -155,7 +156,7 @@ class Jog:
         return found.velocities
 
     def _advance(self, positions: np.ndarray, dt: float) -> None:
-        """Integrate the command over dt, within the position limits and close to the joints."""
+        """Integrate the command over dt (s), within the limits and close to `positions`."""
         after = self._command + self.velocity * dt
         # A joint that is already outside its limits may return, but not move further out.
         low = np.minimum(self.limits.lower, self._command)

@@ -28,10 +28,10 @@ OPERATORS = ("=", "≠", "<", "≤", ">", "≥", "contains", "is known", "is not
 MAX_ROWS, MAX_GROUPS = 200, 200  # largest numbers of rows and of groups in one answer
 MAX_LISTED_VALUES = 60  # the values of a column are listed if there are at most this many
 MAX_CELLS = 24  # largest number of distinct values for which each value has its own cell
-BINS = 12  # number of cells of a numeric column with more distinct values
+BINS = 12  # number of cells of a numeric column with more than MAX_CELLS distinct values
 MAX_SHADES = 7  # largest number of colour classes of points; all other values are one more class
 MAX_EXACT_INTEGER = 2**53  # larger integers are not exact in JavaScript
-WIDE_RATIO = 100.0  # cells are logarithmic if the maximum divided by the minimum is larger
+WIDE_RATIO = 100.0  # cells are logarithmic if maximum / minimum is larger than this
 
 
 @dataclass(frozen=True)
@@ -300,11 +300,11 @@ def divide_into_cells(
     values = encoded.dictionary.to_pylist()
     known = [i for i, v in enumerate(values) if to_json_value(v) is not None]
     if len(known) <= max_cells or not is_number(column):
-        if len(known) > max_cells:  # select the most frequent values
+        if len(known) > max_cells:  # only the most frequent values have a cell
             counts = np.bincount(codes[codes >= 0], minlength=len(values))
             known = sorted(known, key=lambda i: -counts[i])[:max_cells]
         known.sort(key=lambda i: values[i])
-        cell_of_value = np.full(len(values) + 1, -1)  # the last entry, at index -1, is for null
+        cell_of_value = np.full(len(values) + 1, -1)  # the last entry is for unknown values
         cell_of_value[known] = np.arange(len(known))
         labels = [to_json_value(values[i]) for i in known]
         return Cells(labels, [[("=", label)] for label in labels], cell_of_value[codes])

@@ -137,14 +137,17 @@ def _list_studies(snapshot: Snapshot, query: StudiesQuery) -> dict[str, Any]:
 
 
 def _rank_difference(difference: compare.Difference) -> tuple[int, float]:
-    """Sort significant differences first, then by p-value; untested ones last."""
+    """Return a sort key: significant differences first, untested ones last, then by p-value."""
     if difference.verdict == compare.UNTESTED:
         return 2, 0.0
     return int(difference.verdict == compare.CHANCE), difference.p
 
 
 def _compare_studies(snapshot: Snapshot, query: ComparisonQuery) -> dict[str, Any]:
-    """Return the differences between two studies: first the significant ones, each by p-value."""
+    """Return the differences between two studies.
+
+    The differences are sorted by `_rank_difference`.
+    """
     first, second = (snapshot.find_study(name) for name in (query.first, query.second))
     for entry in (first, second):
         if entry.results is None:

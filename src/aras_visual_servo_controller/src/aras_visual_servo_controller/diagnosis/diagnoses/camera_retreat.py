@@ -23,8 +23,8 @@ from ..step_check import predict_distance
 class CameraRetreat(RunDiagnosis):
     """Detection of a camera retreat from the size of the target in the image.
 
-    The distance that follows from this size is compared with the distances at the start and at the
-    goal.
+    This size gives the distance to the target, which is compared with the distances at the start
+    and at the goal.
     """
 
     help = "the target appears far smaller than at the start and at the goal"
@@ -34,24 +34,22 @@ class CameraRetreat(RunDiagnosis):
     # The camera has retreated if its distance exceeds RETREAT_FACTOR times the distance at both the
     # start and the goal.
     RETREAT_FACTOR = 3.0
-    # Number of successive images that have to show the retreat. A single image may show only a part
-    # of
-    # the target, or another object.
+    # A retreat is reported after this number of successive images, because a single image may show
+    # only a part of the target, or another object.
     MIN_IMAGES = 3
-    # The camera has returned if its distance is less than this multiple of the distance at the
-    # start
-    # or at the goal.
+    # The camera has returned if its distance is less than RETURN_FACTOR times the larger of the
+    # distances at the start and at the goal.
     RETURN_FACTOR = 1.5
-    # The retreat is confirmed if the distance by the joints is at least this fraction of the
-    # distance by the size in the image.
+    # The joints confirm a retreat if the distance that follows from them is at least this fraction
+    # of the distance that follows from the size in the image.
     CONFIRMED_PART = 0.6
 
     def __init__(self) -> None:
-        self._first_distance = 0.0  # distance at the first image, as a multiple of the goal's
+        self._first_distance = 0.0  # distance at the first image, relative to the goal's
         self._far_count, self._outcome = 0, Outcome()
 
     def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome | None:
-        """Diagnose one image (see `RunDiagnosis.judge`) and update the target's visible area."""
+        """Update the target's visible area and diagnose the image; see `RunDiagnosis.judge`."""
         state, observation, goal = record.state, record.observation, evidence.run_context.goal
         for view in (observation, *observation.other_cameras.values()):
             if view.touched_borders:

@@ -30,7 +30,7 @@ class Converged(RunDiagnosis):
     reads = "mean error, its noise, L, view and pose at the goal (`arrival_check.py`)"
     kinds = ("converged", "ambiguous")
 
-    # Factor on the uncertainty if L does not explain the camera's motion.
+    # The uncertainty is multiplied by this factor if the camera model is wrong.
     INTERACTION_ERROR_FACTOR = 2.0
 
     def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome | None:
@@ -43,7 +43,7 @@ class Converged(RunDiagnosis):
         if not fault or found.kind == "ambiguous":
             return evidence.explain_occlusion(found)
         return replace(
-            found, reason=f"the image equals the goal's, taught with this camera; but {fault}",
+            found, reason=f"the image equals the goal, taught with this camera; but {fault}",
             remedy=CALIBRATE_CAMERA,
             open_distance=self.INTERACTION_ERROR_FACTOR * found.open_distance,
             open_angle=min(self.INTERACTION_ERROR_FACTOR * found.open_angle, np.pi),

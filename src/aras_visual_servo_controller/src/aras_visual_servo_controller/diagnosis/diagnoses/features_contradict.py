@@ -31,11 +31,12 @@ class FeaturesContradict(RunDiagnosis):
             state, tolerances, goal.distance,
             bool(evidence.run_context.elbows) and evidence.is_stretched(state.joints),
         )
-        # Angles and features without a unit may wrap; lengths cannot.
+        # Angles and features without a unit may wrap (jump by one turn); lengths cannot.
         evidence.is_angle = angles = np.array(
             [unit != "m" for unit in scheme.units] or [True] * len(tolerances)
         )
-        # The motion of the target cannot be derived from features whose L may be wrong.
+        # User features may have a wrong L, so the motion of the target is derived from its centre
+        # instead.
         can_judge = getattr(scheme, "can_check_camera", True) and not motion.is_user_scheme
         evidence.target_motion = evidence.target_check.add(
             state.scheme_output, observation, goal, tolerances, can_judge, angles

@@ -21,7 +21,7 @@ class NotConverging(RunDiagnosis):
 
     help = "the error does not decrease; decides whether arm, features or gain are the cause"
     reads = (
-        "error, joint limits and ranks of 1.5 s (`progress_check.py`), oscillations "
+        "error, joint limits and rank of L in 1.5 s (`progress_check.py`), oscillations "
         "(`gain_check.py`)"
     )
     kinds = ("running", "gain_too_high", "joint_limit", "singular", "local_minimum", "saturation",

@@ -16,11 +16,13 @@ from ..progress_check import WINDOW
 
 @DIAGNOSES.register("target_lost")
 class TargetLost(RunDiagnosis):
-    """Explanation of an image without a measurement: an earlier fault, or the loss of the target.
+    """Diagnosis of an image for which the scheme has no measurement.
+
+    The cause is an earlier fault of the run, if there was one, otherwise the loss of the target.
     """
 
     help = "the target is not found in the image, or its features cannot be measured"
-    reads = "reason without measurement, image borders that the target touches, its last steps"
+    reads = "why there is no measurement, image borders that the target touches, its last motion"
     kinds = ("target_lost", "wrong_camera_model", "out_of_reach", "scheme_fault", "gain_too_high")
 
     def __init__(self) -> None:
@@ -33,11 +35,12 @@ class TargetLost(RunDiagnosis):
             evidence.measured_stamp, self._loss = state.stamp, None
             return None
         if state.phase != HOLDING:
-            return Outcome("running", state.reason)  # the previous outcome is no longer valid
+            # The loop is not servoing, so an earlier outcome is no longer valid.
+            return Outcome("running", state.reason)
         if observation.valid:
             return self._judge_unmeasured(state, evidence)
-        # If the error oscillated when the target was lost, the oscillation is the cause, even if
-        # the loss was long ago.
+        # If the error oscillated just before the target was lost, the oscillation is reported as
+        # the cause for as long as the target is missing.
         last_stamp = evidence.measured_stamp
         if last_stamp is not None and (
             found := evidence.gain_check.find_recent_oscillation(last_stamp)
@@ -98,13 +101,13 @@ def _explain_loss(state: ServoState, observation: Observation, evidence: Evidenc
         return replace(found, reason=f"{found.reason}; the camera's motion does not explain that "
                        "of the features: the target moved", remedy=KEEP_TARGET_AT_REST)  # fmt: skip
     if evidence.measured_stamp is not None and _was_inside(observation, evidence):
-        found = replace(found, reason=f"{found.reason}; it was inside the image before",
+        found = replace(found, reason=f"{found.reason}; before, it was far inside the image",
                         remedy=UNCOVER_TARGET)  # fmt: skip
     return evidence.add_advice(found)
 
 
 def _was_inside(observation: Observation, evidence: Evidence) -> bool:
-    """Return whether the target cannot have left the image, because it was too far inside."""
+    """Return whether the target was too far from the image border to leave the image so soon."""
     region = evidence.motion_check.step_check.next_region
     if evidence.last_touched_borders or region is None:
         return False

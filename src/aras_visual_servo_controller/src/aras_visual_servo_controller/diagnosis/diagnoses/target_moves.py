@@ -21,32 +21,34 @@ from ..evidence import Evidence, combine_outcomes
 class TargetMoves(RunDiagnosis):
     """Detection of a moving target.
 
-    The target moves if its own motion, together with the camera's, explains the motion of the
-    features. See TargetCheck for the fit.
+    The target moves if the features' motion cannot be explained by the camera's motion alone, but
+    by the motions of camera and target together. See TargetCheck for the fit.
     """
 
     help = "the target moves during servoing"
     reads = "motion of the features, L, motion of the camera (`target_check.py`)"
     kinds = ("target_moves", "wrong_camera_model")
 
-    # The target has moved if its own motion is more than this fraction of the latest feature
-    # motion.
+    # Only a motion of the target can explain the latest motion of the features if at least this
+    # fraction of it is unexplained by the camera's motion.
     MIN_TARGET_PART = 0.5
-    RUNAWAY_MEMORY = 1.0  # time after such a motion for which the camera model is not checked, s
+    # After the last motion of the features that only the target can explain, the camera model is
+    # not checked for this time, s.
+    RUNAWAY_MEMORY = 1.0
 
     def __init__(self) -> None:
-        # Time at which the target last moved faster than the camera's motion can explain, s.
+        # Time of the last image at which only a motion of the target could explain the features, s.
         self._runaway_stamp = -np.inf
 
     def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome | None:
-        """Diagnose one image (see `RunDiagnosis.judge`) and update the checks of cameras and gain.
+        """Update the checks of cameras and gain, and diagnose the image; see `RunDiagnosis.judge`.
         """
         state, observation, run = record.state, record.observation, evidence.run_context
         if evidence.motion_check.target_motion_part > self.MIN_TARGET_PART:
             self._runaway_stamp = state.stamp
         evidence.is_running_away = state.stamp - self._runaway_stamp < self.RUNAWAY_MEMORY
         if evidence.target_motion:
-            # The target's motion has affected the data of these checks.
+            # These checks have used images in which the target moved.
             evidence.camera_checks.clear()
         elif getattr(run.scheme, "can_check_camera", True):
             for name, part, tolerated, wrap in split_by_camera(

@@ -24,20 +24,21 @@ class WrongCameraModel(RunDiagnosis):
     def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome | None:
         """Diagnose one image, see `RunDiagnosis.judge`."""
         state, observation = record.state, record.observation
-        # During a fast oscillation L changes too much between two images for a prediction.
+        # During a fast oscillation, L changes so much between two images that it predicts nothing.
         fault = "" if evidence.is_oscillation_fast else evidence.find_camera_fault(observation)
         is_there = state.phase == CONVERGED
         if fault and not is_there and (evidence.oscillation or evidence.gain_check.delay_outcome):
-            # An oscillation or overshoot that continues must not be mistaken for a wrong camera
-            # model.
+            # While the error oscillates or overshoots, a fault of the camera model cannot be
+            # distinguished.
             fault = ""
         evidence.camera_fault = fault
-        # If this camera has taught the goal, the camera is at its goal when the image is the same,
-        # even with a wrong camera model. This is not true of a computed goal.
+        # If the goal was taught with this same camera, equal images mean that the camera is at its
+        # goal, even with a wrong camera model. This is not true of a computed goal.
         if not fault or is_there and is_goal_camera(observation, evidence.run_context.goal):
             return None
         stalled = evidence.progress_check.explain_stall(state)
-        if stalled.kind == "joint_limit":  # a joint at its limit cannot continue in any case
+        # A joint at its limit stops the camera whether the camera model is wrong or not.
+        if stalled.kind == "joint_limit":
             return replace(stalled, reason=f"{stalled.reason}; in addition, {fault}")
         return evidence.explain_contradiction(fault)
 

@@ -43,8 +43,7 @@ class WrongObject(RunDiagnosis):
         return evidence.explain_occlusion(make_outcome("wrong_object", fault))
 
     def _explain_mismatch(self, observation: Observation, goal: Goal) -> str:
-        """Describe why a visible object cannot be the target of the goal; empty text if it can be.
-        """
+        """Describe why the visible object is not the goal's target; empty text if it can be."""
         found, goals = "", goal.cameras
         for name, view in observation.cameras.items():
             check = self._shapes.get(name)
@@ -60,15 +59,15 @@ class WrongObject(RunDiagnosis):
 class ShapeCheck:
     """Test of whether a visible object can be the goal's target, by its spread and elongation.
 
-    Spread and elongation do not depend on distance, position and rotation in the image.
+    The spread is the squared radius of gyration divided by the area. Spread and elongation do not
+    depend on the distance, position and rotation of the object in the image.
     """
 
-    # Largest ratio of the spreads; a tilt of 40 degrees stays below it.
+    # Largest ratio of the visible object's spread to the target's; a tilt of 40 degrees gives less.
     MAX_COMPACTNESS_RATIO = 1.25
     # The shape is not evaluated if the angle between the target's normal and the optical axis
-    # exceeds
-    # MAX_TILT (rad) and differs from the angle at the goal by more than MIN_TILT_DIFFERENCE (rad).
-    # Both are tuned on runs of the canonical tasks that diverge.
+    # exceeds MAX_TILT (rad) and differs by more than MIN_TILT_DIFFERENCE (rad) from the angle at
+    # the goal. Both values are tuned on runs of the canonical tasks that diverge.
     MAX_TILT, MIN_TILT_DIFFERENCE = 0.7, 0.2
     MAX_ANISOTROPY_DIFFERENCE = 0.3
     MIN_IMAGES = 3

@@ -1,5 +1,6 @@
 """Intervals and tests: properties that hold for any numbers."""
 
+import itertools
 import math
 
 import numpy as np
@@ -100,6 +101,49 @@ def test_of_what_is_unknown_nothing_can_be_told(compare, paired):
     for before, after in (([], []), ([1.0], [math.nan]), ([math.nan], [0.0])):
         found = compare(before, after, paired)
         assert math.isnan(found.p) and found.count == 0
+
+
+def count_extremes(sums, observed, mean):
+    distances = np.abs(np.array(sums) - mean)
+    return np.mean(distances >= abs(observed - mean) - 1e-9)
+
+
+TIED = st.integers(-2, 3).map(float) | st.integers(0, 9).map(lambda n: 0.1 * n)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.tuples(TIED, TIED), min_size=1, max_size=9))
+def test_signed_ranks_are_counted_over_all_signs(pairs):
+    before, after = np.array(pairs).T
+    differences = np.round(after - before, 9)
+    differences = differences[differences != 0.0]
+    ranks = scipy.stats.rankdata(np.abs(differences))
+    sums = [np.dot(ranks, signs) for signs in itertools.product([0, 1], repeat=len(ranks))]
+    expected = count_extremes(sums, ranks[differences > 0.0].sum(), 0.5 * ranks.sum())
+    assert statistics.compare_values(before, after, True).p == pytest.approx(expected)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(TIED, min_size=1, max_size=5), st.lists(TIED, min_size=1, max_size=5))
+def test_rank_sums_are_counted_over_all_choices(before, after):
+    ranks, count = scipy.stats.rankdata(np.round([*before, *after], 9)), len(before)
+    sums = [sum(chosen) for chosen in itertools.combinations(ranks, count)]
+    expected = count_extremes(sums, ranks[:count].sum(), ranks.sum() * count / len(ranks))
+    assert statistics.compare_values(before, after, False).p == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("count", [20, 25, 26, 60, 3000])
+def test_rank_tests_are_those_of_scipy_without_ties(count):
+    rng = np.random.default_rng(count)
+    before, after = rng.normal(size=count), rng.normal(0.3, size=count)
+    paired, alone = (statistics.compare_values(before, after, one) for one in (True, False))
+    method = ["exact" if size <= 50 else "asymptotic" for size in (count, 2 * count)]
+    expected = scipy.stats.wilcoxon(after, before, method=method[0]).pvalue
+    assert paired.p == pytest.approx(expected, rel=1e-9)
+    expected = scipy.stats.mannwhitneyu(after, before, method=method[1]).pvalue
+    assert alone.p == pytest.approx(expected, rel=1e-9)
+    assert paired.least_p <= paired.p and alone.least_p <= alone.p
+    assert (paired.least_p == 0.0) == (count == 3000)
 
 
 def test_what_was_not_tested_is_no_comparison_for_holm():

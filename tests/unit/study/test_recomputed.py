@@ -305,9 +305,11 @@ def chance(name, x, y, paired):
         table = stats.hypergeom(len(x) + len(y), int(x.sum() + y.sum()), len(x))
         each = table.pmf(np.arange(len(x) + 1))
         return min(each[each <= each[int(x.sum())] * (1 + 1e-9)].sum(), 1.0)
+    size = len(x) if paired else len(x) + len(y)
+    method = "exact" if size <= 50 else "asymptotic"
     if paired:
-        return stats.wilcoxon(x - y).pvalue if (x != y).any() else 1.0
-    return stats.mannwhitneyu(x, y).pvalue
+        return stats.wilcoxon(x - y, method=method).pvalue if (x != y).any() else 1.0
+    return stats.mannwhitneyu(x, y, method=method).pvalue
 
 
 UNTIED = [name for name in METRICS if name != "path_ratio"]  # SciPy takes long for many that tie

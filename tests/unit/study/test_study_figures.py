@@ -60,7 +60,7 @@ def test_maps_of_several_studies_stand_beside_each_other():
     both = [made(), made("$two", seed=1)]
     figure = study_figures.draw_success(both)
     *axes, distance, bar = figure.axes
-    assert distance.get_ylabel() == "runs below (%)" and len(distance.lines) == 5
+    assert distance.get_ylabel() == "runs below (%)" and len(distance.lines) == 4
     assert distance.get_xlabel().startswith("final distance (m)\nA camera is at its goal within")
     assert [axis.get_title("left") or axis.get_title() for axis in axes] == ["one", r"\$two"]
     assert [axis.get_xlabel() for axis in axes] == ["delay (s)"] * 2

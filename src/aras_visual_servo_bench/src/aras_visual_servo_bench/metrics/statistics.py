@@ -13,6 +13,11 @@ import scipy  # scipy.stats, which takes 0.5 s to import, is imported at its fir
 CONFIDENCE = 0.95
 # Number of resamples of the bootstrap, and number of resamples that are in memory together.
 RESAMPLES, BATCH = 2000, 200
+# Rank tests are exact up to this number of pairs, or of values in both samples together. At 50, an
+# exact test takes 8 ms, and in 200 normal samples with p from 0.01 to 0.1, the normal approximation
+# differed by at most 7 % of p.
+MAX_EXACT = 50
+TIE_DIGITS = 9  # differences whose binary mantissas are equal to this number of decimals are ties
 
 
 @dataclass(frozen=True)
@@ -140,18 +145,68 @@ def compare_values(before: Sequence[float], after: Sequence[float], paired: bool
     """Compare the values of a metric in two samples.
 
     The test is the Wilcoxon signed-rank test if the samples are paired, and otherwise the
-    Mann-Whitney U test.
+    Mann-Whitney U test. Both are exact for small samples, also with ties, and otherwise use the
+    normal approximation. Pairs without a difference are omitted.
     """
     a, b = np.asarray(before, float), np.asarray(after, float)
     if paired:
         known = np.isfinite(a) & np.isfinite(b)
         a, b = a[known], b[known]
-        differ = not np.array_equal(a, b)
-        p = float(scipy.stats.wilcoxon(b, a).pvalue) if differ else 1.0 if len(a) else np.nan
+        p = _test_signed_ranks(b - a) if len(a) else np.nan
     else:
         a, b = a[np.isfinite(a)], b[np.isfinite(b)]
-        p = float(scipy.stats.mannwhitneyu(b, a).pvalue) if len(a) and len(b) else np.nan
+        p = _test_rank_sum(b, a) if len(a) and len(b) else np.nan
     return Comparison(_compute_median(a), _compute_median(b), p, paired, (len(a), len(b)))
+
+
+def _test_signed_ranks(differences: np.ndarray) -> float:
+    """Return the two-sided p-value of Wilcoxon's signed-rank test.
+
+    Exactly, it is the fraction of all choices of signs whose sum of positive ranks is at least as
+    far from its mean as the observed one.
+    """
+    mantissas, exponents = np.frexp(differences[differences != 0.0])
+    nonzero = np.ldexp(np.round(mantissas, TIE_DIGITS), exponents)
+    if not nonzero.size:
+        return 1.0
+    if nonzero.size > MAX_EXACT:
+        return float(scipy.stats.wilcoxon(nonzero, method="asymptotic").pvalue)
+    ranks = _rank(np.abs(nonzero))
+    fractions = np.ones(1)  # fractions of the choices with each sum of ranks
+    for rank in ranks:
+        fractions = 0.5 * (np.pad(fractions, (0, rank)) + np.pad(fractions, (rank, 0)))
+    return _sum_tails(fractions, ranks[nonzero > 0.0].sum(), 0.5 * ranks.sum())
+
+
+def _test_rank_sum(first: np.ndarray, second: np.ndarray) -> float:
+    """Return the two-sided p-value of the Mann-Whitney U test.
+
+    Exactly, it is the fraction of all choices of the first sample from the values of both whose sum
+    of ranks is at least as far from its mean as the observed one.
+    """
+    values, count = np.concatenate([first, second]), len(first)
+    if values.size > MAX_EXACT:
+        return float(scipy.stats.mannwhitneyu(first, second, method="asymptotic").pvalue)
+    ranks = _rank(values)
+    choices = np.zeros((count + 1, ranks.sum() + 1))  # number with each size and sum of ranks
+    choices[0, 0] = 1.0
+    for rank in ranks:
+        choices[1:, rank:] += choices[:-1, : choices.shape[1] - rank].copy()
+    fractions = choices[count] / choices[count].sum()
+    return _sum_tails(fractions, ranks[:count].sum(), ranks.sum() * count / values.size)
+
+
+def _rank(values: np.ndarray) -> np.ndarray:
+    """Return twice the rank of each value, an integer; equal values have their mean rank."""
+    _, index, counts = np.unique(values, return_inverse=True, return_counts=True)
+    return (2 * np.cumsum(counts) - counts + 1)[index]
+
+
+def _sum_tails(fractions: np.ndarray, observed: int, mean: float) -> float:
+    """Return the sum of the fractions of all sums that are as far from the mean as `observed`."""
+    distance = np.abs(np.arange(fractions.size) - mean)
+    is_extreme = distance >= abs(observed - mean) * (1.0 - 1e-12)
+    return min(float(fractions[is_extreme].sum()), 1.0)
 
 
 def holm(p: Sequence[float]) -> list[float]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import textwrap
 from collections.abc import Sequence
 
 import numpy as np
@@ -14,14 +15,21 @@ from ..metrics.metrics import Metric, final_distance
 from ..metrics.statistics import Estimate, rate
 from ..studies.results import Results
 from .palette import BLUE, COLOURS, INK, PALE_BLUE, SOFT_INK, VERMILION
-from .run_groups import MAX_CURVES, RunGroup, find_distance_tolerance, group_runs
+from .run_groups import MAX_CURVES, RunGroup, find_distance_tolerance, group_runs, label_groups
 from .style import escape_math, is_paper, make_axes
 
-# Largest number of letters of a group's name in one line, on the screen and in a paper. A longer
-# name has a line for each setting.
-MAX_NAME, MAX_PAPER_NAME = 40, 18
+# A longer name of a group than MAX_NAME, in a paper than MAX_LINE, has several lines of at most
+# MAX_LINE letters.
+MAX_NAME, MAX_LINE = 40, 24
+MAX_PAPER_LEGEND = 18  # a legend with a longer name has one column in a paper, letters
 MAX_COLUMNS, PANEL_WIDTH = 3, 3.8  # largest number of panels side by side; their width, inches
-LEGEND_ROW = 0.15  # height of a row of the legend of a figure for a paper, inches
+# Heights of a row of a legend in a paper and on the screen, inches. The figures for the screen have
+# space for MAX_SCREEN_ROWS.
+LEGEND_ROW, SCREEN_ROW, MAX_SCREEN_ROWS = 0.15, 0.2, 4
+LETTER, LEGEND_HANDLE = 0.075, 0.45  # width of a letter, and of the line of an entry, inches
+# Heights of a box or bar, of each line of its name if it has several, and of the axis below, in
+# inches; they are reduced to 66 % in a paper.
+PAPER_ROW, PAPER_LINE, PAPER_AXIS = 0.3, 0.2, 0.9
 
 
 def draw_rates(all_results: Sequence[Results], metrics: Sequence[Metric]) -> Figure | None:
@@ -30,12 +38,13 @@ def draw_rates(all_results: Sequence[Results], metrics: Sequence[Metric]) -> Fig
         return None
     groups = group_runs(all_results)
     columns = min(len(metrics), MAX_COLUMNS)
-    names = [_split_lines(name) for name, *_ in groups]
-    figure, axes = make_axes(len(metrics), _find_height(names), columns, width=PANEL_WIDTH)
+    names = [split_lines(name) for name, *_ in groups]
+    figure, axes = make_axes(len(metrics), find_height(names), columns, width=PANEL_WIDTH)
     for number, (axis, metric) in enumerate(zip(axes, metrics, strict=True)):
         rates = [rate(results.read_values(metric)[rows]) for _, results, rows in groups]
         draw_bars(axis, rates, names if number % columns == 0 or is_paper() else [""] * len(names))
         axis.set_xlabel(f"{_make_label(metric)} (%)")
+    axes[0].set_ylabel(label_groups(all_results))
     return figure
 
 
@@ -48,7 +57,7 @@ def draw_distributions(all_results: Sequence[Results], metrics: Sequence[Metric]
     for axis, metric in zip(axes, metrics, strict=True):
         draw_cumulative(axis, metric, groups)
     axes[0].set_ylabel("runs below (%)")
-    return _add_legend(figure, axes[0], len(groups))
+    return add_group_legend(figure, axes[0], label_groups(all_results, MAX_CURVES))
 
 
 def draw_boxes(all_results: Sequence[Results], metrics: Sequence[Metric]) -> Figure | None:
@@ -58,12 +67,13 @@ def draw_boxes(all_results: Sequence[Results], metrics: Sequence[Metric]) -> Fig
         return None
     columns = min(len(metrics), MAX_COLUMNS)
     # Long names would take the width of the boxes, so each setting of a name has its own line.
-    names = [_split_lines(name) for name, *_ in groups]
-    figure, axes = make_axes(len(metrics), _find_height(names), columns, width=PANEL_WIDTH)
+    names = [split_lines(name) for name, *_ in groups]
+    figure, axes = make_axes(len(metrics), find_height(names), columns, width=PANEL_WIDTH)
     for number, (axis, metric) in enumerate(zip(axes, metrics, strict=True)):
         draw_metric_boxes(axis, metric, groups)
         first = number % columns == 0 or is_paper()
         axis.set_yticks(range(1, len(groups) + 1), names[::-1] if first else [])
+    axes[0].set_ylabel(label_groups(all_results))
     return figure
 
 
@@ -160,27 +170,45 @@ def set_scale(axis: Axes, side: str, values: Sequence[np.ndarray]) -> None:
         axis.locator_params(axis="x", nbins=5)
 
 
-def _find_height(names: Sequence[str]) -> float:
+def find_height(names: Sequence[str]) -> float:
     """Return the height of a panel with one row per name, inches."""
     lines = max(1 + name.count("\n") for name in names)
-    return max(0.3, 0.18 * lines) * len(names) * (1.3 if is_paper() else 1.0) + 1.4
+    if is_paper():
+        return (PAPER_ROW if lines == 1 else PAPER_LINE * lines) * len(names) + PAPER_AXIS
+    return max(0.3, 0.18 * lines) * len(names) + 1.4
 
 
-def _split_lines(name: str) -> str:
-    """Put each setting in a long name of a group on its own line; a list [...] is not divided."""
-    is_long = len(name) > (MAX_PAPER_NAME if is_paper() else MAX_NAME)
-    return re.sub(r", (?![^\[]*\])", ",\n", name) if is_long else name
+def split_lines(name: str) -> str:
+    """Write a long name of a group on several lines; a list [...] is not divided.
+
+    On the screen, each setting has its own line. In a paper, the lines are as few as possible.
+    """
+    limit = MAX_LINE if is_paper() else MAX_NAME
+    if len(name) <= limit:
+        return name
+    whole_lists = re.sub(r"\[[^\]]*\]", lambda found: found[0].replace(" ", "\0"), name)
+    settings = [whole_lists] if is_paper() else whole_lists.replace(", ", ",\n").splitlines()
+    lines = [textwrap.fill(setting, MAX_LINE, break_long_words=False) for setting in settings]
+    return "\n".join(lines).replace("\0", " ")
 
 
-def _add_legend(figure: Figure, axis: Axes, count: int) -> Figure:
+def add_group_legend(figure: Figure, axis: Axes, title: str) -> Figure:
+    """Add a legend below the axes if there are several curves."""
     handles, labels = axis.get_legend_handles_labels()
-    if count > 1:
-        is_narrow = is_paper() and max(map(len, labels)) > MAX_PAPER_NAME
-        most = 1 if is_narrow else 2 if is_paper() else 3
-        if is_paper():  # enlarge the figure by the legend, so that the axes keep their height
-            rows = -(-count // most)
-            figure.set_figheight(figure.get_figheight() + LEGEND_ROW * rows)
-        figure.legend(handles, labels, loc="outside lower center", ncols=min(count, most))
+    if len(labels) < 2:
+        return figure
+    if is_paper():
+        columns = 1 if max(map(len, labels)) > MAX_PAPER_LEGEND else 2
+        extra = LEGEND_ROW * (1 + -(-len(labels) // columns))  # with the title
+    else:
+        labels = [split_lines(label) for label in labels]
+        longest = max(len(line) for label in labels for line in label.splitlines())
+        fitting = int(figure.get_figwidth() / (LETTER * longest + LEGEND_HANDLE))
+        columns = min(len(labels), 3, max(fitting, 1))
+        lines = max(1 + label.count("\n") for label in labels) * -(-len(labels) // columns)
+        extra = SCREEN_ROW * max(lines - MAX_SCREEN_ROWS, 0)
+    figure.set_figheight(figure.get_figheight() + extra)  # the axes keep their height
+    figure.legend(handles, labels, loc="outside lower center", ncols=columns, title=title)
     return figure
 
 

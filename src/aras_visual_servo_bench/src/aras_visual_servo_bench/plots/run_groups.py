@@ -11,11 +11,11 @@ from ..experiment.experiment_keys import find_unit
 from ..metrics.formatting import format_heading, format_quantity, format_value
 from ..metrics.metrics import final_distance
 from ..studies.results import Results
-from .style import escape_math
+from .style import escape_math, is_paper
 
 MAX_GROUPS = 24  # largest number of boxes in a panel; more boxes are not legible
 MAX_CURVES = 8  # largest number of curves in a panel
-MAX_MAPS = 12  # largest number of success maps in a figure
+MAX_MAPS, MAX_PAPER_MAPS = 12, 6  # largest number of success maps in a figure
 
 
 class RunGroup(NamedTuple):
@@ -52,11 +52,16 @@ def limit_groups(
     return keys
 
 
+def find_map_limit() -> int:
+    """Return the largest number of success maps in a figure of the current style."""
+    return MAX_PAPER_MAPS if is_paper() else MAX_MAPS
+
+
 def find_pooled_keys(kind: str, all_results: Sequence[Results]) -> list[str]:
     """Return the varied keys whose values a kind of figure pools into common groups."""
     keys = find_varied_keys(all_results)
     if kind == "success":
-        keys, limit = keys[:-2], MAX_MAPS
+        keys, limit = keys[:-2], find_map_limit()
     else:
         limit = MAX_CURVES if kind == "distributions" else MAX_GROUPS
     shown = limit_groups(all_results, keys, limit)
@@ -87,10 +92,17 @@ def list_groups(
 def group_runs(all_results: Sequence[Results], max_groups: int = MAX_GROUPS) -> list[RunGroup]:
     """Group the runs of each study by the settings with several values.
 
-    If there would be more than `max_groups` groups, the last settings are not used.
+    If there would be more than `max_groups` groups, the last settings are not used. In a paper, the
+    names of the groups are short: see `label_groups`.
     """
     keys = limit_groups(all_results, find_varied_keys(all_results), max_groups)
-    return list_groups(all_results, keys, is_long=True)
+    return list_groups(all_results, keys, is_long=not is_paper())
+
+
+def label_groups(all_results: Sequence[Results], max_groups: int = MAX_GROUPS) -> str:
+    """Return the settings whose values are the names of the groups of `group_runs` in a paper."""
+    keys = limit_groups(all_results, find_varied_keys(all_results), max_groups)
+    return ", ".join(map(label_setting, keys)) if is_paper() else ""
 
 
 def has_final_distance(all_results: Sequence[Results]) -> bool:
@@ -104,9 +116,8 @@ def has_final_distance(all_results: Sequence[Results]) -> bool:
 
 def find_distance_tolerance(all_results: Sequence[Results]) -> float | None:
     """Return the tolerance of the final distance, m; None if it is not the same for all runs."""
-    limits = {one.limit for r in all_results for one in r.tolerances}
-    limit = limits.pop() if len(limits) == 1 else np.nan
-    return float(limit) if np.isfinite(limit) else None
+    distances = {pair[0] for results in all_results for pair in results.tolerance.pairs}
+    return distances.pop() if len(distances) == 1 else None
 
 
 def label_setting(key: str) -> str:

@@ -151,13 +151,13 @@ def make_axes(
         columns: number of columns.
         is_wide: True for a figure that extends over the whole page.
         width: width of each column with its labels, inches; None for fixed margins. In a paper, the
-            figure has one column of axes and the width of the style instead.
+            figure has the width of the style instead.
         margins: margins around and between the axes. With TIME_MARGINS, the axes also share their
             time axis, and the labels are aligned.
         options: options of Figure.subplots.
     """
     if width is not None and is_paper():
-        columns, width = 1, find_figure_width()
+        width = find_figure_width() / columns
     rows, part = -(-count // columns), 0.66 if is_paper() else 1.0
     if width is not None:
         size = (width * columns, part * panel_height * rows)

@@ -34,11 +34,13 @@ class Verdict:
     name: 'goal_reached' or 'goal_missed'; '' if the poses are unknown.
     distance: distance of the camera from its goal, m.
     angle: angle between the orientations of the camera and of its goal, rad.
+    tolerance: maximum distance (m) and angle (rad) at which the goal is reached; NaN if unknown.
     """
 
     name: str
     distance: float
     angle: float
+    tolerance: tuple[float, float] = (float("nan"), float("nan"))
 
     @property
     def is_reached(self) -> bool:
@@ -64,7 +66,7 @@ class Verdict:
             else tolerance
         )
         is_reached = distance <= limits[0] and angle <= limits[1]
-        return cls(REACHED if is_reached else MISSED, distance, angle)
+        return cls(REACHED if is_reached else MISSED, distance, angle, (limits[0], limits[1]))
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,6 +15,7 @@ from .results import REAL_TIME_MULTIPLE, Results
 RATES = "Rates with Wilson's 95 % interval."
 MEDIANS = "Medians with a bootstrap 95 % interval."
 QUARTILES = "Quartiles: median [lower, upper quartile]."
+ALL_RUNS = "runs"
 MAX_LISTED = 4  # maximum number of groups that a sentence about missing values names
 
 
@@ -41,7 +42,7 @@ def describe_success(all_results: Sequence[Results], shown: Sequence[Metric] = (
 
 def describe_tolerances(all_results: Sequence[Results]) -> str:
     """Return the sentence with the tolerances of all studies."""
-    texts = {r.name: " or ".join(one.text for one in r.tolerances) for r in all_results}
+    texts = {r.name: r.tolerance.text for r in all_results}
     if len(set(texts.values())) == 1:
         return f"A camera is at its goal within {next(iter(texts.values()))}."
     listed = "; ".join(f"{name}: {text}" for name, text in texts.items())
@@ -54,7 +55,7 @@ def _define(metric: Metric) -> str:
 
 def name_group(keys: Sequence[str], values: Sequence[object]) -> str:
     """Return the name of a group of runs, such as 'scheme=points, gain=2.0'."""
-    return ", ".join(f"{k}={v}" for k, v in zip(keys, values, strict=True)) or "all runs"
+    return ", ".join(f"{k}={v}" for k, v in zip(keys, values, strict=True)) or ALL_RUNS
 
 
 def describe_missing(
@@ -74,16 +75,16 @@ def describe_missing(
         first += len(values)
         if own:
             (end, count), = Counter(own).most_common(1)
-            why = end if count == len(own) else f"{count} of these: {end}"
-            known = "no value" if len(own) == len(values) else f"{len(own)} without a value"
-            missing.append(f"{name}: {known} of {len(values)} ({why})")
+            why = end if count == len(own) else f"{count} {end}"
+            where = name if name == ALL_RUNS else f"runs with {name}"
+            missing.append(f"{len(own)} of {len(values)} {where} ({why})")
         if len(values) - len(own) == 1:
             single.append(name)
-    lines = [f"{metric.name}: {_list(missing, '; ')}."] if missing else []
+    lines = [f"{metric.name} has no value in {_list(missing, '; ')}."] if missing else []
     if single and not metric.is_binary:
         known = sum(np.isfinite(values).any() for _, values in groups)
         where = "every group" if len(single) == known else _list(single, "; ")
-        lines.append(f"{metric.name}: one value and therefore no interval in {where}.")
+        lines.append(f"{metric.name} has only one value, and so no interval, in {where}.")
     return lines
 
 

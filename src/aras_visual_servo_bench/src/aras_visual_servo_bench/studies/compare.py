@@ -281,9 +281,9 @@ def _pair_cases(
         value = results.read_column(between)[0]
         raise StudyError(f"all stored runs of {results.name} have {between}={value}, so there is "
                          "nothing to compare: run the missing cases first, or name another key")
+    column = results.read_column(between)
     for values, rows in results.group_rows(by).items():
         group = name_group(by, values) if by else "all"
-        column = results.read_column(between)
         sides: dict[object, list[int]] = {}
         for row in rows:
             sides.setdefault(column[row], []).append(int(row))
@@ -338,8 +338,8 @@ def _pair_rows(one: _Sample, two: _Sample) -> tuple[np.ndarray, np.ndarray, bool
 
 def _index_rows(sample: _Sample, keys: Sequence[str]) -> dict[tuple, int]:
     """Return the row of each run of a sample, by the run's values of some keys."""
-    columns = [sample.results.read_column(key) for key in keys]
-    return {tuple(column[row] for column in columns): int(row) for row in sample.rows}
+    columns = [sample.results.read_column(key, sample.rows) for key in keys]
+    return {tuple(column[i] for column in columns): int(row) for i, row in enumerate(sample.rows)}
 
 
 def _find_varied_keys(one: _Sample, two: _Sample) -> list[str]:
@@ -347,7 +347,7 @@ def _find_varied_keys(one: _Sample, two: _Sample) -> list[str]:
     shared = [k for k in one.results.study.keys if k in two.results.study.keys and k != "seed"]
     return sorted(
         key for key in shared
-        if any(len({s.results.read_column(key)[row] for row in s.rows}) > 1 for s in (one, two))
+        if any(len(set(s.results.read_column(key, s.rows))) > 1 for s in (one, two))
     )  # fmt: skip
 
 
@@ -357,9 +357,10 @@ def _describe_confounding(one: _Sample, two: _Sample, between: str) -> str:
         return ""
     found = []
     for key in one.results.parameters:
-        column = one.results.read_column(key) if key not in (between, "seed") else []
-        values = [{str(column[row]) for row in s.rows} for s in (one, two)] if column else []
-        if values and not values[0] & values[1]:
+        if key in (between, "seed"):
+            continue
+        values = [set(map(str, s.results.read_column(key, s.rows))) for s in (one, two)]
+        if not values[0] & values[1]:
             shown = [min(v) if len(v) == 1 else "several values" for v in values]
             found.append(f"{key} ({shown[0]}, {shown[1]})")
     return f"they also differ in {', '.join(found)}" if found else ""

@@ -1,4 +1,4 @@
-"""Tables and figures as LaTeX environments that go into a one-column or two-column paper."""
+"""Tables and figures as LaTeX environments for a two-column paper."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ import itertools
 import re
 from collections.abc import Sequence
 
-# Number of letters of the size `\small` that fit into a column of a two-column paper (252 pt), and
-# into the text width of the class `article` (345 pt). A tabular of IEEEtran at these limits is
-# 246 pt and 338 pt wide.
-COLUMN_LETTERS, TEXT_LETTERS = 60, 82
-GAP_LETTERS = 3  # width of the gap between two columns of a table, letters
-MAX_FLOAT_LINES = 40  # lines of a table with its caption; a page of `article` has 45 lines
+COLUMN_WIDTH, TEXT_WIDTH = 252.0, 516.0  # of a two-column paper, pt
+# Widths in Computer Modern of 9 points (`\small`), which is wider than Times, pt.
+LETTER_WIDTH, PUNCTUATION_WIDTH, COLUMN_GAP = 4.7, 2.6, 12.0
+INTERVAL_SCALE = 0.92  # an interval is written in letters of 8 points
+CAPTION_LETTERS = 105  # number of letters of a caption in a line of the width of the text
+MAX_FLOAT_LINES = 50  # lines of a table with its caption; a page of IEEEtran has 58 lines
 LINES_AROUND = 6  # number of lines of a tabular, except its rows
 
 _ESCAPES = {c: f"\\{c}" for c in "&%$#_{}"} | {
@@ -59,14 +59,15 @@ def format_tex_figure(file: str, caption: Sequence[str]) -> str:
     caption: sentences of the caption.
     """
     return "\n".join([
-        r"\begin{figure}", r"\centering", rf"\includegraphics{{{file}}}",
+        r"\begin{figure}", r"\centering", rf"\includegraphics[width=\columnwidth]{{{file}}}",
         rf"\caption{{{' '.join(map(escape_tex, caption))}}}", r"\end{figure}", "",
     ])  # fmt: skip
 
 
 def format_tex_table(
-    heading: Sequence[str], body: Sequence[Sequence[str]], fixed: int, caption: Sequence[str]
-) -> str:
+    heading: Sequence[str], body: Sequence[Sequence[str]], fixed: int, caption: Sequence[str],
+    notes: Sequence[str] = (),
+) -> str:  # fmt: skip
     r"""Return table environments for LaTeX's package booktabs.
 
     A table that fits into a column of a two-column paper is a `table`. A wider one is a `table*`,
@@ -79,12 +80,14 @@ def format_tex_table(
         body: cells of each row, in LaTeX from column `fixed` on.
         fixed: number of the columns at the left that every part of the table repeats.
         caption: sentences of the caption.
+        notes: sentences below the table.
     """
-    parts, name = _split_columns(heading, body, fixed, COLUMN_LETTERS), "table"
+    parts, name = _split_columns(heading, body, fixed, COLUMN_WIDTH), "table"
     if len(parts) > 1:
-        parts, name = _split_columns(heading, body, fixed, TEXT_LETTERS), "table*"
-    text = " ".join(map(escape_tex, caption))
-    free = max(MAX_FLOAT_LINES - len(text) // TEXT_LETTERS, 2 * LINES_AROUND)
+        parts, name = _split_columns(heading, body, fixed, TEXT_WIDTH), "table*"
+    text, remarks = (" ".join(map(escape_tex, sentences)) for sentences in (caption, notes))
+    letters = len(text) + len(remarks)
+    free = max(MAX_FLOAT_LINES - letters // CAPTION_LETTERS, 2 * LINES_AROUND)
     rows = free - LINES_AROUND  # maximum number of rows of a tabular
     lines, floats = [r"% needs \usepackage{booktabs}"], 0
     for columns, first in itertools.product(parts, range(0, len(body), rows)):
@@ -96,6 +99,7 @@ def format_tex_table(
             floats += 1
         free -= len(tabular)
         lines += [r"\par\medskip", *tabular]
+    lines += [rf"\par\smallskip{{\footnotesize\raggedright {remarks}\par}}"] if remarks else []
     return "\n".join([*lines, rf"\end{{{name}}}", ""])
 
 
@@ -113,29 +117,35 @@ def _make_tabular(
 
 
 def _split_columns(
-    heading: Sequence[str], body: Sequence[Sequence[str]], fixed: int, letters: int
+    heading: Sequence[str], body: Sequence[Sequence[str]], fixed: int, max_width: float
 ) -> list[list[int]]:
     """Return, for each part of a table, the indices of its columns with estimates.
 
     fixed: number of columns with settings, which come first and are repeated in every part.
-    letters: largest width of a part, letters.
+    max_width: largest width of a part, pt.
     """
     widths = [
-        GAP_LETTERS + max(map(len, [*name.split(), *(_strip_commands(row[i]) for row in body)]))
+        COLUMN_GAP + max(map(_estimate_width, [*name.split(), *(row[i] for row in body)]))
         for i, name in enumerate(heading)
     ]
     parts: list[list[int]] = []
     for i in range(fixed, len(heading)):
         width = sum(widths[:fixed]) + sum(widths[k] for k in parts[-1]) if parts else 0
-        if not parts or width + widths[i] > letters:
+        if not parts or width + widths[i] > max_width:
             parts.append([])
         parts[-1].append(i)
     return parts
 
 
-def _strip_commands(cell: str) -> str:
-    """Return the letters of a cell without commands, to estimate its width."""
-    return re.sub(r"\\\w+ ?|[{}$^]", "", cell)
+def _estimate_width(cell: str) -> float:
+    """Estimate the width of the text of a cell, pt."""
+    width = 0.0
+    for part, scale in zip(cell.split(r"\footnotesize "), (1.0, INTERVAL_SCALE), strict=False):
+        text = re.sub(r"\\([A-Za-z]+ ?|.)", "x", part)  # a command is a character
+        text = re.sub(r"[{}$^]", "", text)
+        narrow = sum(text.count(character) for character in ".,[] ")
+        width += scale * (PUNCTUATION_WIDTH * narrow + LETTER_WIDTH * (len(text) - narrow))
+    return width
 
 
 def _format_heading(heading: str) -> str:

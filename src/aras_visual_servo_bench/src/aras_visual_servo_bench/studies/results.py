@@ -26,7 +26,7 @@ from . import rows
 from . import study_folder as folders
 from .study import Study
 from .study_folder import StudyFolder
-from .tolerance import Tolerance, find_tolerances
+from .tolerance import Tolerance, find_tolerance
 
 if TYPE_CHECKING:
     import pandas
@@ -193,13 +193,18 @@ class Results:
         random_keys = {variation.key for variation in self.study.random_variations}
         return tuple(key for key in self.study.keys if key not in random_keys)
 
-    def read_column(self, name: str) -> list[Any]:
+    def read_column(self, name: str, rows: np.ndarray | None = None) -> list[Any]:
         """Return the values of a column.
+
+        Args:
+            name: name of the column.
+            rows: indices of the rows that are read; None: all.
 
         Raises:
             StudyError: there is no such column; the message suggests a similar name.
         """
-        return self._find_column(name).to_pylist()
+        column = self._find_column(name)
+        return (column if rows is None else column.take(rows)).to_pylist()
 
     def _find_column(self, name: str) -> pa.ChunkedArray:
         if name not in self.table.column_names:
@@ -226,9 +231,13 @@ class Results:
         return metric.complete_values(self.read_numbers(metric.name))
 
     @cached_property
-    def tolerances(self) -> tuple[Tolerance, ...]:
-        """Tolerances within which the runs count as being at their goal."""
-        return find_tolerances(self.study)
+    def tolerance(self) -> Tolerance:
+        """Tolerance within which the runs are at their goal."""
+        stored = (  # not by earlier versions
+            self.read_numbers(name) if name in self.table.column_names else np.zeros(0)
+            for name in ("distance_tolerance", "angle_tolerance")
+        )
+        return find_tolerance(self.study, *stored)
 
     @property
     def judged_metric(self) -> Metric:

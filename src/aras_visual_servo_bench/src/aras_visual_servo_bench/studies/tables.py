@@ -65,6 +65,7 @@ class Table:
     rows: settings, number of runs and estimates of each row.
     failures: most frequent failure of each row; empty: the table has no such column.
     caption: sentences of the caption.
+    notes: sentences about missing values and other things that limit the conclusions.
     """
 
     keys: tuple[str, ...]
@@ -72,6 +73,7 @@ class Table:
     rows: tuple[tuple[tuple[object, ...], int, tuple[Estimate, ...]], ...]
     failures: tuple[str, ...] = ()
     caption: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
 
 def make_table(
@@ -118,17 +120,20 @@ def make_table(
             failures.append(_find_commonest_failure(failed))
             ends += [own_ends[i] for i in rows]
             group = captions.name_group(names, label)
-            grouped |= {m: [*grouped[m], (group, n)]
-                        for m, n in zip((*beside, *chosen), own[1:], strict=True)}  # fmt: skip
+            for m, n in dict(zip((*beside, *chosen), own[1:], strict=True)).items():
+                grouped[m].append((group, n))
     caption = [
         *captions.describe_success(all_results, chosen), captions.RATES,
         *([captions.MEDIANS] if any(column.kind == MEDIAN for column in columns) else []),
         *([captions.QUARTILES] if has_distance else []),
+    ]  # fmt: skip
+    notes = [
         *(line for m, groups in grouped.items()
           for line in captions.describe_missing(m, groups, ends)),
         *captions.describe_repeats(all_results),
     ]  # fmt: skip
-    return Table(names, tuple(columns), tuple(lines), tuple(failures), tuple(caption))
+    return Table(names, tuple(columns), tuple(lines), tuple(failures), tuple(caption),
+                 tuple(notes))  # fmt: skip
 
 
 def _find_commonest_failure(failed: Sequence[tuple[str, str]]) -> str:
@@ -214,7 +219,7 @@ def _format_markdown(table: Table) -> str:
     lines = [[cell.replace("|", "\\|") for cell in line] for line in lines]
     lines.insert(1, ["---"] * len(lines[0]))
     text = "\n".join(f"| {' | '.join(line)} |" for line in lines)
-    return "\n\n".join([text, *table.caption]) + "\n"
+    return "\n\n".join([text, *table.caption, *table.notes]) + "\n"
 
 
 def _format_interval(value: str, low: str | None, high: str | None) -> str:
@@ -241,4 +246,4 @@ def _format_latex(table: Table) -> str:
     heading, *body = _format_cells(table, format_tex_interval, "--")
     settings = len(table.keys)
     body = [[*map(escape_tex, row[:settings]), *row[settings:]] for row in body]
-    return format_tex_table(heading, body, settings + 1, table.caption)
+    return format_tex_table(heading, body, settings + 1, table.caption, table.notes)

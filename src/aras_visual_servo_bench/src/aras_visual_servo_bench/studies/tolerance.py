@@ -1,79 +1,84 @@
-"""Tolerance within which the runs of a study count as being at their goal."""
+"""Tolerance within which the runs of a study are at their goal."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from aras_visual_servo_controller.diagnosis.pose_uncertainty import NEGLIGIBLE_UNCERTAINTY
 
-from ..errors import BenchError
-from ..metrics.formatting import format_in_unit, format_number
-from ..setup.assembly import assemble
+from ..metrics.formatting import choose_unit, format_in_unit, format_number, format_quantity
 from .study import Study
 
 KEY = "reached"  # key of an experiment that sets the tolerance: distance and angle
-# Keys of an experiment that can change the depth of the target at the goal.
-DEPTH_KEYS = ("goal", "target", "robot", "camera_xyz", "camera_rpy", "hand_eye", "cameras", "world")
+MAX_LISTED = 3  # maximum number of tolerances that are listed; the range of more is stated
+DIGITS = 6  # tolerances that agree to this number of digits are the same
 
 
 @dataclass(frozen=True)
 class Tolerance:
-    """Largest distance and angle of a camera that counts as being at its goal.
+    """Maximum distance and angle at which the runs of a study are at their goal.
 
-    distance: largest distance, m; None: 0.15 % of the depth of the target at the goal.
-    angle: largest angle, rad.
-    depth: depth of the target at the goal, m; NaN if it is not needed or differs between runs.
+    pairs: distance (m) and angle (rad) of the runs, without duplicates; empty if they are unknown.
+    is_relative: True if the distance is a fraction of the target's depth at the goal.
     """
 
-    distance: float | None
-    angle: float
-    depth: float = math.nan
-
-    @property
-    def limit(self) -> float:
-        """Largest distance, m; NaN if it is a fraction of an unknown depth."""
-        if self.distance is not None:
-            return self.distance
-        return NEGLIGIBLE_UNCERTAINTY[0] * self.depth
+    pairs: tuple[tuple[float, float], ...]
+    is_relative: bool
 
     @property
     def text(self) -> str:
         """The tolerance as text, such as '0.3 mm and 0.3°'."""
-        angle = f"{format_number(math.degrees(self.angle))}°"
-        known = "" if math.isnan(self.limit) else format_in_unit(self.limit, "m")
-        if self.distance is not None:
-            return f"{known} and {angle}"
         fraction = f"{format_number(100.0 * NEGLIGIBLE_UNCERTAINTY[0])} % of the target's depth"
-        return f"{known} ({fraction}) and {angle}" if known else f"{fraction} and {angle}"
+        if not self.pairs:
+            return f"{fraction} and {_format_angle(NEGLIGIBLE_UNCERTAINTY[1])}"
+        share = f" ({fraction})" if self.is_relative else ""
+        if len(self.pairs) <= MAX_LISTED:
+            return " or ".join(
+                f"{format_in_unit(distance, 'm')}{share} and {_format_angle(angle)}"
+                for distance, angle in self.pairs
+            )
+        distances, angles = zip(*self.pairs, strict=True)
+        unit, size = choose_unit("m", distances)
+        ends = [format_number(end / size) for end in (min(distances), max(distances))]
+        spread = format_quantity(" to ".join(dict.fromkeys(ends)), unit)
+        angle_ends = dict.fromkeys(map(_format_angle, (min(angles), max(angles))))
+        return f"{spread}{share} and {' to '.join(angle_ends)}"
 
 
-def find_tolerances(study: Study) -> tuple[Tolerance, ...]:
-    """Return the different tolerances of the runs of a study, in order of appearance."""
-    found = [study.experiment.get(KEY)] if KEY not in study.keys else []
-    for combination in study.combinations:
-        if KEY in combination.set:
-            found.append(combination.set[KEY])
-    if found and all(KEY in combination.set for combination in study.combinations):
-        del found[0]
+def find_tolerance(study: Study, distances: np.ndarray, angles: np.ndarray) -> Tolerance:
+    """Return the tolerance of the runs of a study.
+
+    Args:
+        study: settings of the study.
+        distances: (n,) recorded tolerance of the distance of each run, m; NaN if the run has none,
+            because it was refused or raised an error.
+        angles: (n,) recorded tolerance of the angle of each run, rad.
+    """
+    configured = _list_configured(study)
+    known = np.isfinite(distances)
+    pairs = dict.fromkeys(
+        (_round(distance), _round(angle))
+        for distance, angle in zip(distances[known], angles[known], strict=True)
+    ) or dict.fromkeys(pair for pair in configured if pair is not None)
+    return Tolerance(tuple(pairs), bool(configured) and not any(configured))
+
+
+def _list_configured(study: Study) -> list[tuple[float, float] | None]:
+    """Return the listed values of the key `reached` of a study; None for the default."""
+    found = [case.set[KEY] for case in study.combinations if KEY in case.set]
+    is_varied = any(one.key == KEY for one in (*study.axes, *study.random_variations))
+    if len(found) < len(study.combinations) and not is_varied:
+        found.insert(0, study.experiment.get(KEY))
     found += [value for axis in study.axes if axis.key == KEY for value in axis.values]
-    distinct = dict.fromkeys(None if value is None else tuple(value) for value in found)
-    return tuple(
-        Tolerance(None, NEGLIGIBLE_UNCERTAINTY[1], find_goal_depth(study)) if value is None
-        else Tolerance(*map(float, value)) for value in distinct
-    )  # fmt: skip
+    return [None if value is None else (float(value[0]), float(value[1])) for value in found]
 
 
-def find_goal_depth(study: Study) -> float:
-    """Return the depth of the target at the goal, m; NaN if it differs between runs."""
-    varied = [key for combination in study.combinations for key in combination.set]
-    varied += [variation.key for variation in (*study.axes, *study.random_variations)]
-    if any(key.partition(".")[0] in DEPTH_KEYS for key in varied):
-        return math.nan
-    try:
-        parts = assemble(study.make_experiment(0))
-    except BenchError:  # for example, a file of the study is not on this machine
-        return math.nan
-    offset = parts.cameras[parts.rig.control.name].spec.calibration_offset
-    parts.plant.close()
-    return float(parts.goal.distance / offset.depth)
+def _round(value: float) -> float:
+    return float(f"{value:.{DIGITS}g}")
+
+
+def _format_angle(angle: float) -> str:
+    return f"{format_number(math.degrees(angle))}°"

@@ -239,7 +239,7 @@ def _join_tables(studies: Sequence[StudyEntry]) -> tuple[pa.Table, dict[str, str
         roles |= {one.name: METRIC for one in results.metrics}
         units |= {one.name: one.unit for one in results.metrics}
         roles[metrics.success.name] = METRIC
-    units |= {"simulated": "s"}
+    units |= {"simulated": "s", "distance_tolerance": "m", "angle_tolerance": "rad"}
     joined = _unify_types(tables)
     return joined, units, {name: roles.get(name, OTHER) for name in joined.column_names}
 

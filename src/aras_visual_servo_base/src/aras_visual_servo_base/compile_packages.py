@@ -214,8 +214,8 @@ def _describe_failure(status: int, packages: Sequence[str]) -> str:
 def _import_modules(package: str, folder: Path | None) -> str:
     """Import the modules of a package that define compiled functions, without compiling them.
 
-    If there is a `folder`, `copy_cache` first copies compiled functions from it. Return a message if
-    the package or one of its imports is missing, otherwise ''.
+    If there is a `folder`, `copy_cache` first copies compiled functions from it. Return a message
+    if the package or one of its imports is missing, otherwise ''.
     """
     try:
         if folder:

@@ -1,4 +1,4 @@
-"""Shared by all tests: let the built message modules be found beside the sources."""
+"""Configuration of all tests: finds the built message modules next to the sources."""
 
 from __future__ import annotations
 

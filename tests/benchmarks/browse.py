@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Time of the results browser for any answer over 100 000 runs: processor time, worst of five.
+"""Longest time that the results browser needs for an answer about 100 000 runs.
 
     OMP_NUM_THREADS=1 .venv/bin/python tests/benchmarks/browse.py [--runs 100000]
 
@@ -45,7 +45,7 @@ QUESTIONS = {
 
 
 def main() -> int:
-    """A line for each question with each filter."""
+    """Measure each query with each filter, and print one line per query."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--runs", type=int, default=100_000)
     options = parser.parse_args()

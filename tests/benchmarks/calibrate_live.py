@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Debian's camera_calibration on a live topic: does it find the intrinsics that are published?
+"""Test of Debian's camera_calibration on a live topic: it must find the published intrinsics.
 
 Starts the simulator with a camera fixed in the world, holds a chessboard before it in many poses,
 and lets camera_calibration's own node look on: the one behind `cameracalibrator.py`, without its
@@ -59,7 +59,7 @@ PINHOLE_FLAGS = cv2.CALIB_FIX_K3 | cv2.CALIB_FIX_K4 | cv2.CALIB_FIX_K5 | cv2.CAL
 
 
 class Calibrator(CalibrationNode):
-    """The node of cameracalibrator.py without its window; tells which images it has looked at."""
+    """Node of cameracalibrator.py without its window; it reports which images it has processed."""
 
     def __init__(self, fisheye: bool) -> None:
         self._looked = threading.Condition()
@@ -82,7 +82,7 @@ class Calibrator(CalibrationNode):
             self._looked.notify_all()
 
     def look(self) -> bool:
-        """Wait until an image exposed from now on has been looked at; whether it had a board."""
+        """Wait until a new image has been processed; return whether it shows the board."""
         now = rospy.Time.now()
         with self._looked:
             if not self._looked.wait_for(lambda: self._last > now, timeout=20.0):
@@ -91,7 +91,7 @@ class Calibrator(CalibrationNode):
 
 
 def calibrate(count: int) -> dict:
-    """Show `count` poses, calibrate, commit; return published and found intrinsics."""
+    """Show `count` poses, calibrate and commit; return the published and the found intrinsics."""
     published = wait_for_message(f"/{CAMERA}/camera_info", CameraInfo, timeout=30.0)
     board = Board(CAMERA)
     node = Calibrator(published.distortion_model == "equidistant")

@@ -67,7 +67,7 @@ PANELS = {
 
 
 def turned(pose: np.ndarray, angle: float) -> np.ndarray:
-    """A pose panned about the vertical through itself."""
+    """Return the camera pose rotated about the vertical through the camera."""
     c, s = np.cos(angle), np.sin(angle)
     out = pose.copy()
     out[:3, :3] = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ pose[:3, :3]
@@ -75,13 +75,13 @@ def turned(pose: np.ndarray, angle: float) -> np.ndarray:
 
 
 def lay_bricks(bench: Bench) -> None:
-    """Something coloured to look at, on the table."""
+    """Put coloured bricks on the table."""
     for colour, (x, y) in BRICKS.items():
         bench.box([0.05, 0.035, 0.03], [x, y, TABLE + 0.03], f"Gazebo/{colour}")
 
 
 def panel(renderer, title: str, settings: dict) -> np.ndarray:
-    """One picture with its title and a margin, (HEIGHT + TITLE + GAP, WIDTH + GAP, 3) rgb."""
+    """Return an image with its title and a margin, (HEIGHT + TITLE + GAP, WIDTH + GAP, 3) rgb."""
     config = CameraConfig.from_mapping({"near": NEAR, "horizontal_fov": 1.4, **settings})
     sensor = CameraSensor(config, renderer)
     frame, time_ns = None, 0

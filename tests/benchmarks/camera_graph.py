@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""How fast images arrive in the graph, with the closed loop running, and point clouds without it.
+"""Measure how fast images arrive on the ROS graph while the control loop runs, and point clouds.
 
 Starts the shipped machine and its nodes on a master of its own, once per case of size and rate, and
 listens as any node would. For clouds the camera sends depth too, and the nodes do not run. Needs
@@ -42,7 +42,7 @@ PRESETS = Path(__file__).parents[2] / "src/aras_visual_servo_gazebo/config/camer
 
 
 class Listener:
-    """Arrival times of images, or clouds, and clock ticks."""
+    """Recorder of the arrival times of images or point clouds, and of clock messages."""
 
     def __init__(self, what: tuple[str, type]) -> None:
         self.images: list[tuple[float, float]] = []
@@ -65,7 +65,7 @@ class Listener:
             subscriber.unregister()
 
     def figures(self, rate: float) -> dict[str, float | int]:
-        """What was seen of a camera of `rate` Hz."""
+        """Return the measured figures of a camera with `rate` images per second."""
         stamps, arrivals = np.array(self.images[1:]).T  # the first may be a latched one
         ticks, heard = np.array(self.clock).T
         offset = heard - ticks

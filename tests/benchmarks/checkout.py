@@ -1,4 +1,4 @@
-"""Import it first: puts this checkout's packages and the tests' helpers on the module path."""
+"""Adds the packages of this checkout and the helpers of the tests to the module path."""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""How fast the whole loop runs in one process; used by loop.py."""
+"""Measurement of the complete control loop in one process; loop.py uses it."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ clock = time.process_time_ns  # of all threads: the renderer's too
 
 
 class _Stopwatch:
-    """Adds up processor time of calls, by name."""
+    """Sum of the processor time of calls, by name."""
 
     def __init__(self) -> None:
         self.spent: dict[str, int] = {}
 
     def wrap(self, owner: Any, method: str, name: str) -> None:
-        """Have the calls of owner.method counted."""
+        """Measure the calls of owner.method under a name."""
         call, spent = getattr(owner, method), self.spent
         spent.setdefault(name, 0)
 
@@ -36,7 +36,8 @@ class _Stopwatch:
 
 
 def closed_loop(seconds: float) -> dict[str, Any]:
-    """Servo from the start of 2016, again and again; the best simulated second counts."""
+    """Servo repeatedly from the start of 2016; return the figures of the fastest simulated second.
+    """
     experiment = Experiment(time_after_convergence=None, duration=1e6)
     best = float("inf")
     loop = _fresh(experiment)
@@ -69,7 +70,7 @@ def _images(loop: Loop, count: int) -> None:
 
 
 def _parts(experiment: Experiment) -> tuple[dict[str, float], float]:
-    """ms of a simulated second by part; and of one image, from drawing to command, the median."""
+    """Return the time (ms) of each part per simulated second, and the median time of an image."""
     loop, watch = _fresh(experiment), _Stopwatch()
     sensor = loop.plant._simulation.camera("/labrob/camera").sensor
     watch.wrap(sensor.renderer, "render", "drawing")

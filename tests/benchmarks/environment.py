@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""How many steps a second of processor time an agent's environment takes.
+"""Measure the steps per second of processor time of the Gymnasium environment.
 
     python3 tests/benchmarks/environment.py [--steps 300] [--rounds 3] [--before CHECKOUT]
 
@@ -51,7 +51,7 @@ print(json.dumps(found))
 
 
 def measured(checkout: Path, steps: int) -> dict[str, float]:
-    """Steps a second of each kind, in a process of its own."""
+    """Return the steps per second of each kind, measured in a separate process."""
     path = os.pathsep.join(map(str, sorted((checkout / "src").glob("*/src"))))
     threads = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     told = subprocess.run(

@@ -1,4 +1,4 @@
-"""Processor time of every registered feature's measure, at 320 x 240 where it sees a picture.
+"""Measure the processor time of the method `measure` of every registered feature, at 320 x 240.
 
     python3 tests/benchmarks/features.py [--count 50] [--visp COMMAND]
 
@@ -41,7 +41,7 @@ AWAY = {"kernel"}  # pixel counts of one camera: tests/benchmarks/moments.py
 
 
 def seen(feature: Feature, place: np.ndarray, name: str) -> Observation:
-    """What the feature measures, from camera_T_object (4, 4)."""
+    """Return the feature's measurement at the pose camera_T_object (4, 4)."""
     if Need.IMAGE not in feature.needs:
         corners = PARALLELOGRAM if name == "vanishing_points" else CORNERS
         return look(FeatureObserver(None, feature.needs), place, corners=corners)
@@ -51,7 +51,7 @@ def seen(feature: Feature, place: np.ndarray, name: str) -> Observation:
 
 
 def microseconds(name: str, count: int) -> float:
-    """Of one measure: the median."""
+    """Return the median time of one measurement, microseconds."""
     feature = FEATURES.create(name)
     goal = Goal.teach(FeatureScheme(feature), seen(feature, GOAL, name))
     feature.check(goal)
@@ -68,7 +68,7 @@ def microseconds(name: str, count: int) -> float:
 
 
 def write_pictures(folder: Path) -> None:
-    """What photometric features see here, as PGM files for the other program."""
+    """Write the images for photometric features as PGM files for the ViSP program."""
     near = GOAL.copy()
     near[:3, 3] += NEAR
     for name, place in (("goal", GOAL), ("near", near)):
@@ -77,7 +77,7 @@ def write_pictures(folder: Path) -> None:
 
 
 def visp(command: str, count: int) -> dict[str, float]:
-    """ViSP's microseconds by name."""
+    """Return the times measured with ViSP, microseconds, by name."""
     words = [*shlex.split(command), "goal.pgm", "near.pgm", str(GOAL[2, 3]), str(count)]
     done = subprocess.run(words, capture_output=True, text=True, check=True, timeout=300.0)
     told = (line.rsplit(" ", 1) for line in done.stdout.splitlines())

@@ -1,4 +1,4 @@
-"""A graph of a benchmark's own with the running robot, and what the node's process uses."""
+"""ROS graph with a running robot for benchmarks, and the resources that a node's process uses."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ PAGE = os.sysconf("SC_PAGE_SIZE")
 
 @contextmanager
 def robot(**arguments: object) -> Iterator[int]:
-    """The ARAS robot under its controllers, in a graph of its own; gives the node's process id.
+    """Run the ARAS robot with its controllers on a separate graph; yield the node's process id.
 
     This process becomes a node of that graph.
     """
@@ -81,14 +81,14 @@ def memory_mb(pid: int) -> float:
 
 
 class Use:
-    """Processor share [%], memory and real-time factor of the node since its making."""
+    """Use of processor (%), memory and real-time factor of the node since this object was made."""
 
     def __init__(self, pid: int) -> None:
         self._pid = pid
         self._wall, self._cpu, self._time = time.monotonic(), cpu_seconds(pid), simulated()
 
     def figures(self) -> dict[str, float]:
-        """Return them, rounded."""
+        """Return the figures, rounded."""
         time_s = simulated()
         wall = time.monotonic() - self._wall
         return {
@@ -100,7 +100,7 @@ class Use:
 
 
 def simulated() -> float:
-    """Simulated time now [s]."""
+    """Return the current simulated time, s."""
     import rospy
     from gazebo_msgs.srv import GetWorldProperties
 

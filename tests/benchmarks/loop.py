@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""How fast loops run without ROS: physics with six effort PIDs, and the whole loop closed by sight.
+"""Measure the speed of loops without ROS: physics with six effort PIDs, and visual servoing.
 
     python3 tests/benchmarks/loop.py [--seconds 20] [--hours 0.05]
 
@@ -35,7 +35,7 @@ def resident_mb() -> float:
 
 
 def run(robot: ArasRobot, seconds: float) -> float:
-    """Simulate, with a new pose every second; returns the best second's processor seconds.
+    """Simulate with a new pose every second; return the processor time of the fastest second, s.
 
     The best one counts because other load on the machine, which shares its caches, disturbs it
     least.
@@ -50,7 +50,7 @@ def run(robot: ArasRobot, seconds: float) -> float:
 
 
 def parts(robot: ArasRobot, count: int) -> dict[str, float]:
-    """Processor microseconds a step of each part of the loop, timed one by one."""
+    """Return the processor time of each part of a step, microseconds, measured one by one."""
     simulation = robot.simulation
     loop = simulation.robots["aras_visual_servo"].loop
     period = simulation.config.time_step

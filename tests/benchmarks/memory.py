@@ -30,7 +30,7 @@ COMBINATIONS = 12  # of four targets, pictures or not, and two lenses, as `exper
 
 
 def resident() -> float:
-    """MB of this process that are in memory."""
+    """Return the resident memory of this process, MB."""
     gc.collect()
     for line in Path("/proc/self/status").read_text().splitlines():
         if line.startswith("VmRSS"):
@@ -62,7 +62,7 @@ def experiment(plant: str, number: int) -> Experiment:
 
 
 def growth(plant: str, runs: int, warm: int) -> float:
-    """MB that so many runs leave, after `warm` others.
+    """Return by how much the memory grows in `runs` runs, MB, after `warm` other runs.
 
     What a run leaves depends on its target (caches keep the last ones), so the greatest of the last
     runs is compared, over as many as have every combination of target, features and lens.

@@ -1,4 +1,4 @@
-"""Model-based tracking beside ViSP's generic tracker, on the same pictures of moving sequences.
+"""Compare model-based tracking with ViSP's generic tracker on the same image sequences.
 
     python3 tests/benchmarks/model_tracking.py [--count 500] [--visp PROGRAM] [--only box,cylinder]
 
@@ -44,7 +44,7 @@ SHIFT = 0.03  # m, of the bracket's profile along x
 
 
 def ours(solid: str, pictures: np.ndarray, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Poses (n, 4, 4), and processor time of each, s."""
+    """Track with this project; return the poses (n, 4, 4) and the processor time of each, s."""
     tracking = ModelTracking(Solid.from_triangles(corners_of(solid), solid))
     tracking.start(poses[0])
     tracking.track(pictures[0], CAMERA)  # what is compiled is loaded at its first call
@@ -60,14 +60,14 @@ def ours(solid: str, pictures: np.ndarray, poses: np.ndarray) -> tuple[np.ndarra
 
 
 def is_lost(error: tuple[float, float]) -> bool:
-    """Whether an error (m, rad) is that of a solid that is lost."""
+    """Return whether an error (m, rad) is so large that the solid is lost."""
     return not (error[0] <= LOST[0] and error[1] <= LOST[1])
 
 
 def visp(
     program: str, kind: str, solid: str, folder: Path, count: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """As `ours`, by ViSP with 'edges' or 'klt'."""
+    """Track with ViSP, with 'edges' or 'klt'; the result is that of `ours`."""
     points = corners_of(solid).reshape(-1, 3)
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
     K = CAMERA.K
@@ -82,7 +82,7 @@ def visp(
 
 
 def cao(solid: str) -> str:
-    """The solid in ViSP's own format: faces as polygons, the cylinder as one."""
+    """Return the solid in ViSP's file format: faces as polygons, a cylinder as one element."""
     if solid == "cylinder":
         points = [(0, 0, 0), (0, 0, HEIGHT), (RADIUS, 0, 0), (0, RADIUS, 0), (RADIUS, 0, HEIGHT),
                   (0, RADIUS, HEIGHT)]  # fmt: skip
@@ -109,7 +109,7 @@ def cao(solid: str) -> str:
 def summary(
     solid: str, found: np.ndarray, poses: np.ndarray, took: np.ndarray
 ) -> dict[str, float]:
-    """Errors in mm and degrees, lost pictures, ms of processor."""
+    """Return errors (mm, degrees), number of lost images and processor time (ms)."""
     errors = np.array([error_of(solid, f, t) for f, t in zip(found, poses, strict=True)])
     lost = np.array([is_lost(e) for e in errors])
     rms = np.sqrt((errors[~lost] ** 2).mean(axis=0)) if not lost.all() else np.full(2, np.nan)

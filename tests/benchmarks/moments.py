@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""How long a frame takes: grey conversion, threshold, order-6 moments, the paper's features with L.
+"""Measure the time per image: grey conversion, threshold, moments of order 6, features with L.
 
 Compared, in the same run, with ViSP's fromImage (order 6) and feature update, if libvisp-dev is
 installed (a small C++ program is compiled for it). One thread. A round takes the median of its
@@ -45,7 +45,7 @@ PARTS = {"5%": 0.05, "30%": 0.30}
 
 
 def picture(width: int, height: int, part: float) -> np.ndarray:
-    """(height, width) uint8: a tilted black pentagon of `part` of the image on white."""
+    """Draw a tilted black pentagon that covers `part` of a white image (height, width), uint8."""
     angle = np.array([10, 80, 150, 215, 300]) * np.pi / 180
     outline = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     area = Moments.from_polygon(outline).m00
@@ -69,7 +69,7 @@ def clock(function, repeats: int) -> float:
 
 
 def ours(grey: np.ndarray, repeats: int) -> dict[str, float]:
-    """Times of the parts, on an rgb8 message."""
+    """Return the times of the parts for an rgb8 message, ms."""
     height, width = grey.shape
     message = SimpleNamespace(
         encoding="rgb8",
@@ -110,7 +110,7 @@ def ours(grey: np.ndarray, repeats: int) -> dict[str, float]:
 
 
 def build_visp(folder: Path) -> Path | None:
-    """Compile the C++ program; None where ViSP is not installed."""
+    """Compile the C++ program; return None if ViSP is not installed."""
     program = folder / "visp_moments"
     source = Path(__file__).with_name("visp_moments.cpp")
     try:
@@ -130,7 +130,8 @@ def build_visp(folder: Path) -> Path | None:
 
 
 def visp(program: Path, grey: np.ndarray, folder: Path, repeats: int) -> float:
-    """ViSP's time for one picture, ms. Its objects are white, so the picture is turned round."""
+    """Return ViSP's time for one image, ms. The image is inverted, because ViSP's objects are
+    white."""
     height, width = grey.shape
     path = folder / "picture.pgm"
     path.write_bytes(b"P5\n%d %d\n255\n" % (width, height) + (255 - grey).tobytes())

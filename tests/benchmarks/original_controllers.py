@@ -87,7 +87,7 @@ def build(directory: Path) -> Path:
 
 
 class Controller:
-    """What both generations have in common: the gate, the steps, the flood's numbers."""
+    """Common parts of both generations: the gate, the steps, the flood of commands."""
 
     def __init__(self, program: Path) -> None:
         import rospy
@@ -117,7 +117,8 @@ class Controller:
         self._flood.stdin.flush()
 
     def reach(self, q: np.ndarray, end: float) -> np.ndarray:
-        """Command q, wait until every joint is near it, then for one camera message: its numbers.
+        """Command q, wait until every joint is near it, and return the next camera message's
+        numbers.
 
         Raises:
             TimeoutError: not by `end` (simulated time), with the joints that are not near.
@@ -133,12 +134,12 @@ class Controller:
         return self.features
 
     def rest(self, seconds: float) -> None:
-        """Let simulated time pass."""
+        """Wait for a duration of simulated time."""
         end = self.now + seconds
         self._wait(lambda: self.now >= end, math.inf, str)
 
     def begin(self) -> None:
-        """Wait for the first joint states, which tell simulated time, and camera message."""
+        """Wait for the first joint states and the first camera message."""
         self._wait(lambda: not (self.joints is None or self.features is None), math.inf, str)
 
     def _wait(self, come: Callable[[], bool], end: float, trouble: Callable[[], str]) -> None:
@@ -153,14 +154,14 @@ class Controller:
             time.sleep(0.001)
 
     def close(self) -> float:
-        """End the flood; returns how many messages a second it sent."""
+        """Stop the flood; return the number of messages per second that it sent."""
         self._flood.stdin.close()  # which ends it
         with self._flood.stdout as said:
             return float(said.read())
 
 
 def settle(controller: Controller, q: tuple[float, ...], seconds: float) -> np.ndarray:
-    """The features at rest at q: what is taught."""
+    """Return the features with the arm at rest at q; they are the taught goal."""
     end = controller.now + PATIENCE
     controller.reach(np.array(q), end)
     controller.rest(seconds)
@@ -168,7 +169,7 @@ def settle(controller: Controller, q: tuple[float, ...], seconds: float) -> np.n
 
 
 def first(controller: Controller) -> dict[str, object]:
-    """The gantry carries the camera until the kernel feature along its way is the taught one."""
+    """Servo with the gantry until the kernel feature along its axis has the taught value."""
     taught = settle(controller, GOAL["first"], 3.0)[16:]
     q = np.array(START["first"])
     q[1:] = GOAL["first"][1:]
@@ -193,7 +194,7 @@ def first(controller: Controller) -> dict[str, object]:
 
 
 def second(controller: Controller) -> dict[str, object]:
-    """All joints by normalised moments and the camera's Jacobian, until every error is small."""
+    """Servo with all joints by normalised moments and the camera's Jacobian."""
     import rospy
 
     from aras_visual_servo_controller.kinematics import Arm
@@ -204,7 +205,7 @@ def second(controller: Controller) -> dict[str, object]:
     depth = arm.pose(np.array(GOAL["second"])[order])[2, 3] - 0.59  # m above the target's plane
 
     def features(data: np.ndarray) -> np.ndarray:
-        """(xn, yn, an, α) of row, column, m00 and 0.1 α."""
+        """Return (xn, yn, an, α) from row, column, m00 and 0.1 α."""
         an = depth * math.sqrt(taught[2] / data[2])
         return np.array([an * data[1], an * data[0], an, 10.0 * data[3]])
 

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""What the live page costs: processor time of its node, and the real-time factor with and without.
+"""Measure the cost of the live page: its node's processor time, and the real-time factor.
 
     . devel/setup.bash; .venv/bin/python tests/benchmarks/page_cost.py
 
@@ -33,13 +33,13 @@ TICK = os.sysconf("SC_CLK_TCK")
 
 
 def processor_time(pid: int) -> float:
-    """s of processor time that a process has taken, with its threads."""
+    """Return the processor time of a process with its threads, s."""
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / TICK
 
 
 def node_pid(name: str) -> int:
-    """Process of a node of this graph, by the name that roslaunch or rosrun gave it."""
+    """Return the process id of a node of this graph, by the name from roslaunch or rosrun."""
     for entry in Path("/proc").glob("[0-9]*"):
         try:
             words = (entry / "cmdline").read_bytes().decode(errors="replace")
@@ -52,7 +52,7 @@ def node_pid(name: str) -> int:
 
 
 class Factor:
-    """The real-time factor by the controller's stamps."""
+    """Real-time factor, from the controller's stamps."""
 
     def __init__(self) -> None:
         self.latest = (0.0, 0.0)
@@ -63,14 +63,14 @@ class Factor:
         self.latest = time.monotonic(), message.header.stamp.to_sec()
 
     def over(self, seconds: float) -> float:
-        """Simulated over wall time from now on."""
+        """Return simulated time divided by wall time during the next seconds."""
         wall, stamp = self.latest
         time.sleep(seconds)
         return (self.latest[1] - stamp) / (self.latest[0] - wall)
 
 
 def watch(stop: threading.Event, told: list[int]) -> None:
-    """Be a viewer until told to stop; counts messages and bytes."""
+    """Act as a viewer until stopped; count messages and bytes."""
 
     async def read() -> None:
         viewer = await websocket_connect(f"ws://127.0.0.1:{PORT}/live?token={TOKEN}")
@@ -86,7 +86,7 @@ def watch(stop: threading.Event, told: list[int]) -> None:
 
 
 def await_port() -> None:
-    """Until the page listens."""
+    """Wait until the page listens."""
     end = time.monotonic() + 60.0
     while time.monotonic() < end:
         with socket.socket() as probe:
@@ -136,7 +136,8 @@ def main() -> int:
 def turn(
     page: bool, seconds: float, factor: Factor, simulator: int, camera: int
 ) -> dict[str, float | bool]:
-    """One turn: parts of a core, and the real-time factor."""
+    """Make one measurement, with or without page; return the used parts of a core and the factor.
+    """
     process, stop, told, viewer = None, threading.Event(), [0, 0], None
     if page:
         process = subprocess.Popen(

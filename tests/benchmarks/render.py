@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""How long pictures take, how exact they are, and both beside another commit and other renderers.
+"""Measure rendering times and accuracy, also of another commit and of other renderers.
 
     python3 tests/benchmarks/render.py [--before COMMIT] [--others] [--poses 12]
 
@@ -59,7 +59,7 @@ ROOM_FOV = 1.14
 
 
 def robot_scene() -> tuple[Bench, np.ndarray]:
-    """The shipped robot in the demo's first pose, on the ground; and its camera's optical frame."""
+    """Return the shipped robot in the demo's first pose, and its camera's optical frame."""
     bench = Bench()
     robot = parse_urdf((ROBOT / "robots/aras_visual_servo.urdf").read_text(), lambda _: str(ROBOT))
     bench.world.spawn_ground_plane()
@@ -72,7 +72,7 @@ def robot_scene() -> tuple[Bench, np.ndarray]:
 
 
 def ball_file(folder: Path) -> Path:
-    """A ball of 1 m radius and 2 000 triangles."""
+    """Write a ball of 1 m radius with 2 000 triangles."""
     rings, sectors = 26, 40
     theta, phi = np.linspace(0, np.pi, rings), np.linspace(0, 2 * np.pi, sectors + 1)
     grid = np.stack([np.outer(np.sin(theta), np.cos(phi)), np.outer(np.sin(theta), np.sin(phi)),
@@ -87,7 +87,7 @@ def ball_file(folder: Path) -> Path:
 
 
 def large_scene(folder: Path) -> tuple[Bench, np.ndarray]:
-    """40 000 triangles: twenty balls of 2 000 each over the target; and an eye above them."""
+    """Make a scene of 40 000 triangles: twenty balls above the target, and a camera above them."""
     path = ball_file(folder)
     bench = Bench()
     table_and_target(bench)
@@ -103,14 +103,14 @@ def flat_view(pose: np.ndarray, width: int, height: int, fov: float) -> View:
 
 
 def visible_copy(bench: Bench) -> int:
-    """A Bullet client with the triangles that ours draws, for Bullet's own renderers."""
+    """Make a Bullet client with the same triangles, for Bullet's own renderers."""
     tiny = TinyRenderer(bench.world, Lighting())
     tiny._prepare(1.0)
     return tiny._client
 
 
 def bullet_picture(client: int, view: View, renderer: int) -> Callable[[], object]:
-    """A call of Bullet's own renderer for the same view."""
+    """Return a function that renders the view with one of Bullet's renderers."""
     K, w, h = view.K, view.width, view.height
     eye = np.diag([1.0, -1.0, -1.0, 1.0]) @ np.linalg.inv(view.world_T_optical)
     side = 2 * K[0, 0] / w, 2 * K[1, 1] / h
@@ -123,7 +123,7 @@ def bullet_picture(client: int, view: View, renderer: int) -> Callable[[], objec
 
 
 def mujoco_picture(bench: Bench, view: View, shadows: bool = True) -> Callable[[], object]:
-    """MuJoCo's offscreen renderer on the triangles that ours draws, as it comes or unshadowed."""
+    """Return a function that renders the triangles with MuJoCo, with or without shadows."""
     os.environ.setdefault("MUJOCO_GL", "egl")
     import mujoco
 
@@ -163,7 +163,7 @@ def mujoco_picture(bench: Bench, view: View, shadows: bool = True) -> Callable[[
 
 
 def scene_and_view(case: str, folder: Path) -> tuple[Bench, View]:
-    """The world and the view of a case."""
+    """Return the world and the view of a case."""
     if case == "triangles_40000":
         bench, above = large_scene(folder)
         return bench, flat_view(above, 320, 240, 1.0)
@@ -175,7 +175,7 @@ def scene_and_view(case: str, folder: Path) -> tuple[Bench, View]:
 
 
 def picture_of(case: str, what: str, folder: Path) -> Callable[[], object]:
-    """A call that draws one picture of a case."""
+    """Return a function that renders one image of a case."""
     bench, view = scene_and_view(case, folder)
     if what == "pybullet_tiny":
         return bullet_picture(visible_copy(bench), view, pybullet.ER_TINY_RENDERER)
@@ -221,13 +221,13 @@ for line in sys.stdin:
 
 
 def answer(process: subprocess.Popen, patience: float) -> str:
-    """The next line of a renderer's process; '' when it ends or takes longer than that, s."""
+    """Return the next line of a renderer's process; '' if it ends or none comes in `patience` s."""
     ready, _, _ = select.select([process.stdout], [], [], patience)
     return process.stdout.readline().strip() if ready else ""
 
 
 def failure(process: subprocess.Popen, log: Path) -> str:
-    """Why a renderer's process gave no answer: it is slow, or its last line of error."""
+    """Return why a renderer's process gave no answer: it is too slow, or its last error line."""
     try:
         process.wait(1.0)
     except subprocess.TimeoutExpired:
@@ -288,7 +288,7 @@ HALF = np.array([0.03, 0.025])  # m, of the target
 
 
 def target_scene(triangles: int, folder: Path) -> Bench:
-    """A black target on a white table, and balls around it that have so many triangles."""
+    """Make a black target on a white table, surrounded by balls with this number of triangles."""
     bench = Bench()
     bench.box([3.0, 3.0, 0.295], [0, 0, 0.295])
     bench.box([*HALF, 1e-5], [0, 0, 0.59], "Gazebo/Black")
@@ -302,7 +302,7 @@ def target_scene(triangles: int, folder: Path) -> Bench:
 
 
 def outline_moments(outline: np.ndarray) -> np.ndarray:
-    """Area, centroid x, y, and angle of the long axis, rad, of a polygon (N, 2)."""
+    """Return area, centroid x, y, and angle of the long axis (rad) of a polygon (N, 2)."""
     (x, y), (x2, y2) = outline.T, np.roll(outline, -1, axis=0).T
     cross = x * y2 - x2 * y
     area = cross.sum() / 2
@@ -315,7 +315,8 @@ def outline_moments(outline: np.ndarray) -> np.ndarray:
 
 
 def picture_moments(image: np.ndarray, outline: np.ndarray) -> np.ndarray:
-    """The same of what is dark around an outline."""
+    """Return area, centroid and angle, as `outline_moments`, of the dark pixels around an outline.
+    """
     low, high = outline.min(axis=0).astype(int) - 3, outline.max(axis=0).astype(int) + 4
     window = image[low[1]:high[1], low[0]:high[0], 0].astype(float)
     black, white = window.min(), window.max()
@@ -372,7 +373,7 @@ def cell(renderer: Renderer, size: tuple[int, int], settings: dict, poses: int, 
 
 @contextmanager
 def checkout_of(commit: str) -> Iterator[Path | None]:
-    """A worktree of a commit for as long as it is wanted; a folder as it is; None for neither."""
+    """Yield a worktree of a commit; a folder is used as it is; None without a commit."""
     if not commit:
         yield None
         return

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""A chessboard held before a camera of the running simulator, in one pose after the other.
+"""Show a chessboard to a camera of the running simulator, in a sequence of poses.
 
 For cameras that are fixed in the world. The poses cover the picture up to its edges, as far as
 the published lens says that all corners are seen well; so a calibration tool that listens finds

@@ -1,4 +1,4 @@
-"""Where the arm ends before solids that it servoes by the moments of their silhouettes.
+"""Final pose errors of the arm with solid targets, servoed by the moments of their silhouettes.
 
     python3 tests/benchmarks/silhouettes.py [--starts 12] [--only sphere]
 
@@ -39,7 +39,7 @@ CASES = [
 
 
 def red(size: tuple[float, ...], folder: str) -> str:
-    """The path of a red box's mesh."""
+    """Return the path of a red box's mesh."""
     path = Path(folder) / "red.obj"
     text = make_target("box", size).path.read_text()
     path.write_text("mtllib red.mtl\nusemtl red\n" + text)
@@ -48,7 +48,7 @@ def red(size: tuple[float, ...], folder: str) -> str:
 
 
 def main() -> None:
-    """Run all, and print a line each."""
+    """Run all starts, and print one line for each."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--starts", type=int, default=12, help="of each target (default 12)")
     parser.add_argument("--only", default="", help="targets whose name starts so")

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""A thousand rendered closed loops as a study: on one worker, on two, and without the engine.
+"""Run a thousand rendered closed loops as a study: with one worker, two, and without the engine.
 
     python3 tests/benchmarks/study.py [--runs 1000] [--short 2000] [--two]
 
@@ -45,25 +45,25 @@ def resident_mb() -> float:
 
 
 class Watched(Progress):
-    """Notes the memory as chunks come in."""
+    """Progress display that records the memory when chunks are finished."""
 
     def __init__(self, total: int) -> None:
         super().__init__(total, out=io.StringIO())
         self.memory: list[float] = []
 
     def add_runs(self, *chunk: object) -> None:
-        """Note the resident memory after each chunk."""
+        """Record the resident memory after each chunk."""
         self.memory.append(resident_mb())
 
 
 def warm(pool: Pool, study: Study, folder: Path) -> None:
-    """Let every worker load and compile what it needs, which a study does once."""
+    """Make every worker load and compile what it needs, which happens once per study."""
     short = Study.from_mapping({**study.to_mapping(), "repeats": 4 * pool.workers, "chunk": 1})
     engine.carry_out(StudyFolder.create(folder, short, ""), pool, Watched(short.run_count))
 
 
 def timed(study: Study, workers: int, folder: Path) -> dict[str, object]:
-    """Carry the study out on so many workers."""
+    """Run the study with this number of workers, and return its times."""
     with DaskPool(workers) as pool:
         warm(pool, study, folder.with_name(folder.name + "-warm"))
         kept = StudyFolder.create(folder, study, "")
@@ -86,7 +86,7 @@ def timed(study: Study, workers: int, folder: Path) -> dict[str, object]:
 
 
 def same(one: Path, two: Path) -> bool:
-    """Whether all parts are the same bytes."""
+    """Return whether all result files of two studies are identical."""
     names = sorted(p.name for p in (one / "parts").glob("*"))
     return names == sorted(p.name for p in (two / "parts").glob("*")) and all(
         (one / "parts" / n).read_bytes() == (two / "parts" / n).read_bytes() for n in names
@@ -94,7 +94,7 @@ def same(one: Path, two: Path) -> bool:
 
 
 def alone(study: Study, count: int) -> float:
-    """Processor seconds of a run in a plain loop, without the engine, best of `count`."""
+    """Return the processor time of a run without the engine, s: the smallest of `count` runs."""
     limit_threads()
     best = float("inf")
     for run in range(count):
@@ -107,7 +107,7 @@ def alone(study: Study, count: int) -> float:
 def measured(
     base: dict[str, object], runs: int, scratch: Path, name: str, only_two: bool
 ) -> dict[str, object]:
-    """One worker, two, and how they compare."""
+    """Measure with one worker and with two, and compare them."""
     study = Study.from_mapping({**base, "repeats": runs})
     if only_two:
         two = timed(study, 2, scratch / f"{name}-2")

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The same runs three ways, side by side: roslaunch in a loop, the same in lockstep, and `bench`.
+"""Run the same experiments in three ways: roslaunch in a loop, in lockstep, and with `bench`.
 
     . devel/setup.bash; python3 tests/benchmarks/study_beside.py [--starts 20]
 
@@ -30,7 +30,7 @@ vary:
 
 
 def starts(count: int) -> list[list[float]]:
-    """Joints of each start, m and rad: beside the goal and turned, the target in view."""
+    """Return the joints of each start (m, rad), with the target in view."""
     return [
         [round(0.12 - 0.01 * (k % 8), 4), 0.0, 0.17, -0.09, -0.09, round(0.1 * k - 0.9, 4)]
         for k in range(count)
@@ -38,12 +38,12 @@ def starts(count: int) -> list[list[float]]:
 
 
 def lines_of(text: str) -> int:
-    """That say something."""
+    """Return the number of lines that are neither empty nor comments."""
     return sum(bool(line.strip()) and not line.strip().startswith("#") for line in text.split("\n"))
 
 
 def by_roslaunch(mode: str, given: list[list[float]], folder: Path) -> dict[str, object]:
-    """Seconds and converged runs of the loop."""
+    """Return the duration (s) and the converged runs of roslaunch in a loop."""
     file, out = folder / "starts.txt", folder / f"{mode}.csv"
     file.write_text("".join(f"{joints}\n" for joints in given))
     with socket.socket() as probe:
@@ -63,7 +63,7 @@ def by_roslaunch(mode: str, given: list[list[float]], folder: Path) -> dict[str,
 
 
 def by_bench(given: list[list[float]], folder: Path) -> dict[str, object]:
-    """Seconds and converged runs of the study, from the command's start to its end."""
+    """Return the duration (s) and the converged runs of `bench`, from its start to its end."""
     import pyarrow.parquet as parquet
 
     text = STUDY.format(starts=given)

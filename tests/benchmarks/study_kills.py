@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Kills what carries a study out, and sees whether resuming ends with the undisturbed bytes.
+"""Kill processes of a running study, and check that resuming gives the same bytes as without.
 
     python3 tests/benchmarks/study_kills.py [--only client] [--runs 300]
 
@@ -40,7 +40,7 @@ chunk: 10
 
 
 def bench(*words: str | Path, **options: object) -> subprocess.Popen[str]:
-    """The command, begun."""
+    """Start the command `bench`."""
     return subprocess.Popen(
         [*BENCH, *map(str, words)], env=ENVIRONMENT, text=True, stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT, **options,
@@ -48,12 +48,12 @@ def bench(*words: str | Path, **options: object) -> subprocess.Popen[str]:
 
 
 def parts(folder: Path) -> list[Path]:
-    """Results that are there."""
+    """Return the existing result files."""
     return sorted((folder / "parts").glob("*.parquet"))
 
 
 def digest(folder: Path) -> str:
-    """Of all results and the manifest."""
+    """Return a digest of all result files and the manifest."""
     found = hashlib.sha256((folder / "manifest.json").read_bytes())
     for path in parts(folder):
         found.update(path.read_bytes())
@@ -61,7 +61,7 @@ def digest(folder: Path) -> str:
 
 
 def wait_for_parts(folder: Path, count: int, timeout: float = 120.0) -> None:
-    """Until so many parts are there."""
+    """Wait until there are `count` result files."""
     end = time.monotonic() + timeout
     while len(parts(folder)) < count:
         if time.monotonic() > end:
@@ -70,7 +70,7 @@ def wait_for_parts(folder: Path, count: int, timeout: float = 120.0) -> None:
 
 
 def descendants(pid: int) -> list[int]:
-    """Processes below one, that one left out."""
+    """Return all child processes of a process, with their children."""
     listed = subprocess.run(["ps", "-eo", "pid=,ppid="], capture_output=True, text=True, check=True)
     parent = {int(p): int(q) for p, q in (line.split() for line in listed.stdout.splitlines())}
     found, grown = {pid}, True
@@ -81,7 +81,7 @@ def descendants(pid: int) -> list[int]:
 
 
 def workers(pid: int) -> list[int]:
-    """Worker processes below one, by their command lines."""
+    """Return the worker processes of a process, found by their command lines."""
     def is_worker(child: int) -> bool:
         try:
             line = Path(f"/proc/{child}/cmdline").read_bytes()
@@ -93,7 +93,7 @@ def workers(pid: int) -> list[int]:
 
 
 def kill_worker(study: Path, out: Path) -> str:
-    """One worker, by its id, in the middle of a chunk."""
+    """Kill one worker by its id while it runs a chunk."""
     client = bench("run", study, "--out", out, "--workers", "2")
     wait_for_parts(out, 3)
     os.kill(workers(client.pid)[0], signal.SIGKILL)
@@ -103,7 +103,7 @@ def kill_worker(study: Path, out: Path) -> str:
 
 
 def kill_client(study: Path, out: Path) -> str:
-    """The client, and with it the scheduler that it holds; its workers must end by themselves."""
+    """Kill the client with its scheduler; its workers must then end by themselves."""
     client = bench("run", study, "--out", out, "--workers", "2")
     wait_for_parts(out, 3)
     below = descendants(client.pid)
@@ -119,7 +119,7 @@ def kill_client(study: Path, out: Path) -> str:
 
 
 def kill_scheduler(study: Path, out: Path) -> str:
-    """A scheduler of its own: the client says so, and a new one carries on."""
+    """Kill a separate scheduler: the client reports it, and the study continues with a new one."""
     dask = [sys.executable, "-m", "distributed.cli.dask_"]
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "env": ENVIRONMENT}
     with tempfile.TemporaryDirectory() as scratch:
@@ -154,7 +154,7 @@ def kill_scheduler(study: Path, out: Path) -> str:
 
 
 def fill_disk(study: Path, out: Path) -> str:
-    """A disk that is full after some parts, then has room again."""
+    """Fill the disk after some results, then free space again."""
     script = """
 set -e
 mount -t tmpfs -o size=200k tmpfs "$1"; shift
@@ -182,7 +182,7 @@ exec "$@"
 
 
 def resume(out: Path) -> None:
-    """Go on, and to the end."""
+    """Resume the study until its end."""
     again = bench("resume", out, "--workers", "2")
     told = again.communicate(timeout=300)[0]
     assert again.returncode == 0, told

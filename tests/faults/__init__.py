@@ -1,1 +1,1 @@
-"""A campaign of faults against the running graph; see campaign.py."""
+"""Fault injection into the running graph; see campaign.py."""

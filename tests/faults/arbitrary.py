@@ -1,4 +1,4 @@
-"""Arbitrary ROS messages of any type, from their definitions: what a careless client may send."""
+"""Random ROS messages of any type, generated from the message definitions."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ INTEGERS = {
 
 
 class Arbitrary:
-    """Draws messages; the same seed draws the same."""
+    """Generator of random messages; equal seeds give equal messages."""
 
     def __init__(self, seed: int, names: Sequence[str] = (), likely: float = 0.5) -> None:
         """`names`: that exist, of models and the like, drawn with probability `likely`."""
@@ -66,7 +66,7 @@ class Arbitrary:
 
 
 def _parsed(of: str) -> tuple[str, bool, int | None]:
-    """Element type, whether it is an array, and its length where that is fixed."""
+    """Return the element type of a field, whether it is an array, and its length if it is fixed."""
     if not of.endswith("]"):
         return of, False, None
     element, _, length = of[:-1].partition("[")

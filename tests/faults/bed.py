@@ -1,4 +1,4 @@
-"""The graph under attack: shipped launch files, and what has to be as before after each fault."""
+"""Graph under test for fault injection, and checks that its state after a fault is as before."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class Bed:
         self.connect()
 
     def connect(self) -> None:
-        """Listen to the graph; again, where its master is a new one."""
+        """Subscribe to the graph; subscribe again if its master was replaced."""
         for subscriber in self._subscribers:
             subscriber.unregister()
         self._seen.clear()
@@ -76,7 +76,7 @@ class Bed:
         self._commanded.append(message.data)
 
     def start(self) -> None:
-        """Bring everything up."""
+        """Start all processes."""
         self.launch("aras_visual_servo.launch", ["/gazebo"], respawn_gazebo=True)
         if self._nodes:
             self.launch("aras_visual_servo_nodes.launch", NODES[1:])
@@ -85,7 +85,7 @@ class Bed:
         self._settle()
 
     def _settle(self) -> None:
-        """Wait until connections are made: what is opened on the way is no leak."""
+        """Wait until all connections exist, so that they do not count as a leak."""
         before: dict[str, tuple[int, int]] = {}
         for _ in range(20):
             now = {node: figures[:2] for node, figures in self.resources().items()}
@@ -95,18 +95,18 @@ class Bed:
             time.sleep(1.0)
 
     def launch(self, file: str, nodes: Any, **arguments: Any) -> Launch:
-        """Start a launch file of the robot's; returns when its nodes are there. stop() ends it."""
+        """Start a launch file of the robot, and return when its nodes exist; stop() ends it."""
         launched = Launch(self.master, ("aras_visual_servo_gazebo", file), arguments)
         self.launches.append(launched)
         launched.wait_for_nodes(nodes, 120.0)
         return launched
 
     def start_only(self, file: str) -> Launch:
-        """Start a launch file of the robot's and do not wait for anything."""
+        """Start a launch file of the robot without waiting for its nodes."""
         return Launch(self.master, ("aras_visual_servo_gazebo", file), {})
 
     def close(self) -> None:
-        """End everything and the master too."""
+        """Stop all processes and the master."""
         try:
             self.stop()
         finally:
@@ -114,14 +114,13 @@ class Bed:
             self.master.stop()
 
     def stop(self) -> None:
-        """End it all; GraphError when a process stays behind."""
+        """Stop all processes; GraphError if a process does not end."""
         for launched in reversed(self.launches):
             launched.stop()
         self.launches.clear()
 
     def start_anew(self) -> None:
-        """End what is left, however it ends, and bring everything up again on a master that knows
-        nothing of it."""
+        """Stop the remaining processes, and start all of them again with a new master."""
         for launched in reversed(self.launches):
             with suppress(GraphError):
                 launched.stop()
@@ -135,7 +134,7 @@ class Bed:
     # --- what has to be as before ----------------------------------------------------------------
 
     def trouble(self, within: float = RECOVERY) -> list[str]:
-        """What is not as it ought to be, in words, once `within` s have not cured it."""
+        """Return what is wrong, as text, if it is not repaired within `within` s."""
         end = time.monotonic() + within
         while True:
             wrong = self._wrong()
@@ -175,7 +174,7 @@ class Bed:
         return wrong
 
     def call(self, name: str, request: Any = None, timeout: float = ANSWER) -> Any:
-        """The answer of a service to a request; none: one with nothing filled in.
+        """Call a service and return its answer; without a request, the fields have default values.
 
         Raises:
             UnansweredError: none in time, or the call failed.
@@ -204,15 +203,16 @@ class Bed:
         return box[0]
 
     def calm(self) -> None:
-        """Undo what a client may rightly have asked for: a pause."""
+        """Undo a pause, which a client may have requested."""
         self.call("/gazebo/unpause_physics")
 
     def simulated(self) -> float:
-        """Simulated time of the latest /clock, s."""
+        """Return the simulated time of the latest /clock, s."""
         return self._seen["clock"][1].clock.to_sec()
 
     def listened(self) -> list[tuple[str, type]]:
-        """Topics that our nodes subscribe to, with their classes; time and transforms left out."""
+        """Return the topics that the nodes subscribe to, with their classes, except time and
+        transforms."""
         subscribers = dict(rosgraph.Master("/faults").getSystemState()[1])
         types = dict(rosgraph.Master("/faults").getTopicTypes())
         return [
@@ -222,12 +222,12 @@ class Bed:
         ]
 
     def services(self) -> list[str]:
-        """Services of our nodes."""
+        """Return the services of the nodes."""
         provided = rosgraph.Master("/faults").getSystemState()[2]
         return sorted(name for name, nodes in provided if set(nodes) & set(NODES))
 
     def ports(self, node: str) -> list[int]:
-        """TCP ports that a node listens on."""
+        """Return the TCP ports that a node listens on."""
         process = Path("/proc") / str(self.pid(node))
         inodes = set()
         for entry in (process / "fd").iterdir():
@@ -243,12 +243,12 @@ class Bed:
     # --- processes -------------------------------------------------------------------------------
 
     def pid(self, node: str) -> int:
-        """Process of a node."""
+        """Return the process id of a node."""
         api = rosgraph.Master("/faults").lookupNode(node)
         return int(xmlrpc.client.ServerProxy(api).getPid("/faults")[2])
 
     def resources(self) -> dict[str, tuple[int, int, float]]:
-        """Open descriptors, threads and resident MB of each node."""
+        """Return the number of open descriptors and threads, and the resident MB, of each node."""
         found = {}
         for node in NODES if self._nodes else NODES[:1]:
             process = Path("/proc") / str(self.pid(node))
@@ -264,7 +264,8 @@ class Bed:
 
     @contextmanager
     def group(self, name: str) -> Iterator[Outcome]:
-        """A group of faults: begins well, and what has grown at its end is a leak."""
+        """Run a group of faults: check the start, and report resources that have grown at the end.
+        """
         outcome = Outcome(name)
         before = self.resources()
         yield outcome
@@ -274,7 +275,7 @@ class Bed:
         outcome.leaked += grown
 
     def judge(self, outcome: Outcome, what: str, within: float = RECOVERY) -> None:
-        """Count one fault (or one batch of them) as survived, or name what it took away."""
+        """Record a fault, or a batch of faults, as survived, or name what was lost."""
         began = time.monotonic()
         wrong = self.trouble(within)
         outcome.recovered = max(outcome.recovered, time.monotonic() - began)

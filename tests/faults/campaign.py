@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Inject faults into the running graph and see what is lost: ./test.sh --faults [--help].
+"""Inject faults into the running graph and report what is lost: ./test.sh --faults [--help].
 
 Starts the shipped launch files on a master of its own, and after each fault looks whether robot,
 controllers, clock, joint states, images and nodes are as before. At the end a table, and a line of
@@ -53,7 +53,7 @@ def run(directory: Path, groups: tuple[Group, ...], scale: float, seed: int) -> 
 
 
 def main() -> int:
-    """Run it; returns the exit status."""
+    """Run the campaign; return the exit status."""
     parser = argparse.ArgumentParser(prog="./test.sh --faults", description=__doc__.splitlines()[0],
                                      epilog="example: ./test.sh --faults --only 'flood|garbage'")
     parser.add_argument("--only", default="", metavar="REGEX", help="groups whose name matches")

@@ -1,4 +1,4 @@
-"""Games with time: pauses, resets and other steps while the arm servoes."""
+"""Faults of the clock while the arm servoes: pauses, resets and changed time steps."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .traffic import judged
 
 
 def games(bed: Bed, scale: float, seed: int) -> Outcome:
-    """Pause, go on, resets and other steps, in any order and close together."""
+    """Pause, resume, reset and change the time step, in random order and close together."""
     draw = random.Random(seed)
     with bed.group("games with the clock") as outcome:
         physics, diverged = bed.call("/gazebo/get_physics_properties"), 0

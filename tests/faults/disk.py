@@ -1,4 +1,4 @@
-"""A disk that fills up while a run is recorded."""
+"""Fault: the disk becomes full while a run is recorded."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SIZE = "2m"
 
 
 def full(bed: Bed, scale: float, seed: int) -> Outcome:
-    """Recording to a file system of two megabytes; the rest of the graph goes on."""
+    """Record to a file system of two megabytes; the rest of the graph must continue."""
     with bed.group("disk full") as outcome:
         if os.geteuid() != 0:
             outcome.note = "left out: mounting a small file system needs root"

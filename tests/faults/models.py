@@ -1,4 +1,4 @@
-"""Models: hostile descriptions and meshes, and spawning and deleting without end."""
+"""Faults of models: invalid descriptions and meshes, and many spawns and deletions."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ NUMBERS = ("nan", "inf", "-inf", "1e308", "-1", "0", "1e-300", "", "x", "1 2", "
 
 
 def hostile(bed: Bed, scale: float, seed: int) -> Outcome:
-    """Descriptions damaged at random places, entities, and meshes that are none."""
+    """Send descriptions that are damaged at random places, entities, and invalid meshes."""
     draw = random.Random(seed)
     with bed.group("hostile models and meshes") as outcome:
         texts = [_damaged(draw, draw.choice((BALL, CRATE))) for _ in range(round(120 * scale) + 5)]
@@ -50,7 +50,8 @@ def hostile(bed: Bed, scale: float, seed: int) -> Outcome:
 
 
 def _damaged(draw: random.Random, text: str) -> str:
-    """A description with something cut, doubled, swapped or filled with a number that is none."""
+    """Return a description with a part removed, doubled, swapped or replaced by an invalid number.
+    """
     pieces = text.replace(">", ">\0").split("\0")
     for _ in range(draw.randint(1, 3)):
         at = draw.randrange(len(pieces))
@@ -98,7 +99,7 @@ def _bombs() -> list[str]:
 
 
 def cycles(bed: Bed, scale: float, seed: int) -> Outcome:
-    """A model spawned and deleted, over and over."""
+    """Spawn and delete a model repeatedly."""
     with bed.group("spawn and delete") as outcome:
         for k in range(max(round(100 * scale), 10)):
             outcome.injected += 1

@@ -1,4 +1,4 @@
-"""What a group of faults did: counted, and told as a table and as JSON."""
+"""Result of a group of faults: counts, and output as a table and as JSON."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Outcome:
 
     @property
     def clean(self) -> bool:
-        """Nothing lost, nothing hung, nothing leaked."""
+        """True if nothing was lost, did not answer or leaked."""
         return self.survived == self.injected and not (self.lost or self.hung or self.leaked)
 
 
@@ -39,7 +39,8 @@ COLUMNS = ("fault", "injected", "survived", "recovered after", "lost", "hung", "
 
 
 def table(outcomes: Sequence[Outcome]) -> str:
-    """One line a group, with what was lost, hung or leaked below it."""
+    """Return a table with one line per group, followed by what was lost, did not answer or leaked.
+    """
     rows = [
         (o.name, str(o.injected), str(o.survived), f"{o.recovered:.1f} s",
          str(len(o.lost)), str(len(o.hung)), str(len(o.leaked)))
@@ -64,7 +65,7 @@ def table(outcomes: Sequence[Outcome]) -> str:
 
 
 def summary(outcomes: Sequence[Outcome]) -> str:
-    """JSON of all groups, in one line."""
+    """Return the results of all groups as one line of JSON."""
     return json.dumps({
         "injected": sum(o.injected for o in outcomes),
         "survived": sum(o.survived for o in outcomes),

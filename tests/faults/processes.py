@@ -1,4 +1,4 @@
-"""Processes that die: nodes, the master, and the whole graph started and ended over and over."""
+"""Faults of processes: killed nodes, a killed master, and repeated starts of the whole graph."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def master_gone(bed: Bed, scale: float, seed: int) -> Outcome:
 
 
 def _wait_until_started(robot: Launch) -> None:
-    """Until roslaunch has started the last of its processes."""
+    """Wait until roslaunch has started the last of its processes."""
 
     def started() -> bool:
         lines = [line for line in robot.output().splitlines() if "started with pid" in line]
@@ -89,7 +89,7 @@ def _wait_until_started(robot: Launch) -> None:
 
 
 def starts_and_stops(bed: Bed, scale: float, seed: int) -> Outcome:
-    """The graph ended at different moments of its first seconds: quickly, without a traceback."""
+    """Stop the graph at different times during its start: quickly and without a traceback."""
     outcome = Outcome("starts and stops")
     count, unborn = max(round(20 * scale), 2), 0
     bed.stop()

@@ -1,4 +1,4 @@
-"""Whether what a loop reports, message by message, goes together."""
+"""Check that consecutive report messages of a loop are consistent with each other."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ MOST = 5  # contradictions that are listed
 
 
 def contradictions(reports: Sequence[Any]) -> list[str]:
-    """What does not go together in ServoReports, as text, the first few.
+    """Return contradictions in ServoReports as text, the first few.
 
     An outcome of a failed run has a reason and a remedy, an open one no remedy; and an outcome that
     has been reported for STEADY s does not come back within STEADY s of another one.

@@ -1,4 +1,4 @@
-"""Services called with anything: every service of our nodes, by the type of its request."""
+"""Faults of services: random requests to every service of the nodes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ LEFT_OUT = ("reload_controller_libraries",)
 
 
 def fuzzed(bed: Bed, scale: float, seed: int) -> Outcome:
-    """Every service with arbitrary requests, the world's settings put back after each."""
+    """Call every service with random requests, and restore the world's settings after each."""
     with bed.group("services by type") as outcome:
         physics = bed.call("/gazebo/get_physics_properties")
         each = max(round(130 * scale), 3)
@@ -57,8 +57,7 @@ def _names() -> tuple[str, ...]:
 
 
 def put_back(bed: Bed, physics: object) -> bool:
-    """Time goes on, at its own step and gravity; the arm is where a run may begin. Whether the
-    simulation had diverged."""
+    """Restore time step, gravity and posture; return whether the simulation had diverged."""
     bed.calm()
     fields = ("time_step", "max_update_rate", "gravity", "ode_config")
     bed.call(

@@ -1,4 +1,4 @@
-"""An hour of servoing, disturbed every three seconds."""
+"""Fault injection every three seconds during an hour of visual servoing."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def disturbed(bed: Bed, scale: float, seed: int) -> Outcome:
 
 
 def _converge(bed: Bed, reports: list[ServoReport], after: str) -> None:
-    """Wait until the arm has converged; GraphError when it has not within AGAIN."""
+    """Wait until the arm has converged; GraphError if it has not within AGAIN."""
     end = bed.simulated() + AGAIN
 
     def ended() -> bool:
@@ -112,7 +112,7 @@ def _pause(bed: Bed, draw: random.Random) -> str:
 
 
 def _target(bed: Bed, draw: random.Random) -> str:
-    """The target is elsewhere on the table for a while, where this arm may be unable to follow."""
+    """Move the target to another place on the table for a while, possibly out of reach."""
     x, y, turn = draw.uniform(-0.04, 0.04), draw.uniform(-0.04, 0.04), draw.uniform(-0.5, 0.5)
     state = ModelState(model_name="target")
     for part in (1.0, 0.0):

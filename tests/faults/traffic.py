@@ -1,4 +1,4 @@
-"""What comes over the wire: floods, garbage of a right type, topics of a wrong one, plain bytes."""
+"""Faults of messages: floods, invalid values, topics of a wrong type, and plain bytes."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ BYTES = (b"", b"\0", b"GET / HTTP/1.1\r\n\r\n", b"\xff" * 4, b"\xff\xff\xff\x7f"
 
 
 def flood(bed: Bed, scale: float, seed: int) -> Outcome:
-    """Thousands of commands a second on each of six topics, as the original controllers do."""
+    """Send thousands of commands per second on each of six topics, as the original controllers do.
+    """
     with bed.group("flood of commands") as outcome:
         publishers = [rospy.Publisher(topic, Float64, queue_size=1) for topic in COMMANDS]
         wait_for(lambda: all(p.get_num_connections() for p in publishers), 10.0, "the listeners")
@@ -41,7 +42,7 @@ def flood(bed: Bed, scale: float, seed: int) -> Outcome:
 
 
 def garbage(bed: Bed, scale: float, seed: int) -> Outcome:
-    """Arbitrary messages on every topic that our nodes listen to, time itself left out."""
+    """Send random messages on every topic that the nodes subscribe to, except the time."""
     draw = Arbitrary(seed, (ROBOT, *JOINTS, "J1", "base_link"))
     with bed.group("garbage on every topic") as outcome:
         each = max(round(40 * scale), 3)
@@ -62,7 +63,7 @@ def garbage(bed: Bed, scale: float, seed: int) -> Outcome:
 
 
 def wrong_types(bed: Bed, scale: float, seed: int) -> Outcome:
-    """Publishers of another type than the topic's."""
+    """Publish with other types than those of the topics."""
     kind = roslib.message.get_message_class("std_msgs/String")
     with bed.group("topics of a wrong type") as outcome:
         for topic, expected in bed.listened():
@@ -111,7 +112,7 @@ def bytes_on_ports(bed: Bed, scale: float, seed: int) -> Outcome:
 
 
 def judged(bed: Bed, outcome: Outcome, count: int, what: str) -> None:
-    """Count a batch of faults as survived if nothing is wrong after it."""
+    """Record a batch of faults as survived if nothing is wrong after it."""
     lost = len(outcome.lost)
     bed.judge(outcome, what)
     if len(outcome.lost) == lost:

@@ -1,4 +1,4 @@
-"""Fixtures of the graph tests: a master, launch files, one node of our own; see ros_graph.py.
+"""Fixtures of the graph tests: a ROS master, launch files, and a node of the test process.
 
 A rospy node can be initialised once per process, so the tests share one, on the session's
 master. Where a test needs another master (`launch(..., own_master=True)`), it talks to it through
@@ -35,7 +35,7 @@ LONGEST = (  # files whose tests take longest, these first
 
 
 def _sourced() -> bool:
-    """Whether this workspace's devel space is what ROS and Python look into."""
+    """Return whether ROS and Python use the devel space of this workspace."""
     return str(ROOT / "src") in os.environ.get("ROS_PACKAGE_PATH", "").split(":") and all(
         importlib.util.find_spec(name) for name in ("rospy", "controller_manager_msgs")
     )
@@ -43,7 +43,8 @@ def _sourced() -> bool:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo) -> Iterator[None]:
-    """Keep whether the test's body failed: see `launch`; of a failure show what nodes printed."""
+    """Record whether the test's body failed, for `launch`; show the output of nodes after a
+    failure."""
     report = yield
     if call.when == "call":
         item.stash[FAILED] = report.failed
@@ -54,7 +55,7 @@ def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo) -> Itera
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """Why a test was tried again: -r R names it alone."""
+    """Print why a test was repeated: -r R only names it."""
     for report in terminalreporter.stats.get("rerun", ()):
         terminalreporter.section(f"tried again: {report.nodeid}")
         terminalreporter.line(report.longreprtext)
@@ -82,7 +83,7 @@ if not _sourced():
 
 @pytest.fixture(scope="session")
 def ros_master(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RosMaster]:
-    """The session's rosmaster, on a free port; this process's ROS environment points to it."""
+    """Start the session's rosmaster on a free port; the ROS environment of this process uses it."""
     from ros_graph import RosMaster
 
     master = RosMaster(tmp_path_factory.mktemp("ros"))
@@ -103,7 +104,7 @@ def ros_master(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RosMaster]:
 
 @pytest.fixture(scope="session")
 def ros_node(ros_master: RosMaster) -> str:
-    """This process as a node of the session's graph; returns its name. Its clock is wall time."""
+    """Make this process a node of the session's graph with wall time; return its name."""
     import rospy
 
     from aras_visual_servo_ros.connections import find_publishers
@@ -117,13 +118,13 @@ def ros_node(ros_master: RosMaster) -> str:
 
 @pytest.fixture(scope="module")
 def launches() -> list[Launch]:
-    """What `launch` has started for this module's tests, in order."""
+    """List of what `launch` has started for this module's tests, in order."""
     return []
 
 
 @pytest.fixture(autouse=True)
 def _end_with_failure(request: pytest.FixtureRequest, launches: list[Launch]) -> Iterator[None]:
-    """End what a test's body launched where it fails, or the next would meet the same nodes."""
+    """Stop the nodes that a failed test has started, so that the next test does not use them."""
     shared = len(launches)  # those of the module's fixtures, which were made before
     yield
     if request.node.stash.get(FAILED, False):

@@ -1,4 +1,4 @@
-"""Two robots for the tests of controllers, and the fixtures that give them.
+"""Two robots for the tests of controllers, and their fixtures.
 
 Robots of rails and turntables without gravity's influence stand in one paused world that the
 tests step: a force F on the 2 kg cart gives it F/2 per second, and so on. Each robot has its own
@@ -50,7 +50,7 @@ class Constant(Controller):
 
 
 def joint(name: str, kind: str, interface: str, limit: str = "") -> str:
-    """One rail or turntable on the base, without gravity along its motion."""
+    """Return a rail or a turntable on the base; gravity does not act along its motion."""
     axis = "1 0 0" if kind == "prismatic" else "0 0 1"
     return f"""
   <joint name="{name}" type="{kind}"><parent link="base"/><child link="{name}_link"/>
@@ -64,7 +64,7 @@ def joint(name: str, kind: str, interface: str, limit: str = "") -> str:
 
 
 def robot_xml(namespace: str) -> str:
-    """The test robot; its control plugin lives in `namespace`."""
+    """Return the test robot, with its control plugin in `namespace`."""
     rail = 'lower="-1" upper="1"'
     return (
         '<robot name="rig"><link name="world"/><link name="base"/><joint name="stand" type="fixed">'
@@ -119,20 +119,20 @@ PARAMETERS = {
 
 
 def call(name: str, service: type, *args: object, **fields: object) -> object:
-    """Call a service that is waited for."""
+    """Wait for a service, and call it."""
     rospy.wait_for_service(name, 20.0)
     return rospy.ServiceProxy(name, service)(*args, **fields)
 
 
 def step(count: int) -> int:
-    """Make steps; returns the simulated time after them in ns."""
+    """Make steps; return the simulated time after them, ns."""
     answer = call("/gazebo/step_world", StepWorld, count)
     assert answer.success, answer.status_message
     return answer.sim_time.to_nsec()
 
 
 class Rig:
-    """One of the robots, with what the tests ask of it."""
+    """One of the robots, with methods for the tests."""
 
     def __init__(self, namespace: str, collect) -> None:
         self.namespace = namespace
@@ -157,7 +157,7 @@ class Rig:
         return {info.name: info.state for info in infos}
 
     def clear(self) -> None:
-        """Stop and unload everything but the joint states."""
+        """Stop and unload all controllers except the joint state controller."""
         names = [n for n in self.states() if n != "joint_state_controller"]
         self.switch([], names, BEST_EFFORT)
         for name in names:
@@ -177,11 +177,11 @@ class Rig:
         self.publisher(f"{controller}/command", Float64).publish(Float64(value))
 
     def at(self, time_ns: int) -> JointState:
-        """The joint states of that time."""
+        """Return the joint states of that time."""
         return self._states.wait(1, 5.0, where=lambda m: m.header.stamp.to_nsec() == time_ns)
 
     def hear(self) -> None:
-        """Return when joint states arrive, after their publisher was made anew."""
+        """Wait until joint states arrive from a new publisher."""
 
         def heard() -> bool:
             time_ns = step(1)
@@ -190,18 +190,18 @@ class Rig:
         wait_for(heard, 5.0, "joint states", interval=0.1)
 
     def see(self, name: str, field: str = "position", steps: int = 1) -> float:
-        """A joint's state after so many steps: as read before the last of them."""
+        """Return a joint's state after this number of steps, as read before the last of them."""
         message = self.at(step(steps))
         return getattr(message, field)[message.name.index(name)]
 
     def until(self, name: str, field: str, fits) -> float:
-        """Step until a joint's state fits; returns it."""
+        """Step until a joint's state satisfies the condition; return the state."""
         return wait_for(lambda: [v for v in [self.see(name, field)] if fits(v)], 5.0, name)[0]
 
 
 @pytest.fixture(scope="module")
 def rig_world(launch, ros_master, ros_node, tmp_path_factory):
-    """An empty paused world with the two robots; a user's module is on Python's path."""
+    """Start an empty paused world with the two robots; a user's module is on Python's path."""
     modules = tmp_path_factory.mktemp("modules")
     (modules / "my_controllers.py").write_text(USER_CLASS.format(effort=4.0))
     before = ros_master.environment.get("PYTHONPATH", "")
@@ -227,7 +227,7 @@ def rig_world(launch, ros_master, ros_node, tmp_path_factory):
 
 @pytest.fixture
 def rig(rig_world, collect):
-    """The first robot with nothing but its joint states; at rest at zero."""
+    """The first robot, at rest at zero, with only its joint state controller."""
     call("/gazebo/reset_simulation", Empty)
     robot = Rig("/rig", collect)
     wait_for(robot._states.connected, 5.0, "joint states")

@@ -1,4 +1,4 @@
-"""Calls of the Gazebo services, and the models that more than one test file spawns."""
+"""Calls of the Gazebo services, and models that several test files spawn."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ ARM = f"""<robot name="arm"><link name="world"/>
 
 
 def call(name: str, service: type, *args: object, **fields: object) -> object:
-    """Call a service, below /gazebo unless absolute."""
+    """Call a service, below /gazebo unless its name is absolute."""
     name = name if name.startswith("/") else f"/gazebo/{name}"
     rospy.wait_for_service(name, 20.0)
     return rospy.ServiceProxy(name, service)(*args, **fields)
@@ -63,7 +63,7 @@ def call(name: str, service: type, *args: object, **fields: object) -> object:
 
 @contextmanager
 def time_goes_on() -> Iterator[None]:
-    """Of a simulation that was launched paused: time stands still before and after."""
+    """Unpause a paused simulation for the duration of the `with` block."""
     call("unpause_physics", Empty)
     try:
         yield

@@ -1,4 +1,4 @@
-"""The same experiment of the Bullet arm in the runner, on a graph in lockstep and from its bag.
+"""One experiment of the Bullet arm: in the runner, on a graph in lockstep, and read from its bag.
 
 They are compared by `tests/one_run`; one in test_runner_equals_graph.py.
 """
@@ -81,11 +81,13 @@ class Case:
 
     @property
     def taught(self) -> bool:
-        """Whether the goal is a picture at the pose of 2016, for what the shipped one is not of."""
+        """Return whether the goal is taught at the pose of 2016, because the shipped goal does not
+        fit."""
         return self.scheme in PICTURED or "target" in self.keys
 
     def experiment(self, goal: str | tuple[float, ...]) -> Experiment:
-        """Without an end; the loop drives the arm from zero to the start, as on the graph."""
+        """Return the experiment without an end; the loop drives the arm to the start, as on the
+        graph."""
         return Experiment(
             scheme=self.scheme, camera=self.camera, start=(0.0,) * 6, goal=goal,
             commands="images", duration=1e3, time_after_convergence=None,
@@ -94,7 +96,7 @@ class Case:
         )  # fmt: skip
 
     def goal(self, folder: Path) -> str:
-        """Name or file of the goal."""
+        """Return the name or the file of the goal."""
         if not self.taught:
             return "2016"
         file = folder / "taught.yaml"
@@ -102,7 +104,7 @@ class Case:
         return str(file)
 
     def listened(self) -> set[str]:
-        """Topics that the controller must hear before time goes on."""
+        """Return the topics that the controller must receive before time continues."""
         moments = {f"{ROBOT}/camera/moments", f"{ROBOT}/joint_states"}
         if self.scheme in PICTURED:
             return {IMAGE, INFO, f"{ROBOT}/joint_states"}
@@ -110,7 +112,7 @@ class Case:
 
 
 def _moved(*xyz: float) -> dict[str, Any]:
-    """A camera that is moved in its link, m."""
+    """Return the arguments that displace a camera in its link, m."""
     return {
         "robot": {"camera_xyz": " ".join(map(str, xyz))}, "keys": {"camera_xyz": xyz},
     }  # fmt: skip
@@ -133,7 +135,7 @@ def _target(shape: str) -> dict[str, Any]:
 
 
 def _cases() -> Iterable[Case]:
-    """All: schemes by cameras, starts, delays, targets, laws and mountings."""
+    """Return all cases: schemes with cameras, starts, delays, targets, laws and mountings."""
     for scheme in ("moments", "moments_2016", "kernel", "points"):
         # Kernels are of one camera: that which the shipped goal was taught with.
         for camera in ("original",) if scheme == "kernel" else CAMERAS:
@@ -161,7 +163,7 @@ CASES = {case.name: case for case in _cases()}
 
 
 def recorded(heard: GraphRecording, path: Path) -> Run:
-    """The run of a bag of the same messages."""
+    """Write the messages to a bag, and return the run that is read from it."""
     with rosbag.Bag(str(path), "w") as bag:
         for topic, messages in (
             (f"{ROBOT}/controller/state", heard.states), (f"{ROBOT}/joint_states", heard.joints),
@@ -178,7 +180,7 @@ def recorded(heard: GraphRecording, path: Path) -> Run:
 def on_the_graph(
     launch: Callable[..., Launch], master: RosMaster, case: Case, goal: str, folder: Path
 ) -> GraphRecording:
-    """All that joint states and the controller say up to the last frame."""
+    """Return all messages of joint states and controller up to the last frame."""
     arguments = dict(case.nodes)
     if case.parameters:
         file = folder / "parameters.yaml"
@@ -233,7 +235,7 @@ def on_the_graph(
 
 
 def in_the_runner(experiment: Experiment, last_ns: int) -> Run:
-    """The same of the runner, up to the first image after a time."""
+    """Return the run of the runner, up to the first image after a time."""
     loop = Loop(experiment, assemble(experiment))
     try:
         while loop.plant.time_ns <= last_ns:
@@ -244,7 +246,8 @@ def in_the_runner(experiment: Experiment, last_ns: int) -> Run:
 
 
 def ended(run: Run, images: int, joints: int) -> Run:
-    """The run as if it had ended with these; the verdict is of the camera at that joint state."""
+    """Return the run cut to these numbers of images and joint states, with the verdict at its end.
+    """
     last = run.states[images - 1]
     return replace(
         run, outcome=last.outcome, reason=last.reason, remedy=last.remedy,
@@ -258,13 +261,14 @@ def ended(run: Run, images: int, joints: int) -> Run:
 
 
 def shown(run: Run) -> dict[str, str]:
-    """Outcome and metrics as a report prints them."""
+    """Return outcome and metrics as a report prints them."""
     return {q.key: q.value_text for q in summarise(run) if q.key not in NOT_HEARD}
 
 
 def differences(case: Case, launch: Callable[..., Launch], master: RosMaster, folder: Path
                 ) -> list[str]:  # fmt: skip
-    """Each thing in which the runner, the graph and the bag do not tell one run; empty: none."""
+    """Return every difference between the runs of the runner, the graph and the bag; empty if none.
+    """
     goal = case.goal(folder)
     heard = on_the_graph(launch, master, case, goal, folder)
     live, kept = MessageRunBuilder(heard).build_run("live"), recorded(heard, folder / "run.bag")
@@ -299,7 +303,7 @@ def differences(case: Case, launch: Callable[..., Launch], master: RosMaster, fo
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """0: all are one run; 1: one is not; 2: no such experiment."""
+    """Return 0 if all runs are equal, 1 if one is not, 2 for an unknown experiment."""
     parser = argparse.ArgumentParser(prog="tests/one_run", description=__doc__.splitlines()[0],
                                      epilog="example: tests/one_run --list")
     parser.add_argument("--only", default="", metavar="REGEX", help="experiments by name")
@@ -342,7 +346,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _compared(case: Case, master: RosMaster, folder: Path) -> list[str]:
-    """`differences`, with what fails on the way as one of them."""
+    """Return `differences`, including exceptions."""
     launches: list[Launch] = []
 
     def launch(*target: str, nodes: Iterable[str], **arguments: Any) -> Launch:

@@ -1,4 +1,4 @@
-"""A robot that the tests of the controller node play, and the node as a process of its own.
+"""Robot that the tests of the controller node simulate, and the node in a separate process.
 
 The played robot has exact vision and lagging joints. A test module that wants them writes
 `pytest_plugins = ["played_robot"]`.
@@ -50,7 +50,7 @@ LAG = 0.03  # s with which the played joints follow
 
 
 def image_of(arm: Arm, q: np.ndarray, stamp: rospy.Time) -> ImageMoments:
-    """What an exact camera sees of the target from these joints."""
+    """Return the image moments of the target from an exact camera at these joints."""
     moments = Moments.from_polygon(GOAL.target.compute_outline(arm.pose(q)), 3)
     message = ImageMoments(valid=True, order=3, width=320, height=240)
     message.header.stamp = stamp
@@ -60,7 +60,7 @@ def image_of(arm: Arm, q: np.ndarray, stamp: rospy.Time) -> ImageMoments:
 
 
 class Plant:
-    """Publishes joint states and image moments, follows the six commands."""
+    """Simulated robot: publishes joint states and image moments, and follows six joint commands."""
 
     def __init__(self, arm: Arm = ARM) -> None:
         self.arm, self.q = arm, np.zeros(6)
@@ -129,16 +129,16 @@ class Plant:
         return message
 
     def connections(self) -> list[list]:
-        """Those by which commands come, of each joint."""
+        """Return the connections through which commands arrive, for each joint."""
         return [subscriber.impl.connections for subscriber in self._subscribers]
 
     def off(self, year: str = "2016") -> tuple[float, float]:
-        """How far the camera is from a goal: m, rad."""
+        """Return the distance (m) and angle (rad) of the camera from a goal."""
         joints = Goal.load(CONFIG / f"goal_{year}.yaml").get_joints(ARM.names)
         return pose_difference(self.arm.pose(joints), self.arm.pose(self.q))
 
     def restart(self) -> None:
-        """As a simulator killed and started again: zero pose, clock back to its beginning."""
+        """Behave like a restarted simulator: zero pose, and the clock starts at 0."""
         self.q = np.zeros(6)
         self.command = np.zeros(6)
         self.offset = self._tick
@@ -154,7 +154,7 @@ class Plant:
 
 
 class Node:
-    """The controller node as a process of its own."""
+    """Controller node in a separate process."""
 
     def __init__(self, master: RosMaster, *arguments: str, path: Path | None = None) -> None:
         environment = dict(master.environment)
@@ -185,7 +185,7 @@ class Node:
 
 
 def described() -> None:
-    """What a simulator says of the robot before a node starts."""
+    """Set the parameters of the robot that a simulator sets before a node starts."""
     rospy.set_param("/robot_description", URDF)
     rospy.set_param("/use_sim_time", True)
 

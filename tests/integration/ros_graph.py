@@ -1,4 +1,4 @@
-"""A real ROS graph for tests: a master on a free port, launch files, waiting, and a clean end.
+"""ROS graph for tests: starts a master and launch files, waits for nodes, and stops everything.
 
 Everything started here carries a mark in its environment, which children inherit even where they
 make a session of their own, as roslaunch's nodes do. So whatever is left behind is found by it.
@@ -39,7 +39,7 @@ SIGINT_AFTER = 15.0 * max(PATIENCE / 2.0, 1.0)  # s that roslaunch gives a node;
 
 
 class GraphError(AssertionError):
-    """The graph did not do what a test waited for, or left something behind."""
+    """The graph did not reach an expected state, or processes were left."""
 
 
 def wait_for(
@@ -72,7 +72,7 @@ def wait_for_message(
 
 
 def senders(topic: str) -> int:
-    """How many publishers send a topic to this process, by both ends' account.
+    """Return how many publishers send a topic to this process, confirmed by both ends.
 
     A subscriber counts those it has only set out to, whose next message may pass it by; a
     publisher counts subscribers that are gone until it sends again.
@@ -88,7 +88,7 @@ def senders(topic: str) -> int:
 
 
 class Collector:
-    """Subscriber that keeps every message, in order of arrival, in `messages`."""
+    """Subscriber that stores every message, in order of arrival, in `messages`."""
 
     def __init__(self, topic: str, message_type: type, queue_size: int | None = None) -> None:
         import rospy
@@ -103,7 +103,7 @@ class Collector:
     def wait(
         self, count: int = 1, timeout: float = 10.0, where: Callable[[Any], bool] | None = None
     ) -> Any:
-        """Return the `count`-th message (for which `where` holds), waiting for it if need be."""
+        """Wait for the `count`-th message (for which `where` holds), and return it."""
 
         def fitting() -> list[Any]:
             found = [m for m in list(self.messages) if where is None or where(m)]
@@ -118,7 +118,7 @@ class Collector:
             ) from None
 
     def connected(self) -> int:
-        """How many publishers send to this topic's subscribers here."""
+        """Return how many publishers send to the subscribers of this topic in this process."""
         return senders(self._subscriber.resolved_name)
 
     def clear(self) -> None:
@@ -135,7 +135,7 @@ class Collector:
 
 
 class RosMaster:
-    """A rosmaster of our own on a free port of this machine; ends with `stop()`."""
+    """A rosmaster on a free port of this machine; it ends with `stop()`."""
 
     def __init__(self, directory: Path, watched: bool = True) -> None:
         """`watched`: nodes `gazebo` tell of touches from other threads; it costs them some time."""
@@ -160,7 +160,7 @@ class RosMaster:
         self.start()
 
     def start(self) -> None:
-        """Start the master, on the same port as ever; it knows nothing of before."""
+        """Start the master, always on the same port, without any registration."""
         self.output = (self.directory / f"master-{self.port}.txt").open("a")
         self.process = subprocess.Popen(
             ["rosmaster", "--core", "-p", str(self.port)],
@@ -173,17 +173,18 @@ class RosMaster:
         wait_for(self.api.is_online, 20.0, f"rosmaster at {self.uri} (output: {self.output.name})")
 
     def kill(self) -> None:
-        """End the master as kill -9 does."""
+        """Kill the master with SIGKILL."""
         self.process.kill()
         self.process.wait()
         self.output.close()
 
     def nodes(self) -> set[str]:
-        """Names of all nodes that have registered anything."""
+        """Return the names of all registered nodes."""
         return {name for kind in self.api.getSystemState() for _, names in kind for name in names}
 
     def knows(self, name: str) -> bool:
-        """Whether it keeps a node's address, be it for a parameter that the node hears alone."""
+        """Return whether the master has a node's address, for example as subscriber of a parameter.
+        """
         try:
             return bool(self.api.lookupNode(name))
         except rosgraph.MasterException:
@@ -217,7 +218,7 @@ class RosMaster:
         return done
 
     def clean(self, parameters: bool = True) -> None:
-        """Forget dead nodes and `parameters`, so that the next launch finds an empty graph."""
+        """Remove dead nodes and `parameters`, so that the next launch finds an empty graph."""
         for name in {name.split("/")[1] for name in self.api.getParamNames()}:
             if parameters and name not in OWN_PARAMETERS:
                 self.api.deleteParam("/" + name)
@@ -237,7 +238,7 @@ class RosMaster:
                 os.environ["ROS_MASTER_URI"] = before
 
     def stop(self) -> None:
-        """End the master; raises GraphError when a process of this graph has been left running."""
+        """Stop the master; GraphError if a process of this graph is still running."""
         self.process.terminate()
         try:
             self.process.wait(10.0)
@@ -249,7 +250,7 @@ class RosMaster:
 
 
 class Launch:
-    """A running launch file; what it and its nodes print is in the file `log`."""
+    """A running launch file; its output and that of its nodes is in the file `log`."""
 
     def __init__(self, master: RosMaster, target: Sequence[str], arguments: dict[str, Any]) -> None:
         self.master = master
@@ -270,7 +271,7 @@ class Launch:
         )  # fmt: skip
 
     def output(self) -> str:
-        """All that has been printed so far."""
+        """Return the complete output."""
         return self.log.read_text(errors="replace")
 
     def wait_for_nodes(self, names: Sequence[str], timeout: float = 60.0) -> None:
@@ -290,12 +291,12 @@ class Launch:
             )
 
     def wait_for_end(self, timeout: float) -> int:
-        """Return roslaunch's exit status once it has ended by itself."""
+        """Return roslaunch's exit status after it has ended by itself."""
         wait_for(lambda: self.process.poll() is not None, timeout, f"the end of {self.name}")
         return self.process.returncode
 
     def interrupt(self) -> None:
-        """End it as Ctrl-C does, and leave the parameters to what runs beside it."""
+        """Stop it as with Ctrl-C, without deleting parameters."""
         if self.process.poll() is None:
             self.process.send_signal(signal.SIGINT)
             try:
@@ -305,7 +306,7 @@ class Launch:
                 self.process.wait()
 
     def stop(self, clean: bool = True) -> None:
-        """End it as Ctrl-C does; raises GraphError when a node had to be killed or stays behind.
+        """Stop it as with Ctrl-C; GraphError if a node had to be killed or does not end.
 
         `clean`: forget all parameters; what still runs beside it may want them.
         """
@@ -329,12 +330,12 @@ class Launch:
             self.master.clean(parameters=clean)
 
     def tail(self) -> str:
-        """The last lines that have been printed."""
+        """Return the last lines of the output."""
         return "\n".join(self.output().splitlines()[-40:])
 
 
 def end_leftovers(variable: str, value: str, what: str) -> None:
-    """Kill every process marked `variable=value`; GraphError naming them if there were any."""
+    """Kill every process marked `variable=value`; GraphError names them if there were any."""
     needle = f"{variable}={value}".encode()
 
     def alive() -> dict[int, str]:
@@ -373,7 +374,8 @@ def _argument(name: str, value: Any) -> str:
 
 
 def _links(api: rosgraph.Master, node: str, direction: str, topic: str) -> list[tuple[str, str]]:
-    """Ports, the node's own and the other end's, of its connections "i"n or "o"ut of a topic."""
+    """Return the ports of a node's connections of a topic, "i"n or "o"ut: its own and the others'.
+    """
     try:
         with xmlrpc.client.ServerProxy(api.lookupNode(node)) as slave:
             _, _, links = slave.getBusInfo(api.caller_id)

@@ -1,4 +1,4 @@
-"""A Panda of a public registry servoed on the graph: launch arguments and one YAML."""
+"""A Panda from a public registry servoes on the graph with launch arguments and one YAML file."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ def _transmission(joint: str) -> ElementTree.Element:
 
 
 def goal_of(arm: Arm) -> Goal:
-    """What an exact camera sees of the plate, straight from above and a little aside."""
+    """Return the features of an exact camera that looks at the plate vertically, with an offset."""
     focal = 160.0 / np.tan(1.0)
     camera = CameraModel(320, 240, (focal, 0, 159.5, 0, focal, 119.5, 0, 0, 1))
     x, y = CENTRE
@@ -118,7 +118,7 @@ def goal_of(arm: Arm) -> Goal:
 
 
 def controllers_of(joints: tuple[str, ...]) -> dict[str, dict[str, object]]:
-    """Velocity controllers of odd names for each joint, beside others."""
+    """Return velocity controllers with unusual names for each joint, among others."""
     each = {
         f"speed_{i}": {"type": "velocity_controllers/JointVelocityController", "joint": joint}
         for i, joint in enumerate(joints)
@@ -129,7 +129,7 @@ def controllers_of(joints: tuple[str, ...]) -> dict[str, dict[str, object]]:
 
 
 def _stands(joints, joint: str) -> float:
-    """Where the newest of the collected joint states has a joint, rad."""
+    """Return the position of a joint in the latest joint state, rad."""
     return joints.messages[-1].position[joints.messages[-1].name.index(joint)]
 
 

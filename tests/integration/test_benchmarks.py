@@ -1,4 +1,4 @@
-"""The benchmarks that need a graph run at a tiny size, and print figures that are possible."""
+"""Benchmarks that need a graph: run with a tiny size, and check that the results are plausible."""
 
 import json
 import os
@@ -20,7 +20,7 @@ pytestmark = pytest.mark.graph
 
 @pytest.fixture(scope="module")
 def printed():
-    """What a benchmark prints as its last line."""
+    """Return the JSON value in the last line that a benchmark prints."""
 
     def run(name):
         done = subprocess.run(

@@ -1,4 +1,4 @@
-"""The controller manager on the graph: its switching rules, a user's classes, its tools.
+"""Controller manager on the graph: switching rules, user-defined controllers, tools.
 
 The robots and the world that they stand in: see controller_rig.py.
 """

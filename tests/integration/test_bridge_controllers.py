@@ -1,4 +1,4 @@
-"""Controllers on the graph: a topic, a PID that is reconfigured, a goal, and what is refused.
+"""Controllers on the graph: command topic, reconfiguration of a PID, goals, and errors.
 
 What each type computes: tests/unit/control; what is told of it: tests/unit/ros.
 

@@ -1,4 +1,4 @@
-"""The bridge as its clients see it: one running robot, real topics and services."""
+"""The bridge from the view of its clients: a running robot, real topics and services."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Bad input to the bridge: answered by name, the state before unchanged, the simulation goes on."""
+"""Invalid input to the bridge: an error names it, nothing changes, the simulation continues."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def state() -> tuple:
 
 @pytest.fixture(scope="module", autouse=True)
 def bridge(launch, ros_node):
-    """A ball in the air and an arm under two controllers; simulated time stands still."""
+    """Simulation of a falling ball and an arm with two controllers, paused."""
     launched = launch(
         "aras_sim_bridge", "empty_world.launch", nodes=["/gazebo"], paused=True, speed_mode="max"
     )

@@ -1,4 +1,4 @@
-"""Lockstep: the same run twice, bit for bit; and what is said when nobody answers."""
+"""Lockstep: two runs are bit-identical, and a missing answer is reported."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def connections(master, node: str) -> set[tuple[str, str]]:
 
 
 def paused_in_lockstep(launch):
-    """The ARAS robot, whose time stands still until it is told to go on."""
+    """The ARAS robot in a paused simulation."""
     return launch(
         "aras_visual_servo_gazebo",
         "aras_visual_servo.launch",

@@ -1,4 +1,4 @@
-"""The clock, both resets with controllers and cameras, and what /gazebo tells of itself."""
+"""Clock, both reset services with controllers and cameras, and the state topics of /gazebo."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What stands in the world: SDF models, what `spawn_model` spawns, world files."""
+"""Contents of the world: SDF models, models from `spawn_model`, and world files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Streams of commands in lockstep: each acts in a step of its own, none is lost, none twice."""
+"""Command streams in lockstep: each command acts in exactly one step, and none is lost."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def test_each_command_acts_in_its_step(launch, collect, ros_node):
     call("/gazebo/unpause_physics", Empty)
 
     def efforts() -> list[float]:
-        """What acted, one a step, from the first command on."""
+        """Return the efforts that acted, one per step, from the first command on."""
         seen = [m.effort[m.name.index("cart")] for m in list(states.messages)]
         begun = [k for k, effort in enumerate(seen) if effort]
         return seen[begun[0] :] if begun else []

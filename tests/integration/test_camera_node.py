@@ -1,4 +1,4 @@
-"""The camera node on a real graph: topics, stamps, layouts, and every bad input, one frame each."""
+"""Camera node on a real graph: topics, stamps, image layouts, and every invalid input."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Cameras of Gazebo's other camera plug-ins in the graph: triggers, depth, clouds, several eyes."""
+"""Cameras of Gazebo's other camera plugins on the graph: triggers, depth, point clouds, stereo."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def machine(launch, ros_node, tmp_path_factory):
 
 
 def of_one_stamp(*collectors):
-    """One message of each that all have the same stamp."""
+    """Return one message of each collector, all with the same stamp."""
 
     def found():
         stamps = set.intersection(*({m.header.stamp for m in c.messages} for c in collectors))

@@ -1,4 +1,4 @@
-"""Cameras in the graph: formats, stamps, lenses, depth, frames.
+"""Cameras on the graph: formats, stamps, lenses, depth, frames.
 
 Transports, settings and what is refused: tests/unit/ros, tests/unit/camera.
 """

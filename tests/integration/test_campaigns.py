@@ -1,4 +1,4 @@
-"""The campaigns beside the tests say how they are used, in a workspace that is built."""
+"""The test campaigns print their usage in a built workspace."""
 
 import subprocess
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Launch trees written for Gazebo run as they are: their package names are found here as well.
+"""Launch files written for Gazebo run unchanged; their package names are found here, too.
 
 This one is shaped as the original's first generation, its parts launched one by one and its
 description made by xacro; test_second_generation.py has the other.

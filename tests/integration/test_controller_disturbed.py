@@ -1,4 +1,4 @@
-"""What disturbs a run of the controller node, before a played robot: losses, silence, pauses.
+"""Disturbances of the controller node with a simulated robot: losses, silence, pauses.
 
 One node for all; each test begins with the arm at zero and the clock at its beginning, as after a
 simulator's restart.
@@ -33,7 +33,7 @@ def servoed(ros_master, ros_node):
 
 @pytest.fixture
 def plant(servoed, states):
-    """The robot, while the node has just begun to servo it."""
+    """The robot, when the node has just started to servo it."""
     played, _ = servoed
     before = states.wait(1, 20.0).header.stamp
     played.valid = played.images = played.joints = played.time = True
@@ -49,7 +49,7 @@ def plant(servoed, states):
 
 @pytest.fixture
 def said(servoed, plant):
-    """What the node prints in this test."""
+    """Function that returns what the node has printed in this test."""
     before = len(servoed[1].output())
     return lambda: servoed[1].output()[before:]
 

@@ -1,4 +1,4 @@
-"""The controller node in a real graph, in front of a robot that is played (played_robot.py).
+"""Controller node on a real graph, with the simulated robot of played_robot.py.
 
 What disturbs a run: test_controller_disturbed.py.
 """

@@ -1,4 +1,4 @@
-"""The live page on a running graph: what it tells, what it does, and whom it refuses."""
+"""Live page on a running graph: what it shows and executes, and which requests it refuses."""
 
 import contextlib
 import json
@@ -30,7 +30,7 @@ TOKEN = "a-token-for-the-tests"
 
 
 class Viewer:
-    """What a browser is to the page, in a thread: all that was heard, and answers waited for."""
+    """Client of the page in a thread: it records all messages and waits for answers."""
 
     def __init__(self, port: int) -> None:
         self.told, self.pictures, self.answers, self.shapes = {}, [], [], {}
@@ -70,7 +70,7 @@ class Viewer:
             self.told |= data
 
     def ask(self, do: str, timeout: float = 60.0, **given) -> tuple[bool, str]:
-        """Whether it was done, and what was said."""
+        """Send a request; return whether it was executed, and the answer."""
         self.answers.clear()
         message = json.dumps({"do": do, **given})
         self._loop.add_callback(lambda: self._socket.write_message(message))
@@ -90,7 +90,7 @@ class Viewer:
 
 @pytest.fixture(scope="module")
 def taken():
-    """A port that somebody has already."""
+    """A port that is already in use."""
     with socket.socket() as other:
         other.bind(("127.0.0.1", 0))
         other.listen()
@@ -122,7 +122,7 @@ def graph(launch, ros_master, ros_node, taken, directory):
 
 @pytest.fixture(scope="module")
 def port(graph, taken):
-    """The next free port, which the node has said."""
+    """Return the next free port, which the node has printed."""
     said = wait_for(lambda: re.search(r"http://127\.0\.0\.1:(\d+)/\?token=", graph.output()), 60.0,
                     "the page's address")  # fmt: skip
     assert int(said[1]) > taken
@@ -241,7 +241,7 @@ def test_the_arm_is_driven_by_hand_and_stands_when_let_go(viewer):
 
 @contextlib.contextmanager
 def teleop(ros_master, until: bytes) -> Iterator[int]:
-    """This end of the teleoperation's own terminal, once it has said `until`; `q` ends it."""
+    """Run the teleoperation in a terminal until it prints `until`; `q` ends it."""
     try:
         terminal, other = pty.openpty()
     except OSError as error:

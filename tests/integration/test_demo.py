@@ -1,4 +1,4 @@
-"""The demo as a user runs it: simulator, camera, controller, recorder, report."""
+"""The demo as users run it: simulator, camera, controller, recorder and report."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The first hour's pages on a graph: users' own schemes, a model, the commands as written."""
+"""Documentation pages on a graph: user-defined schemes, a model, and commands as printed."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def commands(name: str) -> list[list[str]]:
 
 
 def arguments(name: str, file: str, folder: Path) -> dict[str, str]:
-    """What a page's roslaunch of a file is given."""
+    """Return the arguments that a page passes to roslaunch for a file."""
     words = next(words for words in commands(name) if file in words)
     given = (word.replace("$PWD", str(folder)).split(":=", 1) for word in words if ":=" in word)
     return dict(given)

@@ -1,4 +1,4 @@
-"""A short choice of the campaign of faults (./test.sh --faults runs all of it)."""
+"""Short selection of the fault injection (./test.sh --faults runs all of it)."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""Installed programs start with the workspace's interpreter, and have nothing to compile."""
+"""Installed programs use the workspace's interpreter and have nothing to compile."""
 
 import os
 import subprocess

@@ -1,4 +1,4 @@
-"""upstream_msgs as a running system sees them: generated modules, tools, traffic on the graph."""
+"""Package upstream_msgs in a running system: generated modules, tools, messages on the graph."""
 
 from __future__ import annotations
 

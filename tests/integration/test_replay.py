@@ -1,4 +1,4 @@
-"""replay.launch: a bag alone gives robot, target, clock, pictures and their overlay back."""
+"""replay.launch: robot, target, clock, images and overlay are restored from a bag alone."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def compressed(stamp: rospy.Time, kind: str = ".png") -> CompressedImage:
 
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory):
-    """As record.launch writes them, of a run without joints; its target was moved once."""
+    """Bag of a run without joints, as record.launch writes it; its target was moved once."""
     path = tmp_path_factory.mktemp("bag") / "run.bag"
     K = [200.0, 0, 159.5, 0, 200.0, 119.5, 0, 0, 1]
     info = CameraInfo(width=320, height=240, distortion_model="plumb_bob", D=[0.0] * 5, K=K)
@@ -69,13 +69,13 @@ def bag(tmp_path_factory):
 
 
 def contour(message: Image) -> np.ndarray:
-    """Where the overlay draws a valid target's outline, (rows, columns)."""
+    """Return the pixels (row, column) of the outline of a valid target in the overlay."""
     drawn = np.frombuffer(message.data, np.uint8).reshape(240, 320, 3)
     return (drawn == (0, 220, 0)).all(axis=2)
 
 
 def target_at(message: MarkerArray, x: float) -> bool:
-    """Whether the target's plate, 0.05 m wide, is drawn with its faces around x."""
+    """Return whether the target's plate, 0.05 m wide, is drawn with its faces around x."""
     faces = [m for m in message.markers if m.ns == "target face 0" and m.points]
     across = [point.x for m in faces for point in m.points]
     return bool(across) and abs(0.5 * (min(across) + max(across)) - x) < 1e-3

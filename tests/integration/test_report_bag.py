@@ -1,4 +1,4 @@
-"""The report's reader: a bag of real message types back into the run it was made of."""
+"""Reading of bags with real message types: the run is equal to the recorded one."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def transform(parent, child, pose, stamp):
 
 
 def description():
-    """What the node `describe` tells of a run of the demo."""
+    """Return the description that the node `describe` publishes for a run of the demo."""
     urdf = (ROOT / "src/aras_visual_servo_gazebo/robots/aras_visual_servo.urdf").read_text()
     goal = ROOT / "src/aras_visual_servo_controller/config/goal_2016.yaml"
     return {
@@ -332,7 +332,7 @@ def messages(path):
 
 
 def later(message, seconds):
-    """The same message, with all stamps moved."""
+    """Return the message with all stamps shifted."""
     for part in (message, *getattr(message, "transforms", ())):
         if hasattr(part, "header"):
             part.header.stamp += rospy.Duration.from_sec(seconds)
@@ -459,5 +459,5 @@ def test_bags_that_cannot_be_reported_on_are_named(tmp_path):
     with rosbag.Bag(str(waiting), "w") as bag:
         state = ServoState(phase="waiting", reason="no image on /labrob/camera")
         bag.write(f"{NAMESPACE}/controller/state", state, rospy.Time(1))
-    with pytest.raises(BenchError, match="its last phase is waiting: no image on /labrob/camera"):
+    with pytest.raises(BenchError, match="last phase is waiting: no image on /labrob/camera"):
         read_bag(waiting)

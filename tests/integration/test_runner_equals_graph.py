@@ -1,4 +1,4 @@
-"""The same experiment in the runner, on a graph in lockstep and from its bag: one run."""
+"""The same experiment in the runner, on a graph in lockstep and from its bag gives equal runs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Topics of p3d, IMU and force/torque plug-ins: names, frames, stamps, numbers."""
+"""Topics of the p3d, IMU and force/torque plugins: names, frames, stamps, values."""
 
 from __future__ import annotations
 

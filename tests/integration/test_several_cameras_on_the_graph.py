@@ -1,4 +1,4 @@
-"""Two cameras that stand, an arm that carries the target before them: docs/examples on one graph.
+"""Two fixed cameras and an arm that carries the target: docs/examples on one graph.
 
 A scheme of one's own and one of this workspace by launch arguments, before rendered pictures, to
 the goal that the runner taught for it (`unit/bench/test_user_schemes_run.py` runs more of them

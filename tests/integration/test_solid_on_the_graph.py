@@ -1,4 +1,4 @@
-"""A solid on the graph: a mesh on the launch line, and servoing to it by its pose."""
+"""A solid target on the graph: mesh as a launch argument, and servoing by its pose."""
 
 import sys
 from pathlib import Path

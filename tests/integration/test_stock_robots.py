@@ -80,7 +80,7 @@ def trajectory(interface: str, joints: list[str], **more: object) -> dict:
 
 
 class Robot:
-    """One spawned description, asked through its namespace's controller manager."""
+    """A spawned robot and the controller manager in its namespace."""
 
     def __init__(self, name: str, namespace: str, collect, output) -> None:
         self.name, self.namespace, self._output = name, namespace, output

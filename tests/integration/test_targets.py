@@ -1,4 +1,4 @@
-"""A target of one's own on the graph: a model that the launch line names, seen, and moved."""
+"""A user's target model on the graph: named on the command line, detected, and moved."""
 
 import cv2
 import numpy as np

@@ -1,4 +1,4 @@
-"""Schemes that are wrong on purpose, and one that feeds its target's motion forward."""
+"""Schemes with deliberate errors, and a scheme with feedforward of the target's motion."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Upstream's own test suites over this workspace: what passes, fails, cannot apply.
+"""Run upstream's test suites with this workspace: which tests pass, fail or cannot apply.
 
 The sources are the user's (noetic-devel of ros_control, ros_controllers and gazebo_ros_pkgs), and
 so is what their build left in lib/<package>: nothing of it is kept here. Suites whose hardware is
@@ -34,7 +34,7 @@ exec {program} "$@"
 
 @dataclass(frozen=True)
 class Suite:
-    """One launch file of tests: see suites.yaml."""
+    """Launch file with tests; see suites.yaml."""
 
     package: str
     test: str
@@ -51,7 +51,7 @@ class Suite:
 
 @dataclass(frozen=True)
 class Tried:
-    """What a suite's run left: the names of its tests, and why those that failed did."""
+    """Result of a suite: the names of its tests, and the reasons of failures."""
 
     suite: Suite
     passed: tuple[str, ...] = ()
@@ -60,17 +60,17 @@ class Tried:
 
     @property
     def counted(self) -> dict[str, str]:
-        """Failures that are the workspace's own."""
+        """Return the failures that this workspace causes."""
         return {k: why for k, why in self.failed.items() if k not in self.suite.not_applicable}
 
 
 def suites(file: Path = HERE / "suites.yaml") -> list[Suite]:
-    """The suites that are known."""
+    """Return all suites of the file."""
     return [Suite(**row) for row in yaml.safe_load(file.read_text())]
 
 
 def packages(sources: Path) -> dict[str, Path]:
-    """Folders of the sources' packages by name."""
+    """Return the folders of the packages in the sources, by name."""
     found = {}
     for file in sorted(sources.rglob("package.xml")):
         name = ElementTree.parse(file).findtext("name")
@@ -80,7 +80,7 @@ def packages(sources: Path) -> dict[str, Path]:
 
 
 def run(suite: Suite, folder: Path, sources: Path, built: Path, keep: Path) -> Tried:
-    """One suite on a master of its own, whose files and logs go into `keep`."""
+    """Run one suite with a separate master; its files and logs are stored in `keep`."""
     if not (folder / suite.test).is_file():
         return Tried(suite, problem=f"no {suite.test} in {folder}")
     shutil.rmtree(keep, ignore_errors=True)
@@ -143,7 +143,7 @@ def run(suite: Suite, folder: Path, sources: Path, built: Path, keep: Path) -> T
 
 
 def read(files: Iterable[Path]) -> tuple[list[str], dict[str, str]]:
-    """Tests that passed, and those that failed with the beginning of why, of JUnit's files."""
+    """Read JUnit files; return passed tests, and failed tests with the start of their messages."""
     passed, failed = [], {}
     for file in files:
         try:
@@ -163,7 +163,7 @@ def read(files: Iterable[Path]) -> tuple[list[str], dict[str, str]]:
 
 
 def table(tried: Sequence[Tried], commits: Mapping[str, str]) -> str:
-    """The table of docs/porting.md."""
+    """Return the table of docs/porting.md."""
     lines = ["| suite | passed | failed | not applicable |", "|---|---|---|---|"]
     for one in tried:
         apart = {k: why for k, why in one.suite.not_applicable.items() if k in one.failed}
@@ -178,7 +178,7 @@ def table(tried: Sequence[Tried], commits: Mapping[str, str]) -> str:
 
 
 def commits_in(sources: Path) -> dict[str, str]:
-    """Commits of the checkouts that lie in the sources."""
+    """Return the commits of the checkouts in the sources."""
     found = {}
     for folder in sorted(p for p in sources.iterdir() if (p / ".git").exists()):
         said = subprocess.run(["git", "-C", str(folder), "rev-parse", "HEAD"],
@@ -189,7 +189,7 @@ def commits_in(sources: Path) -> dict[str, str]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """The command: 0 where every test that applies passed."""
+    """Run the command; return 0 if every applicable test passed."""
     parser = argparse.ArgumentParser(prog="tests/peers", description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter,
                                      epilog="example: tests/peers ~/peers/src ~/peers/devel")

@@ -1,4 +1,4 @@
-"""Run public Gazebo packages unchanged over this workspace and say which parts work.
+"""Run public Gazebo packages unchanged with this workspace, and report which parts work.
 
 The repositories are the user's checkouts below one folder (`--clone` prints the commands that make
 them). Each row of packages.yaml is launched without a window on a master of its own; probe.py then
@@ -34,7 +34,7 @@ PROBE = 240.0  # s of wall time for all that probe.py looks at
 
 @dataclass(frozen=True)
 class Package:
-    """One launch of a public package: see packages.yaml.
+    """A launch of a public package; see packages.yaml.
 
     repositories: commit by owner/name. folders: of packages, below the checkouts; all if empty.
     launch: words of the roslaunch command. environment: variables. In both, {sources} is the folder
@@ -60,7 +60,7 @@ class Package:
 
 @dataclass(frozen=True)
 class Result:
-    """What one launch showed: the parts that work, what is wrong, and the simulator's warnings."""
+    """Result of a launch: working parts, faults, and the simulator's warnings."""
 
     package: Package
     works: Sequence[str] = ()
@@ -69,26 +69,26 @@ class Result:
 
 
 def known_packages(file: Path) -> list[Package]:
-    """The packages of a table."""
+    """Read the packages of a table."""
     return [Package(**row) for row in yaml.safe_load(file.read_text())]
 
 
 def clone_commands(packages: Sequence[Package]) -> list[str]:
-    """Shell commands that fetch the repositories into the current folder, once each."""
+    """Return shell commands that clone each repository once into the current folder."""
     commits = {repo: commit for one in packages for repo, commit in one.repositories.items()}
     return [f"git clone https://github.com/{repo} && git -C {repo.partition('/')[2]} checkout "
             f"{commit}" for repo, commit in sorted(commits.items())]
 
 
 def free_port() -> int:
-    """A TCP port of this machine that is free now."""
+    """Return a free TCP port of this machine."""
     with socket.socket() as one:
         one.bind(("127.0.0.1", 0))
         return one.getsockname()[1]
 
 
 def environment_of(package: Package, sources: Path, keep: Path, port: int) -> dict[str, str]:
-    """The environment of a launch: the package's folders before this workspace, no display."""
+    """Return the environment of a launch: the package's folders first, and no display."""
     checkouts = [sources / repo.partition("/")[2] for repo in package.repositories]
     folders = [sources / folder for folder in package.folders] or checkouts
     modules = [file.parent / "src" for folder in folders for file in folder.rglob("setup.py")
@@ -108,7 +108,7 @@ def environment_of(package: Package, sources: Path, keep: Path, port: int) -> di
 
 
 def run(package: Package, sources: Path, keep: Path) -> Result:
-    """Launch a package on a master of its own; its log goes into `keep`."""
+    """Launch a package with a separate master; its log is stored in `keep`."""
     for repo in package.repositories:
         if not (sources / repo.partition("/")[2]).is_dir():
             return Result(package, faults=[f"no checkout of {repo} in {sources}"])
@@ -133,7 +133,7 @@ def run(package: Package, sources: Path, keep: Path) -> Result:
 
 def probe(package: Package, launched: subprocess.Popen, environment: Mapping[str, str],
           keep: Path) -> tuple[list[str], list[str]]:
-    """What probe.py says: (parts that work, faults)."""
+    """Return the output of probe.py: (working parts, faults)."""
     wanted = {name: getattr(package, name)
               for name in ("models", "controllers", "topics", "services", "attach", "remapped",
                             "start")}
@@ -157,7 +157,7 @@ def probe(package: Package, launched: subprocess.Popen, environment: Mapping[str
 
 
 def stop(launched: subprocess.Popen) -> None:
-    """End a launch as Ctrl-C does, and kill what is left."""
+    """Stop a launch as with Ctrl-C, and kill remaining processes."""
     for name, patience in ((signal.SIGINT, 30.0), (signal.SIGKILL, 10.0)):
         if launched.poll() is None:
             try:
@@ -168,18 +168,18 @@ def stop(launched: subprocess.Popen) -> None:
 
 
 def plain_lines(log: Path) -> list[str]:
-    """Lines of a log without colours."""
+    """Return the lines of a log without colour codes."""
     return re.sub(r"\x1b\[[0-9;]*m", "", log.read_text(errors="replace")).splitlines()
 
 
 def warnings_of(lines: Sequence[str]) -> list[str]:
-    """What the simulator warned of or refused."""
+    """Return the warnings and refusals of the simulator."""
     found = (re.match(r"\[(?:WARN|ERROR|FATAL)\] \[/gazebo\] (.*)", line) for line in lines)
     return [one[1] for one in found if one]
 
 
 def unnamed(package: Package, lines: Sequence[str]) -> list[str]:
-    """Parts of `not_served` that the log does not name, or names in more than one line."""
+    """Return the parts of `not_served` that the log does not name in exactly one line."""
     found = []
     for part in package.not_served:
         named = [line for line in lines if part in line
@@ -190,7 +190,7 @@ def unnamed(package: Package, lines: Sequence[str]) -> list[str]:
 
 
 def table(results: Sequence[Result]) -> str:
-    """The table of docs/porting.md."""
+    """Return the table of docs/porting.md."""
     lines = ["| package | started by | works | faults | unsupported parts, named by the log |",
              "|---|---|---|---|---|"]
     for one in results:
@@ -207,7 +207,7 @@ def table(results: Sequence[Result]) -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """The command: 0 where each package starts and each served part of it works."""
+    """Run the command; return 0 if each package starts and each supported part of it works."""
     parser = argparse.ArgumentParser(
         prog="tests/peers packages", description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,

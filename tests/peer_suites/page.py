@@ -1,10 +1,11 @@
-"""Tables between marks on a page of the documentation."""
+"""Tables between markers in a page of the documentation."""
 
 from pathlib import Path
 
 
 def write(page: Path, mark: str, text: str) -> None:
-    """Put a table between `<!-- mark -->` and `<!-- /mark -->`; ValueError where there are none."""
+    """Write a table between `<!-- mark -->` and `<!-- /mark -->`; ValueError without these marks.
+    """
     begin, end = f"<!-- {mark} -->", f"<!-- /{mark} -->"
     head, found, rest = page.read_text().partition(begin)
     if not found or end not in rest:

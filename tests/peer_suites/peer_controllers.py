@@ -1,4 +1,4 @@
-"""Controllers of upstream's controller_manager_tests, by what their tests ask of them."""
+"""Controllers of upstream's controller_manager_tests, implemented by what the tests require."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ PREFIX = "hardware_interface::"
 
 
 class MultiInterface(Controller):
-    """Claims the joints that parameters name, each list through an interface of its own.
+    """Controller that claims the joints in its parameters, each list with a separate interface.
 
     asked: parameter of the joints by interface. optional: interfaces that may have no joint at all.
     """
@@ -22,7 +22,7 @@ class MultiInterface(Controller):
     optional = False
 
     def init(self, hardware: RobotHardware, parameters: Mapping, context: Context) -> None:
-        """Take the joints; ControllerError where the interface or one of them is missing."""
+        """Claim the joints; ControllerError if the interface or a joint is missing."""
         super().init(hardware, parameters, context)
         self._claims: list[ClaimedResources] = []
         for interface, parameter in self.asked.items():
@@ -38,48 +38,48 @@ class MultiInterface(Controller):
 
     @property
     def claimed_resources(self) -> tuple[ClaimedResources, ...]:
-        """What init took."""
+        """Return the resources that init has claimed."""
         return tuple(self._claims)
 
 
 class EffortTestController(MultiInterface):
-    """Efforts of `joints`, by default the first two."""
+    """Controller of the efforts of `joints`, by default the first two."""
 
     asked = {"EffortJointInterface": "joints"}
     defaults = {"joints": ("hiDOF_joint1", "hiDOF_joint2")}
 
 
 class MyDummyController(MultiInterface):
-    """An interface that no robot has."""
+    """Controller with an interface that no robot has."""
 
     asked = {"MyDummyInterface": "joints"}
 
 
 class VelEffController(MultiInterface):
-    """Velocities of some joints, efforts of others."""
+    """Controller of the velocities of some joints and the efforts of others."""
 
     asked = {"VelocityJointInterface": "velocity_joints", "EffortJointInterface": "effort_joints"}
 
 
 class PosEffController(MultiInterface):
-    """Positions of some joints, efforts of others."""
+    """Controller of the positions of some joints and the efforts of others."""
 
     asked = {"PositionJointInterface": "position_joints", "EffortJointInterface": "effort_joints"}
 
 
 class PosEffOptController(PosEffController):
-    """The same, where an interface that the robot lacks is left out."""
+    """Controller like PosEffController that leaves out interfaces that the robot lacks."""
 
     optional = True
 
 
 class ExtensibleController(MultiInterface):
-    """The velocity of one joint."""
+    """Controller of the velocity of one joint."""
 
     asked = {"VelocityJointInterface": "velocity_joint"}
 
 
 class DerivedController(ExtensibleController):
-    """The same, and the effort of another."""
+    """Controller of the velocity of one joint and the effort of another."""
 
     asked = {"VelocityJointInterface": "velocity_joint", "EffortJointInterface": "effort_joint"}

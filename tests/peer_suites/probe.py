@@ -1,4 +1,4 @@
-"""Look at a launched package from outside: `probe.py JSON` prints JSON of what works and what not.
+"""Inspect a launched package: `probe.py JSON` prints as JSON which parts work.
 
 Started by packages.py in the environment of the launch. Only names are used that Gazebo and
 ros_control have, so it would say the same of them.
@@ -42,7 +42,7 @@ SECONDS = 2.0  # of a trajectory
 
 
 def wait(good: Callable[[], bool], seconds: float) -> bool:
-    """Whether `good` becomes true within so many seconds of wall time."""
+    """Return whether `good` becomes true within this wall time, s."""
     deadline = time.monotonic() + seconds
     while time.monotonic() < deadline:
         if good():
@@ -52,19 +52,19 @@ def wait(good: Callable[[], bool], seconds: float) -> bool:
 
 
 def call(name: str, kind: type, *arguments: object) -> object:
-    """One call of a service that has to exist within PATIENCE."""
+    """Call a service that must exist within PATIENCE."""
     rospy.wait_for_service(name, PATIENCE)
     return rospy.ServiceProxy(name, kind)(*arguments)
 
 
 class Joint:
-    """Position and speed of a joint, from the simulator."""
+    """Position and speed of a joint, read from the simulator."""
 
     def __init__(self, name: str) -> None:
         self.name = name
 
     def read(self) -> tuple[float, float]:
-        """Position (rad or m) and speed; RuntimeError where there is no such joint."""
+        """Return position (rad or m) and speed; RuntimeError if there is no such joint."""
         answer = call("/gazebo/get_joint_properties", GetJointProperties, self.name)
         if not answer.success or not answer.position:
             raise RuntimeError(f"no joint {self.name}: {answer.status_message}")
@@ -72,7 +72,7 @@ class Joint:
 
 
 def descriptions() -> Iterator[ElementTree.Element]:
-    """Every description on the parameter server."""
+    """Return all descriptions on the parameter server."""
     for name in rospy.get_param_names():
         if not name.endswith("_description"):
             continue
@@ -83,7 +83,7 @@ def descriptions() -> Iterator[ElementTree.Element]:
 
 
 def range_of(joint: ElementTree.Element) -> tuple[float, float]:
-    """Where a joint may be: within its limits and its soft limits; infinite where it has none."""
+    """Return the range of a joint within its limits and soft limits; infinite without limits."""
     low, high = -math.inf, math.inf
     limit, soft = joint.find("limit"), joint.find("safety_controller")
     if joint.get("type") in ("revolute", "prismatic") and limit is not None:
@@ -95,15 +95,14 @@ def range_of(joint: ElementTree.Element) -> tuple[float, float]:
 
 
 def goal_of(position: float, bounds: tuple[float, float]) -> float:
-    """A position a STEP away, on the side with more room; the same one where there is none."""
+    """Return a position at a distance of STEP on the side with more room, or the same position."""
     up, down = max(bounds[1] - position, 0.0), max(position - bounds[0], 0.0)
     step = min(STEP, 0.5 * max(up, down))
     return position + step if up >= down else position - step
 
 
 class Controllers:
-    """Commands controllers by their standard topics and actions, and looks whether joints follow.
-    """
+    """Commands controllers by their standard topics and actions, and checks that joints follow."""
 
     def __init__(self) -> None:
         joints = [joint for root in descriptions() for joint in root.findall("joint")]
@@ -111,7 +110,7 @@ class Controllers:
         self._mimics = {joint.get("name") for joint in joints if joint.find("mimic") is not None}
 
     def check(self, controller: str, kind: str) -> str:
-        """What moved; RuntimeError where nothing did."""
+        """Command a controller, and return what moved; RuntimeError if nothing did."""
         joints = rospy.get_param(f"{controller}/joints", None) or rospy.get_param(
             f"{controller}/joint", None)
         joints = [joints] if isinstance(joints, str) else joints
@@ -238,7 +237,7 @@ class Controllers:
 
 
 def publish(topic: str, kind: type) -> rospy.Publisher:
-    """A publisher that has a subscriber; RuntimeError where there is none."""
+    """Return a publisher that has a subscriber; RuntimeError without a subscriber."""
     publisher = rospy.Publisher(REMAPPED.get(topic, topic), kind, queue_size=1)
     if not wait(lambda: publisher.get_num_connections() > 0, PATIENCE):
         raise RuntimeError(f"no subscriber of {topic}")
@@ -246,7 +245,7 @@ def publish(topic: str, kind: type) -> rospy.Publisher:
 
 
 def message(topic: str) -> object:
-    """The next message of a topic; RuntimeError where none comes."""
+    """Return the next message of a topic; RuntimeError if none arrives."""
     kinds = []
     if not wait(lambda: kinds.append(get_topic_class(topic)[0]) or kinds[-1] is not None, PATIENCE):
         raise RuntimeError(f"no publisher of {topic}")
@@ -261,7 +260,7 @@ def message(topic: str) -> object:
 
 
 def check_topic(topic: str) -> str:
-    """A message with content arrives."""
+    """Check that a message with content arrives."""
     got = message(topic)
     if "Image" in type(got).__name__:
         if not got.data:
@@ -271,13 +270,13 @@ def check_topic(topic: str) -> str:
 
 
 def check_service(name: str) -> str:
-    """The service exists."""
+    """Check that the service exists."""
     rospy.wait_for_service(name, PATIENCE)
     return name
 
 
 def check_attach(entry: str) -> str:
-    """`model1::link1 model2::link2` are attached: two move as one; and detached again."""
+    """Check that two attached links, `model1::link1 model2::link2`, move together; detach them."""
     from gazebo_ros_link_attacher.srv import Attach
     names = [part for word in entry.split() for part in word.split("::", 1)]
     for service in ("attach", "detach"):
@@ -287,7 +286,7 @@ def check_attach(entry: str) -> str:
 
 
 def tried(check: Callable[[], str], works: list[str], faults: list[str]) -> None:
-    """Note what a check says."""
+    """Run a check, and append its result to `works` or `faults`."""
     try:
         works.append(check())
     except (RuntimeError, ValueError, rospy.ROSException, rospy.ServiceException,
@@ -296,7 +295,7 @@ def tried(check: Callable[[], str], works: list[str], faults: list[str]) -> None
 
 
 def start_simulation(wanted: Mapping[str, object]) -> list[str]:
-    """Wait for models, let time pass, wait for controllers; what did not come."""
+    """Wait for models, let time pass, wait for controllers; return what is missing."""
     seconds = float(wanted["start"])
     if not wait(lambda: rosgraph.is_master_online(), seconds):
         return ["no master"]
@@ -325,7 +324,7 @@ def start_simulation(wanted: Mapping[str, object]) -> list[str]:
 
 
 def message_of_clock() -> float:
-    """Simulated time after a moment, s."""
+    """Return the simulated time after a short wait, s."""
     time.sleep(0.5)
     found = []
     subscriber = rospy.Subscriber("/clock", Clock, found.append, queue_size=1)
@@ -335,7 +334,7 @@ def message_of_clock() -> float:
 
 
 def listed(manager: str) -> dict[str, tuple[str, str]]:
-    """State and type of each controller of the manager in a namespace; none while there is none."""
+    """Return state and type of each controller of a manager; empty if there is no manager."""
     service = f"{manager.rstrip('/')}/controller_manager/list_controllers"
     try:
         answer = rospy.ServiceProxy(service, ListControllers)()
@@ -346,7 +345,7 @@ def listed(manager: str) -> dict[str, tuple[str, str]]:
 
 def check_controllers(wanted: Mapping[str, Iterable[str]], seconds: float, works: list[str],
                       faults: list[str]) -> None:
-    """Each named controller runs, and its joints follow it."""
+    """Check that each named controller runs, and that its joints follow it."""
     for manager, names in wanted.items():
         root = manager.rstrip("/")
 
@@ -366,7 +365,7 @@ def check_controllers(wanted: Mapping[str, Iterable[str]], seconds: float, works
 
 
 def main() -> None:
-    """See above."""
+    """Run the checks, and print the result as JSON."""
     wanted = json.loads(sys.argv[1])
     REMAPPED.update(wanted["remapped"])
     works: list[str] = []

@@ -1,4 +1,4 @@
-"""Robots that stand where upstream's tests have programs of their own as hardware."""
+"""Robots that replace the hardware programs of upstream's tests."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def driven(urdf: str, joints: Mapping[str, str]) -> str:
 
 
 def spawn(model: str, urdf: str, positions: Mapping[str, float] = {}) -> None:  # noqa: B006
-    """Put the robot into the simulation, its joints at `positions` (rad)."""
+    """Spawn the robot with its joints at `positions` (rad)."""
     rospy.wait_for_service("/gazebo/spawn_urdf_model", 60.0)
     answer = rospy.ServiceProxy("/gazebo/spawn_urdf_model", SpawnModel)(model_name=model,
                                                                        model_xml=urdf)
@@ -46,7 +46,7 @@ def spawn(model: str, urdf: str, positions: Mapping[str, float] = {}) -> None:  
 
 
 def run_rrbot(positions: Mapping[str, float] = {}) -> int:  # noqa: B006
-    """rrbot: joint1 and joint2 follow their commands at once.
+    """Run rrbot, whose joints joint1 and joint2 follow their commands at once.
 
     What upstream's hardware does beyond that is answered, not done: smoothing and delay.
     """
@@ -73,7 +73,7 @@ def run_rrbot(positions: Mapping[str, float] = {}) -> int:  # noqa: B006
 
 
 def run_simple_bot() -> int:
-    """simple_bot_hw: one joint that efforts turn, with an inertia of 1 kg m²."""
+    """Run simple_bot_hw, with one joint that efforts rotate, and an inertia of 1 kg m²."""
     rospy.init_node("simple_bot_hw", disable_rostime=True)
     simulation = subprocess.Popen(["rosrun", "aras_sim_bridge", "gazebo", "__name:=gazebo"])
     rospy.on_shutdown(simulation.terminate)
@@ -87,7 +87,7 @@ def run_simple_bot() -> int:
 
 
 def run_dummy() -> int:
-    """dummy_app: three joints that each have an effort and a velocity interface, and stand still.
+    """Run dummy_app: three resting joints, each with an effort and a velocity interface.
 
     gazebo_ros_control gives a joint one interface, so the second is added here, in the node.
     """
@@ -95,7 +95,7 @@ def run_dummy() -> int:
     from aras_sim_bridge.ros.runtime import node
 
     class TwoInterfaces(hardware.RobotHardware):
-        """Joints of the effort interface that the velocity interface has too."""
+        """Joints of the effort interface that also have the velocity interface."""
 
         def __init__(self, *arguments: object, **named: object) -> None:
             super().__init__(*arguments, **named)
@@ -125,7 +125,7 @@ def run_dummy() -> int:
 
 
 def main(run: Callable[[], int]) -> None:
-    """Run a stand-in, its exit status the program's."""
+    """Run a replacement program, and exit with its status."""
     started = time.monotonic()
     status = run()
     print(f"ended with {status} after {time.monotonic() - started:.0f} s")

@@ -1,4 +1,4 @@
-"""Shared by the unit tests, which run in as many processes as there are cores."""
+"""Configuration of the unit tests, which run in one process per core."""
 
 import gc
 import os

@@ -1,5 +1,7 @@
-"""Writes the model folders that the saved worlds beside this file include: meshes, textures,
-material scripts, in the form that Gazebo's model database has them."""
+"""Write the model folders that the saved worlds in this folder include.
+
+The meshes, textures and material scripts have the form of Gazebo's model database.
+"""
 
 from __future__ import annotations
 

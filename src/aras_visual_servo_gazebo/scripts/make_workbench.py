@@ -135,7 +135,10 @@ def draw_poster(rng: np.random.Generator, kind: int, size: int = 512) -> np.ndar
 
 
 def draw_label(rng: np.random.Generator, words: str, kind: int, size: int = 512) -> np.ndarray:
-    """Return the texture of the printed side of a tin or a box."""
+    """Return the texture of the printed side of a tin or a box, with `words` as its name.
+
+    kind: number that selects the colours; it also defines the printed product number and weight.
+    """
     back, front = PAINTS[kind % 8], PAPERS[kind % 4]
     share = make_noise(rng, (size, size), (64, 16))
     image = np.ascontiguousarray(
@@ -180,9 +183,10 @@ class MeshWriter:
         self._count += 4
 
     def add_box(self, size: tuple[float, float, float], tile_size: float = 0.0) -> None:
-        """Add a box that stands on z = 0.
+        """Add a box of `size` (x, y, z), m, whose lower side is at z = 0.
 
-        The texture covers each side, or is repeated every `tile_size` m.
+        If `tile_size` is 0, the texture covers each side once. Otherwise, it is repeated every
+        `tile_size` m.
         """
         x, y, z = size[0] / 2, size[1] / 2, size[2]
         for axis, sign in ((0, 1), (0, -1), (1, 1), (1, -1), (2, 1), (2, -1)):
@@ -202,7 +206,12 @@ class MeshWriter:
 
     def add_revolution(self, profile: list[tuple[float, float]], sectors: int = 36,
                        sharp: bool = False) -> None:
-        """Add a surface of revolution about z; `profile` lists (radius, z) from bottom to top."""
+        """Add a surface of revolution about z.
+
+        profile: (radius, z) of its points from bottom to top, m.
+        sectors: number of quadrilaterals around the axis.
+        sharp: whether the edges between the sections of the profile are shaded as sharp edges.
+        """
         angle = np.linspace(0, 2 * np.pi, sectors + 1)
         length = np.concatenate([[0], np.cumsum(np.hypot(*np.diff(profile, axis=0).T))])
         along = np.diff(profile, axis=0)

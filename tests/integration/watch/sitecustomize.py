@@ -16,7 +16,7 @@ _inside = threading.local()  # a slot's own assignments are part of it
 
 
 def watch(owner: threading.Thread) -> None:
-    """Look after the classes of the simulation that `owner` is about to run."""
+    """Watch the classes of the simulation that the thread `owner` will run."""
     from aras_sim_bridge.camera import CameraSensor
     from aras_sim_bridge.camera.mounting import MountedCamera
     from aras_sim_bridge.control.controllers import Controller

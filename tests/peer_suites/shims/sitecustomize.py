@@ -1,4 +1,4 @@
-"""yaml.load as it was when upstream's API checker was written: PyYAML 6 wants a loader named."""
+"""Restore the old signature of yaml.load for upstream's API checker; PyYAML 6 requires a loader."""
 
 import yaml
 

@@ -1,4 +1,4 @@
-"""Arms that tests of the servo core work with: the laboratory's, and two of a public registry."""
+"""Arms for the tests of the control loop: the laboratory's arm, and two of a public registry."""
 
 import os
 import sysconfig
@@ -20,7 +20,7 @@ NAMES = ("aras", *FOREIGN_ARMS)
 
 
 def urdf(name: str) -> str:
-    """Text of the description of that robot."""
+    """Return the text of the description of a robot."""
     if name == "aras":
         return (ROBOTS / "aras_visual_servo.urdf").read_text()
     path = FOREIGN / FOREIGN_ARMS[name][0]
@@ -33,12 +33,12 @@ def urdf(name: str) -> str:
 
 
 def make(name: str) -> Arm:
-    """The arm of that name, its camera at the tool where it has none."""
+    """Return an arm; without a camera, the tool frame is used as its optical frame."""
     return Arm.from_urdf(urdf(name), FOREIGN_ARMS.get(name, ("", "camera_optical_frame"))[1])
 
 
 def within(arm: Arm, random: np.random.Generator, part: float = 0.9) -> np.ndarray:
-    """Random joints (n,), within that part of their limits and of one radian either way."""
+    """Return random joints (n,) within a part of their limits, at most one radian from zero."""
     low, high = np.maximum(arm.lower, -1.5), np.minimum(arm.upper, 1.5)
     middle, half = 0.5 * (low + high), 0.5 * part * (high - low)
     return middle + half * random.uniform(-1.0, 1.0, len(low))

@@ -1,4 +1,4 @@
-"""Lets the tests of this folder share arms.py."""
+"""Adds this folder to the module path, so that its tests can import arms.py."""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Small singular value decompositions against LAPACK's, and where they have none."""
+"""Singular value decomposition of small matrices, compared with LAPACK, and failing inputs."""
 
 import numpy as np
 import pytest

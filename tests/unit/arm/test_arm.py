@@ -1,4 +1,4 @@
-"""Kinematics from the description, against Pinocchio's own reading of the URDF.
+"""Kinematics from the robot description, compared with Pinocchio's reading of the URDF.
 
 Poses and Jacobians of arbitrary chains: test_kinematics.py.
 """

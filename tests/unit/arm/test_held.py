@@ -1,4 +1,4 @@
-"""What is held of a camera whose task does not speak of all directions, against SciPy."""
+"""Motion of the camera in directions that the task does not control, compared with SciPy."""
 
 import numpy as np
 import pytest

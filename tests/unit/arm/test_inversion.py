@@ -1,4 +1,4 @@
-"""The parts of one answer of the resolver, against NumPy's linear algebra and closed forms."""
+"""Parts of the inverse kinematics, compared with NumPy and closed forms."""
 
 import numpy as np
 import pytest
@@ -28,7 +28,7 @@ def plain(monkeypatch):
 
 
 def answers():
-    """Of a posture in the middle, and one near a straight elbow and a limit, for unlike tasks."""
+    """Return IK solutions of an ordinary posture and of one near a straight elbow and a limit."""
     arm = make("aras")
     limits = Limits.for_arm(arm, velocity=1.0, acceleration=2.0)
     resolver = DifferentialIK(arm, limits, [JointLimitAvoidance(limits)])
@@ -93,7 +93,7 @@ def test_ranges_leave_room_to_stop_on_either_side():
 
 
 def largest(wanted, room):
-    """The greatest part up to 1 of wanted (n,) whose sizes are within the rooms (n,)."""
+    """Return the largest factor up to 1 with which all of wanted (n,) are within the rooms (n,)."""
     moving = wanted != 0.0
     return min(1.0, (np.maximum(room, 0.0)[moving] / np.abs(wanted[moving])).min(initial=1.0))
 

@@ -1,4 +1,4 @@
-"""Controllers found by joint and type, as a robot's namespace has their parameters."""
+"""Controllers are found by joint and type in the parameters of a robot's namespace."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""How long the resolver's velocities may be kept: between images, where nothing changes them."""
+"""Conditions under which joint velocities remain valid between two images."""
 
 import numpy as np
 import pytest

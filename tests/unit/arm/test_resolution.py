@@ -1,4 +1,4 @@
-"""What a resolution tells of itself, made by the arm or read from a message."""
+"""Properties of IK solutions that the arm computes or that are read from messages."""
 
 import numpy as np
 import pytest

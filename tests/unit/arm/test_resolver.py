@@ -1,4 +1,4 @@
-"""The resolver: exact where the arm can, least squares where it cannot, never beyond a limit."""
+"""Differential IK: exact if possible, otherwise least squares, and always within the limits."""
 
 import itertools
 
@@ -35,7 +35,7 @@ REGULAR = {
 
 
 def four_points(depth=0.4, size=0.05):
-    """Interaction matrix (8, 6) of a small square seen askew: ill-conditioned as such are."""
+    """Return the ill-conditioned interaction matrix (8, 6) of a small square viewed obliquely."""
     rows = []
     for x, y in ((-size, -size), (size, -1.2 * size), (1.1 * size, size), (-size, 1.3 * size)):
         rows.append([-1 / depth, 0, x / depth, x * y, -(1 + x * x), y])
@@ -181,7 +181,7 @@ def test_answer_tells_the_condition_of_the_task():
 
 
 def tilted(angle):
-    """The laboratory's arm with its camera tilted by an angle about its picture's horizontal."""
+    """Return the laboratory's arm with its camera tilted about the image's horizontal axis."""
     text = urdf("aras").replace("3.14 -1.57 0", f"3.14 {-1.57 + angle} 0")
     return Arm.from_urdf(text)
 

@@ -1,4 +1,4 @@
-"""Lets the tests of this folder share recorded_values.py, and use the examples of the docs."""
+"""Adds recorded_values.py and the examples of the documentation to the module path."""
 
 import sys
 from pathlib import Path

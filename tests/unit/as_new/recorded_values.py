@@ -1,4 +1,4 @@
-"""The values of records, comparable to the bit."""
+"""Values of records in a form that can be compared bit by bit."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 
 
 def values(thing: Any) -> Any:
-    """Return what a record holds as nested tuples, which are equal where all bits are.
+    """Return the content of a record as nested tuples, which are equal if all bits are equal.
 
     Records are dataclasses, mappings, sequences, arrays and numbers in any nesting. Two NaN of the
     same bits are equal, 0.0 and -0.0 differ. Of a dataclass the public fields count.

@@ -1,4 +1,4 @@
-"""A loop that starts again after a busy life does what a new loop does, to the bit.
+"""A restarted loop behaves bit-identically to a new loop.
 
 What a run's plant answers is kept on a tape and played to a loop again: everything that it sends,
 reports and says is compared with a new loop's.
@@ -91,7 +91,7 @@ class Tape:
             self.trace.append(("said", text))
 
     def play(self, parts: Assembly, driver: LoopRunner, readings=None) -> list[Any]:
-        """What the driver makes of all of them."""
+        """Process all readings with the driver, and return its outputs."""
         self.trace = []
         for reading in self.readings if readings is None else readings:
             self.time = max(self.time, reading.stamp)

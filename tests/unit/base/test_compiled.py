@@ -1,4 +1,4 @@
-"""Compiled loops work where they cannot be kept, and say so."""
+"""Compiled functions also work if they cannot be cached, and a message says so."""
 
 import importlib
 import subprocess

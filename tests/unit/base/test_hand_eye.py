@@ -1,4 +1,4 @@
-"""Hand-eye results of each format: the same pose back, and one line for what is wrong."""
+"""Hand-eye calibration files: every format gives the same pose; an error is a one-line message."""
 
 import cv2
 import numpy as np

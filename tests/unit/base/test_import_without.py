@@ -1,4 +1,4 @@
-"""Imports without an optional library: only its importer misses it, and only then."""
+"""Imports without an optional library: only the importing module lacks it, and only then."""
 
 import importlib
 import sys

@@ -1,4 +1,4 @@
-"""The size of pictures by their headers."""
+"""Image sizes read from file headers."""
 
 import struct
 import zlib

@@ -1,4 +1,4 @@
-"""Rotations, poses and twists against their definitions, at their poles and half turns too."""
+"""Rotations, poses and twists, compared with their definitions, also at poles and half turns."""
 
 import itertools
 import math
@@ -151,7 +151,7 @@ def test_a_skew_matrix_is_a_cross_product():
 
 
 class VectorError(Exception):
-    """What a caller wants to be told with."""
+    """Error class of a caller."""
 
 
 @pytest.mark.parametrize(("values", "words"), [

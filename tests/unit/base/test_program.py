@@ -1,4 +1,4 @@
-"""How a program begins."""
+"""Start of a program."""
 
 from __future__ import annotations
 

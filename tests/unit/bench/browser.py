@@ -1,4 +1,4 @@
-"""A headless Chromium for tests and pictures, driven over its own DevTools socket."""
+"""Headless Chromium for tests and screenshots, controlled through its DevTools socket."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ START, ANSWER = 60.0, 200.0  # s of wall time
 
 
 def chromium() -> str | None:
-    """The program; None where there is none."""
+    """Return the path of the program; None if it is not installed."""
     return next(filter(None, map(shutil.which, NAMES)), None)
 
 
@@ -47,11 +47,11 @@ NAVIGATED = ("Inspected target navigated", "Execution context was destroyed")
 
 
 class NavigatedError(RuntimeError):
-    """The page gave way to another meanwhile."""
+    """The page was replaced by another one."""
 
 
 class Browser:
-    """One browser with a profile of its own; ends with the block."""
+    """Browser with a temporary profile; it ends with the `with` block."""
 
     def __init__(self, size: tuple[int, int] = (1440, 900)) -> None:
         program = chromium()
@@ -77,7 +77,7 @@ class Browser:
         self._port = int(file.read_text().splitlines()[0])
 
     def open(self, address: str) -> Tab:
-        """A new tab that shows an address."""
+        """Open an address in a new tab, and return the tab."""
         asked = Request(f"http://127.0.0.1:{self._port}/json/new?about:blank", method="PUT")
         with urlopen(asked, timeout=ANSWER) as answer:
             found = json.load(answer)
@@ -89,7 +89,7 @@ class Browser:
         return tab
 
     def close(self) -> None:
-        """End it, with all processes that it has begun."""
+        """Stop the browser and all its processes."""
         for number in (signal.SIGTERM, signal.SIGKILL):
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(self._process.pid, number)
@@ -106,7 +106,7 @@ class Browser:
 
 
 class Tab:
-    """One page."""
+    """A tab of the browser."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop, address: str) -> None:
         self._loop, self._numbers = loop, itertools.count(1)
@@ -121,7 +121,7 @@ class Tab:
         return self._loop.run_until_complete(wait())
 
     def call(self, method: str, **parameters: Any) -> dict[str, Any]:
-        """One DevTools command and its answer."""
+        """Send a DevTools command, and return its answer."""
         number = next(self._numbers)
         message = json.dumps({"id": number, "method": method, "params": parameters})
         self._run(lambda: self._socket.write_message(message))
@@ -138,7 +138,7 @@ class Tab:
                 return answer["result"]
 
     def js(self, expression: str) -> Any:
-        """The value of an expression; a promise is waited for."""
+        """Return the value of an expression; a promise is awaited."""
         answer = self.call("Runtime.evaluate", expression=expression, returnByValue=True,
                            awaitPromise=True)  # fmt: skip
         if "exceptionDetails" in answer:
@@ -147,7 +147,7 @@ class Tab:
         return answer["result"].get("value")
 
     def wait(self, expression: str, timeout: float = 20.0) -> Any:
-        """The expression's first true value; the page may go to another meanwhile."""
+        """Wait for the first true value of an expression, and return it; the page may change."""
         end = time.monotonic() + timeout
         while True:
             with contextlib.suppress(NavigatedError):
@@ -158,24 +158,24 @@ class Tab:
             time.sleep(0.1)
 
     def resize(self, width: int, height: int = 900) -> None:
-        """Another size of the window, pixels; a narrow one is a telephone's."""
+        """Set the size of the window, px; a narrow window emulates a telephone."""
         self.call("Emulation.setDeviceMetricsOverride", width=width, height=height,
                   deviceScaleFactor=1, mobile=width < 500)  # fmt: skip
 
     def mouse(self, kind: str, x: float, y: float, held: bool = False) -> None:
-        """Pressed, Moved or Released at a place of the window."""
+        """Send a mouse event, Pressed, Moved or Released, at a position in the window."""
         self.call("Input.dispatchMouseEvent", type=f"mouse{kind}", x=x, y=y, clickCount=1,
                   button="left" if held or kind != "Moved" else "none",
                   buttons=int(held or kind == "Pressed"))  # fmt: skip
 
     def audit(self) -> list[str]:
-        """What axe-core finds that hinders readers."""
+        """Return the accessibility problems that axe-core finds."""
         folder = Path(importlib.util.find_spec("axe_core_python").submodule_search_locations[0])
         self.js((folder / "axe.min.js").read_text(encoding="utf-8") + "; true")
         return self.js(AUDIT)
 
     def screenshot(self) -> bytes:
-        """PNG of what is to be seen."""
+        """Return the visible part of the page as PNG."""
         return base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"])
 
     def close(self) -> None:

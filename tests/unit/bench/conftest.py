@@ -1,4 +1,4 @@
-"""What several tests of the bench share."""
+"""Fixtures that several tests of the bench use."""
 
 import os
 import sys
@@ -27,7 +27,7 @@ def arm(robot):
 
 @pytest.fixture(scope="module")
 def host(robot, pinhole):
-    """Of a live page, without a graph."""
+    """Host of a live page without a graph."""
     from page_host import StandIn
 
     return StandIn(robot, pinhole)
@@ -35,7 +35,7 @@ def host(robot, pinhole):
 
 @pytest.fixture(scope="module")
 def server(host):
-    """That page, served."""
+    """Server of the page of `host`."""
     from aras_visual_servo_bench.web.live.server import serve
 
     found = serve(host, "127.0.0.1", 18300 + os.getpid() % 1000, say=lambda _: None)
@@ -56,13 +56,13 @@ def pinhole(preset):
 
 @pytest.fixture(params=[False, True], ids=["screen", "paper"])
 def paper(request):
-    """Whether figures drawn meanwhile look as in a paper; both."""
+    """Run the test with figures in the style of a paper and in that of the screen."""
     yield from looking(request.param)
 
 
 @pytest.fixture
 def screen():
-    """Figures drawn meanwhile look as on a screen."""
+    """Draw figures in the style of the screen."""
     yield from looking(False)
 
 
@@ -78,7 +78,7 @@ def looking(paper):
 
 @pytest.fixture(scope="module")
 def browser():
-    """A headless Chromium; without one the test is left out, but not in CI."""
+    """Headless Chromium; without one the test is skipped, but not in CI."""
     from browser import HOW, Browser, chromium
 
     if chromium() is None:
@@ -91,7 +91,7 @@ def browser():
 
 @pytest.fixture(scope="module")
 def watched(browser):
-    """Opens an address in a tab so wide, which keeps what goes wrong in it in `wrong`."""
+    """Function that opens an address in a tab of a given width; `wrong` lists the tab's errors."""
 
     def open_watched(address, width, ready):
         tab = browser.open("about:blank")

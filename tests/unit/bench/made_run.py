@@ -35,7 +35,7 @@ GOAL = posed([[2.9, 0.4, 0.3]], [[0.21, -0.13, 0.34]])[0]
 
 
 def made_run(seed: int, decay: float) -> Run:
-    """A run that converges, `decay` (1/s) of its errors."""
+    """Make a run that converges; `decay` is the decay rate of its errors, 1/s."""
     rng = np.random.default_rng(seed)
     exposed = 1.537 + np.delete(np.arange(150), [60, 61, 95]) * 0.0341
     exposed = exposed + 1e-4 * rng.random(len(exposed))

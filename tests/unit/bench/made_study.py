@@ -1,4 +1,4 @@
-"""Folders of studies with made-up rows: as many runs as wanted, in seconds."""
+"""Study folders with synthetic rows: any number of runs in seconds."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A page's host without ROS: a robot that goes where it is told, and notes what is asked."""
+"""Host of the live page without ROS: its robot follows requests, and requests are recorded."""
 
 from __future__ import annotations
 

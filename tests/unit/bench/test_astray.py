@@ -1,4 +1,4 @@
-"""A camera that a scheme leads astray is no reason to accuse the camera or the target."""
+"""If a scheme leads the camera astray, neither camera nor target is reported as the cause."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""The runner in a plain Python: only what requirements/ install, no Debian package, no ROS."""
+"""The runner in plain Python: only with requirements/, without Debian packages and ROS."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""What the controller believes: pixels of the true camera, read through the one it believes in."""
+"""Calibration errors: the controller interprets pixels of the true camera with wrong intrinsics."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Eye in hand and eye to hand at once: each camera has a target of its own.
+"""Eye-in-hand and eye-to-hand cameras at once, each with its own target.
 
 The simulated arm does it by rendered pictures in docs/several_cameras.md.
 """

@@ -1,4 +1,4 @@
-"""Answers about rows that are made up, against pandas: every kind of column, every limit."""
+"""Queries about synthetic rows, compared with pandas, for every kind of column and every limit."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def table():
 
 
 def chosen(look, *filters, studies=()):
-    """Rows as asked."""
+    """Return the rows that these filters select."""
     asked = queries.RunSelection(studies, tuple(Filter(*one) for one in filters))
     return queries.select_rows(look, asked).tolist()
 
@@ -117,6 +117,7 @@ def test_columns_are_told_with_the_values_of_those_that_take_few(look):
     told = {one["name"]: one for one in queries.describe_columns(look)}
     assert list(told) == look.table.column_names
     assert told["gain"] == {"name": "gain", "unit": "1/s", "role": "setting", "kind": "number",
+                            "is_binary": False,
                             "count": 4, "known_count": COUNT - 9,
                             "values": [0.25, 1.5, 4.0]}  # fmt: skip
     assert told["word"]["kind"] == told["flag"]["kind"] == "word"
@@ -216,7 +217,7 @@ def test_groups_are_those_of_pandas(look, table):
         hits = int(own.success.sum())
         assert (one["runs"], one["rate"][0]) == (len(own), hits / len(own))
         middles = own[["angle", "distance"]].replace(np.inf, np.nan).median()
-        assert one["medians"] == pytest.approx(middles.tolist())
+        assert one["estimates"] == [[pytest.approx(m)] for m in middles]
         assert one["bounds"] == [["word", "=", one["values"][0]], ["gain", "=", one["values"][1]]]
         ends = own[own.success != 1].end.fillna("unknown").value_counts()
         assert one["failure"] in ([f"{n} × {end}" for end, n in ends.items() if n == ends.max()]

@@ -1,4 +1,4 @@
-"""The simulated arm: what is put into its world, and what it tells of itself."""
+"""Simulated arm: contents of its world, and measurements."""
 
 from pathlib import Path
 
@@ -44,7 +44,7 @@ def test_a_shown_target_is_where_it_lies_at_its_times():
 
 @pytest.fixture(scope="module")
 def standing(robot, preset, tmp_path_factory):
-    """An arm with a target that moves beside one that stands, and what its world was made of."""
+    """An arm with a moving and a fixed target, and the contents of its world."""
     folder, asked = tmp_path_factory.mktemp("shown"), []
     make = dynamic_arm.SimulationConfig
     dynamic_arm.SimulationConfig = lambda **keys: asked.append(keys) or make(**keys)

@@ -1,4 +1,4 @@
-"""Hand-eye files say where fixed cameras are, and where a camera is believed to be."""
+"""Hand-eye files give the true poses of fixed cameras and the calibrated poses of cameras."""
 
 import numpy as np
 import pytest
@@ -89,7 +89,7 @@ def test_a_fixed_camera_is_where_a_file_says(tmp_path, plant):
         ({"calibration_offset": {"hand_eye": {"file": "{}"}}}, "the file does not name the link"),
         (
             {"calibration_offset": {"hand_eye": "{}", "xyz": [0.1, 0, 0]}},
-            "calibration_offset has xyz and rpy, or a hand_",
+            "calibration_offset.hand_eye already gives the camera's pose",
         ),
         (
             {"calibration_offset": {"hand_eye": "{}"}, "plant": "free"},
@@ -97,7 +97,7 @@ def test_a_fixed_camera_is_where_a_file_says(tmp_path, plant):
         ),
         (
             {"cameras": {"a": {"hand_eye": "{}"}}, "plant": "free", "scheme": "points"},
-            "plant 'free' has no arm: use chain or bullet, or set its link to world",
+            "plant 'free' has no arm: use plant chain or bullet; if the camera is fixed, set",
         ),
         (
             {"cameras": {"a": {}, "b": {"hand_eye": {"file": "missing.txt", "link": "world"}}}},

@@ -1,4 +1,4 @@
-"""Cameras of experiments: what they draw, what is in their view, where they sit, what they say."""
+"""Cameras of experiments: images, visibility, poses and error messages."""
 
 from dataclasses import replace
 
@@ -264,13 +264,13 @@ def eye(name, rate, delay=0.0):
     (eye("a", 32.0), eye("b", 8.0, 0.2499), None),
     (eye("a", 8.0, 0.3), eye("b", 16.0), None),
     (eye("a", 8.0, 0.5), eye("b", 16.0), "images of cameras 'b' and 'a' are never available "
-     "together: those of 'a' arrive 0.5 s later, and of 'b' only the last 8 images (0.5 s) are "
-     "stored: give the cameras delays that differ by less, or 'b' a lower rate"),
+     "together, because those of 'a' arrive 0.5 s later, and only the last 8 images of 'b' "
+     "(0.5 s) are stored: give the cameras more similar delays, or camera 'b' a lower rate"),
     (eye("a", 16.0), eye("b", 16.0, 0.5), "images of cameras 'a' and 'b' are never available "
-     "together: those of 'b' arrive 0.5 s later"),
+     "together, because those of 'b' arrive 0.5 s later"),
     (eye("a", 16.0, 0.5), eye("b", 16.0, 0.5), None),
-    (eye("a", 8.0, 0.5), eye("b", 0.5, 1.0), "camera 'b' delivers its first image after 3 s, and "
-     "the run lasts 3 s"),
+    (eye("a", 8.0, 0.5), eye("b", 0.5, 1.0), "camera 'b' delivers its first image after 3 s, but "
+     "the run lasts only 3 s"),
     (eye("a", 2.0, 0.5), eye("b", 0.5, 0.99), None),
 ])  # fmt: skip
 def test_pictures_of_one_instant_have_to_meet(control, other, why):

@@ -36,7 +36,7 @@ def sight(**further):
 
 
 def flying(seen):
-    """The first picture of a camera that flies by a twist."""
+    """Return the first image of a camera that moves with a twist."""
     plant = FreeCamera(FreeBody(ORIGIN @ exponential(-PERIOD * TWIST)), np.zeros(6), seen)
     plant.command("velocity", TWIST)
     readings = [r for r in until(plant, 60_000_000) if isinstance(r, Frame)]

@@ -1,4 +1,4 @@
-"""What lies on a target, and what lights it, at given times."""
+"""Occluders and lights that are present only at given times."""
 
 from dataclasses import replace
 
@@ -79,7 +79,7 @@ def test_a_sun_that_is_gone_by_the_first_image_has_lit_the_goal():
 def test_times_of_the_sun_that_cannot_be_are_refused():
     with pytest.raises(ExperimentError, match="sun.shines has the interval 2 to 1 s"):
         Experiment(sun={"shines": [[2.0, 1.0]]})
-    with pytest.raises(ExperimentError, match="the lights are those of the world file"):
+    with pytest.raises(ExperimentError, match="the world file contains the lights"):
         Experiment(world="workbench", sun={"shines": [[1.0, 2.0]]})
 
 

@@ -1,4 +1,4 @@
-"""The demo's command line: refused in one line before anything starts, or understood."""
+"""Command line of the demo: arguments are accepted, or refused in one line before any start."""
 
 import re
 from pathlib import Path
@@ -14,7 +14,7 @@ WORLD, LOOP = LAUNCH_FILES
 
 
 def refused(words, capsys):
-    """What is said of words that cannot be taken."""
+    """Return the error message for invalid words."""
     with pytest.raises(SystemExit) as ended:
         parse(words)
     assert ended.value.code == 2

@@ -1,4 +1,4 @@
-"""A run that is diagnosed from its record says what the loop said while it went on."""
+"""Diagnosis from the record of a run gives the same result as during the run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""When runs end: of the ideal camera by its protocol's rules, of every loop by its clock."""
+"""End of runs: of the ideal camera by its criteria, of every loop by its duration."""
 
 from types import SimpleNamespace
 

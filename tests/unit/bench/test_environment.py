@@ -1,4 +1,4 @@
-"""The Gymnasium environment: passes Gymnasium's own checker, and does what it is asked."""
+"""Gymnasium environment: it passes Gymnasium's checker, and executes the commanded twists."""
 
 import warnings
 
@@ -219,7 +219,7 @@ def test_a_reward_is_the_error_in_units_of_the_first():
 
 
 class Inner(Scheme):
-    """Says what it is asked."""
+    """Scheme whose methods return their arguments."""
 
     names, tolerances, needs, cameras = ("a", "b"), (1.0, 2.0), frozenset("n"), ("left", "right")
     resets = 0

@@ -1,4 +1,4 @@
-"""A camera that stands, an arm that moves the target before it: the loop closed in the runner."""
+"""Fixed camera with a target on the arm: the closed loop in the runner."""
 
 import xml.etree.ElementTree as ElementTree
 

@@ -1,4 +1,4 @@
-"""Half turns: a scheme gets there, or says what happened and recommends what does."""
+"""Rotations by 180 degrees: a scheme converges, or reports the cause and a remedy."""
 
 import numpy as np
 import pytest

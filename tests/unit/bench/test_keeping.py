@@ -1,4 +1,4 @@
-"""What the live page keeps of a run, when its recorder ends by itself."""
+"""Files of the live page, if the recorder ends unexpectedly."""
 
 from pathlib import Path
 from types import SimpleNamespace

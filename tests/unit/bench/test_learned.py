@@ -1,4 +1,4 @@
-"""The learned scheme: its weights, what it says without them, where it comes to."""
+"""Learned scheme: weights, message if they are missing, final pose."""
 
 import numpy as np
 import pytest

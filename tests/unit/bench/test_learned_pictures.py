@@ -1,4 +1,4 @@
-"""The pose that a network reads out of a picture: its weights, its rate, where it comes to."""
+"""Pose predicted from an image by a network: weights, rate, final pose."""
 
 from pathlib import Path
 
@@ -46,7 +46,7 @@ def test_brightness_and_contrast_are_no_matter():
 
 
 class Told:
-    """A network that says what it is told, whatever the picture."""
+    """Network that returns a given pose for any image."""
 
     def __init__(self, motion):
         self.motion = np.asarray(motion, float)
@@ -57,7 +57,7 @@ class Told:
 
 @pytest.fixture
 def feature(monkeypatch):
-    """One whose network is told what to say."""
+    """Feature whose network returns a given pose."""
     monkeypatch.setattr(PoseNetwork, "load", classmethod(lambda cls: Told(np.zeros(6))))
     return LearnedPose()
 

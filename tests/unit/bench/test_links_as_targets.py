@@ -1,4 +1,4 @@
-"""A link of the robot's own description as target: a crate on the table of the arm of the docs."""
+"""A link of the robot description as the target: a crate on a table."""
 
 from pathlib import Path
 
@@ -23,7 +23,7 @@ START = {"pose": [0.42, 0.02, 0.42, 3.05, 0.08, 0.5]}
 
 @pytest.fixture
 def asked(tmp_path):
-    """An experiment of the arm beside whose table a crate of that size stands."""
+    """Return an experiment of an arm with a crate of this size next to its table."""
     def made(target, **keys):
         crate = CRATE.format(*(" ".join(map(str, part)) for part in (SIZE, PLACE)), TURN)
         text = (EXAMPLES / "my_arm.urdf").read_text().replace("</robot>", crate)
@@ -36,7 +36,7 @@ def asked(tmp_path):
 
 
 def corners(size=SIZE):
-    """Of what a crate of a size covers of the ground."""
+    """Return the corners of the ground that a crate of a size covers."""
     place = matrix_from_xyz_rpy((*PLACE[:2], 0.0), (0.0, 0.0, TURN))
     return [
         (place @ [0.5 * a * size[0], 0.5 * b * size[1], 0, 1])[:2].tolist()

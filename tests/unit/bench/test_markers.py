@@ -1,4 +1,4 @@
-"""Markers: every dictionary, which of several is the target, boards; in the loop and in moments."""
+"""Markers: every dictionary, choice among several, boards; in the loop and in the camera node."""
 
 import cv2
 import numpy as np

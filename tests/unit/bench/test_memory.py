@@ -1,4 +1,4 @@
-"""Runs that differ in target, camera and lens leave no memory behind."""
+"""Runs with different targets, cameras and lenses do not leak memory."""
 
 import subprocess
 import sys

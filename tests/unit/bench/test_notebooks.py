@@ -1,4 +1,4 @@
-"""What a notebook shows of runs: short texts, cards, figures and tables."""
+"""Display of runs in notebooks: short texts, cards, figures and tables."""
 
 from __future__ import annotations
 

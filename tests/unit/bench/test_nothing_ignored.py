@@ -297,7 +297,7 @@ def test_every_declared_key_is_tried(kind):
 
 @functools.cache
 def _fingerprint(text):
-    """What a run shows: its images, and what it records; text: its experiment as JSON."""
+    """Return a digest of a run's images and records; text: its experiment as JSON."""
     experiment = Experiment.from_mapping(json.loads(text))
     found = hashlib.md5()
 

@@ -1,4 +1,4 @@
-"""A target of one's own, by 'package.module:Class', and what the registry says of the shipped."""
+"""User-defined target 'package.module:Class', and the registry of shipped targets."""
 
 import numpy as np
 import pytest
@@ -35,14 +35,14 @@ class Blob(FlatShape):
 
 
 class Broken(TargetShape):
-    """Raises."""
+    """Shape whose method make raises an error."""
 
     def make(self):
         raise KeyError("corner")
 
 
 class Empty(TargetShape):
-    """Makes nothing."""
+    """Shape whose method make returns None."""
 
     def make(self):
         return None
@@ -90,7 +90,7 @@ def test_a_wrong_name_is_told_before_anything_runs(target, why):
     (KITE, (0.1,), r"target.size is \[0.1\], must be two lengths"),
     (KITE, (0.1, -0.1), r"target.size\[1\] is -0.1, must be > 0"),
     ("box", (0.1, 0.1), "must be three lengths"),
-    (f"{__name__}:Broken", None, "Broken': make raised KeyError: 'corner'"),
+    (f"{__name__}:Broken", None, "Broken': its method make raised KeyError: 'corner'"),
     (f"{__name__}:Empty", None, "make returned NoneType, must return a Target"),
 ])  # fmt: skip
 def test_what_cannot_be_made_is_one_line(shape, size, why):

@@ -1,4 +1,4 @@
-"""Who may see the live page."""
+"""Access rules of the live page."""
 
 import ipaddress
 import random

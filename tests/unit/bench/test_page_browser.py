@@ -1,4 +1,4 @@
-"""The live page in a real browser: drawn, alive, and asking for what is pressed."""
+"""Live page in a real browser: it is drawn and updated, and sends requests."""
 
 import contextlib
 import os
@@ -116,7 +116,7 @@ def test_nothing_hinders_readers(page, width):
 
 @pytest.fixture
 def state(page, host):
-    """Changes the words and numbers that the page is told, until the test ends."""
+    """Function that changes the page's values until the test ends."""
     before = host.page.state
 
     def change(**more):
@@ -462,7 +462,7 @@ def test_a_browser_leaves_no_process_behind(browser):
 
 
 def of_profile(mark: str) -> list[str]:
-    """Processes that run, other than those that nobody has waited for, with this profile."""
+    """Return the running processes with this profile, without zombies."""
     found = []
     for entry in Path("/proc").glob("[0-9]*/cmdline"):
         with contextlib.suppress(OSError):

@@ -1,4 +1,4 @@
-"""A viewer that is slow: what it is told comes late, in one piece, and nothing of it is lost."""
+"""Messages to a slow viewer are merged, and no update is lost."""
 
 import json
 

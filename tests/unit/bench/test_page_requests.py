@@ -1,4 +1,4 @@
-"""What a page may ask for."""
+"""Requests of the live page, and their limits."""
 
 import json
 import math

@@ -1,4 +1,4 @@
-"""The page's server without a browser, and what it tells its viewers."""
+"""Server of the live page without a browser, and its messages to viewers."""
 
 import asyncio
 import base64
@@ -50,7 +50,7 @@ def get(server, path, **headers):
 
 
 def talk(server, *messages, token=None, headers=None, answers=0):
-    """Answers to messages over one socket, after what everybody is told first."""
+    """Send messages over one socket, and return the answers after the initial messages."""
 
     async def run():
         access = server.access
@@ -315,7 +315,7 @@ def test_one_viewer_goes_and_the_other_is_told_all_the_same(server, host):
 
 
 def open_files():
-    """What this process has open; sockets and pipes have numbers of their own."""
+    """Count the open files of this process by name; the name of a socket or pipe is its number."""
     found = Counter()
     for number in os.listdir("/proc/self/fd"):
         with contextlib.suppress(FileNotFoundError):  # of the listing itself

@@ -1,4 +1,4 @@
-"""One palette: letters that can be read, and no colour of its own anywhere else."""
+"""The palette: legible contrast, and no colours outside it."""
 
 import re
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A loose box under a target; that it is grasped and put down, the gallery shows."""
+"""A movable box under a target (the gallery shows that it can be grasped and put down)."""
 
 import importlib.util
 from pathlib import Path

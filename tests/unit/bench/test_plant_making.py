@@ -39,7 +39,7 @@ MOMENTS, NONE = frozenset({Need.MOMENTS}), frozenset()
 
 
 def context_of(needs=None, depth=False, label="", **keys):
-    """What is read of an experiment; `needs` by the names of its cameras."""
+    """Return the SetupContext of an experiment; `needs` by the names of its cameras."""
     read = read_context(Experiment.from_mapping({"camera": EYE, "target": FLAT, **keys}))
     needs = needs or {read.control_camera.name: MOMENTS}
     return dataclasses.replace(read, needs=needs, has_depth=depth, labelled_link=label)
@@ -160,7 +160,7 @@ def test_a_camera_may_look_at_a_target_of_its_own():
 
 @pytest.fixture
 def built(monkeypatch):
-    """What plants would have been made of, by their kinds."""
+    """Record the arguments with which plants would be made, by kind of plant."""
     found = {}
     for place, kind in ((dynamic_arm_setup, "DynamicArm"), (assembly, "FreeCamera"),
                         (assembly, "KinematicArm"), (ideal, "IdealCamera")):
@@ -264,7 +264,7 @@ def test_targets_that_the_arm_carries_are_put_onto_its_links():
 
 
 class Filmed:
-    """An arm whose cameras deliver their pictures at these times, ns."""
+    """Arm whose cameras deliver their images at these times, ns."""
 
     def __init__(self, *given, **_):
         self.given, self.told, self.time_ns = given, [], 0

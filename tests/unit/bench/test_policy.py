@@ -1,4 +1,4 @@
-"""The policy that sees pictures: what it learns from, and where it comes to."""
+"""Policy that uses images: training data and final pose."""
 
 import numpy as np
 import pytest

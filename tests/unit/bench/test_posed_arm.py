@@ -1,4 +1,4 @@
-"""An arm that is put somewhere: what it runs into, to the millimetre, and what it hides."""
+"""Arm at a given posture: collisions to the millimetre, and occlusion of the target."""
 
 import numpy as np
 import pytest

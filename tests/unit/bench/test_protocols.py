@@ -1,4 +1,4 @@
-"""The protocols that ship: published figures to the iteration, starts where they say, tables."""
+"""Shipped protocols: published numbers, start poses, tables."""
 
 import csv
 import json
@@ -47,7 +47,7 @@ def study_of(name):
 
 
 def rows_of(name, out, *arguments):
-    """Of a published protocol, as its command leaves them."""
+    """Return the rows that the command of a protocol writes."""
     assert main(["protocol", name, "--out", str(out), "--in-process", *arguments]) == 0
     return table(out)
 

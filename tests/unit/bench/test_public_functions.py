@@ -1,4 +1,4 @@
-"""What a program does with the public functions of bench and bridge, from a run to its figure."""
+"""Public functions of bench and bridge in a program, from a run to its figure."""
 
 from __future__ import annotations
 
@@ -146,7 +146,7 @@ def test_the_results_of_two_studies_are_compared(folder: Path) -> None:
     found = first.compare(second, metrics=["final_distance"])
     lines = repr(found).splitlines()
     assert len(lines) == 3 and lines[-1].startswith("2 of 4 differences are significant")
-    assert all(line.startswith("better  final_distance") for line in lines[:2])
+    assert all(line.split()[:2] == ["better", "final_distance"] for line in lines[:2])
     frame = found.to_pandas()
     assert len(frame) == 4 and set(frame["verdict"]) == {"better", "chance"}
     renamed = replace(second, name="longer")

@@ -1,4 +1,4 @@
-"""Starts about the goal's pose: closed forms of each kind, and what is drawn."""
+"""Starts relative to the goal: closed forms of each kind, and random poses."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""A run's remedy applied to its experiment, and runs that it helps."""
+"""Remedies of runs are applied to their experiments and improve the runs."""
 
 import pickle
 

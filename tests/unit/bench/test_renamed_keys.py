@@ -1,4 +1,4 @@
-"""Keys and values of earlier versions: one line names the new name."""
+"""Renamed keys and values: one line gives the new name."""
 
 import json
 

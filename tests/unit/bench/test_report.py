@@ -1,4 +1,4 @@
-"""The report: right numbers of a run, curves with units for any scheme, one page, clear ends."""
+"""Report: correct numbers, curves with units for any scheme, one page, clear errors."""
 
 import csv
 import errno
@@ -53,7 +53,7 @@ SIMPLE = tuple((write.Chapter(name, name, "", simple),) for name in "abc")
 
 @pytest.fixture(scope="module")
 def moments():
-    """The paper's moments on an arm without dynamics, exactly seen."""
+    """Run of the scheme `moments` on an arm without dynamics, with exact features."""
     return run_with_images(
         Experiment(plant="chain", duration=SECONDS, time_after_convergence=None), "moments"
     )
@@ -61,7 +61,7 @@ def moments():
 
 @pytest.fixture(scope="module")
 def points():
-    """Four points of a square, seen by a camera that flies."""
+    """Run of four points of a square with a free camera."""
     return run_with_images({
         "plant": "free", "target": {"shape": "square", "size": [0.1, 0.1]},
         "scheme": "numbered_points", "start": {"pose": [0.05, -0.03, 0.4, 3.14159, 0.0, 0.5]},

@@ -1,4 +1,4 @@
-"""The report in a real browser: zoomed, scrubbed, runs switched off, wide and narrow."""
+"""Report in a real browser: zoom, scrubbing, hidden runs, two window widths."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""What figures show, of their lines, limits and words, against the run's arrays; none is rendered.
+"""Lines, limits and texts of figures, compared with the arrays of the run; none is rendered.
 
 The run is made_run's: a tilted path, a camera with fx other than fy, images from 1.9 s on.
 """
@@ -37,7 +37,7 @@ def picture(number):
 
 
 def filmed(run):
-    """With a picture at every twentieth image, the last of them 27 images before the end."""
+    """Run with every twentieth image stored; the last of them is 27 images before the end."""
     stamps = run.stamp[:-26:20]
     return with_images(run, [(float(s), picture(i)) for i, s in enumerate(stamps)])
 
@@ -62,7 +62,7 @@ def runs():
 
 
 def same(line, points, **look):
-    """Whether a line goes through these points (n, 2) or (n, 3) and looks so."""
+    """Return whether a line goes through these points (n, 2) or (n, 3) and has this style."""
     data = line.get_data_3d() if hasattr(line, "get_data_3d") else line.get_data()
     np.testing.assert_allclose(np.transpose(data), np.reshape(points, (-1, len(data))), atol=1e-6)
     for name, value in look.items():
@@ -83,7 +83,7 @@ MARK = ("marker", "markersize", "markerfacecolor", "markeredgecolor", "markeredg
 
 
 def alike(line, other, names=MARK):
-    """Whether two lines look the same."""
+    """Return whether two lines have the same style."""
     return all(getattr(line, f"get_{name}")() == getattr(other, f"get_{name}")() for name in names)
 
 
@@ -154,7 +154,7 @@ def test_points_go_from_a_dot_to_a_ring(runs, screen):
 
 
 def centre(rim):
-    """Of gravity of a polygon (c, 2)."""
+    """Return the centroid of a polygon (c, 2)."""
     x, y = rim.T
     cross = x * np.roll(y, -1) - y * np.roll(x, -1)
     return np.array([((v + np.roll(v, -1)) * cross).sum() / (3 * cross.sum()) for v in (x, y)])
@@ -315,14 +315,14 @@ def test_milestones_are_parts_of_the_first_error_of_all_features(runs):
 
 
 def rim_of(pose, size):
-    """Of a drawn camera: closed, in the world."""
+    """Return the closed border of a drawn camera in the world."""
     x, y, z = 0.4 * size, 0.3 * size, 0.7 * size
     corners = np.array([(-x, -y, z), (x, -y, z), (x, y, z), (-x, y, z), (-x, -y, z)])
     return corners @ pose[:3, :3].T + pose[:3, 3]
 
 
 def check_frustum(lines, pose, size, **look):
-    """Its rim, and from its tip an edge to each corner."""
+    """Check the border of a drawn camera, and an edge from its tip to each corner."""
     rim = rim_of(pose, size)
     same(lines[0], rim, **look)
     for edge, corner in zip(lines[1:], rim[:4], strict=True):
@@ -330,7 +330,7 @@ def check_frustum(lines, pose, size, **look):
 
 
 def lost_at_times(run):
-    """Its pose is not known at the first joint states of servoing, nor at one later."""
+    """Run whose pose is unknown at the first joint states of servoing, and at a later one."""
     poses = run.true_pose.copy()
     first = np.flatnonzero(run.joint_stamp >= run.stamp[0])[0]
     poses[[first, first + 1, first + 30]] = np.nan
@@ -795,7 +795,7 @@ def test_several_runs_show_their_speeds(runs):
         for run, curve in zip(runs, ratios[title].curves, strict=True):
             told = [s.ik_solution.recorded_singular_values[at] for s in run.states]
             np.testing.assert_allclose(curve.values, [max(one) / min(one) for one in told])
-    scale = ratios["factor by which limits slowed the task"]
+    scale = ratios["factor by which limits reduced the twist"]
     assert (
         scale.span == (-0.05, 1.1)
         and not scale.is_logarithmic

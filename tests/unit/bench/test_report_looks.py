@@ -1,4 +1,4 @@
-"""How figures look: which lines are thin or bold, pale or above others, and what room there is.
+"""Appearance of figures: line widths, colours, drawing order and margins.
 
 A reader has to tell what was measured, the boldest, from what helps to read it. All widths and
 letters are in points, margins in inches.
@@ -22,7 +22,7 @@ from aras_visual_servo_bench.recording.film import with_images
 
 @pytest.fixture(scope="module")
 def runs():
-    """The first with its whole-sized pictures, the second without any."""
+    """Two runs: the first with full-size images, the second without images."""
     first = made_run(3, 1.6)
     shown = np.full((400, 640, 3), 90, np.uint8)
     return [with_images(first, [(float(s), shown) for s in first.stamp[:-20:30]]),
@@ -30,7 +30,7 @@ def runs():
 
 
 def check(artist, **look):
-    """Whether something that is drawn looks so; colours in any notation."""
+    """Check the style of a drawn object; colours in any notation."""
     for name, value in look.items():
         found = getattr(artist, f"get_{name}")()
         if "color" in name and found != "none":

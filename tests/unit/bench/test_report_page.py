@@ -1,4 +1,4 @@
-"""What the report's page is made of: the runs' own arrays, film, events; any name is harmless."""
+"""Data of the report's page: arrays of the runs, film and events; any run name is safe."""
 
 import base64
 import html
@@ -27,14 +27,14 @@ HOSTILE = '</script><img src=x onerror="window.hit=1">&amp;\'"<!--'
 
 @pytest.fixture(scope="module")
 def moments():
-    """Joints, pictures, a start that is turned against the goal."""
+    """Run with joints, images, and a start that is rotated relative to the goal."""
     asked = Experiment(plant="chain", start="2016", duration=1.5, time_after_convergence=None)
     return run_with_images(asked, "moments")
 
 
 @pytest.fixture(scope="module")
 def flying():
-    """Four points, seen by a camera that flies, whose target drifts."""
+    """Run of four points with a free camera and a drifting target."""
     return run_with_images({
         "plant": "free", "scheme": "numbered_points", "duration": 1.0,
         "time_after_convergence": None,

@@ -1,4 +1,4 @@
-"""Every number that a report tells of a run, recomputed from the run's arrays by other code."""
+"""Every number of a report, recomputed from the arrays of the run by independent code."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def written(runs, tmp_path_factory):
 
 
 def ways(run):
-    """Of the joint states since the first image: s since then, m and rad from the goal."""
+    """Return time (s), distance (m) and angle (rad) to the goal at the joint states of servoing."""
     after = run.joint_stamp >= run.states[0].stamp
     poses = run.true_pose[after]
     distance = np.sqrt(((poses[:, :3, 3] - GOAL[:3, 3]) ** 2).sum(axis=1))
@@ -142,7 +142,7 @@ def recomputed(run):
 
 
 def shows(text, value, digits):
-    """Whether a printed number is this value to its digits."""
+    """Return whether a printed number is this value, rounded to its digits."""
     if value == 0:
         return text == "0"
     step = 10.0 ** (math.floor(math.log10(abs(value))) - digits + 1)
@@ -355,7 +355,7 @@ def test_every_curve_of_the_page_is_of_the_records(runs, written):
     check("condition number", "L", time, [max(L) / min(L) for L, _ in told])
     check("condition number", "L J", time, [max(LJ) / min(LJ) for _, LJ in told])
     check("manipulability", "manipulability", time, [math.prod(LJ) for _, LJ in told])
-    title = "factor by which limits slowed the task"
+    title = "factor by which limits reduced the twist"
     check(title, "scale", time, [s.ik_solution.scale for s in run.states])
     record = run.cameras["camera"]
     after = record.stamp >= began

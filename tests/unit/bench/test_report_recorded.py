@@ -1,4 +1,4 @@
-"""What is kept of a run while it goes on, and what stands still in a report's space."""
+"""Data that are recorded during a run, and fixed objects in the 3-D view of a report."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A robot as the bench knows it: where its packages are, its frames, cameras and controllers."""
+"""Robot of an experiment: packages, frames, cameras and controllers."""
 
 import dataclasses
 
@@ -232,7 +232,7 @@ def test_each_joint_has_one_controller_of_one_kind(made):
     assert made().find_controllers(("a_j",)) == ({"a_j": "first"}, "position")
     assert made({"controllers": ("fast",)}).find_controllers(("b_j",))[1] == "velocity"
     for controllers, joints, why in (
-        (("frst",), ("a_j",), "controller 'frst' is not in .*did you mean 'first'"),
+        (("frst",), ("a_j",), "robot.controllers: 'frst' is not in .*did you mean 'first'"),
         (("first", "both"), ("a_j", "b_j", "c_j"), "no single-joint controller for b_j, c_j"),
         (
             ("first", "fast"),
@@ -299,8 +299,8 @@ def test_packages_are_looked_for_where_it_is_said_then_here_then_as_ros_does(tmp
     with pytest.raises(ExperimentError) as told:
         PackagePath([tmp_path / "a"]).find("none")
     assert str(told.value) == (
-        f"package 'none' is not in {tmp_path / 'a'}, {packages._SOURCES} nor in ROS_PACKAGE_PATH: "
-        "add its folder to robot.search")
+        f"package 'none' is neither in {tmp_path / 'a'}, {packages._SOURCES} nor in "
+        "ROS_PACKAGE_PATH: add its folder to robot.search")
     monkeypatch.setenv("HOME", str(tmp_path))
     assert PackagePath(["~/a"]).find("mine") == str(own)
 

@@ -1,4 +1,4 @@
-"""The runner over plants without physics: milliseconds a run, and exact."""
+"""Runner with plants without physics: exact, and milliseconds per run."""
 
 import dataclasses
 import re

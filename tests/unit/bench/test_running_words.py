@@ -1,4 +1,4 @@
-"""`bench run`, `resume` and their workers: what is carried out, printed, and kept."""
+"""`bench run` and `resume`, and their workers: execution, output and stored results."""
 
 import argparse
 import json
@@ -19,7 +19,7 @@ STUDY = "experiment: {plant: free}\nrepeats: 3\nvary: {gain: [1.0, 2.0]}\n"
 
 @pytest.fixture
 def calls(monkeypatch):
-    """What stubs were called with; `stub(place, name, answer)` puts one there."""
+    """List of the calls of stubs; `stub(place, name, answer)` installs a stub."""
     found = []
 
     def stub(place, name, answer=None):
@@ -97,7 +97,7 @@ def test_a_study_is_made_of_its_file_or_of_what_the_words_change(calls, study, t
     assert main(["run", str(tmp_path / "none.yaml"), "--out", "o"]) == 1
     assert main(["run", "paper_basn", "--out", "o"]) == 1
     said = capsys.readouterr().err
-    assert "there is no file paper_basn, and no shipped study: did you mean 'paper_basin'?" in said
+    assert "there is no file paper_basn, and no shipped study of this name: did you mean '" in said
 
 
 TINY = """experiment: {plant: free, duration: 0.1, lag: 0.0}

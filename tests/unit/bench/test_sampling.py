@@ -1,4 +1,4 @@
-"""Starts that are drawn: their ranges, what they have to see, and how joints are looked for."""
+"""Random starts: ranges, visibility of the target, and search for joints."""
 
 import numpy as np
 import pytest
@@ -89,8 +89,7 @@ def test_poses_fill_their_ranges():
 
 
 class Stuck:
-    """Not an arm: its camera is off what is asked for by `off`, m, whatever its joints; where
-    they go may be watched."""
+    """Arm whose camera misses the requested pose by `off`, m, at any joints; it can be observed."""
 
     def __init__(self, off=0.0, slope=0.0, lower=-1.0, upper=1.0):
         self.off, self.slope, self.asked = off, slope, []
@@ -113,7 +112,7 @@ BELOW = PlacedTarget(
 
 
 class Anywhere(PolygonTarget):
-    """Seen from everywhere, in the middle of the picture."""
+    """Target that is in the middle of every image."""
 
     def outline(self, target_T_camera):
         return np.array(self.corners)

@@ -1,4 +1,4 @@
-"""What plants without a world see: exact features, drawn pictures, depth, rows one by one."""
+"""Imaging without a renderer: exact features, drawn images, depth, rolling shutter."""
 
 from dataclasses import replace
 from types import SimpleNamespace

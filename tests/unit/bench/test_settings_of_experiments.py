@@ -1,4 +1,4 @@
-"""Each setting of an experiment: what it is where nothing is said, and where its bounds are."""
+"""Every setting of an experiment: its default and its bounds."""
 
 import dataclasses
 
@@ -197,8 +197,8 @@ def test_a_bound_is_where_it_is(kind, others, key, taken, refused):
     ({"target": {**MAT, "perturbed": True}}, "free", " and motion: leave out the other keys"),
     ({"target": {**MAT, "motion": {"circle": 1.0, "frequency": 1.0}}, "target_frame": "hand"},
      "chain", "its link moves it"),
-    ({"target": MAT, "target_frame": "hand"}, "free", "plant 'free' has no arm: use chain or"),
-    ({"target_frame": "hand"}, "chain", "give the target's shape, and its pose in that link"),
+    ({"target": MAT, "target_frame": "hand"}, "free", "plant 'free' has no arm: use plant"),
+    ({"target_frame": "hand"}, "chain", "give its shape, and its pose in that link, as"),
 ])
 def test_what_a_camera_of_its_own_target_may_look_at(camera, plant, why):
     given = {"plant": plant, "cameras": {"a": {}, "b": camera}}

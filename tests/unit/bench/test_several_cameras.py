@@ -1,4 +1,4 @@
-"""Several cameras of one experiment: on every plant, unlike, late, at other rates, mistaken."""
+"""Several cameras of one experiment on every plant: different lenses, delays, rates and errors."""
 
 import base64
 
@@ -287,20 +287,20 @@ def test_the_judge_finds_nothing_in_cameras_as_believed():
         ({"goal": posed(GOAL @ exponential((0.5, 0.0, 0.0, 0.0, 0.0, 0.0)))},
          "the target is not in view of camera 'left'"),
         ({"cameras": two(right={"delay": 0.3})},
-         "images of cameras 'left' and 'right' are never available together: those of 'right' "
-         "arrive 0.3 s later"),
+         "images of cameras 'left' and 'right' are never available together, because those of "
+         "'right' arrive 0.3 s later"),
         ({"cameras": two(left={"delay": 0.5, "rate": 20}, right={"delay": 0.2})},
-         "together: those of 'left' arrive 0.3 s later, and of 'right' only the last 8 images "
-         r"\(0.267 s\) are stored"),
+         "together, because those of 'left' arrive 0.3 s later, and only the last 8 images of "
+         r"'right' \(0.267 s\) are stored"),
         ({"cameras": two(right={"rate": 0.12})},
-         "camera 'right' delivers its first image after 8.33 s, and the run lasts 8 s"),
+         "camera 'right' delivers its first image after 8.33 s, but the run lasts only 8 s"),
         ({"cameras": two(right={"rpy": [0.0, 3.1, 0.0]})},
          r"behind the camera.*\(camera 'right'\)"),
-        ({"camera": "wide"}, "camera, hand_eye and calibration_offset are for an"),
-        ({"plant": "ideal"}, "plant 'ideal' has one camera"),
+        ({"camera": "wide"}, "camera, hand_eye and calibration_offset cannot be combined"),
+        ({"plant": "ideal"}, "plant 'ideal' has only one camera"),
         ({"cameras": two(right={"focal": 2.0})}, "unknown key 'cameras.right.focal'"),
         ({"cameras": two(right={"model": "wdie"})}, "'wdie' is no preset: did you mean 'wide'"),
-        ({"cameras": two(right={"pose": [0.0] * 6})}, "a pose in the world, or xyz and rpy in the"),
+        ({"cameras": two(right={"pose": [0.0] * 6})}, r"only one of pose \(in the world\), xyz"),
         ({"cameras": {"a b": {}}, "scheme": "points"}, "cameras: 'a b' is no valid name"),
         ({"cameras": {"wall": {"pose": [0, 0, 1, 3.14, 0, 0]}}, "scheme": "points"},
          "camera 'wall' is fixed in the world, and the arm does not move its target"),

@@ -1,4 +1,4 @@
-"""Cameras that shake, on every plant: what they see, what is true, and what is said of them."""
+"""Vibrating cameras on every plant: images, true poses, and notes."""
 
 import contextlib
 from pathlib import Path
@@ -71,7 +71,7 @@ def test_a_run_repeats_and_says_that_the_camera_shakes():
     assert np.nanmax(np.abs(one.features[:20] - other.features[:20])) > 1e-5
     (note,) = one.notes
     assert "camera 'camera' shakes by up to 0.4 mm and 0.115° of amplitude at 22 Hz" in note
-    assert "without this vibration" in note
+    assert "do not contain this vibration" in note
     assert one.outcome.startswith("converged up to") and one.verdict.is_reached
     about = np.array([pose_difference(one.goal_pose, p)[0] for p in one.pose[-30:]])
     assert one.verdict.distance < 0.3 * about.max()  # where it is on average is nearer

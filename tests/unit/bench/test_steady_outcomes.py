@@ -1,4 +1,4 @@
-"""What is reported of a run, message by message: one cause at a time, with what belongs to it."""
+"""Outcomes and reasons during a run: one cause at a time, with the matching numbers."""
 
 from itertools import groupby
 

@@ -1,4 +1,4 @@
-"""What is drawn of a run: where, and when it begins anew."""
+"""3-D drawing of a run: positions of shapes, and restart of the trace."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""How a run is drawn: widths, colours, places and lengths, by literal numbers."""
+"""3-D drawing of a run: widths, colours, positions and lengths as literal numbers."""
 
 import cv2
 import numpy as np

@@ -1,4 +1,4 @@
-"""What is around the arm, links of it as targets, postures among it; and an experiment's parts."""
+"""World around the arm, its links as targets, postures in it; and the parts of an experiment."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -94,8 +94,8 @@ def test_a_link_of_a_world_is_a_solid_at_its_place(world):
     for name, wanted, why in (
             ("crat", "", f"there is no model 'crat' in world '{world}': did you mean 'crate'"),
             ("crate", "hid", "model 'crate' has no link 'hid' with visuals: "),
-            ("pair", "", "model 'pair' has 2 links with visuals: set it to one of a, b"),
-            ("bare", "", "model 'bare' has 0 links with visuals: set it to one of none")):
+            ("pair", "", "model 'pair' has 2 links with visuals: a, b; name the target's link"),
+            ("bare", "", "model 'bare' has 0 links with visuals: none; name the target's link")):
         with pytest.raises(ExperimentError, match=why):
             find_world_link(world, PACKAGES, name, wanted)
     made = with_target_link(Experiment(world=world, target={"model": "crate"}), PACKAGES).target

@@ -1,4 +1,4 @@
-"""Targets in the simulated world: what is drawn of them is what their geometry says."""
+"""Targets in the simulated world: drawn files agree with the geometry."""
 
 import contextlib
 import io
@@ -50,7 +50,8 @@ def on_the_arm(shape, size=(0.1, 0.1), motion=None, **changes):
 
 
 def seen(experiment, wanted=1):
-    """The picture (rows, columns) of that number, its stamp, and target and camera then."""
+    """Return image (rows, columns) number `wanted`, its stamp, and the poses of target and camera.
+    """
     parts = assemble(experiment)
     plant = parts.plant
     try:
@@ -143,7 +144,7 @@ def test_the_arm_servoes_on_a_target_that_was_put_there():
 @pytest.mark.parametrize(
     ("changes", "told"),
     [
-        ({"shape": "four_dots"}, "its top is at z = 0.59"),
+        ({"shape": "four_dots"}, "whose top is at z = 0.59"),
         ({"shape": SQUARE, "motion": {"step": [0.01, 0, 0]}}, "is fixed at the pose given there"),
         ({"shape": "square", "pose": PLACE, "size": [3, 1]}, "the size of the table"),
         ({"shape": "nowhere.png", "pose": PLACE}, "there is no file"),
@@ -227,7 +228,8 @@ def test_files_by_command(tmp_path, capsys):
 
 
 def mesh_of(path):
-    """(corners (n, 3), pictures' places (n, 2), faces (m, 3) from 0 on) of an OBJ."""
+    """Return corners (n, 3), texture coordinates (n, 2) and faces (m, 3), from 0, of an OBJ file.
+    """
     lines = [line.split() for line in path.read_text().splitlines()]
     corners, places = (np.array([line[1:] for line in lines if line[0] == kind], float)
                        for kind in ("v", "vt"))

@@ -1,4 +1,4 @@
-"""Pictures of free cameras against exact projection."""
+"""Images of free cameras, compared with exact projection."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Targets as geometry: against hand-made projections, and moving as they are told."""
+"""Geometry of targets, compared with projections by hand; and their motion."""
 
 import dataclasses
 

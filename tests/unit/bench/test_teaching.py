@@ -1,4 +1,4 @@
-"""What teaches the networks: pictures with their answers, training, and the programs."""
+"""Training of the networks: images with labels, training, and programs."""
 
 import sys
 
@@ -101,7 +101,7 @@ def test_the_smaller_picture_is_of_the_same_view():
 
 
 class Flown:
-    """Environments that are where a test says; `asked` are the actions."""
+    """Environments with given poses; `asked` lists the actions."""
 
     def __init__(self, count: int) -> None:
         random = np.random.default_rng(5)
@@ -395,7 +395,7 @@ def test_a_policy_is_learned_from_twelve_thousand_pictures_unless_told(monkeypat
 
 
 class Says:
-    """A network that says what it is told."""
+    """Network that returns a given prediction."""
 
     def __init__(self, told):
         self.told, self.asked = np.array(told), []
@@ -410,7 +410,7 @@ AT_GOAL, NOW = (0.01, 0.0, -0.02, -3.0), (0.1, -0.2, 0.3, 3.0)
 
 @pytest.fixture(params=[learned, policy])
 def flown(request, monkeypatch):
-    """A scheme whose network is told what to say, what it sees now, and a goal."""
+    """Scheme whose network returns a given prediction, with an observation and a goal."""
     from types import SimpleNamespace
 
     network, moments = Says(AT_GOAL), Moments.from_polygon(

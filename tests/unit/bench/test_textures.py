@@ -1,4 +1,4 @@
-"""Targets with pictures and by name, and what trackers find of them against the exact points."""
+"""Textured targets, and points that trackers find on them, compared with the exact points."""
 
 import struct
 import zlib
@@ -78,7 +78,7 @@ DOTS = ((100, 80), (220, 80), (220, 160), (100, 160))
 
 
 def dotted(middles, radius=9):
-    """A picture (240, 320) with black dots at (u, v), px."""
+    """Return an image (240, 320) with black dots at (u, v), px."""
     picture = np.full((240, 320), 255, np.uint8)
     for u, v in middles:
         cv2.circle(picture, (u, v), radius, 0, -1)
@@ -142,7 +142,8 @@ def test_of_what_is_dark_the_largest_round_things_are_the_dots():
 
 
 def pictured(target, camera, view, fine=8):
-    """The picture (rows, columns) of a pinhole camera, each pixel the mean of fine x fine."""
+    """Return the image (rows, columns) of a pinhole camera; a pixel is the mean of fine x fine
+    samples."""
     fx, _, cx, _, fy, cy, *_ = camera.K
     whole = CameraModel(
         camera.width * fine, camera.height * fine,

@@ -1,4 +1,4 @@
-"""What the feature or the law of a user may return: converted where it is clear, else one line."""
+"""Return values of user-defined features and laws: converted, or refused in one line."""
 
 import numpy as np
 import pytest
@@ -105,7 +105,7 @@ def test_numbers_that_are_none_now_and_then_are_counted(duration, kind):
 
 
 class Aside(Feature):
-    """One number, written as a beginner writes it: no tuples, no name, no check."""
+    """Feature of one number in a beginner's style: no tuples, no name, no check."""
 
     names, tolerances, units = "x", 0.001, ""
     directions = (True, False, False, False, False, False)
@@ -130,7 +130,7 @@ def test_a_feature_that_teaches_needs_no_check_and_one_number_no_tuple():
 
 
 class Centred(Aside):
-    """Its goal is the middle of the image, so it keeps nothing."""
+    """Feature whose goal is the centre of the image, so it stores nothing."""
 
     def teach(self, observation):
         return {}

@@ -1,4 +1,4 @@
-"""Runs that end elsewhere than at their goal while every feature is at its own."""
+"""Runs that end at a wrong pose although every feature has its desired value."""
 
 import re
 

@@ -1,4 +1,4 @@
-"""What the commands' words come to: every option reaches what carries it out."""
+"""Command line: every option reaches the function that uses it."""
 
 import sys
 from contextlib import contextmanager
@@ -39,7 +39,7 @@ cases:
 
 @pytest.fixture
 def asked(monkeypatch):
-    """What was called, and with what; `stub` puts such a function in its place."""
+    """List of calls with their arguments; `stub` replaces a function by a recording one."""
     found = []
 
     def stub(place, name, answer=None):
@@ -75,22 +75,27 @@ def test_plots_are_put_where_they_are_wanted(asked, tmp_path, capsys):
     assert main(["plot", "x", "y", "--metrics", "m,n"]) == 0
     assert capsys.readouterr().out == "one.png\ntwo.svg\n"
     assert main(["plot", "x", "--format", "svg, pdf", "--out", "there"]) == 0
+    assert main(["plot", "x", "--paper"]) == 0
+    capsys.readouterr()
     assert [[str(one) if not isinstance(one, list) else list(map(str, one)) for one in call]
             for call in asked.found] == [
-        ["write_figures", ["<x>", "<y>"], "x/plots", ["png"], ["m", "n"], ["x", "y"]],
-        ["write_figures", ["<x>"], "there", ["svg", "pdf"], [], ["x"]]]
+        ["write_figures", ["<x>", "<y>"], "x/plots", ["png"], ["m", "n"], ["x", "y"],
+         "False"],
+        ["write_figures", ["<x>"], "there", ["svg", "pdf"], [], ["x"], "False"],
+        ["write_figures", ["<x>"], "x/plots", ["pdf"], [], ["x"], "True"]]
 
 
 def test_differences_are_of_the_first_folder_and_the_second(asked, capsys):
     asked(results.compare, "find_differences", "found")
     asked(results.compare, "describe_differences", "so and so")
+    asked(results.captions, "describe_repeats", [])
     assert main(["diff", "x", "y", "--by", "p", "--metrics", "m,n"]) == 0
     assert main(["diff", "x", "y", "--all"]) == 0
     assert asked.found == [
-        ("find_differences", "<x>", "<y>", ["p"], ["m", "n"]),
-        ("describe_differences", "found", False),
-        ("find_differences", "<x>", "<y>", [], []),
-        ("describe_differences", "found", True),
+        ("find_differences", "<x>", "<y>", ["p"], ["m", "n"], ""),
+        ("describe_differences", "found", False), ("describe_repeats", ["<x>", "<y>"]),
+        ("find_differences", "<x>", "<y>", [], [], ""),
+        ("describe_differences", "found", True), ("describe_repeats", ["<x>", "<y>"]),
     ]
     assert capsys.readouterr().out == 2 * "so and so\n"
 
@@ -291,7 +296,7 @@ def test_browsing_serves_until_it_is_interrupted(asked, capsys, monkeypatch, dis
 
 @pytest.fixture
 def bar(monkeypatch):
-    """What the bar of progress shows."""
+    """Record what the progress bar shows."""
     shown = []
     monkeypatch.setattr(analyze, "ProgressBar", lambda _stream: SimpleNamespace(
         show=lambda part, what: shown.append((part, what)), close=lambda: shown.append("closed")))
@@ -300,7 +305,7 @@ def bar(monkeypatch):
 
 @pytest.fixture
 def bags(monkeypatch):
-    """Bags are not read but named, with what reading them tells of its progress."""
+    """Replace the reading of bags by a function that returns a named run and reports progress."""
     found = SimpleNamespace(read_bag=lambda path, progress: progress(0.25) or f"bag {path}")
     monkeypatch.setitem(sys.modules, "aras_visual_servo_bench.ros.bag", found)
 

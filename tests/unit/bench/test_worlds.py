@@ -1,4 +1,4 @@
-"""Experiments in a world of their own, and the one that ships."""
+"""Experiments with world files of users, and with the shipped one."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ def test_a_world_that_is_not_there_is_named():
 
 
 @pytest.mark.parametrize(("asked", "said"), [
-    ({"world": "workbench", "sun": {"direction": [0, 0, -1]}}, "lights are those of the world"),
-    ({"world": "workbench", "plant": "free"}, "world is for the Bullet arm"),
+    ({"world": "workbench", "sun": {"direction": [0, 0, -1]}}, "the world file contains the li"),
+    ({"world": "workbench", "plant": "free"}, "world acts only on plant bullet"),
 ])
 def test_worlds_that_cannot_be_are_refused(asked, said):
     with pytest.raises(ExperimentError, match=said):

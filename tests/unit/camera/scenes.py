@@ -1,4 +1,4 @@
-"""Small worlds whose pictures are known exactly."""
+"""Small worlds whose images are known exactly."""
 
 from __future__ import annotations
 

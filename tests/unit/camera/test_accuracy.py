@@ -1,4 +1,4 @@
-"""The picture agrees with CameraInfo and with geometry to a fraction of a pixel."""
+"""Images agree with CameraInfo and with geometry to a fraction of a pixel."""
 
 from dataclasses import replace
 from functools import cache
@@ -74,13 +74,13 @@ def measured(image, guess):
 
 
 def well_inside(points, pixels, config):
-    """Which corners are in front of the camera and away from the picture's border."""
+    """Return which corners are in front of the camera and away from the image border."""
     return ((points[:, 2] > 0.01) & (pixels > 10).all(axis=1)
             & (pixels < np.array([config.width, config.height]) - 11).all(axis=1))
 
 
 def picture(sensor, world_T_optical):
-    """What the sensor draws, (H, W, 3), before noise."""
+    """Return the rendered image (H, W, 3) of the sensor, before noise."""
     config = sensor.config
     return sensor.renderer.render(
         View(config.width, config.height, world_T_optical, config.K, 0.005, 20.0,
@@ -88,7 +88,7 @@ def picture(sensor, world_T_optical):
 
 
 def poses(config, count, seed=1, aside=0.5):
-    """Poses from which a board of 0.28 m fills much of the picture."""
+    """Return poses at which a board of 0.28 m fills a large part of the image."""
     rng = np.random.default_rng(seed)
     away = 0.42 * config.K[0, 0] / config.width
     for _ in range(count):

@@ -1,4 +1,4 @@
-"""Textures seen aslant, against the mean of 576 places in each pixel."""
+"""Textures on inclined surfaces, compared with the mean of 576 samples per pixel."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which triangles each tile of a picture is said to show, against rays through its pixels."""
+"""Triangles that are assigned to each tile of an image, compared with rays through its pixels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pictures between two ticks: links and the camera itself are where they were at the instant."""
+"""Images between two physics steps: links and camera have their poses at the exposure."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What is off a picture is left out of it, and nothing that is on it."""
+"""Culling: objects outside the image are left out, and no visible object is."""
 
 from __future__ import annotations
 

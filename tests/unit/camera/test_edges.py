@@ -1,4 +1,4 @@
-"""Pictures against samples as fine as one likes, whatever is in view and however large they are."""
+"""Antialiased images, compared with very dense sampling, for any scene and size."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Effects of the registry and of users: by name in the settings, on the light, reproducible."""
+"""Camera effects of the registry and of users: selected by name, reproducible."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What is prepared for views that come again is kept by the memory it takes, not by its number."""
+"""Cache of prepared geometry: its memory is limited, not its number of entries."""
 
 from dataclasses import dataclass
 
@@ -11,7 +11,7 @@ class Made:
 
 
 def keys(recent: ByteLimitedCache, wanted: dict[str, int]) -> list[str]:
-    """Those of `wanted` that had to be made."""
+    """Return the entries of `wanted` that had to be made."""
     made = []
     for key, size in wanted.items():
         recent.get(key, lambda size=size, key=key: made.append(key) or Made(size))

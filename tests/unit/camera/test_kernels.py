@@ -1,4 +1,4 @@
-"""What the renderer's compiled functions say of random numbers, each by itself, as plain Python."""
+"""Compiled functions of the renderer, run as plain Python on random numbers."""
 
 from __future__ import annotations
 
@@ -423,7 +423,7 @@ def lying(longer, size):
 
 
 def texels(image):
-    """As of a file, with all its halves."""
+    """Return the texels of an image with all its reduced sizes."""
     parts, lanes = [np.array([len(image)], np.uint64)], np.array([0, 21, 42], np.uint64)
     while True:
         parts.append((image.astype(np.uint64) << lanes).sum(axis=2).ravel())

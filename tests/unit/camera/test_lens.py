@@ -1,4 +1,4 @@
-"""Lenses against OpenCV, against their own inverse, and at their limits."""
+"""Lens models, compared with OpenCV and with their inverses, and at their limits."""
 
 import cv2
 import numpy as np

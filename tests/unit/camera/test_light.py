@@ -1,4 +1,4 @@
-"""How light becomes grey levels."""
+"""Conversion of light into grey levels."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ DOWN = (0.0, 0.0, -1.0)
 
 
 def level(bench, light, colour="Gazebo/White") -> int:
-    """Of a plate that faces up."""
+    """Return the grey level of a plate that faces up."""
     bench.box([1.0, 1.0, 0.05], [0, 0, -0.05], colour)
     view = View(320, 240, looking([0.1, 0, 1.0], [0, 0, 0], (0, 1, 0)), K)
     picture = create_renderer("exact", bench.world, light).render(view)

@@ -1,4 +1,4 @@
-"""The pose of a solid by its edges: accuracy on drawn pictures, and what is said of a lost one."""
+"""Model-based tracking of a solid: accuracy on rendered images, and lost targets."""
 
 from types import SimpleNamespace
 
@@ -95,7 +95,8 @@ def test_edge_points_are_those_that_a_depth_image_shows(folder, name):
 
 
 def hidden(solid, eye, points):
-    """(n,) whether a face lies before points (n, 3) of the surface, by casting rays at all."""
+    """Return (n,) whether a face hides points (n, 3) of the surface, by casting rays at all faces.
+    """
     a, b, c = solid.vertices[solid.faces].transpose(1, 0, 2)
     rays, normals = points - eye, np.cross(b - a, c - a)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -272,7 +273,7 @@ def test_an_edge_is_measured_up_to_three_pixels_from_the_border(axis):
 
 
 def shaded_edge(angle, half, slope=3.0):
-    """A picture (40, 40) of two faces' edge, 0.3 px beyond points (13, 2) along their normals.
+    """Return an image (40, 40) with the edge of two faces, 0.3 px beyond points (13, 2).
 
     half: grey levels by which the faces there differ from the mean. slope: grey levels a pixel.
     """

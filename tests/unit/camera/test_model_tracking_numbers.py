@@ -17,7 +17,7 @@ SLACK, FARTHEST, UNEVEN = 0.35, 1.5, 0.35
 
 
 def pictures():
-    """Grey pictures with edges: of shaded stripes and noise at all angles, and of noise alone."""
+    """Yield grey images with edges: shaded stripes with noise at all angles, and noise alone."""
     random = np.random.default_rng(4)
     v, u = np.mgrid[:70, :90]
     for angle, pitch, noise in ((0.1, 17.0, 0.0), (0.9, 23.0, 2.0), (1.9, 14.0, 0.0),
@@ -30,7 +30,7 @@ def pictures():
 
 
 def places(angle, random, count=80):
-    """Points (n, 2) in a picture and beside it, and normals, mostly along an angle."""
+    """Return points (n, 2) in and next to an image, and normals, mostly along an angle."""
     pixel = random.uniform(-2.0, (92.0, 72.0), (count, 2))
     turn = np.where(random.random(count) < 0.6, angle, random.uniform(0.0, 2 * np.pi, count))
     turn += np.pi * random.integers(0, 2, count) + random.normal(0.0, 0.05, count)
@@ -55,8 +55,7 @@ def searched(grey, pixel, normal):
 
 
 def agree(levels, along, expected, tolerance):
-    """Whether levels (left, right) are those that are expected on the normal's side, and on the
-    other."""
+    """Return whether levels (left, right) agree with the expected ones on both sides of an edge."""
     sides = levels[::-1] if along > 0.0 else levels
     return all(want < 0.0 or abs(is_ - want) <= tolerance
                for is_, want in zip(sides, expected, strict=True))

@@ -1,4 +1,4 @@
-"""Points on the visible edges of solids, each worked out here by itself."""
+"""Points on the visible edges of solids, compared with independent code."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ SIZE = np.array([CAMERA.width, CAMERA.height])
 
 
 def drum() -> np.ndarray:
-    """Of 24 sides, each shorter in the picture than what is left out at the ends of an edge."""
+    """Return a drum with 24 sides; in the image, each is shorter than the omitted ends of an edge.
+    """
     around = 2.0 * np.pi * np.arange(24) / 24
     return prism(RADIUS * np.column_stack([np.cos(around), np.sin(around)]), 0.0, 0.05)
 
@@ -32,7 +33,7 @@ def room(uv, edges, own, at, k) -> tuple[float, float]:
 
 
 def expected(solid, T, spacing) -> list[tuple]:
-    """As EdgePoints, point by point."""
+    """Compute the result of EdgePoints point by point."""
     P = solid.vertices @ T[:3, :3].T + T[:3, 3]
     uv = P @ K.T
     uv = uv[:, :2] / uv[:, 2:]

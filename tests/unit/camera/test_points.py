@@ -1,4 +1,4 @@
-"""Point clouds and depth pictures, against the projection and the scene that they are of."""
+"""Point clouds and depth images, compared with the projection and the scene."""
 
 import numpy as np
 import pytest

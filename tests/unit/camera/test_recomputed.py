@@ -30,7 +30,7 @@ def side_of(part, a, b, c) -> tuple:
 
 
 class Caster:
-    """All triangles of a renderer's scene, in the world."""
+    """Ray caster for all triangles of a renderer's scene, in the world frame."""
 
     def __init__(self, renderer) -> None:
         renderer.scene.refresh()
@@ -320,7 +320,7 @@ def scene(bench, tmp_path, what, lens, lit, near=0.02, far=50.0, size=(43, 27), 
 
 @pytest.fixture(params=["plain", "compiled"])
 def how(request, monkeypatch):
-    """The same code runs as plain Python, with fewer rays at a shadow's edge, and compiled."""
+    """Run the test twice: with compiled code, and with plain Python and fewer shadow rays."""
     if request.param == "plain":
         request.getfixturevalue("plainly")
         monkeypatch.setattr(shadows, "MANY_RAYS", 24)

@@ -1,4 +1,4 @@
-"""Both renderers draw what Bullet holds, and say what they cannot do."""
+"""Both renderers draw the geometry in Bullet, and report unsupported features."""
 
 from concurrent.futures import ThreadPoolExecutor
 
@@ -26,7 +26,7 @@ def view(eye=(2.0, -1.5, 1.2), at=(0.0, 0.0, 0.3), **changes):
 
 
 def furnish(bench):
-    """One of every shape, some turned, with their centres of mass off their origins."""
+    """Add one of every shape, some rotated, with their centres of mass off their origins."""
     bench.box([0.2, 0.1, 0.3], [0, 0.6, 0.3], "Gazebo/Red", orientation=(0.1, 0, 0, 0.995))
     shapes = [Geometry("sphere", radius=0.2), Geometry("cylinder", radius=0.15, length=0.5),
               Geometry("capsule", radius=0.1, length=0.4)]
@@ -199,7 +199,7 @@ def test_obj_materials_and_textures(bench, tmp_path):
 
 
 def painted(file) -> None:
-    """A picture whose right half has red in it and whose upper half green."""
+    """Return an image whose right half contains red and whose upper half contains green."""
     picture = np.zeros((64, 64, 3), np.uint8)
     picture[:, 32:, 2] = 255  # OpenCV's order
     picture[:32, :, 1] = 255

@@ -1,4 +1,4 @@
-"""A camera that shakes on its mounting: where it is, and what its pictures show."""
+"""Vibrating camera: its poses and its images."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def camera(**keys):
 
 
 def shown(renderer, config, pose):
-    """What a camera (4, 4) sees."""
+    """Return the image of a camera at a pose (4, 4)."""
     return renderer.render(View(160, 120, pose, config.K, config.near, config.far))
 
 

@@ -1,4 +1,4 @@
-"""A scene that comes again is not prepared again, and one that differs in anything is."""
+"""Prepared scenes are reused if and only if they are equal."""
 
 import os
 from dataclasses import fields, replace

@@ -1,4 +1,4 @@
-"""What textures are read from: their halves, and the places in a pixel."""
+"""Preparation of textures: reduced sizes, and sample positions in a pixel."""
 
 from __future__ import annotations
 

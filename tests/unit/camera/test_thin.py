@@ -1,4 +1,4 @@
-"""What is thinner than a pixel is as dark as the area that it covers, wherever it lies."""
+"""Objects thinner than a pixel darken it by the area that they cover."""
 
 from __future__ import annotations
 

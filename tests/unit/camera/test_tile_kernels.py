@@ -32,7 +32,7 @@ ENDS = np.array([[-0.5, -0.5], [0.5, -0.5], [-0.5, 0.5], [0.5, 0.5]])  # of a pi
 
 
 def moved(x, y):
-    """From pixels right of and below x, y to rays."""
+    """Return the matrix from pixels right of and below x, y to rays."""
     return CAMERA @ [[1.0, 0.0, x], [0.0, 1.0, y], [0.0, 0.0, 1.0]]
 
 

@@ -1,4 +1,4 @@
-"""Renderer on PyBullet's TinyRenderer: slow, and a second opinion beside the simulator's own."""
+"""Renderer based on PyBullet's TinyRenderer: slow, for comparison with the simulator's own."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Moving sequences of three solids, drawn by the renderer, for tests and the side-by-side."""
+"""Rendered sequences of three moving solids, for tests and for the comparison with ViSP."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def prism(outline: np.ndarray, low: float, high: float) -> np.ndarray:
 
 
 def corners_of(name: str) -> np.ndarray:
-    """Triangles (n, 3, 3) of one of SOLIDS, m; it stands on z = 0."""
+    """Return the triangles (n, 3, 3) of one of SOLIDS, m; it stands on z = 0."""
     if name == "box":
         x, y, z = BOX
         sides = np.array([(-x, -y), (x, -y), (x, y), (-x, y)]) / 2.0
@@ -63,7 +63,7 @@ def corners_of(name: str) -> np.ndarray:
 
 
 def write_obj(path: Path, parts: list[tuple[np.ndarray, float]]) -> Path:
-    """An OBJ file of parts: triangles (n, 3, 3), and their grey, 0 to 1."""
+    """Write an OBJ file of parts: triangles (n, 3, 3), and their grey level, 0 to 1."""
     lines, colours, first = [f"mtllib {path.stem}.mtl"], [], 1
     for k, (triangles, grey) in enumerate(parts):
         points, number = np.unique(triangles.reshape(-1, 3), axis=0, return_inverse=True)
@@ -79,7 +79,7 @@ def write_obj(path: Path, parts: list[tuple[np.ndarray, float]]) -> Path:
 
 def block(middle: tuple[float, float], size: tuple[float, float], turn: float, low: float,
           high: float) -> np.ndarray:  # fmt: skip
-    """Triangles of a block that stands turned about the vertical, rad."""
+    """Return the triangles of a block that is rotated about the vertical, rad."""
     a, b = 0.5 * size[0], 0.5 * size[1]
     sides = np.array([(-a, -b), (a, -b), (a, b), (-a, b)])
     c, s = np.cos(turn), np.sin(turn)
@@ -117,7 +117,7 @@ def _body(name: str, number: int, folder: Path, parts: list[tuple[np.ndarray, fl
 
 
 def _clutter(random: np.random.Generator) -> list[tuple[np.ndarray, float]]:
-    """Tiles and blocks of other greys around the solid and behind it."""
+    """Return tiles and blocks of other grey levels around and behind the solid."""
     parts = []
     for _ in range(90):
         away, angle = random.uniform(0.06, 0.45), random.uniform(0.0, 2.0 * np.pi)
@@ -130,7 +130,7 @@ def _clutter(random: np.random.Generator) -> list[tuple[np.ndarray, float]]:
 
 
 class Sequence:
-    """Pictures of one solid under one condition, from a camera that flies around it."""
+    """Images of one solid under one condition, from a camera that flies around it."""
 
     def __init__(self, solid: str, condition: str, folder: Path, count: int = 500) -> None:
         self.solid, self.condition, self.count = solid, condition, count
@@ -149,7 +149,7 @@ class Sequence:
         self._renderer = create_renderer("exact", _Still(bodies), SUN)
 
     def pose(self, i: int) -> np.ndarray:
-        """camera_T_solid (4, 4) of picture i."""
+        """Return camera_T_solid (4, 4) of image i."""
         s = i / 30.0
         lean = 0.75 + 0.25 * np.sin(0.9 * s + 0.5)
         turn = 0.6 + 1.1 * np.sin(0.45 * s)
@@ -165,17 +165,17 @@ class Sequence:
         return inverse(middle @ away @ exponential(shake))
 
     def view(self, i: int) -> View:
-        """Of picture i."""
+        """Return the view of image i."""
         K = np.reshape(CAMERA.K, (3, 3))
         return View(*SIZE, inverse(self.pose(i)), K, 0.02, 20.0)
 
     def pictures(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """Grey pictures (rows, columns) uint8, each with its camera_T_solid (4, 4)."""
+        """Yield grey images (rows, columns), uint8, each with its camera_T_solid (4, 4)."""
         for i in range(self.count):
             yield self.picture(i), self.pose(i)
 
     def picture(self, i: int) -> np.ndarray:
-        """(rows, columns) uint8."""
+        """Return image i (rows, columns), uint8."""
         view = self.view(i)
         if self.card is not None:
             self._hide(view, i)
@@ -187,11 +187,11 @@ class Sequence:
         return np.ascontiguousarray(grey)
 
     def depth(self, i: int) -> np.ndarray:
-        """(rows, columns) m of picture i."""
+        """Return the depth image i (rows, columns), m."""
         return self._renderer.measure(self.view(i))[0]
 
     def _hide(self, view: View, i: int) -> None:
-        """Put the card where it hides HIDDEN of the solid, from a side that goes round slowly."""
+        """Place the card where it hides HIDDEN of the solid, from a slowly rotating side."""
         side = 0.01 * i
         out = np.array([np.cos(side), np.sin(side), 0.0])
         middle = (self.pose(i) @ (0.0, 0.0, 0.03, 1.0))[:3]
@@ -229,5 +229,5 @@ def error_of(solid: str, found: np.ndarray, true: np.ndarray) -> tuple[float, fl
 
 
 def lens(camera: CameraModel, D: tuple[float, ...]) -> CameraModel:
-    """The camera with this distortion."""
+    """Return the camera with this distortion."""
     return replace(camera, D=D)

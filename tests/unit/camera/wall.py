@@ -1,4 +1,4 @@
-"""A wall with a texture, and what its pixels show, averaged over many places in each."""
+"""Textured wall, and its exact pixel values as means of many samples."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ TEXELS = 512  # a side
 
 
 def blocks(size: int, low: int = 85, high: int = 171, seed: int = 4) -> np.ndarray:
-    """(TEXELS, TEXELS) uint8: squares of `size` texels, each dark or bright."""
+    """Return an image (TEXELS, TEXELS), uint8, of squares of `size` texels, dark or bright."""
     many = TEXELS // size
     chosen = np.random.default_rng(seed).integers(0, 2, (many, many))
     return np.kron(np.where(chosen, high, low), np.ones((size, size))).astype(np.uint8)
@@ -73,7 +73,7 @@ def aslant(angle: float, roll: float, turn: float, distance: float = 1.0) -> np.
 
 
 def errors(pixels: np.ndarray, view: View, picture: np.ndarray, many: int = 200) -> np.ndarray:
-    """By how much pixels of a picture differ from what they cover, grey levels."""
+    """Return the differences between pixels of an image and their exact values, grey levels."""
     T = view.world_T_optical
     spots = np.random.default_rng(1).uniform(-0.45 * SIDE, 0.45 * SIDE, (many, 2))
     seen = (np.column_stack([spots, np.zeros(many)]) - T[:3, 3]) @ T[:3, :3] @ view.K.T

@@ -1,4 +1,4 @@
-"""A robot without physics engine: unit masses that efforts push and positions put."""
+"""Robot without physics engine: unit masses that are driven by efforts or by positions."""
 
 import sys
 from dataclasses import dataclass, field
@@ -29,7 +29,7 @@ def _soft(lower=-1.5, upper=1.5, k_position=10.0, k_velocity=20.0):
 def _joint(
     name, kind="revolute", interface="EffortJointInterface", limits=None, soft_limits=None, **more
 ):
-    """A joint with its transmission; limits: SimpleNamespace, or 'none'."""
+    """Return a joint with its transmission; limits: SimpleNamespace, or 'none'."""
     if limits is None:
         limits = _limits()
     joint = SimpleNamespace(
@@ -46,7 +46,8 @@ def _joint(
 
 
 class FakeModel:
-    """Unit masses. `stuck` joints ignore everything; `calls` records what the hardware did."""
+    """Robot of unit masses. `stuck` joints do not move; `calls` records the calls of the hardware.
+    """
 
     def __init__(self, names):
         self.joint_names = tuple(names)
@@ -75,7 +76,7 @@ class FakeModel:
             self.v[self.joint_names.index(joint)] = velocity
 
     def integrate(self, dt):
-        """Semi-implicit Euler over dt seconds."""
+        """Integrate by semi-implicit Euler over dt, s."""
         for k, name in enumerate(self.joint_names):
             if name not in self.stuck:
                 self.v[k] += self.tau[k] * dt
@@ -84,7 +85,7 @@ class FakeModel:
 
 @dataclass
 class Rig:
-    """Model, hardware, manager and loop with a simulated clock; `log` collects the lines."""
+    """Model, hardware, manager and loop with a simulated clock; `log` collects messages."""
 
     model: FakeModel
     hardware: RobotHardware
@@ -96,7 +97,7 @@ class Rig:
     physics: bool = True
 
     def step(self, n=1):
-        """n physics steps."""
+        """Make n physics steps."""
         for _ in range(n):
             self.time_ns += self.step_ns
             self.loop.step(self.time_ns)

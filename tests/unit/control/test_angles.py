@@ -1,4 +1,4 @@
-"""Angle distances: the contract's rules on hand-made cases, and against ROS's own package."""
+"""Angle distances: hand-made cases of ROS's rules, and comparison with ROS's package."""
 
 import itertools
 import os

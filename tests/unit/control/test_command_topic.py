@@ -27,7 +27,7 @@ class Inbox:
 
 
 class Thread:
-    """As SimulationThread; jobs are done at once."""
+    """Replacement of SimulationThread that runs jobs at once."""
 
     lockstep = None
     receiver = Inbox()
@@ -65,7 +65,7 @@ def body(value: float) -> bytes:
 
 
 class Connection:
-    """As rospy's, with what its thread has read: messages, and `rest` of the next one."""
+    """Replacement of rospy's connection: messages that were read, and `rest` of the next one."""
 
     def __init__(self, *bodies: bytes, rest: bytes = b"", comes: bytes = b"") -> None:
         self.header = {"callerid": "/somebody"}
@@ -82,7 +82,7 @@ class Connection:
         return len(self._comes)
 
     def tell(self, subscriber) -> None:
-        """What rospy's thread does with what it has read."""
+        """Process the messages as rospy's thread does."""
         subscriber.impl = SimpleNamespace(connections=[self])
         for message in self.messages(subscriber.kind):
             subscriber.hear(message)
@@ -188,7 +188,7 @@ def test_rospy_s_thread_rests_until_its_connection_ends(ros, monkeypatch, why):
 
 
 class Gate:
-    """Notes what it is told of."""
+    """Gate of the simulation thread that records its calls."""
 
     def __init__(self) -> None:
         self.told = []

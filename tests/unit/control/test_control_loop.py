@@ -1,4 +1,4 @@
-"""Order and periods of read, update, write; the same inputs give the same bits."""
+"""Order and periods of read, update and write; equal inputs give bit-identical results."""
 
 import threading
 
@@ -16,7 +16,7 @@ class Log:
         self.calls = []
 
     def reset(self):
-        """As the manager's."""
+        """Record the call, like the manager's reset."""
 
     def __getattr__(self, verb):
         return lambda *times: self.calls.append((verb, *times))

@@ -1,4 +1,4 @@
-"""controller_manager: states, strictness, conflicts, when a switch happens, faults of users."""
+"""controller_manager: states, strictness, conflicts, time of a switch, errors of users' code."""
 
 import sys
 import types
@@ -21,7 +21,7 @@ PARAMETERS = {
 
 
 class Recorder(Controller):
-    """Writes down what the manager does to it; raises where told to."""
+    """Controller that records the manager's calls, and raises an error if requested."""
 
     interface = "EffortJointInterface"
 

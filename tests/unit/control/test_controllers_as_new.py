@@ -1,4 +1,4 @@
-"""A controller that was at work and stopped does the same as a new one when it is started again.
+"""A restarted controller behaves like a new one.
 
 Of two unlike joints 'a' is not the controller's where it has one alone. The clock stands at the
 same, odd time when both are started.
@@ -69,7 +69,7 @@ class Bench:
         self.rig, self.k, self.trace = rig, 0, []
 
     def go_on(self, count, push=0.0):
-        """As many cycles of 1 ms; `push`: how far from their way the joints are."""
+        """Run `count` cycles of 1 ms; `push`: offset of the joints from their trajectory."""
         rig = self.rig
         for _ in range(count):
             self.k += 1

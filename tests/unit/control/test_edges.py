@@ -1,4 +1,4 @@
-"""Edges that faults were planted at: exact zeros, nothing given, a second goal, start states."""
+"""Edge cases found by mutation tests: exact zeros, missing values, a second goal, start states."""
 
 from math import inf, pi
 

@@ -1,4 +1,4 @@
-"""Commands' sockets as the simulation's thread reads them: what acts in which step."""
+"""Command sockets that the simulation's thread reads: which message acts in which step."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Interpolated set points: where they are, that they never jump, and what switches them on."""
+"""Interpolated set points: values, continuity, and activation."""
 
 from math import pi
 from types import SimpleNamespace

@@ -1,4 +1,4 @@
-"""Messages through sockets that take them at once, later, or never."""
+"""Messages through sockets that accept them at once, later, or never."""
 
 import contextlib
 import socket
@@ -33,11 +33,11 @@ def line():
 
 
 class Pixels(bytearray):
-    """Of an image; may be referred to weakly."""
+    """Pixels of an image, which support weak references."""
 
 
 def message(n: int) -> tuple[bytes, memoryview]:
-    """In two parts; every byte says which message it belongs to."""
+    """Return a message of two parts; every byte identifies its message."""
     return bytes([n]) * 10, memoryview(Pixels(bytes([n]) * (SIZE - 10)))
 
 
@@ -112,7 +112,7 @@ def test_somebody_is_told_when_a_socket_took_more(line, monkeypatch):
 
 
 class Sip:
-    """A socket that takes so many bytes at a time."""
+    """Socket that accepts a limited number of bytes at a time."""
 
     def __init__(self, most: int) -> None:
         self.most, self.taken = most, b""

@@ -1,4 +1,4 @@
-"""joint_limits_interface's rules, each line computed by hand from its formula."""
+"""Rules of joint_limits_interface; each expected value is computed by hand."""
 
 import random
 

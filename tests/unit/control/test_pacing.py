@@ -1,4 +1,4 @@
-"""When steps are due, on a wall clock that the test turns."""
+"""Pacing of steps on a wall clock that the test sets."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""control_toolbox's PID, number by number; every value is computed by hand."""
+"""PID of control_toolbox; every expected value is computed by hand."""
 
 from math import inf, nan
 

@@ -1,4 +1,4 @@
-"""What ROS hears of controllers and cameras never stands in the simulation's way."""
+"""Publishing of controllers and cameras never delays the simulation."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from aras_sim_bridge.ros.control.state_topic import StateTopic
 
 
 class Publisher:
-    """As NonBlockingPublisher, with listeners that the test sends and takes away."""
+    """Replacement of NonBlockingPublisher; the test adds and removes its subscribers."""
 
     def __init__(self, topic, message, queue_size, on_change) -> None:
         self.subscriber_count = 0
@@ -28,7 +28,7 @@ class Publisher:
 
 
 class Thread:
-    """As SimulationThread, whose turn the test gives."""
+    """Replacement of SimulationThread, whose jobs the test runs."""
 
     def __init__(self) -> None:
         self.jobs = []

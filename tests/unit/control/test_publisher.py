@@ -1,4 +1,4 @@
-"""A topic's listeners come, read, leave: what each is sent, and what is kept for it."""
+"""Subscribers that come, read and leave: which messages each receives, and what is stored."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from aras_sim_bridge.ros.runtime.publisher import NonBlockingPublisher
 
 
 class Connection:
-    """A listener's, as rospy keeps it."""
+    """Connection of a subscriber with the interface of rospy."""
 
     def __init__(self) -> None:
         self.endpoint_id = "/listener"

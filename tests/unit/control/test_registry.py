@@ -1,4 +1,4 @@
-"""Type strings to classes: the built-in ones, and a user's own package."""
+"""Type strings of controllers: built-in classes and classes of a user's package."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""What a second start, a second emergency stop and another step find: nothing of the first."""
+"""A second start, emergency stop or step does not depend on the first."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""The thread that owns the simulation: gates, stalls, floods of jobs, the end."""
+"""Thread of the simulation: requests, stalls, floods of jobs, termination."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ def test_unpausing_clears_the_gate_that_steps_closed(started):
 
 
 class Commands(MessageReceiver):
-    """Before a step there is one where `comes` says so; `flood` are passed over in a group."""
+    """Receiver: `comes` decides whether a command acts before a step; a group skips `flood`."""
 
     def __init__(self, comes: Callable[[int], bool], flood: int = 0) -> None:
         super().__init__()
@@ -122,7 +122,7 @@ class Commands(MessageReceiver):
 
 
 class Plan(Pacer):
-    """So many steps are due each time, and no more."""
+    """Pacing with a fixed number of due steps each time."""
 
     def __init__(self, *steps: float, factor: float = 1.0) -> None:
         super().__init__(factor)

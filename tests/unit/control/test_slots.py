@@ -1,4 +1,4 @@
-"""Commands wait in slots; listeners that leave, resets and bad code in a controller do no harm."""
+"""Commands are stored until the next cycle; leaving subscribers, resets and errors do no harm."""
 
 from math import nan
 
@@ -69,7 +69,7 @@ def test_a_reset_and_a_start_forget_what_no_cycle_has_seen(bench):
 
 
 class Leaving:
-    """A listener that is taken away right after it was seen, as another thread may do."""
+    """Subscriber that is removed right after it was found, as another thread may do."""
 
     def __set_name__(self, owner, name):
         self.heard = []
@@ -79,7 +79,7 @@ class Leaving:
         return self.heard.append if seen else None
 
     def __set__(self, owner, value):
-        """As if nobody listened yet."""
+        """Set the value as if there was no subscriber yet."""
 
 
 TRAJECTORY = "effort_controllers/JointTrajectoryController"

@@ -1,4 +1,4 @@
-"""Streams of commands through the simulation's thread, on a wall clock that the test turns.
+"""Command streams through the simulation's thread, on a wall clock that the test sets.
 
 Waiting turns the clock, and so do steps; messages arrive at their times in real sockets.
 """

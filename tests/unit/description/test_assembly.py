@@ -1,4 +1,4 @@
-"""SDF models whose links are no tree: free bodies, closed chains, joints that are turned round."""
+"""SDF models whose links are not a tree: free bodies, closed chains, reversed joints."""
 
 import math
 

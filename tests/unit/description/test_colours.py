@@ -1,4 +1,4 @@
-"""What a link looks like: Gazebo's materials by name; names that Gazebo does not have."""
+"""Appearance of links: Gazebo's materials by name, and unknown names."""
 
 import pytest
 
@@ -93,7 +93,7 @@ def visual(material, name="v"):
 
 
 def shown(*visuals):
-    """The colour of a link of SDF with these visuals, and what is said of it."""
+    """Return the colour of an SDF link with these visuals, and the warnings."""
     made = parse_sdf("<sdf><model name='r'><link name='a'>" + "".join(
         one.replace("'v'", f"'v{k}'") for k, one in enumerate(visuals)) + "</link></model></sdf>")
     return made.colours.get("a"), made.warnings
@@ -125,7 +125,8 @@ def test_a_link_has_the_colour_of_its_first_visual_that_has_one():
     for visuals, rgba in (((green, blue), GREEN), ((PLAIN, blue, PLAIN, green), BLUE)):
         assert shown(*visuals) == (
             rgba,
-            ("link 'a': its visuals have several colours; the first is used for all of them",))
+            ("link 'a': its visuals have several colours; the first is used for all of them; put "
+             "the others into links of their own",))
 
 
 @pytest.mark.parametrize("tag", ["diffuse", "ambient"])

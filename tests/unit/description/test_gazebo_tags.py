@@ -1,4 +1,4 @@
-"""The <gazebo> tags of a URDF: plugins, cameras, flags of links; what is not known warns."""
+"""<gazebo> tags of a URDF: plugins, cameras, flags of links; unknown tags cause a warning."""
 
 import math
 from dataclasses import astuple
@@ -25,7 +25,7 @@ def robot(inside):
 
 
 def camera(inside="", sensor="", kind="camera"):
-    """The camera of a sensor with this text in its <camera>, and beside it."""
+    """Return the camera of a sensor with this text inside and after its <camera>."""
     return robot(f"<gazebo reference='a'><sensor type='{kind}' name='eye'>{sensor}<camera>{inside}"
                  "</camera></sensor></gazebo>").cameras[0]
 
@@ -123,7 +123,7 @@ def test_a_lens():
 
 
 @pytest.mark.parametrize("inside, reason", [
-    ("<image><width>0</width></image>", "image is 0 × 240 pixels; 1 … 16384 are possible"),
+    ("<image><width>0</width></image>", "image is 0 × 240 pixels; each side must be 1 … 16384"),
     ("<image><height>16385</height></image>", "320 × 16385"),
     ("<image><height>0</height></image>", "320 × 0"),
     ("<image><width>16385</width></image>", "16385 × 240"),

@@ -1,4 +1,4 @@
-"""glTF files: what they show is drawn, what is wrong in them is one line."""
+"""glTF files: contents are drawn, and an error is a one-line message."""
 
 import json
 
@@ -104,7 +104,7 @@ def _many(tree):
 @pytest.mark.parametrize(("change", "complaint"), [
     (lambda tree: tree.update(extensionsRequired=["KHR_draco_mesh_compression"]),
      "KHR_draco_mesh_compression, which is not supported"),
-    (lambda tree: tree["asset"].update(version="1.0"), "it is not glTF 2"),
+    (lambda tree: tree["asset"].update(version="1.0"), "the file is not glTF 2"),
     (lambda tree: tree.pop("asset"), "it has no asset"),
     (lambda tree: tree.update(scenes=[{"nodes": []}], nodes=[]), "no triangles|do not match"),
     (lambda tree: tree["meshes"][0]["primitives"][0].update(indices=99), "missing data"),
@@ -121,5 +121,5 @@ def test_what_is_wrong_is_one_line_that_names_the_file(tmp_path, change, complai
 @pytest.mark.parametrize("data", [b"", b"glTF", b"{}", b"glTF" + bytes(40), b"[" * 100_000])
 def test_what_is_no_gltf_is_said(tmp_path, data):
     (tmp_path / "part.glb").write_bytes(data)
-    with pytest.raises(DescriptionError, match="cannot be used: it (does not start|is no)"):
+    with pytest.raises(DescriptionError, match="cannot be used: the file (does not start|is no)"):
         read(str(tmp_path / "part.glb"))

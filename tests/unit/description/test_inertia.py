@@ -1,4 +1,4 @@
-"""Inertia tensors find their axes, and are refused where no body has them."""
+"""Principal axes of inertia tensors; impossible tensors are refused."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""What each part of a description is where its file says nothing, in full."""
+"""Default values of every part of a description, in full."""
 
 import math
 from dataclasses import astuple
@@ -79,7 +79,7 @@ ENDLESS = (None, None, 1e16, 1e16)
 
 
 def whole(made):
-    """All of a description as tuples, and mappings of them."""
+    """Return all values of a description as tuples and mappings."""
     parts = [{key: astuple(value) for key, value in part.items()}
              for part in (made.links, made.joints)]
     return (*astuple(made)[:2], *parts, *astuple(made)[4:])

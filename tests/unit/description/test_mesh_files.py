@@ -1,4 +1,4 @@
-"""Mesh files: damaged ones are refused by name, sound ones are the same for eye and touch."""
+"""Mesh files: damaged files are refused by name; images and collisions use the same mesh."""
 
 import os
 import struct
@@ -65,14 +65,14 @@ def dae(old="", new=""):
 
 
 def polygons(text, each):
-    """The same with a <polylist>."""
+    """Return the COLLADA file with a <polylist> instead of triangles."""
     text = text.replace(b'<triangles count="4">', b'<polylist count="4">')
     return text.replace(b"</triangles>", b"<vcount>" + each + b"</vcount></polylist>")
 
 
 
 def polygon_list(*corners):
-    """The same with <polygons>."""
+    """Return the COLLADA file with <polygons> instead of triangles."""
     text = dae("<p>0 2 1 0 1 3 0 3 2 1 2 3</p>").replace(b'<triangles count="4">', b"<polygons>")
     return text.replace(b"</triangles>", b"".join(b"<p>%b</p>" % each for each in corners)
                         + b"</polygons>")
@@ -84,7 +84,7 @@ DAMAGED = [
     ("empty.stl", b"", "0 bytes are neither ASCII STL nor"),
     ("text.stl", b"this is a shopping list, not a mesh\n" * 9, "neither ASCII STL nor"),
     ("cut.stl", binary_stl()[:-60], "224 bytes are neither ASCII STL nor a binary one of 4"),
-    ("none.stl", bytes(84), "it has no triangle with an area"),
+    ("none.stl", bytes(84), "the file has no triangle with an area"),
     ("flat.stl", binary_stl(((0, 0, 0), (1, 0, 0), (2, 0, 0), (3, 0, 0))), "with an area"),
     ("nan.stl", binary_stl((*CORNERS[:3], (float("nan"), 0, 0))), "a corner is not finite"),
     ("far.stl", binary_stl((*CORNERS[:3], (1e30, 0, 0))), "a corner is 1e+30, beyond 1e+09"),
@@ -97,7 +97,7 @@ DAMAGED = [
     ("nan_ascii.stl", ascii_stl().replace(b"vertex 0.1", b"vertex nan"), "a corner is not finite"),
     ("word_ascii.stl", ascii_stl().replace(b"vertex 0.1", b"vertex one"), "lines do not form"),
     ("cut_ascii.stl", ascii_stl()[:250].rpartition(b"vertex")[0], "lines do not form triang"),
-    ("empty.obj", b"", "it has no faces"),
+    ("empty.obj", b"", "the file has no faces"),
     ("far.obj", obj("f 1 2 99999999"), "line 9: a face refers to element 99999999 of 4"),
     ("back.obj", obj("f 1 2 -99999999"), "refers to element -99999999 of 4"),
     ("zero.obj", obj("f 0 1 2"), "refers to element 0 of 4"),
@@ -107,15 +107,15 @@ DAMAGED = [
     ("word.obj", obj("f one two three"), "line 9: it contains an invalid number"),
     ("inf.obj", obj("v inf 0 0"), "line 9: a vertex needs three finite numbers"),
     ("short.obj", obj("v 0 0"), "a vertex needs three finite numbers"),
-    ("pair.obj", b"v 0 0 0\nv 1 0 0\nf 1 2\n", "it has no faces"),
-    ("a.dae", b"<a/>", "its root element is not <COLLADA>"),
+    ("pair.obj", b"v 0 0 0\nv 1 0 0\nf 1 2\n", "the file has no faces"),
+    ("a.dae", b"<a/>", "the root element is not <COLLADA>"),
     ("empty.dae", b"", "COLLADA: the description is empty"),
     ("cut.dae", dae()[:400], "COLLADA: line"),
     ("zip.dae", b"PK\3\4" + bytes(99), "COLLADA: line 1"),
-    ("utf16.dae", dae().decode().encode("utf-16"), "it is not UTF-8 text"),
+    ("utf16.dae", dae().decode().encode("utf-16"), "the file is not UTF-8 text"),
     ("entity.dae", b'<!DOCTYPE a [<!ENTITY b "c">]><COLLADA/>', "document type"),
-    ("bare.dae", b"<COLLADA/>", "its scene contains no triangles"),
-    ("none.dae", dae('<instance_geometry url="#g"/>'), "its scene contains no triangles"),
+    ("bare.dae", b"<COLLADA/>", "the scene contains no triangles"),
+    ("none.dae", dae('<instance_geometry url="#g"/>'), "the scene contains no triangles"),
     ("meter.dae", dae('meter="1"', 'meter="-1"'), "<unit>: meter -1 must be positive"),
     ("zero.dae", dae('meter="1"', 'meter="0"'), "<unit>: meter 0 must be positive"),
     ("65.dae", dae('offset="0"', 'offset="65"'), "an invalid offset"),
@@ -129,7 +129,8 @@ DAMAGED = [
     ("far.dae", dae("<p>0 ", "<p>99999999 "), "(maxindex=99999999) for source 's' (len=4)"),
     ("back.dae", dae("<p>0 ", "<p>-1 "), "a face refers to position -1 of 4"),
     ("list.dae", polygons(dae("<p>0 ", "<p>99999999 "), b"3 3 3 3"), "(maxindex=99999999)"),
-    ("large.dae", polygons(dae(), b"3 3 3 2000000000"), "<polylist> of 4: <p> has 12 indices"),
+    ("large.dae", polygons(dae(), b"3 3 3 2000000000"),
+     "<polylist> with the count 4: <p> has 12 indices"),
     ("two.dae", polygons(dae(), b"2 4 3 3"), "each polygon needs at least three corners"),
     ("polygons.dae", polygon_list(b"0 2 1", b"0 1 3", b"0 3"), "has a polygon with fewer"),
     ("meaning.dae", polygons(dae("POSITION", "PLACE"), b"3 3 3 3"), "Bad vertices definition"),
@@ -148,7 +149,7 @@ DAMAGED = [
         f'<node id="n{k}">' + (f'<instance_node url="#n{k - 1}"/>' * 2 if k else "") + "</node>"
         for k in range(30)) + "</library_nodes>").replace(
             b'<instance_geometry url="#g"/>', b'<instance_node url="#n29"/>'),
-     "its scene has more than 100000 nodes; simplify it"),
+     "the scene has more than 100000 nodes; simplify it"),
     ("loop.dae", dae('<instance_geometry url="#g"/>', '<instance_node url="#n"/>'), "cannot be"),
     ("a.ply", b"ply", "convert it to one of .dae, .glb, .gltf, .obj, .stl"),
 ]

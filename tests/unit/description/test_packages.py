@@ -1,4 +1,4 @@
-"""Packages are found where ROS finds them, also those that come and go while we run."""
+"""Packages are found where ROS finds them, also if they are added or removed at run time."""
 
 import os
 

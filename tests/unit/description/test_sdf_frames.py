@@ -1,4 +1,4 @@
-"""Poses that are given by a link, a joint, a frame or a model: the same places as without."""
+"""SDF poses relative to a link, joint, frame or model are equal to absolute poses."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ def joint(at="", parent="a", child="b", frame=""):
 
 
 def assert_same(given, expected):
-    """The same links, joints and shapes at the same places, to rounding."""
+    """Check that links, joints and shapes have the same poses, to rounding."""
     assert not given.warnings and not expected.warnings
     assert list(given.links) == list(expected.links) and given.root == expected.root
     assert list(given.joints) == list(expected.joints)

@@ -1,4 +1,4 @@
-"""Where SDF's poses put links, shapes, joints and cameras; and what it leaves open."""
+"""Poses of links, shapes, joints and cameras in SDF, and their defaults."""
 
 import math
 

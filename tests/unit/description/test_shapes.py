@@ -1,4 +1,4 @@
-"""Shapes as triangles, and what a renderer is given of a world: where, in which colour."""
+"""Shapes as triangles, and the poses and colours that a renderer receives."""
 
 import math
 
@@ -136,7 +136,8 @@ def test_what_is_inside():
 
 
 def wound(mesh, point):
-    """How often the surface goes round a point: its solid angle (van Oosterom) over 4 pi."""
+    """Return the winding number of a surface about a point: its solid angle over 4 pi (van
+    Oosterom)."""
     a, b, c = (corners(mesh) - point).transpose(1, 0, 2)
     la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
     volumes = np.einsum("ni,ni->n", a, np.cross(b, c))

@@ -17,7 +17,7 @@ ROBOT = """<robot name="fork"><link name="base"/><link name="a"/><link name="b"/
 
 
 def names(base, link):
-    """Of the joints on that path of the fork."""
+    """Return the names of the joints on a path of the fork."""
     return [joint.name for joint in parse_tree(ROBOT).find_path(base, link)]
 
 

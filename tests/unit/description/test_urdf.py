@@ -1,4 +1,4 @@
-"""URDF: what each element and attribute becomes, and what is said where one is wrong."""
+"""URDF: effect of each element and attribute, and error messages."""
 
 import math
 import os
@@ -281,7 +281,7 @@ SHAPES = {  # shape: (settings, what they become)
 
 
 def both(kind, settings):
-    """What gives the geometry of a URDF, and of an SDF, whose part is this shape."""
+    """Return functions that make the geometry of a URDF and of an SDF with this shape."""
     def urdf():
         inside = " ".join(f"{key}='{value}'" for key, value in settings.items())
         return shown(f"<{kind} {inside}/>")[0].geometry

@@ -1,4 +1,4 @@
-"""World files: physics, models and lights as written, Gazebo's defaults for the rest."""
+"""World files: physics, models and lights as written, otherwise Gazebo's defaults."""
 
 import math
 from dataclasses import astuple, replace

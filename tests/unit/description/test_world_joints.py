@@ -1,4 +1,4 @@
-"""Joints between the models of a world: what is bolted down by them, and what is left out."""
+"""Joints between the models of a world: fixed models, and joints that are left out."""
 
 import numpy as np
 import pytest

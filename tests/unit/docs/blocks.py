@@ -1,4 +1,4 @@
-"""The code blocks of everything that the documentation site shows.
+"""Code blocks of all pages of the documentation site.
 
 What a test has to know of a block that a reader need not stands in a comment before it:
 `<!-- test: given arm, joints -->` names what the code takes for granted (see test_blocks.GIVEN),
@@ -27,7 +27,7 @@ FILE = re.compile(r"^(?:#|//|<!--) ([\w./-]+\.(?:py|yaml|urdf|launch))(?: -->)?\
 
 @dataclass(frozen=True)
 class Block:
-    """A code block. mark: what the comment before it says. fenced: False where it is indented."""
+    """A code block. mark: the comment before it. fenced: False if the block is indented."""
 
     page: Path
     line: int
@@ -38,17 +38,17 @@ class Block:
 
     @property
     def place(self) -> str:
-        """As an editor opens it."""
+        """Position of the block in the form FILE:LINE that editors open."""
         return f"{self.page.relative_to(ROOT)}:{self.line}"
 
     @property
     def file(self) -> str:
-        """Path that its first line gives it; empty where there is none."""
+        """Path in the first line of the block; empty if there is none."""
         found = FILE.match(self.text)
         return found[1] if found else ""
 
     def commands(self) -> Iterator[list[str]]:
-        """The words of each command of a shell's block, without what puts it in the background."""
+        """Words of each command of a shell block, without those that start it in the background."""
         pending = ""
         for line in self.text.replace("\\\n", " ").splitlines():
             pending += f"{line}\n"
@@ -68,7 +68,7 @@ class Block:
 
 
 def blocks(page: Path) -> list[Block]:
-    """All of a page, in order."""
+    """Return all code blocks of a page, in order."""
     made, mark = [], ""
     for token in MarkdownIt("commonmark").parse(page.read_text(encoding="utf-8")):
         if token.type == "html_block":

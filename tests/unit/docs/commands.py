@@ -1,4 +1,4 @@
-"""Whether a command of the documentation would be taken as it is written; little is carried out."""
+"""Check whether a documented command would be accepted as written; few are executed."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ Words = list[str]
 
 
 class Parsed(Exception):  # noqa: N818
-    """A command line was taken."""
+    """Raised when a program has accepted its command line."""
 
 
 class Messages(importlib.abc.MetaPathFinder, importlib.abc.Loader):
-    """Message packages where nothing is built: programs import them before they read words."""
+    """Importer of empty message packages, because programs import messages before parsing words."""
 
     def find_spec(self, name, path=None, target=None):
         if re.search(r"(^|\.)(\w+_msgs|msg|srv)(\.|$)", name):
@@ -47,7 +47,7 @@ class Messages(importlib.abc.MetaPathFinder, importlib.abc.Loader):
         return module
 
     def exec_module(self, module) -> None:
-        """There is nothing to carry out."""
+        """Do nothing: the module is empty."""
 
 
 def _message(name: str) -> type:
@@ -57,7 +57,7 @@ def _message(name: str) -> type:
 
 
 def check(words: Words, folder: Path) -> None:
-    """Fail where the command would be refused, or where nothing here knows its program."""
+    """Check a documented command; fail if it would be refused or if its program is unknown."""
     program = words[0]
     name = program.rpartition("/")[2]
     if name.startswith("python"):
@@ -68,7 +68,7 @@ def check(words: Words, folder: Path) -> None:
 
 
 def taken(run: Callable[[], object], words: Words) -> None:
-    """Let a program read its command line, and stop it there."""
+    """Run a program until it has parsed its command line."""
     plain = argparse.ArgumentParser.parse_known_args
     depth = 0
 
@@ -103,7 +103,7 @@ def taken(run: Callable[[], object], words: Words) -> None:
 
 
 def forget(modules: set[str]) -> None:
-    """Stand-ins for messages, and what of ours was made with them."""
+    """Remove empty message modules, and modules of this project that have imported them."""
     made = {name for name in modules if isinstance(sys.modules[name].__loader__, Messages)}
     for name in modules if made else ():
         if name in made or name.startswith("aras_"):
@@ -126,7 +126,7 @@ def python(words: Words, folder: Path) -> None:
 
 
 def found(name: str, folder: Path) -> Path:
-    """A file that the page made, or one of the checkout."""
+    """Return the path of a file that the page has written, or of a file of the checkout."""
     packages = [path.parent for path in SOURCES.glob("*/package.xml")]
     for place in (folder, ROOT, *packages):
         if (place / name).is_file():
@@ -174,7 +174,7 @@ def roslaunch(words: Words, folder: Path) -> None:
 
 
 def scheme(name: str) -> None:
-    """A name that the registry knows; a class is looked for where the page made it."""
+    """Check a scheme: a registered name, or a class in a module that the page has written."""
     if ":" not in name:
         Experiment(scheme=name)
         from aras_visual_servo_controller.schemes import create_scheme
@@ -191,7 +191,7 @@ def camera(name: str, folder: Path) -> None:
 
 
 def script(words: Words, folder: Path) -> None:
-    """Our own scripts, without what they would start."""
+    """Run a script of this project without the programs that it would start."""
     name, *rest = words
     name = Path(name).name
     if name == "test.sh":
@@ -210,7 +210,7 @@ def script(words: Words, folder: Path) -> None:
 
 
 def _without_setup(folder: Path, rest: Words) -> Words:
-    """What demo.sh hands on, in a workspace where there is nothing to set up."""
+    """Return the words that demo.sh passes on in a workspace that needs no setup."""
     stage = folder / "stage"
     shutil.rmtree(stage, ignore_errors=True)
     (stage / "devel").mkdir(parents=True)
@@ -233,7 +233,7 @@ def _without_setup(folder: Path, rest: Words) -> Words:
 
 
 def docker(words: Words, folder: Path) -> None:
-    """`docker compose -f FILE run --rm SERVICE [command]`, or `docker build -f FILE .`"""
+    """Check `docker compose -f FILE run --rm SERVICE [command]`, or `docker build -f FILE .`"""
     file = ROOT / words[words.index("-f") + 1]
     assert file.is_file(), f"no {file}"
     if words[1] == "compose":
@@ -243,7 +243,7 @@ def docker(words: Words, folder: Path) -> None:
 
 
 def copy(words: Words, folder: Path) -> None:
-    """From the checkout to where the page works, whatever that is called."""
+    """Copy a file of the checkout into the folder of the page."""
     for word in words[1:-1]:
         shutil.copy(ROOT / word, folder)
 
@@ -253,22 +253,22 @@ def bag(words: Words, folder: Path) -> None:
 
 
 def service(words: Words, folder: Path) -> None:
-    """That it is there when the graph runs, tests/integration/test_docs.py sees."""
+    """Accept a service call; tests/integration/test_docs.py checks it on a graph."""
     assert words[1] in ("call", "list", "info", "echo", "hz", "load", "set", "get", "pub"), words
 
 
 def anything(words: Words, folder: Path) -> None:
-    """The system's own."""
+    """Accept a command of the system."""
 
 
 def dask(words: Words, folder: Path) -> None:
-    """Its programs read their words, and begin nothing."""
+    """Check the words of Dask's programs, without starting them."""
     program = importlib.import_module(f"distributed.cli.dask_{words[1]}").main
     program.make_context(" ".join(words[:2]), list(words[2:]))
 
 
 def pip(words: Words, folder: Path) -> None:
-    """Of this checkout, with extras that it has."""
+    """Check `pip install` of this checkout, with extras that exist."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     assert words[1] == "install" and re.fullmatch(r"\.(\[\w+\])?", words[2]), words
     assert words[2][2:-1] in ("", *project["optional-dependencies"]), words

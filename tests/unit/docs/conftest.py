@@ -1,4 +1,4 @@
-"""Lets the tests of this folder share blocks.py and commands.py."""
+"""Adds this folder to the module path, so that its tests can import its helpers."""
 
 import sys
 from pathlib import Path
@@ -12,5 +12,5 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 @pytest.fixture(autouse=True)
 def _figures_of_few_dots(monkeypatch):
-    """Drawing and packing all of them is half of a report's time."""
+    """Draw figures with 75 dpi, because drawing them takes half of a report's time."""
     monkeypatch.setitem(style.STYLE, "savefig.dpi", 75)

@@ -1,4 +1,4 @@
-"""What code in the documentation takes for granted, by the name in the comment before it."""
+"""Objects that code blocks of the documentation assume, by their name in a preceding comment."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ CONFIG = ROOT / "src" / "aras_visual_servo_controller" / "config"
 
 
 def loop() -> dict[str, Any]:
-    """What somebody has who writes his own loop: a goal file, a description, a picture, joints."""
+    """Return the objects of a user's own loop: goal file, description, image, joints."""
     Path("goal_2016.yaml").write_text((CONFIG / "goal_2016.yaml").read_text())
     urdf = (ROOT / "src/aras_visual_servo_gazebo/robots/aras_visual_servo.urdf").read_text()
     arm, goal = Arm.from_urdf(urdf), Goal.load("goal_2016.yaml")
@@ -38,14 +38,14 @@ def loop() -> dict[str, Any]:
 
 
 def moments() -> dict[str, Any]:
-    """An ImageMoments message, and the outline that is wanted."""
+    """Return an ImageMoments message, and the desired outline."""
     seen = Moments.from_polygon(0.9 * SQUARE)
     message = types.SimpleNamespace(valid=True, m=seen.m_array, mu=seen.mu_array, order=seen.order)
     return {"corners_at_the_desired_pose": SQUARE, "message": message}
 
 
 def my_package() -> dict[str, Any]:
-    """A user's package with a feature."""
+    """Register a package my_package with a feature, as a user would write it."""
     module = types.ModuleType("my_package.my_module")
     module.MyFeature = type("MyFeature", (ImageMoments,), {})
     sys.modules.update({"my_package": types.ModuleType("my_package"), module.__name__: module})
@@ -53,7 +53,7 @@ def my_package() -> dict[str, Any]:
 
 
 def four_points() -> dict[str, Any]:
-    """Everything before the loop of docs/examples/four_points.py, for 60 images."""
+    """Return everything before the loop of docs/examples/four_points.py, for 60 images."""
     path = ROOT / "docs" / "examples" / "four_points.py"
     names = runpy.run_path(str(path)) | {"images": 60}
     (main,) = (node for node in ast.parse(path.read_text()).body
@@ -65,7 +65,7 @@ def four_points() -> dict[str, Any]:
 
 
 def portal() -> dict[str, Any]:
-    """Copies of the examples of several cameras."""
+    """Copy the examples of several cameras."""
     for name in ("portal.yaml", "portal.urdf", "portal_controllers.yaml", "stereo_ibvs.py",
                  "eye_to_hand.py", "both_eyes.yaml"):  # fmt: skip
         Path(name).write_text((ROOT / "docs" / "examples" / name).read_text())

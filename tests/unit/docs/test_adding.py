@@ -1,4 +1,4 @@
-"""The page for those who add something names files and folders that there are."""
+"""Files and folders that the page for contributors names exist."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ PATHS = sorted(set(re.findall(r"`([a-z]\w*/[\w/.]*(?:/|\.py))`", PAGE)))
 
 
 def place(path: str) -> Path:
-    """Return the file or folder that a path of the page stands for."""
+    """Return the file or folder that a path in the page denotes."""
     head, _, rest = path.partition("/")
     package = PACKAGES.get(head, head)
     places = (ROOT / "src" / package / "src" / package / rest, ROOT / "tests" / "unit" / path)

@@ -1,4 +1,4 @@
-"""Every code block of the documentation does what it says: none is left out."""
+"""Every code block of the documentation works; none is left out."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def carry_out(block: Block, folder: Path, names: dict[str, Any]) -> None:
 
 
 def monkeypatched_path(folder: Path) -> None:
-    """Where a page's own modules are found; the page's test puts the path back."""
+    """Make a page's own modules importable; the test of the page restores the path."""
     if str(folder) not in sys.path:
         sys.path.insert(0, str(folder))
 
@@ -91,7 +91,7 @@ def run(words: list[str], more: list[str]) -> None:
 
 
 def load(tree: Mapping[str, Any]) -> None:
-    """By whoever reads such a file; which that is, its keys say."""
+    """Load a YAML tree with the reader that its keys determine."""
     keys = set(tree)
     fields = {field.name for field in dataclasses.fields(Experiment)}
     if "experiment" in keys:

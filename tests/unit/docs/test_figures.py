@@ -1,4 +1,4 @@
-"""Figures that several pages give are those of the code."""
+"""Numbers that several pages state are equal to those of the code."""
 
 import math
 
@@ -9,7 +9,7 @@ from aras_visual_servo_controller.diagnosis.pose_uncertainty import NEGLIGIBLE_U
 
 
 def said(part_and_radians, degrees="°"):
-    """Of a bound: part of the depth, and rad."""
+    """Return the text of a bound: fraction of the depth, and angle (rad)."""
     part, angle = part_and_radians
     depth = f"{100 * part:g} % of the target's depth ({1e3 * part * 0.2:g} mm at 0.2 m)"
     return f"within {depth} and {math.degrees(angle):.1f}{degrees}"

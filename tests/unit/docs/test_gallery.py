@@ -1,4 +1,4 @@
-"""The gallery's examples do what they say, and its page and the front page show them all."""
+"""The gallery's examples work, and the gallery and the front page show all of them."""
 
 import os
 import runpy

@@ -1,4 +1,4 @@
-"""What users import is public, listed once, and imported when it is used."""
+"""Public names are listed once and are imported when they are first used."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ NOTEBOOKS = sorted(ROOT.glob("docs/**/*.ipynb"))
 
 
 def private_imports(text: str) -> list[str]:
-    """What a Python text imports of the workspace that is not public, as it is written there."""
+    """Return the non-public names of the workspace that a Python text imports."""
     found = []
     for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("aras_"):

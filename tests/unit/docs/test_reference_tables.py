@@ -1,4 +1,4 @@
-"""Tables of READMEs and documentation say what the classes and registries say."""
+"""Tables of READMEs and documentation agree with the classes and registries."""
 
 import dataclasses
 import importlib
@@ -36,7 +36,7 @@ def test_every_field_of_a_shown_class_is_in_its_table(script):
 
 def test_what_a_docstring_changes_changes_the_page(script):
     class Documented:
-        """One.
+        """Documented class.
 
         Attributes (of the class):
             first, second: both,

@@ -1,4 +1,4 @@
-"""Numbers of the documentation's tables, and defaults in help texts, are those of the code."""
+"""Numbers in tables of the documentation, and defaults in help texts, agree with the code."""
 
 from __future__ import annotations
 
@@ -69,7 +69,8 @@ def tables(page: Path) -> Iterator[list[list[str]]]:
 
 
 def table(page: str, first: str) -> list[list[str]]:
-    """The rows of all tables of a page whose heading begins so, without their headings."""
+    """Return the rows of all tables of a page whose heading starts with `first`, without headings.
+    """
     found = [rows for rows in tables(ROOT / page) if rows[0][0] == first]
     assert found, (page, first)
     return [row for rows in found for row in rows[1:]]
@@ -80,7 +81,7 @@ def names_of(cell: str) -> list[str]:
 
 
 def listed(cell: str, count: int) -> list[str]:
-    """The words of a cell for so many names; one counts for all."""
+    """Return the words of a cell for `count` names; one word counts for all."""
     plain = cell.replace("`", "")
     parts = plain.split(", ") if count > 1 else [plain]
     return parts * count if len(parts) == 1 else parts
@@ -148,7 +149,7 @@ def test_the_reach_of_lenses_is_what_they_draw():
 
 
 def same(told: str, value: object) -> bool:
-    """Whether a cell says this default."""
+    """Return whether a cell states this default."""
     if told == str(value):
         return True
     words = {"empty": ("", (), []), "none": (None, -1.0, "", ()), "''": ("",), "": ("",)}

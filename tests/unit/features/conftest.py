@@ -1,4 +1,4 @@
-"""Lets the tests of this folder share feature_cases.py."""
+"""Adds this folder to the module path, so that its tests can import feature_cases.py."""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Shapes, poses, a camera that really moves, and moments in exact arithmetic."""
+"""Shapes, poses, a moving camera, and moments in exact arithmetic."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ TARGET = np.array(
 
 
 def rotation(axis_angle: np.ndarray) -> np.ndarray:
-    """(3, 3) rotation of a rotation vector (3,), rad."""
+    """Return the rotation matrix (3, 3) of a rotation vector (3,), rad."""
     return cv2.Rodrigues(np.asarray(axis_angle, dtype=float))[0]
 
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """A planar shape (n, 2) m in its own frame, seen from R, t: P_camera = R p + t."""
+    """Planar shape (n, 2), m, in its own frame, viewed with P_camera = R p + t."""
 
     shape: np.ndarray
     R: np.ndarray
@@ -36,12 +36,12 @@ class View:
 
     @property
     def points(self) -> np.ndarray:
-        """(n, 3) in the camera's frame."""
+        """Points (n, 3) in the camera frame, m."""
         return self.shape @ self.R[:, :2].T + self.t
 
     @property
     def image(self) -> np.ndarray:
-        """(n, 2) normalised."""
+        """Points (n, 2) in normalised image coordinates."""
         return self.points[:, :2] / self.points[:, 2:]
 
     @property
@@ -49,7 +49,7 @@ class View:
         return Plane.from_pose(self.R, self.t)
 
     def moved(self, twist: np.ndarray) -> View:
-        """After the camera has moved by exp(twist) in its own frame: P' = R_c^T (P - t_c)."""
+        """Return the view after the camera has moved by exp(twist): P' = R_c^T (P - t_c)."""
         turn = rotation(twist[3:])
         v, w = twist[:3], twist[3:]
         angle = np.linalg.norm(w)
@@ -62,7 +62,7 @@ class View:
 
 
 def random_view(seed: int) -> View:
-    """A star-shaped polygon of 4 to 9 corners, tilted up to 35 degrees, turned any way."""
+    """Return a random view of a star-shaped polygon of 4 to 9 corners, tilted up to 35 degrees."""
     random = np.random.default_rng(seed)
     n = int(random.integers(4, 10))
     angle = 2 * np.pi * (np.arange(n) + random.uniform(0, 0.6, n)) / n
@@ -75,7 +75,7 @@ def random_view(seed: int) -> View:
 
 
 def exact_moment(vertices: list[tuple[Fraction, Fraction]], p: int, q: int) -> Fraction:
-    """m_pq of a polygon in rational numbers, by Steger's double sum (no quadrature)."""
+    """Return m_pq of a polygon in rational numbers, by Steger's double sum (no quadrature)."""
     total = Fraction(0)
     for (x0, y0), (x1, y1) in zip(vertices, vertices[1:] + vertices[:1], strict=True):
         inner = sum(
@@ -89,7 +89,7 @@ def exact_moment(vertices: list[tuple[Fraction, Fraction]], p: int, q: int) -> F
 
 
 def coverage_image(outline: np.ndarray, camera: Pinhole, size: tuple[int, int]) -> np.ndarray:
-    """(rows, columns) in [0, 1]: part of each pixel that the normalised polygon covers.
+    """Return the fraction of each pixel (rows, columns) that the normalised polygon covers.
 
     16 x 16 samples a pixel: exact to 1/256, about what an 8-bit image can hold.
     """
@@ -107,12 +107,12 @@ def coverage_image(outline: np.ndarray, camera: Pinhole, size: tuple[int, int]) 
 
 
 def grey_image(outline: np.ndarray, camera: Pinhole, size=(240, 320), fg=0, bg=255) -> np.ndarray:
-    """The same as an 8-bit picture: target `fg` on a ground of `bg`."""
+    """Return an 8-bit image of the polygon, with grey level `fg` on a background of `bg`."""
     return np.round(bg + (fg - bg) * coverage_image(outline, camera, size)).astype(np.uint8)
 
 
 def finite_differences(function, view: View, step: float = 3e-4) -> np.ndarray:
-    """(k, 6) d(function)/d(twist) by central differences of order six."""
+    """Return d(function)/d(twist), (k, 6), by central differences of order six."""
     columns = []
     for axis in range(6):
         twist = np.zeros(6)
@@ -133,14 +133,14 @@ def point_moments(view: View, order: int = 6) -> Moments:
 
 
 def pixels_inside(outline: np.ndarray, camera: Pinhole, size: tuple[int, int]) -> np.ndarray:
-    """(rows, columns) uint8, 1 where the pixel's centre lies inside the polygon (even-odd)."""
+    """Return a mask (rows, columns), uint8, of pixels whose centre is in the polygon (even-odd)."""
     rows, columns = size
     y, x = np.arange(rows), np.arange(columns)
     return _scan(outline * [camera.fx, camera.fy] + [camera.cx, camera.cy], x, y)
 
 
 def _scan(polygon: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Even-odd rule on a grid of places: each edge flips all that lies right of it."""
+    """Apply the even-odd rule to a grid of points: each edge inverts all points on its right."""
     flips = np.zeros((len(y), len(x) + 1), dtype=np.uint8)
     for (px, py), (qx, qy) in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
         lines = np.nonzero((py > y) != (qy > y))[0]

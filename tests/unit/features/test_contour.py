@@ -1,4 +1,4 @@
-"""Outline and corners of a target, against the shape that was drawn."""
+"""Outline and corners of a target, compared with the drawn shape."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Features: against a really moved camera, invariances, degenerate shapes, and the API's edges."""
+"""Features, compared with a moved camera: invariances, degenerate shapes, and invalid calls."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Golden values: numbers that another library and 50-digit arithmetic agree on.
+"""Reference values from another library and from 50-digit arithmetic.
 
 golden.json holds five cases.
 """

@@ -1,4 +1,4 @@
-"""Image messages of every encoding, and broken ones."""
+"""Image messages of every encoding, and invalid ones."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def message(pixels: np.ndarray, encoding: str, step: int | None = None, big: boo
 
 
 def coloured(encoding: str) -> np.ndarray:
-    """(8, 10) picture of one colour, as the encoding stores it."""
+    """Return an image (8, 10) of one colour, as the encoding stores it."""
     channels = {"r": RED, "g": GREEN, "b": BLUE, "a": 255}
     if encoding.startswith("bayer"):
         pattern = [channels[c] for c in encoding[6:10]]

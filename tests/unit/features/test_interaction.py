@@ -1,4 +1,4 @@
-"""Rows of L against a camera that moves in exact rational arithmetic."""
+"""Rows of L, compared with a camera that moves in exact rational arithmetic."""
 
 from __future__ import annotations
 

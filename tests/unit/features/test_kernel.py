@@ -1,4 +1,4 @@
-"""The original arrays, against the original's arithmetic pixel by pixel."""
+"""Kernel features of the original, compared with its arithmetic pixel by pixel."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Label images: which numbers are the target, and how they come over a graph."""
+"""Label images: the labels of the target, and transport on a graph."""
 
 from types import SimpleNamespace
 

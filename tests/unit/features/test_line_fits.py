@@ -1,4 +1,4 @@
-"""Corners' errors, as told by how edge points scatter, against those of many noisy outlines."""
+"""Estimated errors of corners from the scatter of edge points, compared with noisy outlines."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Moments against exact arithmetic, each other, and shapes whose moments are known."""
+"""Moments, compared with exact arithmetic, with each other and with known shapes."""
 
 from __future__ import annotations
 
@@ -222,7 +222,8 @@ def test_a_denominator_vanishes_beside_its_own_moments(name, order, degree) -> N
     check, size = CHECKS[name], moment_norm(Moments.from_polygon(L_SHAPE), order) ** degree
     for share, vanishes in ((0.99e-6, True), (-0.99e-6, True), (1.01e-6, False)):
         reason = check(Moments.from_polygon(L_SHAPE), share * size, 1e-6)
-        assert reason == (f"its denominator {name} vanishes for this shape" if vanishes else None)
+        text = f"the feature's denominator {name} vanishes for this shape; use another target or "
+        assert reason == (f"{text}another feature" if vanishes else None)
     rectangle = Moments.from_polygon([[0, 0], [3, 0], [3, 1], [0, 1]])
     reason = check(rectangle, 1.0, 1e-6)
     assert (reason is None) if order % 2 == 0 else f"its moments of order {order} vanish" in reason

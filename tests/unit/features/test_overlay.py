@@ -1,4 +1,4 @@
-"""The picture for rviz: each mark in its colour and at its place, to the pixel."""
+"""Overlay image for rviz: colour and position of each mark, to the pixel."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Parameters of the node: defaults, and what is refused at start."""
+"""Parameters of the camera node: defaults and errors."""
 
 from __future__ import annotations
 

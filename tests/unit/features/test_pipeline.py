@@ -1,4 +1,4 @@
-"""Image in, measurement out: accuracy, noise, and everything that can be wrong with an image."""
+"""From image to measurement: accuracy, noise, and every invalid image."""
 
 from __future__ import annotations
 
@@ -117,10 +117,11 @@ def test_bad_targets_are_not_valid_and_say_why(grey, text: str, weighting: str) 
 
 
 @pytest.mark.parametrize(("component", "words"), [
-    ("largest", "of 2 objects of target colour the largest is used, 2400 pixels around column 20, "
-                "row 130"),
-    ("nearest", "of 2 objects of target colour the one nearest to the last target is used"),
-    ("all", "all pixels of target colour are used together"),
+    ("largest", "of 2 objects of target colour, the largest is the target: 2400 pixels around "
+                "column 20, row 130"),
+    ("nearest", "of 2 objects of target colour, the one nearest to the target's last position is "
+                "the target"),
+    ("all", "all pixels of target colour together are the target"),
 ])  # fmt: skip
 def test_of_several_objects_is_said_which_is_the_target_and_why(component, words) -> None:
     grey = with_box(100, 0, 60, 40)
@@ -133,7 +134,8 @@ def test_of_several_objects_is_said_which_is_the_target_and_why(component, words
 
 def test_of_one_object_is_said_where_it_is() -> None:
     reason = measure(with_box(0, 100, 40, 60)).reason
-    assert "(the only object of target colour, 2400 pixels around column 130, row 20)" in reason
+    assert "(the only object of target colour is the target: 2400 pixels around" in reason
+    assert "column 130, row 20)" in reason
 
 
 def test_diagonal_line_is_no_target() -> None:

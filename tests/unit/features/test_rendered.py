@@ -1,4 +1,4 @@
-"""Grey moments on pictures of the real renderer: below a pixel, and L against a moved camera."""
+"""Grey moments of rendered images: subpixel accuracy, and L compared with a moved camera."""
 
 from __future__ import annotations
 
@@ -57,7 +57,8 @@ def renderer() -> Iterator:
 
 
 def shown(renderer, pose: Pose) -> np.ndarray:
-    """(240, 320) grey picture of the target at `pose` of its frame (y and z turned: y down)."""
+    """Return a grey image (240, 320) of the target at `pose` of its frame (y and z reversed: y
+    down)."""
     optical_T_object = np.eye(4)
     optical_T_object[:3, :3], optical_T_object[:3, 3] = pose.R, pose.t
     world_T_object = np.diag([1.0, -1.0, -1.0, 1.0])  # the object's y and z point down
@@ -96,7 +97,8 @@ def test_centroid_below_a_pixel(renderer) -> None:
 
 
 def fitted_slopes(function, at: Pose, reach: float = 0.05, count: int = 91) -> np.ndarray:
-    """(k, 6) slopes at zero of polynomials of degree five through `count` pictures each way.
+    """Return the slopes (k, 6) at zero of polynomials of degree five through `count` images per
+    side.
 
     A picture's alpha errs by 2e-4 rad; differences of two neighbours would show mostly that.
     """

@@ -1,4 +1,4 @@
-"""What a wide lens shows beyond the reach of normalised coordinates is no target."""
+"""Dark areas beyond the image circle of a wide lens are not detected as the target."""
 
 import numpy as np
 

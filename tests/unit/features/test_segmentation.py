@@ -13,7 +13,7 @@ from aras_visual_servo_camera.segmented_target import segment, threshold_image
 
 
 def scene(*boxes: tuple[int, int, int, int], ground: int = 255, target: int = 5) -> np.ndarray:
-    """White picture (60, 80) with dark boxes (column, row, width, height)."""
+    """Return a white image (60, 80) with dark boxes (column, row, width, height)."""
     grey = np.full((60, 80), ground, np.uint8)
     for column, row, width, height in boxes:
         grey[row : row + height, column : column + width] = target
@@ -228,7 +228,7 @@ SHADED = np.linspace(40, 160, 60)[:, None] * np.ones((1, 80))  # from dark above
 
 
 def shaded(box: tuple[int, int, int, int], times: float, ground: np.ndarray | float) -> np.ndarray:
-    """A picture (60, 80) with a shaded target of (column, row, width, height)."""
+    """Return an image (60, 80) with a shaded target at (column, row, width, height)."""
     column, row, width, height = box
     grey = np.array(ground * np.ones((60, 80)))
     grey[row : row + height, column : column + width] = (
@@ -246,7 +246,7 @@ def test_a_label_is_the_target_whatever_its_grey_and_however_many_its_pieces() -
     with pytest.raises(SegmentationError, match="needs the simulator's label image"):
         segment(grey, Segmentation("label"))
     lost = segment(grey, Segmentation("label", label="box"), target_mask=0 * labelled)
-    assert lost.reason == "no pixel of label 'box'"
+    assert lost.reason == "'box' (the setting `label`) is not in view"
 
 
 def test_a_shaded_targets_edge_pixels_are_divided_by_the_levels_around_them() -> None:

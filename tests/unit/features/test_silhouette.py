@@ -1,4 +1,4 @@
-"""The plane of a solid's outline, against geometry by hand."""
+"""Plane of a solid's outline, compared with geometry by hand."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Lens models: there and back, areas, and moments through a lens."""
+"""Lens models: inverse, areas, and moments through a lens."""
 
 from __future__ import annotations
 
@@ -175,7 +175,7 @@ def test_pixel_areas_fill_the_plane_without_gap(camera: CameraModel) -> None:
 
 
 def through(camera: CameraModel, outline: np.ndarray, finer: int = 8) -> np.ndarray:
-    """Grey picture of a polygon seen through the lens, each pixel averaged over its square."""
+    """Return a grey image of a polygon through the lens; each pixel is averaged over its area."""
     corners = np.stack(camera.project(*outline.T), axis=1)
     u0, v0 = np.floor(corners.min(axis=0)).astype(int) - 6  # edges bend: leave some room
     u1, v1 = np.ceil(corners.max(axis=0)).astype(int) + 7

@@ -1,4 +1,4 @@
-"""The target as a camera square on would see it, from one tilted image: against that camera."""
+"""Rectified view of a tilted target, compared with a camera that faces it."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def square_on(view: View) -> np.ndarray:
 
 
 def tilted(seed: int, shape: np.ndarray) -> View:
-    """Away from the middle of the image, up to 40 degrees askew, small beside its distance."""
+    """Return a small view away from the image centre, inclined by up to 40 degrees."""
     random = np.random.default_rng(seed)
     angle, about = np.deg2rad(random.uniform(15, 40)), random.uniform(-pi, pi)
     askew = rotation(angle * np.array([np.cos(about), np.sin(about), 0.0]))
@@ -41,7 +41,7 @@ def tilted(seed: int, shape: np.ndarray) -> View:
 
 
 def flipped(view: View) -> View:
-    """The same plane with its normal the other way round, as an object frame may have it."""
+    """Return the same plane with reversed normal, as an object frame may have it."""
     return View(view.shape, view.R @ np.diag([1.0, -1.0, -1.0]), view.t)
 
 

@@ -1,4 +1,4 @@
-"""What goes into the messages, with stand-ins for those that catkin generates."""
+"""Contents of the messages, without catkin's generated classes."""
 
 from __future__ import annotations
 

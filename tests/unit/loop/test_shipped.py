@@ -1,4 +1,4 @@
-"""What is shipped, whole: the simulated arm before rendered pictures, closed by the runner."""
+"""Shipped simulated arm with rendered images in the closed loop of the runner."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""A short choice of what the bench's studies show in full."""
+"""Short selection of the shipped studies."""
 
 from pathlib import Path
 from types import SimpleNamespace

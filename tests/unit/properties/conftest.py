@@ -1,4 +1,4 @@
-"""Properties hold for whatever Hypothesis thinks of; the same each time, in a second or two."""
+"""Settings of Hypothesis: reproducible examples, a second or two per property."""
 
 import sys
 from pathlib import Path

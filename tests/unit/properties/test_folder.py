@@ -1,4 +1,4 @@
-"""A study's folder that was cut off anywhere goes on to the bytes of one that was not."""
+"""An interrupted study, continued from any state of its folder, gives identical files."""
 
 import hashlib
 import io

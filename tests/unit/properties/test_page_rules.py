@@ -1,4 +1,4 @@
-"""The page's rules: who may ask, and for what."""
+"""Rules of the live page: access and valid requests."""
 
 import json
 

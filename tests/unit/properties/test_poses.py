@@ -1,4 +1,4 @@
-"""Poses and rotations: what goes there and back is the same, and SciPy says so too."""
+"""Poses and rotations: conversions are inverse to each other and agree with SciPy."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Settings: whatever is written under a key is taken, or one line names the key."""
+"""Settings: any value of a key is accepted, or one line names the key."""
 
 import copy
 import json
@@ -49,7 +49,7 @@ def replaced(tree, place, value):
 
 
 def is_one_line_that_names(error, place):
-    """Its own key, or that which holds it."""
+    """Return whether an error is one line that names the key or the key above it."""
     text = str(error)
     assert "\n" not in text and len(text) < 700, text
     assert any(str(key) in text for key in place), (place, text)

@@ -1,5 +1,6 @@
-"""Intervals and tests: what must hold whatever the numbers are."""
+"""Intervals and tests: properties that hold for any numbers."""
 
+import itertools
 import math
 
 import numpy as np
@@ -44,6 +45,10 @@ def test_a_median_is_that_of_what_is_known_and_the_same_each_time(values):
         assert math.isnan(found.value)
         return
     assert found.value == np.median(known)
+    assert min(known) <= found.value <= max(known)
+    if len(known) == 1:  # no interval
+        assert math.isnan(found.low) and math.isnan(found.high)
+        return
     assert min(known) <= found.low <= found.value <= found.high <= max(known)
     assert statistics.median(values) == found
     if len(known) > 1 and np.ptp(known):
@@ -61,11 +66,14 @@ def test_rates_of_pairs_are_compared_by_the_pairs_that_differ(pairs):
     whole = [(a, b) for a, b in pairs if not math.isnan(a + b)]
     assert found.count == len(whole) and found.paired
     back = statistics.compare_rates(after, before, True)
-    assert back.p == pytest.approx(found.p)
+    assert back.p == pytest.approx(found.p, nan_ok=True)
     assert (back.before, back.after) == pytest.approx((found.after, found.before), nan_ok=True)
     better, worse = sum(b > a for a, b in whole), sum(b < a for a, b in whole)
     n = better + worse
     tail = sum(math.comb(n, k) for k in range(min(better, worse) + 1)) / 2**n
+    if not whole:
+        assert math.isnan(found.p)
+        return
     assert found.p == pytest.approx(min(1.0, 2.0 * tail))
     if whole:
         assert found.before == pytest.approx(np.mean([a for a, _ in whole]))
@@ -81,7 +89,7 @@ def test_the_order_of_runs_and_what_is_unknown_tell_nothing(pairs, order):
             statistics.compare_values([a for a, _ in some], [b for _, b in some], paired)
             for some in (mixed, kept)
         )
-        assert 0.0 <= found.p <= 1.0
+        assert 0.0 <= found.p <= 1.0 or math.isnan(found.p) and found.count == 0
         assert found.count == other.count
         assert (found.before, found.after, found.p) == pytest.approx(
             (other.before, other.after, other.p), nan_ok=True)
@@ -92,7 +100,55 @@ def test_the_order_of_runs_and_what_is_unknown_tell_nothing(pairs, order):
 def test_of_what_is_unknown_nothing_can_be_told(compare, paired):
     for before, after in (([], []), ([1.0], [math.nan]), ([math.nan], [0.0])):
         found = compare(before, after, paired)
-        assert (found.p, found.count) == (1.0, 0)
+        assert math.isnan(found.p) and found.count == 0
+
+
+def count_extremes(sums, observed, mean):
+    distances = np.abs(np.array(sums) - mean)
+    return np.mean(distances >= abs(observed - mean) - 1e-9)
+
+
+TIED = st.integers(-2, 3).map(float) | st.integers(0, 9).map(lambda n: 0.1 * n)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.tuples(TIED, TIED), min_size=1, max_size=9))
+def test_signed_ranks_are_counted_over_all_signs(pairs):
+    before, after = np.array(pairs).T
+    differences = np.round(after - before, 9)
+    differences = differences[differences != 0.0]
+    ranks = scipy.stats.rankdata(np.abs(differences))
+    sums = [np.dot(ranks, signs) for signs in itertools.product([0, 1], repeat=len(ranks))]
+    expected = count_extremes(sums, ranks[differences > 0.0].sum(), 0.5 * ranks.sum())
+    assert statistics.compare_values(before, after, True).p == pytest.approx(expected)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(TIED, min_size=1, max_size=5), st.lists(TIED, min_size=1, max_size=5))
+def test_rank_sums_are_counted_over_all_choices(before, after):
+    ranks, count = scipy.stats.rankdata(np.round([*before, *after], 9)), len(before)
+    sums = [sum(chosen) for chosen in itertools.combinations(ranks, count)]
+    expected = count_extremes(sums, ranks[:count].sum(), ranks.sum() * count / len(ranks))
+    assert statistics.compare_values(before, after, False).p == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("count", [20, 25, 26, 60, 3000])
+def test_rank_tests_are_those_of_scipy_without_ties(count):
+    rng = np.random.default_rng(count)
+    before, after = rng.normal(size=count), rng.normal(0.3, size=count)
+    paired, alone = (statistics.compare_values(before, after, one) for one in (True, False))
+    method = ["exact" if size <= 50 else "asymptotic" for size in (count, 2 * count)]
+    expected = scipy.stats.wilcoxon(after, before, method=method[0]).pvalue
+    assert paired.p == pytest.approx(expected, rel=1e-9)
+    expected = scipy.stats.mannwhitneyu(after, before, method=method[1]).pvalue
+    assert alone.p == pytest.approx(expected, rel=1e-9)
+    assert paired.least_p <= paired.p and alone.least_p <= alone.p
+    assert (paired.least_p == 0.0) == (count == 3000)
+
+
+def test_what_was_not_tested_is_no_comparison_for_holm():
+    found = statistics.holm([0.02, math.nan, 0.03])
+    assert found[::2] == pytest.approx([0.04, 0.04]) and math.isnan(found[1])
 
 
 @given(st.lists(st.floats(0.0, 1.0), max_size=12))

@@ -1,4 +1,4 @@
-"""Files that were damaged: read, or refused in one line; nothing else is raised.
+"""Damaged files are read, or refused in one line; no other error is raised.
 
 Shipped files with pieces taken out, doubled and replaced. What is read once more is the same.
 """

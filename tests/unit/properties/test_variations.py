@@ -1,4 +1,4 @@
-"""What a study draws: within its range, each value once, the same on any machine."""
+"""Random settings of a study: in range, each value once, equal on every machine."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Puts the table of figures and the mesh scripts on the import path."""
+"""Adds robot_figures.py and the mesh scripts to the module path."""
 
 import os
 import sys
@@ -14,5 +14,5 @@ for folder in (HERE, HERE.parents[2] / "src" / "aras_visual_servo_gazebo" / "scr
 
 @pytest.fixture(autouse=True)
 def sources_for_programs(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The programs that a launch file runs import the packages as the tests do, without a build."""
+    """Let programs of launch files import the packages as the tests do, without a build."""
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(filter(None, sys.path)))

@@ -1,4 +1,4 @@
-"""Facts of the laboratory robot: what the original simulator's description said.
+"""Data of the laboratory robot, from the description of the original simulator.
 
 Metres, kilograms, radians, N, N m. The tests of this folder hold our files against them.
 """

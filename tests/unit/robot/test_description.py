@@ -1,4 +1,4 @@
-"""The URDF says what the original's figures say, and describes bodies that can exist."""
+"""The URDF agrees with the original's data and describes physically possible bodies."""
 
 import math
 import shutil
@@ -222,7 +222,7 @@ def test_the_target_is_a_model_of_its_own_and_lies_where_the_original_has_its_pl
 
 
 def target_place() -> tuple[float, float, float]:
-    """Where the launch file puts the target, m."""
+    """Return the position x, y, z (m) at which the launch file spawns the target."""
     launch = ElementTree.parse(PACKAGE / "launch" / "aras_visual_servo_gazebo.launch").getroot()
     words = launch.find("arg[@name='target_place']").get("default").split()
     return tuple(float(words[words.index(f"-{axis}") + 1]) for axis in "xyz")

@@ -1,4 +1,4 @@
-"""Launch, world, gains, camera presets and rviz configuration: read as their tools read them."""
+"""Launch files, world, gains, camera presets and rviz configuration are valid for their tools."""
 
 import importlib.machinery
 import io

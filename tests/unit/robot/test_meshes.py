@@ -1,4 +1,4 @@
-"""The meshes: sizes of the original links, closed, outward, light, and reproducible."""
+"""Meshes: size of the original links, closed, outward normals, small, reproducible."""
 
 import sys
 from collections import Counter

@@ -1,4 +1,4 @@
-"""The programs that launch files call for descriptions: of the robot, of a target, of a bag's."""
+"""Programs that launch files call for descriptions of the robot, a target, or a bag's robot."""
 
 import argparse
 import importlib.machinery
@@ -40,7 +40,7 @@ def program(name: str):
 
 
 def told(made, monkeypatch, capsys, *words: str) -> tuple[int, str, str]:
-    """Its status, what it prints and what it complains of."""
+    """Run a program; return its exit status, output and error output."""
     monkeypatch.setattr(sys, "argv", [made.__name__, *words])
     return made.main(), *capsys.readouterr()
 

@@ -1,4 +1,4 @@
-"""The workbench's world is what its script draws."""
+"""World file of the workbench is equal to the output of its script."""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A graph without a master: services, topics and parameters in memory, the simulation behind them.
+"""ROS graph without a master: services, topics and parameters in memory, with the simulation.
 
 Message types of our own packages come from the build where there is one, else they are generated
 here from their .msg and .srv files.
@@ -79,7 +79,7 @@ def generate(folder: Path) -> None:
 
 
 def remove(folder: Path, owner: int) -> None:
-    """The folder, by the process that made it, and not by its forks."""
+    """Delete the folder in the process that made it, not in its forked processes."""
     if os.getpid() == owner:
         shutil.rmtree(folder, ignore_errors=True)
 
@@ -94,13 +94,13 @@ if importlib.util.find_spec("gazebo_msgs") is None:
 
 
 def on_wire(message: Message) -> Message:
-    """The message, after it was seen to be one that can be sent."""
+    """Check that a message can be sent, and return it."""
     message.serialize(BytesIO())
     return message
 
 
 class Publisher:
-    """As rospy's; what is published is kept, and `listeners` are those that the test makes up."""
+    """Replacement of rospy.Publisher that stores messages; the test sets `listeners`."""
 
     def __init__(self, graph: Graph, topic: str, kind: type, options: dict[str, object]) -> None:
         self.graph, self.topic, self.kind, self.options = graph, topic, kind, options
@@ -124,7 +124,7 @@ class Publisher:
 
 
 class Graph:
-    """What is advertised, and what stands on the parameter server."""
+    """Advertised topics and services, and the content of the parameter server."""
 
     def __init__(self) -> None:
         self.services: dict[str, Callable[[object], object]] = {}
@@ -140,7 +140,7 @@ class Graph:
         self.proxies: list[tuple[str, type, dict[str, object]]] = []  # of services that were asked
 
     def call(self, service: str, *args: object, **fields: object) -> object:
-        """The answer of a service to a request of these fields, the first ones in their order."""
+        """Call a service with these fields, and return its answer."""
         service = rospy.resolve_name(service)
         request = self.types[service]._request_class
         if not args or not isinstance(args[0], request):
@@ -148,23 +148,23 @@ class Graph:
         return on_wire(self.services[service](on_wire(args[0])))
 
     def told(self) -> dict[str, tuple[type, int, bool]]:
-        """Of each topic that is published: type, length of the queue, whether it is latched."""
+        """Return type, queue length and latching of each published topic."""
         return {topic: (one.kind, one.options["queue_size"], one.options.get("latch", False))
                 for topic, one in self.publishers.items()}
 
     def listen(self, topic: str, count: int = 1) -> list[SimpleNamespace]:
-        """Connections of that many listeners, each with the `heard` end of its socket."""
+        """Return this number of subscriber connections, each with the `heard` end of its socket."""
         publisher = self.publishers[topic]
         publisher.impl.connections = [Connection() for _ in range(count)]
         publisher.listener.peer_subscribe(topic, lambda message: None, None)
         return publisher.impl.connections
 
     def set(self, name: str, value: object) -> None:
-        """As rospy.set_param."""
+        """Set a parameter, like rospy.set_param."""
         self.parameters[rospy.resolve_name(name)] = value
 
     def given(self, name: str, default: object = None) -> object:
-        """What rospy.get_param returns; a namespace as a mapping."""
+        """Return a parameter like rospy.get_param; a namespace is a mapping."""
         name = rospy.resolve_name(name)
         if name in self.parameters:
             return self.parameters[name]
@@ -179,7 +179,7 @@ class Graph:
         return below or default
 
     def proxy(self, name: str, kind: type, **options: object) -> Callable[..., object]:
-        """As rospy.ServiceProxy."""
+        """Return a service proxy, like rospy.ServiceProxy."""
 
         def ask(*args: object, **fields: object) -> object:
             self.proxies.append((name, kind, options))
@@ -191,11 +191,11 @@ class Graph:
         return ask
 
     def getPid(self) -> int:
-        """As the master's own."""
+        """Answer like the master's getPid."""
         return 7
 
     def getParam(self, name: str) -> object:
-        """As the parameter server's own."""
+        """Answer like the parameter server's getParam."""
         assert name.startswith("/")
         found = self.given(name)
         if found is None:
@@ -204,7 +204,7 @@ class Graph:
 
 
 class Connection:
-    """A listener's connection as rospy has it."""
+    """A subscriber's connection with the interface of rospy."""
 
     def __init__(self) -> None:
         self.endpoint_id = "/listener"
@@ -217,7 +217,7 @@ class Connection:
 
 @pytest.fixture
 def graph(monkeypatch: pytest.MonkeyPatch) -> Graph:
-    """rospy's doors, open to the test alone."""
+    """Graph in memory that replaces rospy's functions for the test."""
     for lane in QUEUE_FLUSHER.list_unsent():  # of listeners of tests before, who read no more
         lane.close()
     it = Graph()
@@ -264,7 +264,7 @@ def graph(monkeypatch: pytest.MonkeyPatch) -> Graph:
 
 
 class Life:
-    """A node's: how it begins, the wall time that passes while it sleeps, and its end.
+    """Life cycle of a node: its start, the wall time while it sleeps, and its shutdown.
 
     While it sleeps the next of `steps` is done; after the last one the node is shut down.
     """
@@ -294,11 +294,11 @@ class Life:
             self.down = True
 
     def begin(self, *given: str, **options: bool) -> None:
-        """In place of begin_node."""
+        """Replacement of begin_node."""
         self.begun.append((given, options))
 
     def thread(self, **given: object) -> SimpleNamespace:
-        """In place of threading.Thread: what it would run is run by the test."""
+        """Replacement of threading.Thread; the test calls its function."""
         it = SimpleNamespace(**given, started=False)
         it.start = lambda: setattr(it, "started", True)
         self.threads.append(it)
@@ -312,13 +312,13 @@ class Life:
 
 @pytest.fixture
 def life(graph: Graph, monkeypatch: pytest.MonkeyPatch) -> Life:
-    """Of the one node that the test runs."""
+    """Life cycle of the one node that the test runs."""
     return Life(graph, monkeypatch)
 
 
 @pytest.fixture
 def face(graph: Graph) -> object:
-    """Publishers of the controller, on the graph in memory."""
+    """Publishers of the controller on the graph in memory."""
     from run_messages import JOINTS, SETTINGS
 
     from aras_visual_servo_controller.ros.ros_publisher import RosPublisher
@@ -328,7 +328,7 @@ def face(graph: Graph) -> object:
 
 @pytest.fixture
 def thread(request: pytest.FixtureRequest) -> Iterator[SimulationThread]:
-    """A world with nothing but the ground, standing still at time 0."""
+    """Thread of a simulation with only the ground, paused at time 0."""
     it = SimulationThread(Simulation, Pacer(0.0), paused=True)
     it.start()
     yield it
@@ -337,7 +337,7 @@ def thread(request: pytest.FixtureRequest) -> Iterator[SimulationThread]:
 
 @pytest.fixture
 def api(graph: Graph, thread: SimulationThread) -> SimpleNamespace:
-    """gazebo_ros's services in that world; `resets` are the times at which time was set back."""
+    """Services of gazebo_ros in this world; `resets` lists the times of resets."""
     from aras_sim_bridge.ros.gazebo_api import GazeboApi
     from aras_sim_bridge.ros.runtime.spawn_record import SpawnRecord
 
@@ -355,7 +355,7 @@ def api(graph: Graph, thread: SimulationThread) -> SimpleNamespace:
 
 @pytest.fixture
 def call(api):
-    """Call /gazebo/<name>; a refusal is an error unless the test wants the answer."""
+    """Function that calls /gazebo/<name>; a refusal fails unless the test requests the answer."""
 
     def call(name: str, *args: object, refused: bool = False, **fields: object) -> object:
         answer = api.graph.call(f"/gazebo/{name}", *args, **fields)
@@ -372,25 +372,25 @@ def step(call):
 
 @pytest.fixture
 def ball(call):
-    """A ball of 2 kg, 100 m up, its x axis along the world's y."""
+    """Spawn a ball of 2 kg at a height of 100 m, its x axis along the world's y."""
     call("spawn_urdf_model", "ball", BALL, "", Pose(Point(0.0, 0.0, 100.0), QUARTER), "")
 
 
 @pytest.fixture
 def another(call):
-    """Spawn such a ball as `other` at a pose in a frame."""
+    """Function that spawns such a ball as `other` at a pose in a frame."""
     return lambda pose, frame="": call("spawn_urdf_model", "other", BALL, "", pose, frame)
 
 
 @pytest.fixture
 def slider(call):
-    """A cart of 2 kg on a level rail with damping 0.5."""
+    """Spawn a cart of 2 kg on a level rail with damping 0.5."""
     call("spawn_urdf_model", "slider", SLIDER, "", Pose(), "")
 
 
 @pytest.fixture(scope="session")
 def shipped_arm() -> object:
-    """Of the ARAS robot."""
+    """Arm of the ARAS robot."""
     from aras_visual_servo_bench.experiment.robots import Robot, RobotSpec
 
     return Robot(RobotSpec()).make_arm()

@@ -1,4 +1,4 @@
-"""A run's states, and the messages of them; an arm of two unlike joints.
+"""States of a run and their messages, for an arm with two different joints.
 
 On the graph the joints are in another order than the arm's; numbers are all different.
 """
@@ -35,12 +35,12 @@ NAMES = ("x0", "y0", "Z")
 
 
 def position(stamp: float) -> np.ndarray:
-    """(2,) m, rad of the joints."""
+    """Return the joint positions (2,) at a time, m and rad."""
     return np.array([0.3 - 0.11 * stamp, 0.2 * stamp - 0.4])
 
 
 def made_state(stamp: float, phase: str = "servoing", **more: object) -> ServoState:
-    """A state of every part, unlike any other's."""
+    """Return a state of the loop in which every part has different values."""
     random = np.random.default_rng(round(1e6 * stamp))
     features, desired = random.normal(size=(2, 3))
     L, jacobian = random.normal(size=(3, 6)), random.normal(size=(6, 2))
@@ -63,7 +63,7 @@ def made_state(stamp: float, phase: str = "servoing", **more: object) -> ServoSt
 
 
 def joint_states(stamp: float, *, velocity: bool = True) -> JointState:
-    """In another order than the arm's, with a joint of something else."""
+    """Return joint states in another order than the arm's, with a joint of another device."""
     message = JointState(name=["elbow", "finger", "slide"])
     message.header.stamp = rospy.Time.from_sec(stamp)
     slide, elbow = position(stamp)
@@ -73,7 +73,7 @@ def joint_states(stamp: float, *, velocity: bool = True) -> JointState:
 
 
 def told(graph, face, state):
-    """(state, report) messages of one state."""
+    """Return the state and report messages of one state."""
     graph.publishers["/two/controller/diagnosis"].impl.connections = [None]
     face.report(state)
     return tuple(graph.publishers[f"/two/controller/{name}"].sent[-1]

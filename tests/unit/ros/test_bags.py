@@ -1,4 +1,4 @@
-"""A run that was recorded into a bag is read back as it was, whatever the bag lacks."""
+"""A recorded run is read from its bag unchanged, whatever data the bag lacks."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def image(stamp: float, number: int) -> Image:
 
 
 def transforms(stamp: float, parts: dict[tuple[str, str], tuple]) -> TFMessage:
-    """Of (parent, child): place and rotation vector."""
+    """Return transforms of (parent, child) with position and rotation vector."""
     found = []
     for (parent, child), (place, turn) in parts.items():
         one = TransformStamped(child_frame_id=child, transform=Transform())
@@ -176,8 +176,8 @@ def test_a_bag_s_run_has_every_number_that_was_recorded(graph, face, tmp_path):
     assert run.joint_units == ("m", "rad") and run.versions == {"numpy": "1"}
     assert run.settings["camera"] == "lab" and "roslaunch" not in run.settings["launched by"]
     assert run.notes == ["the goal goal_2016.yaml was not recorded",
-                         "units of the features are unknown: 'points' has other features than "
-                         "in the bag"]
+                         "units of the features are unknown: scheme 'points' has other features "
+                         "than in the bag"]
 
 
 def test_where_nothing_is_described_the_camera_s_path_is_that_of_tf(graph, face, tmp_path):
@@ -236,7 +236,7 @@ def test_what_was_recorded_before_the_clock_went_back_is_another_run(graph, face
 
 def test_a_clock_was_put_back_where_stamps_are_out_of_order_by_more_than_half_a_second():
     def began(*stamps):
-        """Which message is the first of the run that counts, and what is noted."""
+        """Return the index of the first message of the last run, and the notes."""
         headers = [struct.pack("<III", 7, *divmod(ns, 10**9)) for ns in stamps]
         rows = [("/j", (None, header, None, (0, at), None), None)
                 for at, header in enumerate(headers)]
@@ -325,7 +325,7 @@ def test_messages_of_another_version_are_left_out_or_refused(graph, face, tmp_pa
 
 
 def heard(graph, face, scheme="points", count=3) -> GraphRecording:
-    """Messages of three images with so many features, as they are kept while a run is heard."""
+    """Return the messages of three images with `count` features, as stored during a run."""
     found = GraphRecording(Path("run"))
     found.experiment_text = described(scheme=scheme)
     for stamp in STAMPS[1:4]:

@@ -694,7 +694,7 @@ def test_a_free_port_is_free():
 
 
 class Launched:
-    """In place of roslaunch."""
+    """Replacement of roslaunch."""
 
     def __init__(self, arguments, log, environment):
         self.arguments, self.log, self.environment = arguments, log, environment

@@ -1,4 +1,4 @@
-"""Teleoperation and teaching on a graph: keys, a gamepad, views of a pose."""
+"""Teleoperation and teaching on a graph: keyboard, gamepad, views of a pose."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ RIGHT, UP, DOWN = "\x1b[C", "\x1b[A", "\x1b[B"
 
 @pytest.fixture
 def person(graph, life, monkeypatch, capsys):
-    """Somebody at the keys; `type(...)` gives what is sent and said for lists of keys."""
+    """User at the keyboard; `type(...)` returns the commands and output for lists of keys."""
     it = SimpleNamespace(life=life, graph=graph, device=None, paths=[], raw=[],
                          early=lambda: None)
     monkeypatch.setattr(teleop, "JoyDevice", lambda path: it.opened(path))
@@ -208,7 +208,7 @@ def test_a_terminal_is_needed_and_a_ctrl_c_ends(person, monkeypatch):
 
 @pytest.fixture
 def lesson(graph, life, monkeypatch, shipped_arm, tmp_path):
-    """A robot that stands where a goal has it, its camera node, and teaching's arguments."""
+    """Robot at its goal, its camera node, and the arguments of teaching."""
     from aras_visual_servo_bench.experiment.robots import Robot, RobotSpec
 
     monkeypatch.setattr(teach, "init_node", life.begin)

@@ -1,4 +1,4 @@
-"""A camera's topics, settings and service; who listens decides what is drawn."""
+"""Topics, settings and service of a camera; only images with subscribers are rendered."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def nothing_announced(graph, monkeypatch):
 
 @pytest.fixture
 def eye(graph, thread, tmp_path, monkeypatch):
-    """A camera fixed in the world, on the graph below /eye; `calls` counts its rounds."""
+    """Camera fixed in the world, on the graph below /eye; `calls` counts its updates."""
     monkeypatch.setenv("ROS_HOME", str(tmp_path))
     thread.call(lambda: thread.simulation.add_camera("eye", SETTINGS))
     (mounted,) = thread.simulation.cameras
@@ -384,7 +384,8 @@ def test_settings_of_the_world_s_cameras(graph, thread, monkeypatch):
     plugins = None, SimpleNamespace(camera_name="own"), SimpleNamespace(camera_name="")
     new = SimpleNamespace(cameras=[SimpleNamespace(name="on", plugin=one) for one in plugins])
     settings.check_unused_names({"on": {}, "of": {"width": 3}, "own": {"width": 3}}, thread, new)
-    told = f"settings {name}/of belong to no camera; existing cameras: good, on, own"
+    told = (f"settings {name}/of belong to no camera; give them the name of an existing one: "
+            "good, on, own")
     assert told in graph.lines[-1]
     assert not any("/own" in line for line in graph.lines)
     count = len(graph.lines)

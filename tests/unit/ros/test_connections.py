@@ -1,4 +1,4 @@
-"""A node's port serves everybody, whatever another connection does."""
+"""A node serves all connections, independently of each other."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def test_many_may_come_at_once(port):
 
 
 class Publishers:
-    """Publishers that answer when `asked` says so, and the node that connects to them."""
+    """Publishers that answer when `asked` is set, and the node that connects to them."""
 
     def __init__(self, monkeypatch) -> None:
         self.connected: list[tuple[str, str]] = []

@@ -1,4 +1,4 @@
-"""What a controller node leaves behind."""
+"""Shutdown of a controller node."""
 
 import sys
 import types
@@ -10,7 +10,7 @@ PACKAGES = ("aras_visual_servo_camera", "aras_visual_servo_controller")
 
 @pytest.fixture
 def node(monkeypatch):
-    """The node's module, also where no messages were built; what has them is imported anew."""
+    """Module of the node, reimported with generated messages if none were built."""
     for name in list(sys.modules):
         if name.startswith("aras_visual_servo_controller.ros"):
             monkeypatch.delitem(sys.modules, name)

@@ -1,4 +1,4 @@
-"""What scripts import, and parse, of ros_control: words, filters, finding managers."""
+"""Modules of ros_control that scripts import: arguments, filters, finding managers."""
 
 import importlib.util
 from pathlib import Path
@@ -41,7 +41,7 @@ ALL = [ARM, HAND, STATES]
 
 @pytest.fixture
 def manager(monkeypatch):
-    """Answers of a manager; `asked` is what came in."""
+    """Services of a manager; `asked` lists the requests."""
     made = SimpleNamespace(asked=[], ok=True, controllers=ALL)
 
     def call(name, _service, *arguments):

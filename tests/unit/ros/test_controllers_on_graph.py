@@ -1,4 +1,4 @@
-"""A robot's controllers on the graph: their manager's services, topics, PIDs, action and e-stop."""
+"""Controllers of a robot on the graph: services, topics, PIDs, action and emergency stop."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ class Controllers:
         self.thread.step(count, 120.0)
 
     def send(self, topic: str, message: object) -> None:
-        """As a message of a command topic's connection."""
+        """Send a message through the connection of a command topic."""
         feed = manager_services.CommandTopic.__init__.__globals__["_subscriptions"][topic]
 
         def act() -> None:
@@ -457,7 +457,7 @@ def test_joint_states_are_written_as_they_are():
 
 
 class Goal:
-    """As actionlib's; what becomes of it is written down."""
+    """Goal with the interface of actionlib that records its result."""
 
     def __init__(self, key: str, **fields: object) -> None:
         self.key = key

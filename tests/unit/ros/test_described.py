@@ -1,4 +1,4 @@
-"""What a bag says of its run: read as far as it can be, the rest in a note."""
+"""Description of a run in a bag: it is read as far as possible; a note describes the rest."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Gains by dynamic_reconfigure: what a law refuses changes nothing, and nothing is bent."""
+"""Gains by dynamic_reconfigure: an invalid gain changes nothing and is not clamped."""
 
 from types import SimpleNamespace
 
@@ -13,7 +13,7 @@ from aras_visual_servo_controller.ros import reconfigure
 
 @pytest.fixture
 def served(monkeypatch):
-    """What a GainServer of a law serves: its fields, and what a request comes to."""
+    """Function that returns the fields and the callback of the GainServer of a law."""
 
     def serve(law):
         found = {}

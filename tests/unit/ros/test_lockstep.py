@@ -1,4 +1,4 @@
-"""When simulated time waits for answers, on a wall clock that the test turns."""
+"""When simulated time waits for answers, on a wall clock that the test sets."""
 
 from __future__ import annotations
 

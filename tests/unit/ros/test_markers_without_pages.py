@@ -1,4 +1,4 @@
-"""What rviz is shown needs no page: the folder of the pages may be deleted."""
+"""The markers for rviz do not need the web pages; their folder may be deleted."""
 
 from __future__ import annotations
 

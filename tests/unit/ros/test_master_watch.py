@@ -1,4 +1,4 @@
-"""A master that answers, falls silent, or is another one, on a clock that the test turns."""
+"""A ROS master that answers, does not answer, or was replaced, on a clock that the test sets."""
 
 import threading
 

@@ -1,4 +1,4 @@
-"""The node as a whole: what its parameters make of it, how it starts and how it ends."""
+"""Bridge node: effect of its parameters, start and shutdown."""
 
 from __future__ import annotations
 
@@ -388,7 +388,7 @@ def test_the_library_s_lines_go_where_rospy_s_go(level, shown, monkeypatch):
 
 @pytest.fixture
 def process(graph, monkeypatch):
-    """rospy's process: `end` ends it, as a signal does; `told` are the reasons of an end."""
+    """Replacement of rospy's process: `end` ends it like a signal; `told` lists the reasons."""
     it = SimpleNamespace(graph=graph, told=[], hooks=[], watched=[], begun=[])
     monkeypatch.setattr(node, "init_node", lambda *given, **more: it.begun.append((given, more)))
     monkeypatch.setattr(node, "compile_all", lambda: it.begun.append("compiled"))

@@ -1,4 +1,4 @@
-"""What the live page asks of a graph: services, nodes begun anew, the robot and target changed."""
+"""Commands of the live page: services, restarted nodes, replaced robot and target."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ MANAGER = "/two/controller_manager"
 
 
 class Nodes:
-    """In place of roslaunch."""
+    """Replacement of roslaunch."""
 
     made: list[Nodes] = []
     dies = ""
@@ -51,7 +51,8 @@ class Nodes:
 
 @pytest.fixture
 def asked(graph, life, monkeypatch, tmp_path):
-    """Actions of the robot `robo`, and the services that they find; `calls` is what was asked."""
+    """Commands for the robot `robo`, and the services that they call; `calls` lists the requests.
+    """
     settings = make_listener_settings({"namespace": "/two/"})
     it = SimpleNamespace(graph=graph, life=life, calls=[], running={NODE, "/other"}, killed=[])
     it.listener = SimpleNamespace(run_trace=None)
@@ -259,8 +260,8 @@ def test_a_goal_is_moved_in_the_camera_s_frame_each_time_from_where_it_was(asked
     left = wanted[:3, :3].T @ made.world_T_camera[:3, :3]
     angle = np.degrees(np.linalg.norm(left - left.T) / np.sqrt(8.0))
     assert 0.003 < angle < 0.006
-    assert said.endswith("to moved; the reachable pose differs by 0.000 mm and "
-                         f"{angle:.3f} degrees")  # fmt: skip
+    assert said.endswith("to moved; the nearest reachable pose differs from the requested one by "
+                         f"0.000 mm and {angle:.3f} degrees")  # fmt: skip
     reached = arm.pose(made.get_joints(arm.names))
     np.testing.assert_allclose(made.world_T_camera, reached, rtol=0.0, atol=1e-9)
     with pytest.raises(RefusedError, match="^this goal is not possible: "):

@@ -1,4 +1,4 @@
-"""The live page's node and rviz's markers: what they hear, draw, drive and hand on."""
+"""Node of the live page and rviz markers on a graph: input, drawing, commands and output."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ LAY = Pose(Point(0.1, 0.2, 0.3), Quaternion(0.5, 0.5, 0.5, 0.5))
 
 @pytest.fixture
 def listener(graph, life):
-    """Of the arm of two joints, which has been heard."""
+    """Listener of the arm of two joints that has received messages."""
     graph.parameters["/robot_description"] = ARM
     it = GraphListener(make_listener_settings(GIVEN))
     it.update()
@@ -95,7 +95,7 @@ def test_pictures_are_heard_while_somebody_looks(graph):
 
 @pytest.fixture
 def world(graph):
-    """Models of a simulation, and what it was asked for."""
+    """Models of a simulation, and the requests to it."""
     it = SimpleNamespace(models=["ground", "target", "two"], asked=[], success=True)
 
     def state(request):
@@ -253,7 +253,7 @@ def test_markers_are_published_for_who_looks_and_taken_away_again(graph, life, w
 
 
 class Wake:
-    """In place of threading.Event: waiting takes the node's own time."""
+    """Replacement of threading.Event: waiting uses the node's time."""
 
     def __init__(self, life):
         self.life, self.up = life, False
@@ -361,7 +361,7 @@ CALLS: list[tuple] = []
 
 
 class Told:
-    """In place of one of the page's parts: notes what it is asked, and answers its words."""
+    """Replacement of a part of the page that records its calls and returns given answers."""
 
     def __init__(self, *given):
         self.made = given

@@ -1,4 +1,4 @@
-"""Programs of the command line: what they ask the simulator for, what they print, their status."""
+"""Command-line programs: their requests to the simulator, output and exit status."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ class Program:
         rospy.Service(name, kind, service)
 
     def manager(self, namespace: str = "", **running: bool) -> list[tuple]:
-        """Serve a manager that has these controllers; returns the list of what it is asked for."""
+        """Serve a manager with these controllers; return the list of its requests."""
         claims = [HardwareInterfaceResources(f"hw::{kind}", ["j"]) for kind in ("A", "A", "B")]
         found = [ControllerState(name, "running" if runs else "stopped", "t", claims)
                  for name, runs in running.items()]
@@ -116,7 +116,7 @@ class Program:
         return module.main()
 
     def end(self) -> None:
-        """As by Ctrl-C."""
+        """End the program as with Ctrl-C."""
         self.down = True
         for hook in self.hooks:
             hook()
@@ -416,7 +416,7 @@ def test_unspawner_keeps_stopped_what_it_is_told_and_starts_it_at_the_end(progra
         [listed],
     ]
     assert program.calls() == [("switch_controller", ["b", "a", "c"], [], 1, False, 0.0)]
-    assert program.graph.lines[0] == "the controller manager does not answer: x"
+    assert program.graph.lines[0].startswith("the controller manager does not answer: x;")
     told = program.graph.lines[-1] == "b, a, c stay stopped: the simulator has ended"
     assert told is (gone is not None)
 
@@ -483,7 +483,8 @@ def test_a_manager_that_does_not_answer(program, capsys, module):
         if fault:
             program.faults["wait"] = fault
         assert program.run(module, *arguments) == 1
-        line = f"The controller manager did not answer: {said}\n" if said else ""
+        line = (f"The controller manager did not answer: {said}; spawn the robot, and set __ns to "
+                "its namespace\n") if said else ""
         assert capsys.readouterr().err == line
 
 

@@ -1,4 +1,4 @@
-"""Topics of sensors of motion and forces: every field of their messages, names and frames."""
+"""Topics of motion and force sensors: every message field, names and frames."""
 
 from __future__ import annotations
 

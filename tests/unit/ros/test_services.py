@@ -1,4 +1,4 @@
-"""Services of one table: each is served by a function, and where it is asked for one at a time."""
+"""Table of services: each is served by a function, one call at a time where necessary."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def test_calls_wait_for_their_turn_where_there_is_one(graph, turn, most):
 def test_an_answer_is_what_the_handler_says_and_else_that_it_went_well(graph):
     @service_handler(SetBool, "done")
     def plain(_simulation: object, _request: object) -> None:
-        """Nothing to say."""
+        """Return no answer."""
 
     @service_handler(SetBool)
     def honest(simulation: object, request: object) -> dict:
@@ -77,10 +77,10 @@ def test_handlers_are_found_where_they_are():
     class Some:
         @service_handler(Trigger)
         def one(self, _simulation: object, _request: object) -> None:
-            """A service."""
+            """Handler of a service."""
 
         def other(self) -> None:
-            """None."""
+            """Method without a service."""
 
     some = Some()
     assert find_handlers(some) == [some.one]

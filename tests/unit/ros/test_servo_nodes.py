@@ -1,4 +1,4 @@
-"""The nodes that servo: what they hear reaches the loop, and what is asked of them is done."""
+"""Servo nodes: messages reach the loop, and requests are executed."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ SQUARE = np.array([(-0.1, -0.1), (0.2, -0.1), (0.2, 0.15), (-0.1, 0.15)])
 
 
 class Heard:
-    """In place of the driver: what the loop is told."""
+    """Replacement of the driver that records what the loop receives."""
 
     def __init__(self):
         self.images, self.told, self.sources, self.stops = [], [], {}, []
@@ -348,7 +348,7 @@ def test_a_controller_is_stopped_where_there_is_one(graph, life):
 
 
 class Server:
-    """In place of actionlib's."""
+    """Replacement of actionlib's server."""
 
     def __init__(self, name, kind, execute, auto_start):
         self.given, self.execute, self.started = (name, kind, auto_start), execute, False

@@ -1,4 +1,4 @@
-"""Signals end a node whatever its main thread is at, and what is done on shutdown is finished."""
+"""Signals end a node in any state of its main thread; shutdown functions are completed."""
 
 from __future__ import annotations
 
@@ -215,7 +215,7 @@ print("begun", flush=True)
 
 
 def node_without_a_master(*arguments):
-    """A node at a port where nobody answers."""
+    """Start a node at a port without a master."""
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
                    "ROS_MASTER_URI": "http://127.0.0.1:1", "PYTHONUNBUFFERED": "1"}
     return subprocess.Popen([sys.executable, "-c", BEGINNING, *arguments], env=environment,

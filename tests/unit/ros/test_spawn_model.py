@@ -1,4 +1,4 @@
-"""spawn_model: what its arguments ask the simulator for."""
+"""spawn_model: the effect of each argument on the simulator."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ BOX = '<robot name="box"><link name="l"></link></robot>'
 
 @pytest.fixture
 def asked(api, monkeypatch):
-    """Run it with such arguments in the world of `api`."""
+    """Function that runs the program with arguments in the world of `api`."""
     monkeypatch.setattr(spawn_model.rospy, "wait_for_service", lambda *_: None)
     monkeypatch.setattr(spawn_model.rospy, "get_namespace", lambda: "/")
 

@@ -1,4 +1,4 @@
-"""Where what is spawned into a namespace has its topics."""
+"""Topics of a model that is spawned into a namespace."""
 
 from xml.etree import ElementTree
 

@@ -1,4 +1,4 @@
-"""The controllers' spawner: what it undoes at its end."""
+"""Controller spawner: it stops and unloads its controllers at its end."""
 
 from __future__ import annotations
 

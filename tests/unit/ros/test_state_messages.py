@@ -1,4 +1,4 @@
-"""What the loop tells of an image comes back from its messages, and to who listens."""
+"""States of the loop are restored from their messages, and are sent to subscribers."""
 
 from __future__ import annotations
 

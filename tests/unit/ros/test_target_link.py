@@ -1,4 +1,4 @@
-"""A link of a world's model for the nodes: its mesh, and where it is without a simulation."""
+"""A link of a world's model as a target of the nodes: its mesh, and its pose without simulation."""
 
 from pathlib import Path
 
@@ -31,7 +31,7 @@ WORLD = f"""<sdf version="1.6"><world name="a"><model name="crate">
 
 @pytest.fixture
 def asked(tmp_path, monkeypatch, capsys):
-    """What the program prints of a link, and its status; no master is there."""
+    """Function that runs the program without a master; it returns status and output."""
     monkeypatch.setenv("ROS_MASTER_URI", "http://127.0.0.1:1")
     monkeypatch.setattr(target_link.tempfile, "tempdir", str(tmp_path))
     (tmp_path / "a.world").write_text(WORLD)
@@ -79,7 +79,7 @@ def test_where_a_simulation_has_it_its_pose_is_that_of_now(asked, graph, models,
 
 
 @pytest.mark.parametrize(("link", "why"), [
-    ("crate", "model 'crate' has 2 links with visuals: set it to one of body, lid"),
+    ("crate", "model 'crate' has 2 links with visuals: body, lid; name the target's"),
     ("crate::bod", "has no link 'bod' with visuals: did you mean 'body'"),
     ("crat::body", "there is no model 'crat' in world"),
 ])  # fmt: skip

@@ -1,4 +1,4 @@
-"""Lets the tests of this folder share loop_rig.py and free_camera.py."""
+"""Adds this folder to the module path, so that its tests can import its helpers."""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What each registered feature ought to be, written down a second time from 3-D geometry.
+"""Expected values of each registered feature, computed independently from 3-D geometry.
 
 Nothing here uses the package's own formulas: points come from a pose by projection, moments from
 dense sums over a triangulation, poses from the poses themselves.
@@ -41,7 +41,7 @@ def look(observer, camera_T_object, stamp=0.0, corners=CORNERS):
 
 
 def moved(camera_T_object, twist):
-    """camera_T_object after a twist (6,) of the camera over one unit of time."""
+    """Return camera_T_object after a camera twist (6,) for one unit of time."""
     return np.linalg.inv(exponential(np.asarray(twist))) @ camera_T_object
 
 
@@ -66,7 +66,7 @@ def log_depth(c):
 
 
 def lines(c):
-    """Each line by the plane of the edge and the camera's centre: n . (x, y, 1) = 0."""
+    """Return each line n . (x, y, 1) = 0, from the plane of the edge and the camera's centre."""
     P = places(c)
     n = np.cross(P, np.roll(P, -1, axis=0))
     n = n / np.linalg.norm(n[:, :2], axis=1)[:, None]
@@ -123,7 +123,7 @@ GRID_WEIGHTS = np.array([u * v for u in WEIGHTS for v in WEIGHTS])
 
 
 def integral(c, function):
-    """Of a function of z = x + i y over the target's image."""
+    """Return the integral of a function of z = x + i y over the target's image."""
     z0, z1, z2, z3 = seen(c) @ (1, 1j)
     a, b = 0.5 * (GRID.T + 1.0)
     z = (1 - a) * (1 - b) * z0 + a * (1 - b) * z1 + a * b * z2 + (1 - a) * b * z3
@@ -147,7 +147,7 @@ def mu(c, i, j):
 
 
 def complex_moment(c, p, q):
-    """c_pq, the integral of z^p conj(z)^q about the middle."""
+    """Return c_pq, the integral of z^p conj(z)^q about the centroid."""
     g = middle(c)
     return integral(c, lambda z: (z - g) ** p * np.conj(z - g) ** q)
 
@@ -177,7 +177,7 @@ def xn_yn(c):
 
 
 def alpha(c):
-    """Of the long axis, on the side on which the third-order moments say that it points."""
+    """Return the angle of the long axis, on the side that the third-order moments determine."""
     half = 0.5 * np.angle(complex_moment(c, 2, 0))
     turned = _alpha_at_goal() + _turn(c)
     return np.array([half + np.pi * np.round((turned - half) / np.pi)])
@@ -188,7 +188,7 @@ def _alpha_at_goal():
 
 
 def _turn(c):
-    """By which the target's image is turned since the goal, roughly: by its first side."""
+    """Return the approximate rotation of the target's image since the goal, from its first side."""
     sides = [np.diff(seen(place)[:2] @ (1, 1j))[0] for place in (GOAL, c)]
     return np.angle(sides[1] / sides[0])
 
@@ -199,7 +199,7 @@ def ellipse(c):
 
 
 def tilts(c):
-    """Sx, Sy of Chaumette 2004, by complex moments."""
+    """Return Sx, Sy of Chaumette 2004, from complex moments."""
     c20, c11 = complex_moment(c, 2, 0), complex_moment(c, 1, 1).real
     # i c30 has the parts mu03 - 3 mu21 and mu30 - 3 mu12.
     both = 1j * complex_moment(c, 3, 0) * np.conj(c20**2)
@@ -214,7 +214,7 @@ def symmetries(c):
 
 
 def invariants(c):
-    """C1 ... C10 of Tahri and Chaumette 2005; C3 ... C6, of cubic forms, written out."""
+    """Return C1 ... C10 of Tahri and Chaumette 2005; C3 ... C6 are written out as cubic forms."""
     m = {(p, q): complex_moment(c, p, q) for p in range(6) for q in range(6) if p + q <= 5}
 
     def square(p, q):

@@ -1,4 +1,4 @@
-"""The loop closed without physics and pixels: joints that lag, a camera that sees exactly."""
+"""Closed loop without physics and images: lagging joints and a camera with exact features."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ TICK = 0.01
 
 @cache
 def the_arm() -> Arm:
-    """The laboratory's, from its description."""
+    """Return the laboratory's arm, from its description."""
     return Arm.from_urdf(URDF.read_text())
 
 
@@ -60,7 +60,7 @@ def the_servo(
     options: dict | None = None,
     **settings,
 ) -> Servo:
-    """A loop as the node builds it."""
+    """Return a loop as the controller node makes it."""
     arm = the_arm()
     if isinstance(scheme, str):
         scheme = create_scheme(scheme, law or Proportional(5.0), **(options or {}))
@@ -73,7 +73,7 @@ def the_servo(
 
 @dataclass
 class Rig:
-    """Joints (6,) behind first-order lags, a camera that reports what it exactly sees.
+    """Closed loop of joints (6,) with first-order lags and a camera with exact features.
 
     Attributes:
         servo: the loop.
@@ -118,7 +118,7 @@ class Rig:
         )
 
     def run(self, seconds: float) -> list[ServoState]:
-        """Go on for so long; all states since the beginning."""
+        """Continue for this time; return all states since the start."""
         end = self.now + seconds
         names = self.servo.arm.names
         look = self.look or self.exact
@@ -148,11 +148,12 @@ class Rig:
 
     @property
     def missed(self) -> tuple[float, float]:
-        """Distance (m) and angle (rad) of the camera from its goal."""
+        """Return distance (m) and angle (rad) of the camera from its goal."""
         return pose_difference(self.servo.goal.world_T_camera, self.servo.arm.pose(self.q))
 
     def settled(self, part: float = 0.02) -> float:
-        """When the camera's distance falls below a part of its first one for good, s."""
+        """Return the time after which the camera's distance stays below a part of its first value,
+        s."""
         goal = self.servo.goal.world_T_camera
         way = [pose_difference(goal, self.servo.arm.pose(q))[0] for q in self.joints]
         above = np.flatnonzero(np.array(way) > part * way[0])
@@ -160,7 +161,7 @@ class Rig:
 
 
 def spoiled(observation: Observation, **changes) -> Observation:
-    """The observation with some fields replaced."""
+    """Return the observation with some fields replaced."""
     return replace(observation, **changes)
 
 
@@ -170,7 +171,7 @@ def lost(observation: Observation, reason: str, touches: tuple[str, ...] = ()) -
 
 
 def scaled(moments: Moments, factor: float) -> Moments:
-    """Moments as a camera with a focal length wrong by this factor would report them."""
+    """Return moments as measured with a focal length that is wrong by this factor."""
     n = np.add.outer(*(np.arange(moments.order + 1),) * 2) + 2
     centred = moments.centred * factor**n
     return Moments(moments.order, moments.kind, moments.m00 * factor**2, moments.xg * factor,

@@ -1,4 +1,4 @@
-"""Whether the camera is at its goal, and how far it may be from it all the same."""
+"""Whether the camera is at its goal, and the uncertainty of its pose."""
 
 from types import SimpleNamespace
 
@@ -44,7 +44,8 @@ DEEP = Goal(depth=0.2)
 
 def shown(arrival, stamp, error, L=None, modelled=(True,) * 6, pose=None, goal=DEEP, tolerance=1.0,
           ambiguity="", accuracy=None, moments=None, resolution=None, others=None):  # fmt: skip
-    """What an Arrival says of one image with an error (k,), its L (k, 6), seen from a pose."""
+    """Return what an Arrival reports for one image with an error (k,), its L (k, 6), from a pose.
+    """
     error = np.asarray(error, float)
     task = None if L is None else SimpleNamespace(modelled=np.array(modelled))
     L = None if L is None else np.asarray(L, float)
@@ -99,7 +100,7 @@ def test_images_that_come_seldom_have_no_mean(sign):
 
 
 class Watched(ArrivalCheck):
-    """An Arrival that remembers what it said last, and how many images it was shown."""
+    """Arrival that stores its last report and the number of its images."""
 
     fed, last = 0, None
 
@@ -113,7 +114,7 @@ class Watched(ArrivalCheck):
 
     @property
     def kept(self):
-        """How many images are averaged at most."""
+        """Return the largest number of images that are averaged."""
         return len(self._offsets)
 
 
@@ -548,7 +549,7 @@ HERE = at(0.3, -0.2, 0.4)
 
 
 def left_by(errors, L, **more):
-    """What is left open after images with errors (m, k) of a camera that stands still."""
+    """Return the pose uncertainty after images with errors (m, k) of a camera at rest."""
     poses = more.pop("poses", [HERE] * len(errors))
     arrival = of_camera(errors, L, poses=poses, **more)
     assert arrival.reached, arrival.short

@@ -1,4 +1,4 @@
-"""L estimated by Broyden's rule: comes to the true one, wants no model, and forgets when told."""
+"""Broyden's estimate of L: it converges to the true L, needs no model, and can be reset."""
 
 from types import SimpleNamespace
 
@@ -104,7 +104,8 @@ def test_what_changes_by_more_than_any_camera_makes_is_not_learnt(jump, learnt):
 
 
 class Askew(ImageMoments):
-    """Its L takes the camera for turned by 70 degrees about its axis: the loop spirals."""
+    """Scheme whose L belongs to a camera rotated by 70 degrees about its axis: the path is a
+    spiral."""
 
     def measure(self, observation, goal):
         measured = super().measure(observation, goal)

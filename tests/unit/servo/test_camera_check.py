@@ -15,7 +15,7 @@ from aras_visual_servo_controller.kinematics.joint_sample import JointSample
 
 
 class Rows:
-    """The same judgement from the rows themselves instead of sums of their products."""
+    """The same check from the rows themselves instead of sums of their products."""
 
     def __init__(self):
         self.rows, self.values, self.path = [np.empty((0, 6))], [np.empty(0)], 0.0
@@ -26,7 +26,7 @@ class Rows:
         self.parts, self.moved, self.shaken, self.images = 0.0, 0.0, 0.0, 0
 
     def smooth(self, off):
-        """Whether what is off in each row goes on in the next."""
+        """Return whether the residuals of successive images are correlated."""
         off = np.split(off, np.cumsum([len(value) for value in self.values[1:]])[:-1])
         together = sum(one @ other for one, other in zip(off, off[1:], strict=False))
         return together > 0.2 * sum(each @ each for each in off)
@@ -221,7 +221,7 @@ def test_only_an_image_that_follows_another_counts():
 
 
 def shown(evidence, error, L, motion, tolerances, error_drift=0.0, joints=None):
-    """Gives a CameraCheck one image, seen after a motion (6,) of the camera."""
+    """Add one image to a CameraCheck, after a motion (6,) of the camera."""
     evidence.add(SimpleNamespace(error_drift=error_drift, L=L, error=error),
                  SimpleNamespace(motion=motion, dt=1 / 30, joints=joints), tolerances)
 

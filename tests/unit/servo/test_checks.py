@@ -1,4 +1,4 @@
-"""What the images say beyond the error: does it swing, can it be the goal's target?"""
+"""Checks of the error over time: oscillation, and whether the target can be the goal's target."""
 
 from types import SimpleNamespace
 
@@ -26,7 +26,7 @@ def zigzag(*extremes, half=0.3, rate=100.0):
 
 
 def rings(samples, beside=lambda t: 0.0):
-    """What is said at the end; another error is beside it, before and behind."""
+    """Return what OscillationCheck reports at the end for an error, next to another error."""
     answers = []
     for place in (0, 1):
         oscillation = OscillationCheck()
@@ -219,8 +219,8 @@ def test_turning_points_are_where_the_way_back_is_long_enough(seed):
 
 
 def best_wave(time, error, about):
-    """(frequency, part of the square that it leaves) of the wave that explains most of the error
-    beside a line."""
+    """Return (frequency, residual fraction) of the wave that best explains the error about a line.
+    """
     def left(*columns):
         A = np.column_stack(columns)
         A = A / np.maximum(np.linalg.norm(A, axis=0), 1e-9)
@@ -256,7 +256,7 @@ def test_of_two_images_a_period_a_wave_has_but_one_height():
 
 
 def swinging(stamps, errors):
-    """As Oscillation says of a span: Hz, or 0."""
+    """Return the frequency that Oscillation reports for a span, Hz, or 0."""
     half = errors[len(errors) // 2 :]
     error = errors[:, np.ptp(half, axis=0).argmax()]
     points = turning_points(error, 6.0)
@@ -307,7 +307,7 @@ def of(corners):
 
 
 def said_of(evidence, seen, wanted, count=3):
-    """What is said after each of `count` images."""
+    """Return what is reported after each of `count` images."""
     see = SimpleNamespace(moments=seen, plane=None)
     return [evidence.add(see, SimpleNamespace(moments=wanted)) for _ in range(count)]
 

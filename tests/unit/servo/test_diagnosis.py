@@ -1,4 +1,4 @@
-"""Provoked failures get the right word, healthy runs none."""
+"""Provoked failures get the correct outcome, and normal runs get none."""
 
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
@@ -35,7 +35,7 @@ SEEDS = (0, 2)
 
 
 def healthy(outcome):
-    """Whether the loop is on its way, or has arrived; on the last bit it leaves more open."""
+    """Return whether an outcome is that of a run without failure."""
     return outcome == "running" or outcome.startswith("converged")
 
 
@@ -62,7 +62,7 @@ def swing(t, frequency):
 
 
 def with_borders(rig):
-    """The camera loses a target that leaves the picture."""
+    """Make the camera lose a target that leaves the image."""
 
     def look(observer, t, joints):
         seen = rig.exact(observer, t, joints)
@@ -278,7 +278,7 @@ def test_a_goal_out_of_reach(seed):
 
 
 def lifted(height):
-    """The goal as it would be seen from so much higher, m, said by its pose alone."""
+    """Return the goal as seen from `height` m higher, given only by its pose."""
     goal = the_goal("2016")
     higher = goal.world_T_camera.copy()
     higher[2, 3] += height
@@ -338,7 +338,7 @@ def test_starving_again_and_again_is_remembered():
 
 
 class Twice(Feature):
-    """The same number twice, for two directions: of rank 1."""
+    """Feature that is the same number twice, for two directions: L has rank 1."""
 
     names, tolerances = ("xg", "again"), (1e-3, 1e-3)
     directions = (True, True, False, False, False, False)
@@ -476,14 +476,14 @@ def one_camera(**known):
 
 
 def doubtful(fault):
-    """In place of a CameraCheck, one that has found a fault."""
+    """Replacement of a CameraCheck that has found a fault."""
     return SimpleNamespace(
         add=lambda *_: None, interrupt=lambda: None, find_fault=lambda: fault
     )  # fmt: skip
 
 
 def seen_at(distance, scheme_output=None):
-    """A state without an answer, and the picture of a target at so many times its goal's."""
+    """Return a state without output, with a target at a multiple of the goal's distance."""
     square = np.array([[-0.1, -0.1], [0.1, -0.1], [0.1, 0.1], [-0.1, 0.1]])
     observation = one_camera(
         moments=Moments.from_polygon(square / distance + 0.02), touched_borders=(), valid=True,
@@ -521,7 +521,7 @@ def test_a_camera_far_behind_start_and_goal_has_retreated(first, then, kind):
 
 @dataclass
 class Features:
-    """Of a scheme output."""
+    """Features of a scheme output."""
 
     names: tuple
     error: np.ndarray

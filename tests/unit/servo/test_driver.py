@@ -1,4 +1,4 @@
-"""The driver: joints by stamp, images with the joints of their instant, silence that stops the arm.
+"""LoopRunner: joints by stamp, images with the joints at their exposure, stop after silence.
 
 A played robot with exact vision and lagging joints, in simulated time.
 """
@@ -109,7 +109,7 @@ class Bench:
         return pose_difference(goal, self.arm.pose(self.q))
 
     def goes_on(self):
-        """Whether it servoes and comes nearer to its goal."""
+        """Return whether the loop servoes and approaches its goal."""
         before = self.off()[0]
         self.step(60)
         return self.servo.phase == "servoing" and self.off()[0] < 0.8 * before
@@ -467,7 +467,7 @@ def test_it_goes_to_its_start_again_where_the_robot_is_made_anew_on_the_way():
 
 
 def stuck(bench, seconds, drift=0.0):
-    """Instants at which a bench is told its command again while its joints do not move."""
+    """Return the times at which a bench receives its command again while its joints do not move."""
     count, before = len(bench.sent), bench.command.copy()
     away = -drift * np.sign(bench.command - bench.q)
     for k in range(int(seconds / DT)):

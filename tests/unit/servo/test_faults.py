@@ -1,4 +1,4 @@
-"""A user's scheme that goes wrong in any way holds the arm within the image, and is said once."""
+"""An error in a user's scheme stops the arm at the next image and is reported once."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""What features and schemes say of themselves: names, units, tolerances, directions, defaults."""
+"""Declarations of features and schemes: names, units, tolerances, directions, defaults."""
 
 import re
 

@@ -1,4 +1,4 @@
-"""Every registered feature on an exact camera: s, L, e against geometry written a second time.
+"""s, L and e of every registered feature on an exact camera, compared with independent geometry.
 
 A sign, index or scale planted in a feature's s, L or e is found: s is compared with values from
 3-D, L with the finite differences of those values, e with their difference on the circle.

@@ -1,4 +1,4 @@
-"""A gain that is too high for the age of the images is named before the error has swung twice."""
+"""A gain that is too high for the delay is reported before the error has oscillated twice."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Goals: kept whole in a file, checked key by key, refused where they do not fit."""
+"""Goals: stored completely in a file, checked key by key, refused if they do not fit."""
 
 import os
 import threading

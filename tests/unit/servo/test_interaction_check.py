@@ -1,4 +1,4 @@
-"""check_interaction_matrix accepts right interaction matrices and finds wrong ones."""
+"""check_interaction_matrix accepts correct interaction matrices and finds wrong ones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Driving by hand: what is asked is done, within the limits, and ends when nobody asks any more."""
+"""Jogging: motion follows requests within the limits and ends when they stop."""
 
 from dataclasses import replace
 from types import SimpleNamespace

@@ -1,4 +1,4 @@
-"""Joints beside their commands: which stays behind, which swings by itself."""
+"""Joints that do not follow their commands or oscillate are reported."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Laws: rates, memory, what reset clears, and what their constructors refuse."""
+"""Control laws: error rates, internal state, reset, and invalid arguments."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""A link of a model in a world file as the target: its shape, and where the simulation has it."""
+"""A link of a model in a world file as the target: its shape and its pose in the simulation."""
 
 import numpy as np
 import pytest
@@ -85,7 +85,7 @@ def test_a_course_tells_the_last_pose_before_a_time():
 @pytest.mark.parametrize(("target", "more", "why"), [
     ({"model": "crat"}, "", "there is no model 'crat' in world .*did you mean 'crate'"),
     ({"model": "crate", "link": "bod"}, "", "has no link 'bod' with visuals: did you mean 'body'"),
-    ({"model": "crate"}, LID, "has 2 links with visuals: set it to one of body, lid"),
+    ({"model": "crate"}, LID, "has 2 links with visuals: body, lid; name the target's"),
     ({"model": "ground_plane"}, "", "target: ground_plane::link is not a closed surface"),
 ])  # fmt: skip
 def test_a_link_that_is_not_there_is_named(world, target, more, why):
@@ -94,8 +94,8 @@ def test_a_link_that_is_not_there_is_named(world, target, more, why):
 
 
 @pytest.mark.parametrize(("changes", "why"), [
-    ({"world": ""}, "target.model needs a world file: set world to its path or name"),
-    ({"plant": "free", "world": ""}, "other plants have no world"),
+    ({"world": ""}, "there is none: set world to the file's path or name"),
+    ({"plant": "free", "world": ""}, "only plant bullet has a world"),
     ({"target": {"model": "crate", "shape": "square"}}, "has the link's shape"),
 ])  # fmt: skip
 def test_what_a_link_cannot_be_is_said(world, changes, why):

@@ -1,4 +1,4 @@
-"""Photometric features against pictures of an analytic texture, derived by finite differences."""
+"""Photometric features on an analytic texture, compared with finite differences."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -73,7 +73,7 @@ def smooth(image):
 
 
 def rates(camera, place, step=1e-4):
-    """dI/dv (pixels, 6) by finite differences of exact pictures."""
+    """Return dI/dv (pixels, 6) by finite differences of exact images."""
     return np.array([
         (smooth(picture(camera, moved(place, step * v)))
          - smooth(picture(camera, moved(place, -step * v)))) / (2 * step)

@@ -1,4 +1,4 @@
-"""Keypoints matched with the goal's picture: s, e, L against the geometry of the rendered plane."""
+"""Keypoints matched with the goal's image: s, e and L, compared with the rendered plane."""
 
 from dataclasses import replace
 from types import SimpleNamespace

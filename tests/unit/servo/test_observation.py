@@ -1,4 +1,4 @@
-"""The one factory: the same record from pictures, from messages and from exact geometry."""
+"""Observations from images, messages and exact geometry are equal."""
 
 from types import SimpleNamespace
 
@@ -132,8 +132,8 @@ def test_a_picture_that_cannot_be_segmented_as_asked_says_why():
         0.0, picture(outline()), CAMERA
     )
     assert not seen.valid and seen.moments is None
-    reason = "segmentation 'nearest_colour' needs a colour image, but the image is grey"
-    assert seen.reason == reason
+    reason = "segmentation 'nearest_colour' needs a colour image, but the image is grey; use a "
+    assert seen.reason == reason + "colour camera or method 'otsu'"
 
 
 @pytest.mark.parametrize("begin", [0.0, 31.5])

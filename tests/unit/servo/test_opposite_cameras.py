@@ -1,4 +1,4 @@
-"""A camera in the hand and one that stands before the hand: what the arm's motion is to each."""
+"""A camera in the hand and a fixed camera in front of the hand: effect of the arm on both."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Poses from which a goal's points look as at the goal, and which of them a camera is at."""
+"""Poses at which a goal's points have the same image as at the goal, and their distinction."""
 
 import numpy as np
 import pytest

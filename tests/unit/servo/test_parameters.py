@@ -1,4 +1,4 @@
-"""Parameters: each listed once, checked, and made into one loop."""
+"""Parameters of the controller: each is listed once, checked, and used."""
 
 from __future__ import annotations
 
@@ -240,7 +240,7 @@ def test_starts_in_every_way_they_can_be_given(arm):
 
 
 class Two:
-    """An arm of two joints, neither of which may be at zero."""
+    """Arm of two joints whose limits exclude zero."""
 
     names, lower, upper = ("j", "k"), np.array([0.2, -1.0]), np.array([1.0, -0.3])
 

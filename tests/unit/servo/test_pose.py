@@ -1,4 +1,4 @@
-"""The pose of a plane from points that are not exact: where no other has a smaller error."""
+"""Pose of a plane from inexact points: no other pose has a smaller error."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,8 @@ from aras_visual_servo_controller.goals.goal import Goal
 
 
 def offsets(pose, there, points):
-    """By how much (2n,) places (n, 3) seen from a pose (4, 4) miss points (n, 2)."""
+    """Return the differences (2n,) between points (n, 3) projected at a pose (4, 4) and points (n,
+    2)."""
     P = there @ pose[:3, :3].T + pose[:3, 3]
     return (P[:, :2] / P[:, 2:] - points).ravel()
 

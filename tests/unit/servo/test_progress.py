@@ -1,4 +1,4 @@
-"""Why the error does not shrink, by what a window of images leaves behind."""
+"""Reasons why the error does not decrease, from a window of images."""
 
 import json
 from dataclasses import replace

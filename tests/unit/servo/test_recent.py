@@ -1,4 +1,4 @@
-"""The window of the last errors, however long it is and however often it begins at the front."""
+"""Window of the latest errors: order, and restart when their number changes."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Several cameras of one scheme: pictures that belong together, and one observation of them."""
+"""Several cameras of one scheme: simultaneous images, and one observation of them."""
 
 from dataclasses import replace
 from functools import partial
@@ -73,7 +73,7 @@ def view(observer, stamp, q, plane=None):
 
 
 def together(made, q, stamp=1.0, then=None):
-    """One observation; the right camera exposed at coordinates `then`."""
+    """Return one observation; the right camera is exposed at coordinates `then`."""
     right, left = made.observers["right"], made.control
     age = 0.0 if then is None else 0.02
     seen = view(right, stamp - age, q if then is None else then)
@@ -84,7 +84,7 @@ def together(made, q, stamp=1.0, then=None):
 
 
 def fed(made, *pictures):
-    """Stamps that are answered: (control's, right's) of the pictures (camera, stamp), in order."""
+    """Return the pairs of stamps (control, right) that are used of the images (camera, stamp)."""
     answered = []
     for name, stamp in pictures:
         def look(joints, commands, name=name, stamp=stamp):
@@ -242,7 +242,7 @@ def goal_of(scheme, target=None):
     made, q = rig(), np.zeros(6)
 
     def plane(pose):
-        """Of the world's z = 0."""
+        """Return the plane z = 0 of the world in the camera frame."""
         inside = inverse(pose)
         n, p = inside[:3, 2], inside[:3, 3]
         return Plane(*(n / (n @ p)).tolist())
@@ -342,7 +342,7 @@ def test_a_camera_where_the_target_is_lost_is_named():
         scheme.compute(seen, goal, 0.0)
 
     class Wanting(Feature):
-        """A user's, which wants no target to be found in its camera's picture."""
+        """User-defined feature that does not need a detected target."""
 
         names, tolerances, needs = ("x",), (1.0,), frozenset((Need.IMAGE,))
 
@@ -582,7 +582,7 @@ def test_two_cameras_forget_the_turn_to_which_a_square_was_followed(monkeypatch)
 
 
 class Known(Flying):
-    """With names of its coordinates, as an arm has them, and limits."""
+    """Camera kinematics with names of its coordinates and limits, like an arm."""
 
     names, lower, upper = NAMES, -np.ones(6), np.ones(6)
 

@@ -1,4 +1,4 @@
-"""The shipped compositions on an exact free camera: each comes to its goal as its theory says."""
+"""Shipped schemes with an exact free camera: each converges as its theory predicts."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -113,7 +113,7 @@ class Asked(Proportional):
 
 
 def centres(way):
-    """Of the camera in the target's frame (n, 3)."""
+    """Return the positions (n, 3) of the camera in the target's frame."""
     return np.array([np.linalg.inv(place)[:3, 3] for place in way])
 
 

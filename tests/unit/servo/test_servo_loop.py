@@ -1,4 +1,4 @@
-"""The loop closed over an exact camera and lagging joints: arrives, judges, begins anew."""
+"""Closed loop with an exact camera and lagging joints: convergence, diagnosis, restart."""
 
 from types import SimpleNamespace
 
@@ -52,7 +52,7 @@ def phases(states):
 
 
 def speeds(rig):
-    """Of the commands (n, 6), per second."""
+    """Return the velocities (n, 6) of the commands, per second."""
     commands = np.array([c.positions for c in rig.commands if c.positions is not None])
     return np.diff(commands, axis=0) / TICK
 

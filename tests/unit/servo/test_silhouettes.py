@@ -1,4 +1,4 @@
-"""Solids servoed by the moments of their silhouettes, told by label, colour and grey."""
+"""Solids servoed by silhouette moments, segmented by label, colour and grey level."""
 
 import sys
 from pathlib import Path
@@ -48,7 +48,7 @@ def test_a_primitive_is_reached_by_its_labels_silhouette(shape, scheme):
 
 @pytest.fixture(scope="module")
 def red(tmp_path_factory):
-    """The path of a red box's mesh, 0.08 x 0.05 x 0.06 m, which stands on z = 0."""
+    """Path of the mesh of a red box, 0.08 x 0.05 x 0.06 m, which stands on z = 0."""
     path = write_obj(tmp_path_factory.mktemp("meshes") / "red.obj", [(corners_of("box"), 0.6)])
     path.with_suffix(".mtl").write_text("newmtl m0\nKd 0.7 0.1 0.1\n")
     return str(path)
@@ -85,7 +85,7 @@ def test_where_no_plane_fits_it_is_said_before_the_run():
 
 
 def told(**segmentation):
-    """Changes of an experiment whose target is told so."""
+    """Return the changes of an experiment whose target is segmented in this way."""
     return {"controller_parameters": {"segmentation": segmentation}}
 
 

@@ -1,4 +1,4 @@
-"""Solids as targets: servoed by the pose of a mesh, and refused where it is none."""
+"""Solid targets: servoing by the pose of a mesh, and errors."""
 
 import sys
 from pathlib import Path
@@ -156,7 +156,7 @@ MARKED = 0.045  # m, of the picture on the box; eight of its ten cells are the b
 
 @pytest.fixture(scope="module")
 def marked(tmp_path_factory):
-    """A box 0.08 x 0.05 x 0.06 m on z = 0, with a marker on its top beside the middle."""
+    """Box of 0.08 x 0.05 x 0.06 m on z = 0, with a marker off the centre of its top."""
     folder = tmp_path_factory.mktemp("marked")
     path = write_obj(folder / "marked.obj", [(corners_of("box"), 0.6)])
     cv2.imwrite(str(folder / "tag.png"), make_target("marker", (MARKED, MARKED)).pixels)

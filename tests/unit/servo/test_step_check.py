@@ -1,4 +1,4 @@
-"""Features compared with L and the camera from image to image: jumps, faults, what covers."""
+"""Changes of features between images, compared with L: jumps, errors, occlusions."""
 
 from types import SimpleNamespace
 

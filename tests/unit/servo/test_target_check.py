@@ -1,4 +1,4 @@
-"""Whether the target moves by itself: exact features of one that does, before a moving camera."""
+"""Detection of a moving target from exact features, with a moving camera."""
 
 from types import SimpleNamespace
 
@@ -15,7 +15,7 @@ POSE = matrix_from_xyz_rpy((0.3, -0.2, 0.5), (2.9, 0.2, -0.4))
 
 
 def twist(*six):
-    """Of the target, the same at all times, in the world."""
+    """Return a constant twist of the target in the world."""
     return lambda t: np.array(six)
 
 
@@ -30,7 +30,7 @@ def swaying(t):
 def watched(images, moves, camera=swaying, count=6, known=0.0, check=None, L=None, begin=0.0,
             wraps=(), sits=None, noise=0.0, turns=0.0, dt=DT, jumps=0.0,
             **seen):  # fmt: skip
-    """What is said after each of so many images of a target that moves by a twist (6,)."""
+    """Return what is reported after each image of a target that moves with a twist (6,)."""
     check = check or TargetCheck()
     sits = np.eye(3) if sits is None else sits
     draw = np.random.default_rng(4)
@@ -191,7 +191,7 @@ def test_a_target_s_motion_that_the_scheme_knows_is_taken_off(known, said):
 
 
 class Looked:
-    """The same judgement from whole rows, by least squares over all that was seen."""
+    """The same check from complete rows, by least squares over all images."""
 
     def __init__(self):
         self.rows, self.new, self.said, self.images = [], 0, "", []

@@ -1,4 +1,4 @@
-"""Teaching: what was seen is stored, averaged, to order 6, with a command line that works."""
+"""Teaching: the mean view is stored with moments up to order 6; command line."""
 
 import io
 import re
@@ -351,5 +351,5 @@ def test_moments_of_a_model_are_taught_with_the_plane_of_its_outline():
 
 
 def goal_plane(pose, height):
-    """Of the level z = height in a camera there, 1/Z = A x + B y + C."""
+    """Return the plane z = height in the camera frame, 1/Z = A x + B y + C."""
     return pose[2, :3] / (height - pose[2, 3])

@@ -1,4 +1,4 @@
-"""Keys of the teleoperation, and a gamepad."""
+"""Keyboard and gamepad of the teleoperation."""
 
 import os
 import pty
@@ -76,7 +76,7 @@ def test_a_step_beyond_the_limit_is_not_taken(key, place):
 
 
 class Asked(Jog):
-    """A drive that notes what it is asked."""
+    """Drive that records its requests."""
 
     def __init__(self):
         super().__init__(the_arm(), the_limits())

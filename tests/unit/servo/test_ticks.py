@@ -1,4 +1,4 @@
-"""The compiled ticks between images, beside the driver's own, on a played robot."""
+"""Compiled updates between images give the same result as those in Python."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ from aras_visual_servo_controller.runner.compiled_updates import (
 
 
 class Joined(Bench):
-    """Answers joint states by `ticked` where that may be."""
+    """Bench that processes joint states in compiled code where possible."""
 
     def __init__(self, **given):
         super().__init__(**given)
@@ -37,7 +37,7 @@ class Joined(Bench):
 
 
 def jump(bench):
-    """Ahead, so that the command comes nearer to the joints as it goes on."""
+    """Move the joints ahead of their motion, so that the command approaches them again."""
     bench.step(40)
     (_, before), (_, now) = bench.sent[-2:]
     bench.q = bench.q + 0.3 * np.sign(now.values - before.values)

@@ -1,4 +1,4 @@
-"""The four schemes of docs/examples, each by its name alone, unchanged: they reach the goal."""
+"""The four schemes of docs/examples reach the goal unchanged, selected by name."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -40,7 +40,8 @@ def picture(outline):
 
 
 def look(observer, stamp, joints):
-    """As the camera does: pictures where they are asked for, exact features else."""
+    """Return an observation like the camera: images if they are needed, otherwise exact features.
+    """
     outline = the_goal("2016").target.compute_outline(the_arm().pose(joints.positions))
     if Need.IMAGE in observer.needs:
         return observer.observe_image(stamp, picture(outline), CAMERA, joints)

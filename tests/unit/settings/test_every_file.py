@@ -1,4 +1,4 @@
-"""Every kind of settings of the workspace gives the same answer to the same value."""
+"""All settings files of the workspace treat equal values equally."""
 
 from __future__ import annotations
 
@@ -130,7 +130,7 @@ def kind(request) -> Kind:
 
 
 def kinds(fits: Callable[[Kind], bool]) -> pytest.MarkDecorator:
-    """Only those kinds."""
+    """Parametrise with the kinds that satisfy the condition."""
     return pytest.mark.parametrize("kind", [n for n in KINDS if fits(KINDS[n])], indirect=True)
 
 

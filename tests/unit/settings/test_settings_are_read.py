@@ -1,4 +1,4 @@
-"""A parameter that is declared, documented and then forgotten would be ignored without a word."""
+"""Every declared and documented parameter is used by the code."""
 
 from __future__ import annotations
 

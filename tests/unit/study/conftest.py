@@ -1,4 +1,4 @@
-"""Studies of a flying camera that sees exactly: a run takes a hundredth of a second."""
+"""Studies of a free camera with exact features; a run takes a hundredth of a second."""
 
 import pytest
 
@@ -15,5 +15,5 @@ TINY = {
 
 @pytest.fixture(scope="session")
 def tiny():
-    """Makes the tiny study with keys changed."""
+    """Function that makes the tiny study with changed keys."""
     return lambda **changes: Study.from_mapping({**TINY, **changes})

@@ -1,4 +1,4 @@
-"""Workers of Dask, once for real: the same bytes, a death survived, and who is refused."""
+"""Real Dask workers: identical files, a killed worker, and refused workers."""
 
 from __future__ import annotations
 

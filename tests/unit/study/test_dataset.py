@@ -1,4 +1,4 @@
-"""Data sets: pictures and numbers of every image of a study's runs."""
+"""Data sets: images and numbers of every image of a study's runs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The first study of the documentation is the one that ships, and the commands there exist."""
+"""The first study of the documentation is the shipped one, and its commands exist."""
 
 import re
 from pathlib import Path

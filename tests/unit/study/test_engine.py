@@ -1,4 +1,4 @@
-"""Carrying a study out: every run once, the same whatever happens, and nothing lost."""
+"""Execution of a study: every run once, reproducible after any interruption, nothing lost."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ class Dying(InProcessPool):
 
 
 class Forked:
-    """In place of a Popen, which imports all anew: the child is a copy of this process."""
+    """Replacement of Popen that forks this process instead of importing everything again."""
 
     def __init__(self, command, stdin, stdout, env):
         assert command == [sys.executable, "-m", work.__name__]
@@ -228,7 +228,7 @@ def test_a_run_that_hangs_ends_as_a_row_and_its_worker_goes_on(tiny, tmp_path, m
     monkeypatch.setenv("DEAF", str(hangs))
 
     class Watch(threading.Thread):
-        """In place of a Timer: fires once a run hangs, so that nobody has to wait for it."""
+        """Replacement of Timer that fires as soon as a run hangs."""
 
         def __init__(self, limit, end):
             super().__init__(daemon=True)

@@ -22,7 +22,7 @@ TIME = np.arange(-20, 300) / 100.0  # of joint states, which come before the fir
 
 
 def state(stamp, error):
-    """Of two features; NaN: not seen in this image."""
+    """Return a state with two errors; NaN: not measured in this image."""
     names, zero = ("a", "b"), np.zeros(2)
     decision = None if np.isnan(error).any() else SchemeOutput(names, error, zero, error)
     return ServoState(stamp, "servoing", scheme_output=decision)

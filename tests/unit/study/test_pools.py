@@ -1,4 +1,4 @@
-"""What a pool of Dask's workers makes of what becomes of its chunks, without a worker."""
+"""Pool of Dask workers after failures of chunks and workers, without a real worker."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ DONE, CANCELLED = rows.Rows([{"run": 1}]), "cancelled"
 
 
 class KilledError(Exception):
-    """As distributed.KilledWorker."""
+    """Error with the name of distributed.KilledWorker."""
 
 
 class Dask:

@@ -1,4 +1,4 @@
-"""Every number that is told of a study, recomputed by pandas from the rows' Parquet files.
+"""Every number about a study, recomputed by pandas from the Parquet files.
 
 The fixture tells apart: groups of unlike sizes, as parts are missing, and the times of two that are
 there; NaN in one study's row and not in its partner's; ties; runs that were refused; seeds that
@@ -23,7 +23,7 @@ from scipy import stats
 
 from aras_visual_servo_bench.cli import main
 from aras_visual_servo_bench.metrics import statistics
-from aras_visual_servo_bench.plots import study_figures
+from aras_visual_servo_bench.plots import palette, study_figures
 from aras_visual_servo_bench.studies import compare, rows
 from aras_visual_servo_bench.studies.results import Results
 from aras_visual_servo_bench.studies.study import Study
@@ -33,6 +33,7 @@ from aras_visual_servo_bench.web.browse.server import serve
 from aras_visual_servo_bench.web.browse.studies import Studies
 
 KEYS = ["gain", "delay"]
+QUARTILES = "final_distance quartiles"
 UNITS = {"gain": "1/s", "delay": "s", "success": "", "settled": "s", "final_distance": "m",
          "final_angle": "rad", "path_ratio": "", "iterations": "",
          "real_time_multiple": ""}  # fmt: skip
@@ -136,6 +137,8 @@ def bootstrapped(values):
         return math.nan, math.nan, math.nan, 0
     rng = np.random.default_rng(0)
     resampled = [known[rng.integers(0, len(known), (200, len(known)))] for _ in range(10)]
+    if len(known) == 1:
+        return known[0], math.nan, math.nan, 1
     found = pd.DataFrame(np.vstack(resampled)).median(axis=1)
     return (values.median(), *found.quantile([0.025, 0.975]), len(known))
 
@@ -146,8 +149,13 @@ def test_an_interval_is_of_two_thousand_resamples():
     assert (found.value, found.low, found.high, found.count) == pytest.approx(bootstrapped(values))
 
 
+def quartiles(values):
+    low, middle, high = values.quantile([0.25, 0.5, 0.75])
+    return middle, low, high, values.count()
+
+
 def commonest(group):
-    """How most of the failures ended, and the first reason of those that differ by numbers."""
+    """Return the most frequent outcome of failures, and its first reason, ignoring numbers."""
     failed = group[group.hit == 0]
     if failed.empty:
         return ""
@@ -160,14 +168,16 @@ def commonest(group):
 
 @pytest.fixture(scope="module")
 def expected(one):
-    """Of each gain and delay: (value, low, high, count) of each quantity, and what failed."""
-    return [(values, {"success": wilson(group.hit.sum(), len(group)), **{
+    """Return, for each gain and delay, (value, low, high, count) of each quantity, and the failure.
+    """
+    return [(values, {"success": wilson(group.hit.sum(), len(group)),
+                      QUARTILES: quartiles(group.final_distance), **{
                 name: bootstrapped(group[name]) for name in list(UNITS)[3:]}}, commonest(group))
             for values, group in one.groupby(KEYS, sort=False)]  # fmt: skip
 
 
 def shows(text, value, digits=3):
-    """Whether a printed number is this value to its digits."""
+    """Return whether a printed number is this value, rounded to its digits."""
     if not math.isfinite(value):
         return text == ("∞" if value > 0 else "–")
     if value == 0:
@@ -184,7 +194,11 @@ def printed(words, capsys):
 
 
 def test_every_cell_of_a_table_is_recomputed(path, expected, capsys):
-    headings = [f"{name} ({unit})" if unit else name for name, unit in UNITS.items()]
+    shown = {**UNITS, "final_distance": "mm", "final_angle": "°"}  # 0.04 to 100 mm
+    names = [*list(UNITS)[:3], QUARTILES, *list(UNITS)[3:]]
+    units = [shown.get(name, "mm") for name in names]
+    headings = [f"{name} ({unit})" if unit else name
+                for name, unit in zip(names, units, strict=True)]  # fmt: skip
     headings = [*headings[:2], "runs", *headings[2:], "commonest failure"]
 
     text = printed(["table", path / "one", "--format", "csv"], capsys)
@@ -193,6 +207,7 @@ def test_every_cell_of_a_table_is_recomputed(path, expected, capsys):
     for (_, row), (values, numbers, failure) in zip(table.iterrows(), expected, strict=True):
         assert (row.gain, row.delay) == values and row["commonest failure"] == failure
         for name, (value, low, high, count) in numbers.items():
+            name = name.replace(" ", "_")
             found = [row[name], row[f"{name}_low"], row[f"{name}_high"]]
             assert found == pytest.approx([value, low, high], rel=1e-9, nan_ok=True), name
             assert row[f"{name}_n"] == count, name
@@ -202,15 +217,26 @@ def test_every_cell_of_a_table_is_recomputed(path, expected, capsys):
              for line in text.splitlines() if "|" in line]  # fmt: skip
     assert lines[0] == headings
     check_printed([[cell.replace("\\|", "|") for cell in line] for line in lines[2:]], expected,
-                  r"(\S+) \[(\S+), (\S+)\]$")  # fmt: skip
-    assert text.endswith("95 % interval, medians with a bootstrap 95 % interval.\n")
+                  r"(\S+)(?: \[(\S+), (\S+)\])?$")  # fmt: skip
 
     text = printed(["table", path / "one", "--format", "tex"], capsys)
-    body = text.partition("\\midrule\n")[2].partition("\\bottomrule")[0]
-    lines = [line.removesuffix(" \\\\").split(" & ") for line in body.splitlines()]
+    bodies = [part.partition("\\bottomrule")[0] for part in text.split("\\midrule\n")[1:]]
+    parts = [[line.removesuffix(" \\\\").split(" & ") for line in body.splitlines()]
+             for body in bodies]  # fmt: skip
+    assert len(parts) > 1
+    lines = [[*line[0][:3], *(cell for cells in line for cell in cells[3:])]
+             for line in zip(*parts, strict=True)]  # fmt: skip
     plain = [[re.sub(r" \\cdot 10\^\{(-?\d+)\}", r"e\1", cell).replace("\\_", "_") for cell in line]
              for line in lines]  # fmt: skip
-    check_printed(plain, expected, r"\$(\S+)\$ \{\\small \$\[(\S+), (\S+)\]\$\}$", none="--")
+    plain = [[*line, failure or "--"] for line, (*_, failure) in zip(plain, expected, strict=True)]
+    check_printed(plain, expected, r"\$(\S+)\$(?: \{\\footnotesize \$\[(\S+), (\S+)\]\$\})?$",
+                  none="--")  # fmt: skip
+    heads = [re.sub(r"\\shortstack\{(.*?)\}(?= &| \\)", r"\1", line.replace(" \\\\", " ", 1))
+             for line in text.splitlines() if line.startswith(r"\shortstack{gain")]  # fmt: skip
+    plain = " & ".join(heads).replace(r"\\", " ").replace("\\_", "_").replace("$^\\circ$", "°")
+    plain = re.sub(r"\\shortstack|[{} ]", "", plain)
+    for heading in headings[3:-1]:
+        assert f"&{heading.replace(' ', '')}" in plain
 
 
 def check_printed(lines, expected, pattern, none="–"):
@@ -223,7 +249,11 @@ def check_printed(lines, expected, pattern, none="–"):
                 assert cell == none, name
                 continue
             found = re.match(pattern, cell)
-            assert all(map(shows, found.groups(), told[:3])), (name, cell, told)
+            scale = (1e3 if name.startswith("final_distance") else
+                     180.0 / math.pi if name == "final_angle" else 1.0)  # fmt: skip
+            assert (found.group(2) is None) == math.isnan(told[1]), (name, cell)
+            for text, value in zip(found.groups(), told, strict=False):
+                assert text is None or shows(text, scale * value), (name, cell, told)
 
 
 def test_a_row_a_run_is_exported_as_it_was_written(path, one, tmp_path):
@@ -258,7 +288,7 @@ def differences(one, two, by, metrics=METRICS):
                           paired, min(len(x), len(y))])  # fmt: skip
     names = ["group", "metric", "before", "after", "raw", "paired", "count"]
     table = pd.DataFrame(found, columns=names)
-    order = table.raw.sort_values(kind="stable")
+    order = table.raw.dropna().sort_values(kind="stable")
     stepped = (order * np.arange(len(order), 0, -1)).clip(upper=1.0).cummax()
     table["p"] = stepped.reindex(table.index)
     return table
@@ -266,6 +296,8 @@ def differences(one, two, by, metrics=METRICS):
 
 def chance(name, x, y, paired):
     """McNemar's and Fisher's tests by their distributions; Wilcoxon's, Mann and Whitney's."""
+    if not len(x) or not len(y):
+        return math.nan
     if name == "success" and paired:
         more, fewer = (y > x).sum(), (y < x).sum()
         return min(2 * stats.binom.cdf(min(more, fewer), more + fewer, 0.5), 1.0)
@@ -273,9 +305,11 @@ def chance(name, x, y, paired):
         table = stats.hypergeom(len(x) + len(y), int(x.sum() + y.sum()), len(x))
         each = table.pmf(np.arange(len(x) + 1))
         return min(each[each <= each[int(x.sum())] * (1 + 1e-9)].sum(), 1.0)
+    size = len(x) if paired else len(x) + len(y)
+    method = "exact" if size <= 50 else "asymptotic"
     if paired:
-        return stats.wilcoxon(x - y).pvalue if (x != y).any() else 1.0
-    return stats.mannwhitneyu(x, y).pvalue if len(x) and len(y) else 1.0
+        return stats.wilcoxon(x - y, method=method).pvalue if (x != y).any() else 1.0
+    return stats.mannwhitneyu(x, y, method=method).pvalue
 
 
 UNTIED = [name for name in METRICS if name != "path_ratio"]  # SciPy takes long for many that tie
@@ -292,17 +326,20 @@ def test_every_difference_is_recomputed(path, asked, capsys):
     by, metrics, wanted = asked
     text = printed(["diff", path / "one", path / "two", "--all", "--by", ",".join(by), "--metrics",
                     ",".join(metrics[1:])], capsys)  # fmt: skip
-    *lines, last = text.splitlines()
-    assert len(lines) == len(wanted)
-    sure = wanted[wanted.p < 0.05]
-    assert last.startswith(f"{len(sure)} of {len(wanted)} differences are significant (Holm")
-    pattern = r"(\w+) +(\S+) +(\S+) -> (\S+)  p (\S+)  (\d+) (\w+)  (.*)$"
+    lines, last = text.splitlines()[: len(wanted)], text.splitlines()[len(wanted)]
+    sure, tested = wanted[wanted.p < 0.05], wanted.p.count()
+    assert last.startswith(f"{len(sure)} of {tested} differences are significant (Holm")
+    pattern = (r"(\w+) +(\S+) +(\S+) -> ([^\s°]+)(?: ?(\S+))?  p (\S+)  (\d+) (\w+)  "
+               r"(\S+?=[^(]*?)(?:  \(.*\))?$")  # fmt: skip
     for line, row in zip(lines, wanted.itertuples(), strict=True):
-        verdict, name, before, after, p, count, what, group = re.match(pattern, line).groups()
+        found = re.match(pattern, line).groups()
+        verdict, name, before, after, unit, p, count, what, group = found
+        scale = {"mm": 1e3, "µm": 1e6, "ms": 1e3, "°": 180.0 / math.pi}.get(unit, 1.0)
+        assert (unit or "")[-1:] == {"rad": "°"}.get(UNITS[name], UNITS[name]), line
         told = (row.metric, labelled(by, row.group), row.count)
         assert (name, group, int(count)) == told, line
-        assert what == ("pairs" if row.paired else "runs"), line
-        assert shows(before, row.before) and shows(after, row.after), (line, row)
+        assert what == ("pair" if row.paired else "run") + ("" if row.count == 1 else "s"), line
+        assert shows(before, scale * row.before) and shows(after, scale * row.after), (line, row)
         assert shows(p, row.p, 2), (line, row)
         assert verdict == verdict_of(row), line
 
@@ -312,6 +349,8 @@ def labelled(by, group):
 
 
 def verdict_of(row):
+    if math.isnan(row.p):
+        return "untested"
     if row.p >= 0.05:
         return "chance"
     direction = BETTER.get(row.metric, 0) * np.sign(row.after - row.before)
@@ -367,21 +406,23 @@ def test_pictures_show_the_rows_numbers(path, one):
 
     drawn = study_figures.draw_distributions([results], chosen)
     for axis, name in zip(drawn.axes, names, strict=False):
-        assert axis.get_xlabel() == (
-            name.replace("_", " ") + (f" ({UNITS[name]})" if UNITS[name] else ""))  # fmt: skip
-        lines = [line for line in axis.lines if len(line.get_xdata())]
+        unit, size = ("mm", 1e-3) if name == "final_distance" else (UNITS[name], 1.0)
+        assert axis.get_xlabel() == name.replace("_", " ") + (f" ({unit})" if unit else "")
+        lines = [line for line in axis.lines
+                 if len(line.get_xdata()) and line.get_linestyle() != ":"]  # fmt: skip
         for line, group in zip(lines, [g for g in groups if g[name].notna().any()], strict=True):
             known = group[name].dropna().sort_values()
-            np.testing.assert_array_equal(line.get_xdata()[1:], known)
+            np.testing.assert_allclose(line.get_xdata()[1:], known / size, rtol=1e-12)
             below = 100 * np.arange(len(known) + 1) / len(group)  # of all, the unknown too
             np.testing.assert_allclose(line.get_ydata(), below)
 
     drawn = study_figures.draw_boxes([results], chosen)
     for axis, name in zip(drawn.axes, names, strict=False):
-        quarters = [group[name].quantile([0.25, 0.5, 0.75]) for group in groups[::-1]]
+        size = 1e-3 if name == "final_distance" else 1.0
+        quarters = [group[name].quantile([0.25, 0.5, 0.75]) / size for group in groups[::-1]]
         for place, wanted in enumerate(quarters, 1):
             middle = [line.get_xdata()[0] for line in axis.lines
-                      if line.get_color() == study_figures.VERMILION
+                      if line.get_color() == palette.VERMILION
                       and round(line.get_ydata().mean()) ==
                       place and len(line.get_xdata())]  # fmt: skip
             box = axis.patches[place - 1].get_path().vertices
@@ -397,7 +438,6 @@ def test_pictures_show_the_rows_numbers(path, one):
         known = one[["gain", name]].dropna().rank()
         assert text.get_text() == f"{known.corr().iloc[0, 1]:+.2f}"
     assert len(drawn.axes[0].texts) == len(names)
-    study_figures.plt.close("all")
 
 
 # -- the browser ----------------------------------------------------------------------------------
@@ -412,7 +452,7 @@ def test_the_browser_s_groups_cells_and_points_are_recomputed(path, one):
     for told, (gain, group) in zip(groups["groups"], chosen.groupby("gain"), strict=True):
         assert told["values"] == [gain] and told["runs"] == len(group)
         assert told["rate"] == pytest.approx(wilson(group.hit.sum(), len(group))[:3])
-        for found, name in zip(told["medians"], asked, strict=True):
+        for (found,), name in zip(told["estimates"], asked, strict=True):
             wanted = group[name].median()
             assert found == (None if math.isnan(wanted) else pytest.approx(wanted)), name
         counts = group[group.hit == 0].end.value_counts()

@@ -1,4 +1,4 @@
-"""Study files: what is varied, how runs are numbered and seeded, and what is refused."""
+"""Study files: variations, numbers and seeds of runs, and errors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What figures of studies show beside the rows' numbers: groups, names, scales, paths."""
+"""Figures of studies, compared with the rows: groups, names, scales, paths."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 from matplotlib.colors import to_hex
 from scipy.stats import binomtest, spearmanr
 
-from aras_visual_servo_bench.plots import palette, study_figures
+from aras_visual_servo_bench.plots import distributions, palette, study_figures
 from aras_visual_servo_bench.studies.results import Results
 from aras_visual_servo_bench.studies.study import Study
 
@@ -41,7 +41,6 @@ def made(name="one", gains=(1.0, 2.5), delays=(0.03, 0.11), each=3, seed=0, **co
 def one_look():
     with study_figures.apply_style():
         yield
-    study_figures.plt.close("all")
 
 
 def texts(found):
@@ -49,7 +48,7 @@ def texts(found):
 
 
 def in_the_middle(text):
-    """Of its cell, in letters that fit."""
+    """Return whether a text is centred in its cell, in letters of 9 points."""
     return (text.get_ha(), text.get_va(), text.get_fontsize()) == ("center", "center", 9.0)
 
 
@@ -60,7 +59,9 @@ def has_grid(lines):
 def test_maps_of_several_studies_stand_beside_each_other():
     both = [made(), made("$two", seed=1)]
     figure = study_figures.draw_success(both)
-    *axes, bar = figure.axes
+    *axes, distance, bar = figure.axes
+    assert distance.get_ylabel() == "runs below (%)" and len(distance.lines) == 4
+    assert distance.get_xlabel().startswith("final distance (m)\nA camera is at its goal within")
     assert [axis.get_title("left") or axis.get_title() for axis in axes] == ["one", r"\$two"]
     assert [axis.get_xlabel() for axis in axes] == ["delay (s)"] * 2
     assert [axis.get_ylabel() for axis in axes] == ["gain (1/s)", ""]
@@ -79,11 +80,12 @@ def test_maps_of_several_studies_stand_beside_each_other():
             assert palette.contrast_ratio(palette.to_rgb(text.get_color()), ground) >= 4.5
         assert len(told) == 4
     assert texts(axes[0].get_yticklabels()) == ["1", "2.5"]
-    # 0.9 inch a column, three at least; 0.55 a line, 1.6 at least; and what stands around them.
-    for gains, delays, size in ((2, 2, (5.2, 3.0)), (5, 6, (7.6, 4.15))):
+    # 0.9 inch a column, three at least; 0.55 a line, 1.6 at least; and what stands around them;
+    # two panels, the map and the distances
+    for gains, delays, size in ((2, 2, (2 * 4.1, 3.0)), (5, 6, (2 * 6.5, 4.15))):
         grid = made(gains=tuple(1.0 + np.arange(gains)), delays=tuple(0.1 * np.arange(delays)))
         assert study_figures.draw_success([grid]).get_size_inches() == pytest.approx(size)
-    assert figure.get_size_inches() == pytest.approx((2 * 4.1, 3.0))
+    assert figure.get_size_inches() == pytest.approx((3 * 3.0 + 2.2, 3.0))
     lacks = made(gains=(1.0, 4.0))
     shown = study_figures.draw_success([made(), lacks]).axes[0].images[0].get_array()
     assert np.isnan(np.asarray(shown)[2]).all() and np.isfinite(np.asarray(shown)[:2]).all()
@@ -181,14 +183,14 @@ def test_an_axis_is_logarithmic_beyond_two_decades():
     for low, high, scale in ((1.0, 100.0, "linear"), (1.0, 100.5, "log"), (0.0, 1e4, "linear"),
                              (-1.0, 1e4, "linear")):  # fmt: skip
         _, (axis,) = study_figures.make_axes(1, 2.0)
-        study_figures._set_scale(axis, "x", [np.array([low, np.nan]), np.array([high, np.inf])])
+        distributions.set_scale(axis, "x", [np.array([low, np.nan]), np.array([high, np.inf])])
         assert axis.get_xscale() == scale
-    study_figures._set_scale(axis, "x", [np.array([np.nan])])
+    distributions.set_scale(axis, "x", [np.array([np.nan])])
     assert axis.get_xscale() == "linear"
     for side, few in (("x", True), ("y", False)):  # labels below each other are never too many
         figure, (axis,) = study_figures.make_axes(1, 6.0)
         axis.set(xlim=(0.0, 8.5), ylim=(0.0, 8.5))
-        study_figures._set_scale(axis, side, [np.array([1.0, 2.0])])
+        distributions.set_scale(axis, side, [np.array([1.0, 2.0])])
         assert (len(getattr(axis, f"get_{side}ticks")()) <= 7) == few
 
 
@@ -306,7 +308,10 @@ def test_bars_and_boxes_have_room_between_them_and_fine_lines_around():
     caps = [line for line in axis.lines if line.get_marker() == "|"]
     assert len(caps) == 2 and {line.get_markersize() for line in caps} == {6.0}  # 3 to each side
     assert axis.get_xlabel() == "runs with success (%), Wilson's 95 % interval"
-    assert axis.figure.get_figwidth() == 6.5
+    assert axis.figure.get_figwidth() == 2 * 4.4
+    alone = made(delays=(0.03,))
+    alone = Results("one", alone.study, alone.table.drop_columns([DISTANCE]))
+    assert bars([alone])[2].figure.get_figwidth() == 6.5
 
     results = made()
     axis = study_figures.draw_boxes([results], results.select_metrics([SETTLED])).axes[0]
@@ -328,7 +333,7 @@ def test_colour_bars_are_a_little_shorter_than_their_maps():
         study_figures.draw_sensitivity(results, results.select_metrics([])),
     ):
         figure.draw_without_rendering()
-        axis, bar = (one.get_position().height for one in figure.axes)
+        axis, *_, bar = (one.get_position().height for one in figure.axes)
         assert bar / axis == pytest.approx(0.9, abs=0.005)
 
 

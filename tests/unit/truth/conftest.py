@@ -1,4 +1,4 @@
-"""Lets the tests of this folder import tests/truth_checks, and takes back what those do."""
+"""Makes tests/truth_checks importable for the tests of this folder, and restores its changes."""
 
 import logging
 import sys
@@ -13,7 +13,7 @@ if TESTS not in sys.path:
 
 @pytest.fixture(autouse=True)
 def logging_as_before():
-    """The commands keep lines off the terminal; tests of other files look for some."""
+    """Restore the logging that the commands change, for the tests of other files."""
     level = logging.root.manager.disable
     yield
     logging.disable(level)

@@ -1,4 +1,4 @@
-"""The reports of a soak that do not go together are found."""
+"""Inconsistent reports of a long run are detected."""
 
 from types import SimpleNamespace
 
@@ -8,7 +8,7 @@ from faults.reports import contradictions
 
 
 def report(stamp, outcome="running", reason="", remedy="", phase="servoing"):
-    """A message."""
+    """Return a report message."""
     time = SimpleNamespace(to_sec=lambda: stamp)
     return SimpleNamespace(header=SimpleNamespace(stamp=time), outcome=outcome, reason=reason,
                            remedy=remedy, phase=phase)  # fmt: skip

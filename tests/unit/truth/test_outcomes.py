@@ -1,4 +1,4 @@
-"""The campaign that holds the loop's word against the truth: its kinds, events and sums."""
+"""Outcome campaign: its kinds of faults, events and sums."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def test_there_are_at_least_25_kinds():
 
 
 class Plant:
-    """Gives one reading of each sort; keeps what it is commanded."""
+    """Plant that yields one reading of each kind and stores its commands."""
 
     def __init__(self):
         self.commands = []

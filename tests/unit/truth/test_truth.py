@@ -1,4 +1,4 @@
-"""The cheap part of `tests/truth`, and that its command tells what is not true."""
+"""The fast checks of `tests/truth`, and that its command reports failed checks."""
 
 import json
 

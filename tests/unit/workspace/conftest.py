@@ -1,4 +1,4 @@
-"""This machine with some files replaced, for one process: a mount namespace of its own."""
+"""Process with some files of this machine replaced, in a private mount namespace."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 
 @pytest.fixture(scope="session")
 def namespace() -> list[str]:
-    """What stands before a command that may mount as it likes; skipped where nobody may."""
+    """Words before a command that may mount file systems; skipped if this is not permitted."""
     # Root makes one as it is; others are made root of a namespace of users too.
     user = [] if os.geteuid() == 0 else ["--user", "-r"]
     command = ["unshare", *user, "--mount"]

@@ -1,4 +1,4 @@
-"""Every benchmark runs at a tiny size, and prints figures that are possible."""
+"""Benchmarks: run with a tiny size, and check that the results are plausible."""
 
 import json
 import math

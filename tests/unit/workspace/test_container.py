@@ -1,4 +1,4 @@
-"""The container's files, without an engine to build them: stages, entry point, compose file."""
+"""Container files without building them: stages, entry point, compose file."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ def test_what_is_made_here_stays_out_of_the_image():
 
 
 def packages(namespace: list[str], system: str, folder: Path, *options: str) -> set[str]:
-    """What setup.sh would ask that Debian for, seen from a namespace in which this is one."""
+    """Return the packages that setup.sh requests on a Debian, run in a mount namespace."""
     play = """printf 'ID=debian\\nVERSION_ID="%s"\\n' "$1" | install -m 644 /dev/stdin "$2"
         mount --bind "$2" "$(readlink -f /etc/os-release)"; shift 2; exec "$@"\n"""
     release = folder / "os-release"

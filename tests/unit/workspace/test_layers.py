@@ -1,4 +1,4 @@
-"""Imports go down only: what computes is plain Python, ROS is a skin over it."""
+"""Imports between layers only go down; computation does not import ROS."""
 
 from __future__ import annotations
 
@@ -132,7 +132,7 @@ def imports(file: Path) -> frozenset[str]:
 
 
 def package_of(file: Path, level: int) -> list[str]:
-    """The package that so many dots mean in `file`; it lies below a folder `src`."""
+    """Return the package that a relative import with `level` dots means in `file`, below `src`."""
     parts = list(file.parts)
     inside = parts[len(parts) - parts[::-1].index("src") :]
     return inside[: len(inside) - level]
@@ -151,7 +151,7 @@ def test_relative_imports_are_seen(tmp_path: Path) -> None:
 
 
 def room_of(package: str, path: tuple[str, ...]) -> str:
-    """The room in which a module of a package lies.
+    """Return the group (room) of a package to which a module belongs.
 
     path: folders and module below the package.
     """
@@ -163,7 +163,7 @@ def room_of(package: str, path: tuple[str, ...]) -> str:
 
 
 def floor(package: str, room: str) -> int:
-    """How high a room of a package lies."""
+    """Return the layer number of a group of a package."""
     found = [height for height, rooms in enumerate(FLOORS[package]) if room in rooms]
     assert found, f"{package}/{room}: a room without a floor; give it one in FLOORS"
     return found[0]
@@ -282,7 +282,7 @@ def test_nodes_are_thin() -> None:
 
 
 def imported_at_once(file: Path) -> set[str]:
-    """As `imports`, but only what is imported when `file` is: at its top, not for types alone."""
+    """Return the imports that are executed when `file` is imported, without those for types."""
     tree = ast.parse(file.read_text(), str(file))
     top = [node for node in tree.body if isinstance(node, (ast.Import, ast.ImportFrom))]
     names = set()

@@ -1,4 +1,4 @@
-"""Compiling loops before the first start: for sources, and for copies made of them."""
+"""Compilation before the first start, for the sources and for copies of them."""
 
 import importlib
 import os
@@ -49,7 +49,7 @@ def packages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
 
 
 def looped() -> tuple[int, float]:
-    """How often the package's loop was read from what was kept, and what it makes of 2."""
+    """Return how often the compiled loop was loaded from the cache, and its result for 2."""
     twice = importlib.import_module("looping.part.twice").twice
     found = twice(2.0)
     return len(twice.stats.cache_hits), found

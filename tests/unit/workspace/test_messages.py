@@ -1,4 +1,4 @@
-"""The types of upstream_msgs as files: upstream's MD5, computed without a build or a graph."""
+"""Message files of upstream_msgs: their MD5 sums are those of upstream, without a build."""
 
 from __future__ import annotations
 

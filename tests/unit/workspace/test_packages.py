@@ -1,4 +1,4 @@
-"""package.xml names what a package imports, and no more Python than that."""
+"""package.xml names the packages that are imported, and no other Python packages."""
 
 import ast
 import sys
@@ -54,7 +54,7 @@ def imported(path: Path) -> frozenset[str]:
 
 
 def named(package: Path) -> set[str]:
-    """What a package's manifest says it needs when it runs."""
+    """Return the packages that a package's manifest lists as run-time dependencies."""
     root = ElementTree.parse(package / "package.xml").getroot()
     return {tag.text for kind in ("depend", "exec_depend") for tag in root.iter(kind)}
 

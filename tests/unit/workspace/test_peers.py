@@ -1,4 +1,4 @@
-"""What tests/peers makes of results; the suites and packages themselves are other people's."""
+"""Evaluation of the results of tests/peers."""
 
 import importlib
 import sys
@@ -10,7 +10,7 @@ FOLDER = Path(__file__).parents[2] / "peer_suites"
 
 
 def module_of(name):
-    """A module of the command, which finds those beside it."""
+    """Import a module of the command, which imports modules of its own folder."""
     sys.path.insert(0, str(FOLDER))
     try:
         return importlib.import_module(name)

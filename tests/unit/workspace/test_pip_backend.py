@@ -1,4 +1,4 @@
-"""`pip install .` where PyPI has no PyBullet for a Python: one line that says what to do."""
+"""`pip install .` for a Python version without PyBullet on PyPI: one line states the remedy."""
 
 import importlib.util
 import stat

@@ -1,4 +1,4 @@
-"""The shell scripts: their options and what they say, as far as that needs no set-up."""
+"""Shell scripts: options and messages that need no setup."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What set-up says on machines that it cannot work on: one line that names the remedy.
+"""Messages of setup on unsuitable machines: one line states the remedy.
 
 Each machine is this one seen from a namespace of its own, where some files are others. Nothing is
 installed: what would do so is among those files.

@@ -1,4 +1,4 @@
-"""Packages that are here by name alone: C++ that needs their headers is named, and nothing else."""
+"""Placeholder packages: only C++ targets that need their headers are reported."""
 
 import re
 import subprocess

@@ -1,4 +1,4 @@
-"""Packages under upstream's names give way to installed ones, and only to those."""
+"""Packages with upstream's names are not built if upstream's package is installed."""
 
 import subprocess
 from pathlib import Path

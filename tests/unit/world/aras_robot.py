@@ -1,4 +1,4 @@
-"""The shipped ARAS robot under its shipped controllers, without ROS."""
+"""The shipped ARAS robot with its shipped controllers, without ROS."""
 
 from pathlib import Path
 
@@ -23,18 +23,18 @@ URDF = (ROBOT / "robots/aras_visual_servo.urdf").read_text()
 
 
 def description(text=URDF):
-    """The URDF, with meshes found in the source tree."""
+    """Return the URDF, with meshes from the source tree."""
     return parse_urdf(text, lambda package: str(SOURCES / package))
 
 
 def parameters():
-    """What rosparam holds below /aras_visual_servo."""
+    """Return the parameters below /aras_visual_servo."""
     tree = yaml.safe_load((ROBOT / "config/aras_visual_servo_control.yaml").read_text())
     return tree.get("aras_visual_servo", tree)
 
 
 class ArasRobot:
-    """A Simulation with the robot and its controllers running; cameras stay disabled."""
+    """Simulation with the robot and its running controllers; cameras are disabled."""
 
     def __init__(self, simulation=None, urdf=URDF, cameras=None, interpolate=True):
         """`cameras`: settings laid over the URDF's, by name, as Simulation.spawn takes them.
@@ -53,21 +53,21 @@ class ArasRobot:
         robot.start(["joint_state_controller", *CONTROLLERS.values()])
 
     def command(self, pose):
-        """Position commands, rad or m, in the order of CONTROLLERS."""
+        """Send position commands, rad or m, in the order of CONTROLLERS."""
         for controller, position in zip(CONTROLLERS.values(), pose, strict=True):
             self.manager.get(controller).set_command(position)
 
     def steps(self, count):
-        """Advance."""
+        """Make steps of the simulation."""
         for _ in range(count):
             self.simulation.step()
 
     def positions(self):
-        """Joint positions by name."""
+        """Return the joint positions by name."""
         return dict(zip(self.model.joint_names, self.model.read_joints()[0], strict=True))
 
     def velocities(self):
-        """Joint velocities by name."""
+        """Return the joint velocities by name."""
         return dict(zip(self.model.joint_names, self.model.read_joints()[1], strict=True))
 
     def close(self):

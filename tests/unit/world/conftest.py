@@ -14,7 +14,7 @@ for folder in (HERE, str(Path(HERE).parent / "as_new")):  # the latter for recor
 
 def link_xml(name: str, mass: float = 1.0, com: str = "0 0 0",
              inertia: tuple = (0.1, 0.1, 0.1, 0.0, 0.0, 0.0), shapes: str = "") -> str:
-    """A <link>; inertia is (ixx, iyy, izz, ixy, ixz, iyz)."""
+    """Return a <link>; inertia is (ixx, iyy, izz, ixy, ixz, iyz)."""
     ixx, iyy, izz, ixy, ixz, iyz = inertia
     return (
         f'<link name="{name}"><inertial><origin xyz="{com}"/><mass value="{mass}"/>'
@@ -27,7 +27,7 @@ def joint_xml(name: str, parent: str, child: str, kind: str = "revolute", xyz: s
               axis: str = "0 1 0", lower: float = -10.0, upper: float = 10.0,
               effort: float = 1000.0, damping: float = 0.0, friction: float = 0.0,
               rpy: str = "0 0 0", extra: str = "") -> str:
-    """A <joint>."""
+    """Return a <joint>."""
     inside = "" if kind == "fixed" else (
         f'<axis xyz="{axis}"/><limit lower="{lower}" upper="{upper}" effort="{effort}" '
         f'velocity="100"/><dynamics damping="{damping}" friction="{friction}"/>'
@@ -39,20 +39,20 @@ def joint_xml(name: str, parent: str, child: str, kind: str = "revolute", xyz: s
 
 
 def box_xml(size: str, origin: str = "0 0 0", collide: bool = True) -> str:
-    """A visual box, and the same as collision."""
+    """Return a visual box and, if `collide`, an equal collision box."""
     body = f'<origin xyz="{origin}"/><geometry><box size="{size}"/></geometry>'
     return f"<visual>{body}</visual>" + (f"<collision>{body}</collision>" if collide else "")
 
 
 def robot_xml(*parts: str, name: str = "robot") -> str:
-    """A <robot> of the parts."""
+    """Return a <robot> of these parts."""
     return f'<?xml version="1.0"?><robot name="{name}">' + "".join(parts) + "</robot>"
 
 
 def pendulum_xml(damping: float = 0.0, friction: float = 0.0, mass: float = 1.0,
                  length: float = 0.5, inertia: float = 0.01, kind: str = "continuous",
                  lower: float = -3.0, upper: float = 3.0, name: str = "pendulum") -> str:
-    """A compound pendulum about y, hanging along -z from the world."""
+    """Return a compound pendulum about y that hangs along -z from the world."""
     return robot_xml(
         '<link name="world"/>',
         link_xml("bob", mass, f"0 0 {-length}", (inertia, inertia, inertia, 0, 0, 0)),
@@ -63,7 +63,7 @@ def pendulum_xml(damping: float = 0.0, friction: float = 0.0, mass: float = 1.0,
 
 
 def rotor_xml(damping: float = 0.0, friction: float = 0.0, inertia: float = 0.01) -> str:
-    """A balanced wheel about z: inertia only, no gravity torque."""
+    """Return a balanced wheel about z, which has inertia but no torque of gravity."""
     return robot_xml(
         '<link name="world"/>', link_xml("wheel", 1.0, "0 0 0", (inertia,) * 3 + (0, 0, 0)),
         joint_xml("spin", "world", "wheel", "continuous", axis="0 0 1", damping=damping,
@@ -73,14 +73,14 @@ def rotor_xml(damping: float = 0.0, friction: float = 0.0, inertia: float = 0.01
 
 @pytest.fixture(scope="session", autouse=True)
 def another_world():
-    """Bullet's first client is somebody else's: what forgets to say which one it means fails."""
+    """Occupy Bullet's first client, so that calls without a client id fail."""
     first = pybullet.connect(pybullet.DIRECT)
     yield
     pybullet.disconnect(first)
 
 
 class Mechanisms:
-    """The builders above, for tests (fixture `make`)."""
+    """The builders of this file, for tests (fixture `make`)."""
 
     link, joint, box, robot = (staticmethod(f) for f in (link_xml, joint_xml, box_xml, robot_xml))
     pendulum, rotor = (staticmethod(f) for f in (pendulum_xml, rotor_xml))

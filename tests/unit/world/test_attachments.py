@@ -1,4 +1,4 @@
-"""Links that are attached move as one body, and are free again when they are let go."""
+"""Attached links move as one body, and are free again after they are detached."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""What a robot finds when it is spawned, put somewhere or reset: nothing of a life before."""
+"""Spawning, moving and resetting a robot leaves no state of earlier motions."""
 
 import pytest
 import yaml

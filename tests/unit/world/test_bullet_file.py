@@ -1,4 +1,4 @@
-"""What Bullet is given: our own files, with visuals for its window alone."""
+"""Files that Bullet loads: written by the bridge, with visuals only for Bullet's window."""
 
 import os
 import tempfile

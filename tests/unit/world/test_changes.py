@@ -1,4 +1,4 @@
-"""Masses, damping and stops changed at run time; the state goes on."""
+"""Masses, damping and stops changed at run time, without a jump of the state."""
 
 import math
 from dataclasses import replace

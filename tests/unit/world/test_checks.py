@@ -1,4 +1,4 @@
-"""What cannot be simulated is refused by name, and the world stays as it was."""
+"""Models that cannot be simulated are refused by name, and the world does not change."""
 
 import math
 from dataclasses import replace
@@ -20,7 +20,7 @@ def world():
 
 
 def chain(make, links, kind="fixed"):
-    """So many links in a row."""
+    """Return a chain of `links` links."""
     return parse_urdf(make.robot(
         *(make.link(f"l{k}") for k in range(links)),
         *(make.joint(f"j{k}", f"l{k - 1}", f"l{k}", kind, xyz="0.1 0 0")
@@ -103,7 +103,7 @@ def test_what_no_body_has_is_refused_by_name(world, make, name):
 
 def test_a_joint_a_world_away_is_refused(world, make):
     xml = make.robot(make.link("a"), make.link("b"), make.joint("j", "a", "b", xyz="0 -3e9 0"))
-    with pytest.raises(WorldError, match=r"joint 'j': an origin 3e\+09 m away"):
+    with pytest.raises(WorldError, match=r"joint 'j': its <origin> is 3e\+09 m away"):
         world.spawn(parse_urdf(xml), "m")
 
 

@@ -14,14 +14,14 @@ G = 9.8
 
 @pytest.fixture
 def world():
-    """Nothing but the ground."""
+    """World with only the ground."""
     with World() as it:
         it.spawn_ground_plane()
         yield it
 
 
 def deceleration(world, model, speed=2.0, count=200):
-    """Of a body that rests and is pushed off at `speed` along x, in units of g."""
+    """Return the deceleration of a body that slides at `speed` along x, in units of g."""
     for _ in range(200):
         world.step()
     model.set_twist(Twist((speed, 0.0, 0.0), (0.0, 0.0, 0.0)))

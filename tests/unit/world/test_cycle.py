@@ -1,5 +1,4 @@
-"""Ticks in one compiled call are those made one by one, and those in which Python takes part, bit
-for bit; they stop where somebody looks."""
+"""Steps in one compiled call are bit-identical to single steps and to steps with Python code."""
 
 import random
 
@@ -97,7 +96,7 @@ def robot_of(simulation):
 
 
 def told(simulation):
-    """All that cycles leave behind."""
+    """Return all state that control cycles change."""
     robot = robot_of(simulation)
     hardware = robot.hardware
     loops = [row.tolist() for entry in robot.manager.running
@@ -116,7 +115,7 @@ def one_by_one(simulation, until_ns):
 
 
 def in_python(simulation, until_ns):
-    """With a controller of one's own the compiled pieces are called one by one."""
+    """Run with a user-defined controller, so that compiled functions are called one by one."""
     manager = robot_of(simulation).manager
     if "idle" not in manager._entries:
         manager.parameters = {**manager.parameters, "idle": {"type": "idle"}, "controller_classes":
@@ -249,7 +248,7 @@ def test_a_bolted_robot_goes_as_far_in_one_call():
 
 
 class Shy(PidPositionController):
-    """A user's own."""
+    """User-defined controller."""
 
     def update(self, time_ns, period):
         super().update(time_ns, period)

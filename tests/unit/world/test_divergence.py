@@ -1,4 +1,4 @@
-"""A simulation that diverges is paused; the node lives on and a reset cures it."""
+"""A diverging simulation is paused; the node continues, and a reset repairs it."""
 
 import time
 

@@ -1,4 +1,4 @@
-"""Physics against closed forms: the world must add no force of its own and lose none."""
+"""Physics, compared with closed forms: no force is added or lost."""
 
 import math
 

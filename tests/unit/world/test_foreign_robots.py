@@ -1,4 +1,4 @@
-"""Robots of other kinds, from PyBullet's data package, beside the ARAS robot in one Simulation.
+"""Robots of PyBullet's data package together with the ARAS robot in one Simulation.
 
 Their files carry no transmissions and no control plugin; the tests add them, as their users would.
 """

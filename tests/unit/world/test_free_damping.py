@@ -1,4 +1,4 @@
-"""Damping of joints whose base is free: who takes it, by the eigenvalues of the problem."""
+"""Joint damping of robots with a free base: applied by motors or by Bullet."""
 
 import numpy as np
 import pinocchio
@@ -11,7 +11,7 @@ from aras_sim_bridge.world.joint_damping import CHECK_EVERY, JointDamping
 
 
 class Joints:
-    """Notes what is asked of them, by joint."""
+    """Joints that record their motors and damping efforts."""
 
     def __init__(self, damping, inverse):
         self.damping_coefficients, self.inverse = damping, inverse

@@ -1,4 +1,4 @@
-"""Numbers that are given to links so that the smaller of two coefficients counts."""
+"""Friction coefficients of links, set so that the smaller one of two counts."""
 
 import itertools
 

@@ -1,4 +1,4 @@
-"""libgazebo_grasp_fix: what two fingers press is held until they let go."""
+"""libgazebo_grasp_fix: an object between two fingers is held until they release it."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""What a gripper's fingers hold by friction stays where they hold it."""
+"""An object held by the friction of a gripper's fingers does not slip."""
 
 import math
 

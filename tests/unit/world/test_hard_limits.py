@@ -1,4 +1,4 @@
-"""Stops and hard_velocity_limits: what no command and no push takes a joint beyond."""
+"""Stops and hard_velocity_limits, which no command or push exceeds."""
 
 import pytest
 

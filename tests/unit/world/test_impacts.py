@@ -1,4 +1,4 @@
-"""What falls on something and what is thrown at something, against closed forms."""
+"""Falling and thrown bodies, compared with closed forms."""
 
 import math
 
@@ -39,7 +39,7 @@ def block(make, size, coefficient=None, mass=2.0):
 
 
 def floor(make, coefficient=None, threshold=0.0):
-    """Its top at 0."""
+    """Return a floor with its top at z = 0."""
     return parse_urdf(make.robot(
         f'<link name="world">{make.box("6 6 0.2", "0 0 -0.1")}</link>',
         f'<gazebo reference="world">{bouncing(coefficient, threshold)}</gazebo>'))

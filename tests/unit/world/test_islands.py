@@ -1,4 +1,4 @@
-"""A bolted model moves as if it were alone until something can touch it."""
+"""A fixed model moves as if it were alone until something can touch it."""
 
 import math
 from functools import cache
@@ -52,7 +52,7 @@ class Trial:
         return self
 
     def handles(self):
-        """What the controllers remember."""
+        """Return the internal state of the controllers."""
         return [row.tolist() for entry in self.robot.manager.running
                 for row in getattr(entry.controller, "rows", ())]
 

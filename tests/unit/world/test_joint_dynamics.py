@@ -1,4 +1,4 @@
-"""The joints' own dynamics: against Pinocchio, against Bullet, and against the problem itself.
+"""Joint dynamics, compared with Pinocchio, with Bullet, and with its optimality conditions.
 
 A step's friction and stops are no formula to compare with: their conditions are checked, which
 only the solution fulfils (the problem is convex).

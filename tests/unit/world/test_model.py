@@ -1,4 +1,4 @@
-"""A model as a whole: who is told of what is done to it, and what outlives a load."""
+"""Models: notification of changes, and state that is retained when they are reloaded."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ def described(make, root="hull"):
 
 @pytest.fixture(params=["hull", "world"])
 def model(make, request):
-    """Free, or bolted down; without gravity. `told`: what the world was told of it."""
+    """Model with a free or a fixed base, without gravity. `told`: notifications of the world."""
     with World(gravity=(0.0, 0.0, 0.0)) as world:
         it = world.spawn(described(make, request.param), "m", AT)
         it.world, it.told = world, []

@@ -1,4 +1,4 @@
-"""The joints of a model, whoever makes their steps: reading, placing, motors, what is refused."""
+"""Joints of a model with either solver: reading, setting, motors, errors."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""What the moving links of a model are in, beside what its base is in."""
+"""Collisions of the moving links of a model, without those of its base."""
 
 import pytest
 

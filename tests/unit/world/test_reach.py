@@ -1,4 +1,4 @@
-"""Where links can get: boxes that hold every pose of them, and are no larger than they must be."""
+"""Bounding boxes of all poses that links can reach: complete, and as small as possible."""
 
 import math
 
@@ -102,7 +102,7 @@ def test_solids_are_the_shapes_of_the_links_that_are_asked_for(make):
 
 
 def masks(monkeypatch, world):
-    """By model and link: the group and the mask that Bullet is given."""
+    """Return the collision group and mask that Bullet receives, by model and link."""
     given = {}
     monkeypatch.setattr(
         pybullet, "setCollisionFilterGroupMask",

@@ -1,4 +1,4 @@
-"""What is round rolls, stands and lies as its shape has it, against closed forms."""
+"""Round bodies roll, stand and lie according to their shape, compared with closed forms."""
 
 import math
 
@@ -17,7 +17,8 @@ MOMENTS = (0.003, 0.003, 0.0011)
 
 
 def lying(make, kind, aslant=0.0):
-    """A body whose shape lies level, turned by `aslant` about z from y; its link stands upright."""
+    """Return a body whose shape lies level, rotated by `aslant` about z from y; its link is
+    upright."""
     turned = f'<origin xyz="0 0 0.02" rpy="{math.pi / 2} 0 {aslant}"/>'
     ixx, iyy, izz = MOMENTS
     return parse_urdf(make.robot(
@@ -27,7 +28,7 @@ def lying(make, kind, aslant=0.0):
 
 
 def block(make, size, top):
-    """What never moves, with its top at a height."""
+    """Return a fixed block with its top at a height."""
     x, y, z = size
     return parse_urdf(make.robot(
         f'<link name="world">{make.box(f"{x} {y} {z}", f"0 0 {top - z / 2}")}</link>'))

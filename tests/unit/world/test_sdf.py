@@ -1,4 +1,4 @@
-"""SDF: shapes, colours, links and joints, lights; what is not supported is named."""
+"""SDF: shapes, colours, links, joints and lights; unsupported elements are named."""
 
 import math
 from dataclasses import replace
@@ -34,7 +34,7 @@ def link(body, name="link", extra=""):
 
 
 def solid(shape, **options):
-    """A link that is seen and touched."""
+    """Return a link with a visual and a collision."""
     return link(part("visual", shape) + part("collision", shape), **options)
 
 

@@ -1,4 +1,4 @@
-"""Joints of SDF with two axes or a thread move as such joints do."""
+"""SDF joints with two axes or with a thread."""
 
 import math
 

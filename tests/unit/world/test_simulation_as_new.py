@@ -1,4 +1,4 @@
-"""A world after a busy life and reset_simulation goes on as one after a quiet life, to the bit.
+"""After reset_simulation, a used world continues bit-identically to an unused one.
 
 The demo's arm under its controllers with its camera, and a loose block with every sensor.
 """
@@ -50,7 +50,7 @@ def listen(robot):
 
 
 def follow(robot, count=400):
-    """What is told, and where all is, on the way to a goal."""
+    """Return messages and positions on the way to a goal."""
     robot.told.clear()
     robot.command(GOAL)
     way = []

@@ -1,4 +1,4 @@
-"""What programs without ROS use of a Simulation: the contract that the bench builds on."""
+"""Interface of Simulation for programs without ROS, on which the bench depends."""
 
 import numpy as np
 import pytest

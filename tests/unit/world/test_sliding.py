@@ -1,4 +1,4 @@
-"""What is given to a loose body for friction, contact by contact, written out with matrices."""
+"""Friction coefficients of loose bodies per contact, compared with matrix equations."""
 
 import numpy as np
 import pybullet
@@ -51,7 +51,7 @@ def spawned(world, make):
 
 
 def velocity(model, link, point):
-    """Of the point of a link that is there, from the twist of the link's frame."""
+    """Return the velocity of a point of a link, from the twist of the link's frame."""
     pose, twist = model.link_state(link)
     return np.array(twist.linear) + np.cross(twist.angular, np.subtract(point, pose.xyz))
 
@@ -112,7 +112,7 @@ def test_what_moves_slowly_is_left_alone_and_looked_at_now_and_then(make, world,
     monkeypatch.setattr(friction._impacts, "place_at_impact", lambda body, *_: watched.append(body))
 
     def looks(count):
-        """In which of the steps it was seen to."""
+        """Return the steps in which contacts were inspected."""
         found = []
         for k in range(count):
             corrected.clear()

@@ -1,4 +1,4 @@
-"""What a step works out: contacts only where links can get, joints to the last digit."""
+"""Physics step: contacts only between links that can touch, joints solved to rounding."""
 
 import ctypes
 import math
@@ -161,7 +161,7 @@ def test_more_models_than_bullet_has_groups_stand_on_the_ground(make):
 
 
 def trace(cube, steps=300):
-    """With the arm left to Bullet."""
+    """Return the trajectory of a cube; Bullet steps the arm."""
     robot = ArasRobot(Simulation())
     robot.simulation.spawn(parse_urdf(cube), "cube", Pose((7.0, 0.0, 0.05)))  # Bullet makes steps
     states = []
@@ -202,7 +202,7 @@ def robot():
 
 
 def creep(robot):
-    """Greatest speed of the joints that friction can hold: the others may slide on, slowly."""
+    """Return the largest speed of the joints that friction can hold."""
     robot.steps(1)
     robot.command(POSE)
     robot.steps(2000)

@@ -1,4 +1,4 @@
-"""Springs of joints: bolted, beside something that Bullet steps, and free."""
+"""Joint springs on fixed models, next to bodies that Bullet steps, and on free models."""
 
 import math
 

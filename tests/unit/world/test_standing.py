@@ -1,4 +1,4 @@
-"""Free bases that stand: as still as if bolted down, and free as soon as the ground cannot hold."""
+"""Resting free bases: at rest like fixed ones, and free when the ground cannot hold them."""
 
 import itertools
 import math
@@ -31,7 +31,7 @@ def cart(make, mass=10.0, load=2.0, height=0.5, mu=0.5, axis="1 0 0",
 
 @pytest.fixture
 def world():
-    """The ground."""
+    """World with only the ground."""
     with World() as it:
         it.spawn_ground_plane()
         yield it
@@ -47,7 +47,7 @@ def steps(world, count, model=None, rail=0.0):
 
 @pytest.fixture
 def held(world, make):
-    """A cart that stands, held."""
+    """Cart at rest whose base is held."""
     model = world.spawn(cart(make), "cart")
     steps(world, 200)
     assert model.fixed_base

@@ -1,4 +1,4 @@
-"""What is said of a physics step, against what it does."""
+"""Predicted stability of a physics step, compared with its behaviour."""
 
 import numpy as np
 import pytest

@@ -33,7 +33,7 @@ def gravity_loads(robot):
 
 
 def assert_at_rest(robot, seconds=0.3):
-    """No joint moves any more: no oscillation, no limit cycle, friction sticks."""
+    """Check that all joints are at rest: no oscillation, no limit cycle, held by friction."""
     before = robot.positions()
     for _ in range(round(seconds * 1000)):
         robot.steps(1)

@@ -1,4 +1,4 @@
-"""Three worlds as Gazebo's window saves them: they load, and all stands where `<state>` has it."""
+"""Three worlds saved by Gazebo load, and their models have the poses of `<state>`."""
 
 import math
 import sys

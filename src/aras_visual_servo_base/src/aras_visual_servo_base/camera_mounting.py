@@ -14,10 +14,13 @@ from .urdf import LINK, OPTICAL, parse_tree
 
 
 def find_camera_link(urdf: str, calibration: HandEyeCalibration, link: str = "") -> str:
-    """Return the link that carries the camera: `link`, or, if it is '', the one in the file.
+    """Return the name of the link that carries the camera.
+
+    It is `link`, or, if `link` is '', the link that the calibration file names.
 
     Raises:
-        HandEyeError: neither names a link, or the description has no link of that name.
+        HandEyeError: neither `link` nor the file names a link, or the robot description `urdf` has
+            no link with this name.
     """
     name, links = link or calibration.link, parse_tree(urdf).links
     if not name:
@@ -30,29 +33,30 @@ def find_camera_link(urdf: str, calibration: HandEyeCalibration, link: str = "")
 
 
 def check_optical(calibration: HandEyeCalibration) -> None:
-    """Check that the frame of a calibration may be an optical frame, judging by its name.
+    """Check that the calibrated camera frame is named as an optical frame, or has no name.
 
     Raises:
-        HandEyeError: the name does not contain "optical".
+        HandEyeError: the frame has a name that does not contain "optical".
     """
     if calibration.frame and "optical" not in calibration.frame:
         raise HandEyeError(
             f"the hand-eye file contains the pose of the frame '{calibration.frame}', which is not "
             "in the description. Check whether this is the optical frame (z forward); if so, "
-            f"rename it to {calibration.frame}_optical_frame"
+            f"rename it in the file to {calibration.frame}_optical_frame"
         )
 
 
 def mount_camera(urdf: str, calibration: HandEyeCalibration, link: str, camera_frame: str) -> str:
-    """Return a description whose camera has the pose from a hand-eye calibration.
+    """Return a robot description (URDF) whose camera has the pose of a hand-eye calibration.
 
-    The link of the camera is moved, together with all links that are fixed to it. For the frame
-    `camera_optical_frame`, it is the link `camera_link`. If there is no such link, it is added. The
-    optical frame is added, too, unless it exists or a camera sensor of the link defines it.
+    The camera link is moved, together with all links that are fixed to it. If the optical frame is
+    named `camera_optical_frame`, the camera link is `camera_link`. If the camera link does not
+    exist, it is added. The optical frame is also added, unless it exists or a camera sensor of the
+    camera link defines it.
 
     Args:
-        link: link that carries the camera; '' for the link that the file names.
-        camera_frame: optical frame of the camera.
+        link: link that carries the camera; '' for the link that the calibration file names.
+        camera_frame: name of the camera's optical frame.
 
     Raises:
         HandEyeError: a link does not exist, or the camera can move relative to the link that
@@ -72,12 +76,15 @@ def mount_camera(urdf: str, calibration: HandEyeCalibration, link: str, camera_f
             for joint in tree.find_path(moved, frame):
                 if joint.kind != "fixed":
                     raise HandEyeError(f"joint '{joint.name}' moves {frame} relative to {moved}: a "
-                                       "hand-eye calibration needs a fixed camera")  # fmt: skip
+                                       "hand-eye calibration needs a fixed camera; make the joint "
+                                       "fixed")  # fmt: skip
                 moved_T_frame = moved_T_frame @ matrix_from_xyz_rpy(
                     joint.origin_xyz, joint.origin_rpy
                 )
         except DescriptionError as error:
-            raise HandEyeError(f"the camera's frame is not fixed to its link: {error}") from None
+            raise HandEyeError(
+                f"the camera frame '{frame}' is not fixed to the camera link '{moved}': {error}"
+            ) from None
     elif frame != moved and moved in tree.cameras:
         moved_T_frame = optical_pose(tree.cameras[moved].matrix())
     elif frame != moved:
@@ -90,7 +97,8 @@ def mount_camera(urdf: str, calibration: HandEyeCalibration, link: str, camera_f
             ElementTree.SubElement(robot, "link", name=moved)
     elif joint.get("type") != "fixed":
         raise HandEyeError(f"joint '{joint.get('name')}' moves {moved}: a hand-eye calibration "
-                           "needs a camera that is fixed to its link")  # fmt: skip
+                           "needs a camera that is fixed to its link; make the joint "
+                           "fixed")  # fmt: skip
     if moved in tree.links and moved in (carrier, *(j.parent for j in tree.find_path("", carrier))):
         raise HandEyeError(f"link '{carrier}' is the camera itself or a child of it: set "
                            "hand_eye.link to the link that carries the camera")  # fmt: skip

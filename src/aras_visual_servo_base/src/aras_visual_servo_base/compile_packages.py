@@ -2,9 +2,9 @@
 
     python -m aras_visual_servo_base.compile_packages [--from FOLDER] [--processes N] PACKAGE...
 
-The set-up calls this for the source packages, and the installation calls it for the installed
-copies. Then `--from` is the folder of the source packages, whose compiled functions are copied if
-their files are equal.
+The set-up calls this for the source packages. The installation calls it for the installed packages,
+with the folder of the source packages as `--from`. If an installed file is equal to its source
+file, the compiled functions of the source file are copied instead of compiled again.
 """
 
 from __future__ import annotations
@@ -50,14 +50,17 @@ def find_sources(package: str) -> list[Path]:
 def _find_folder(package: str) -> Path:
     found = importlib.util.find_spec(package)
     if found is None or not found.submodule_search_locations:
-        raise ModuleNotFoundError(f"there is no package {package} on PYTHONPATH")
+        raise ModuleNotFoundError(
+            f"there is no package {package} on PYTHONPATH; build and source the workspace"
+        )
     return Path(found.submodule_search_locations[0]).parent
 
 
 def copy_cache(package: str, folder: Path) -> None:
-    """Copy the compiled functions of those files that are equal to the files below `folder`.
+    """Copy compiled functions from the sources below `folder` to the caches of a package.
 
-    Numba accepts cached functions of a file with the same text in any folder.
+    This is done for each file of the package that is equal to its source, because Numba accepts
+    the cached functions of a file with the same text in any folder.
     """
     parent = _find_folder(package)
     for path in find_sources(package):
@@ -70,10 +73,10 @@ def copy_cache(package: str, folder: Path) -> None:
 
 
 def find_missing(packages: Sequence[str]) -> list[str]:
-    """Return the packages whose compiled functions are not all in the cache yet.
+    """Return the packages of which some compiled functions are not in the cache yet.
 
-    The next start of a program would compile these functions. Packages whose functions cannot be
-    cached are ignored.
+    The next program that needs the missing functions would compile them. Packages whose functions
+    cannot be cached are ignored.
     """
     return [package for package in packages if _is_missing(package)]
 
@@ -109,7 +112,8 @@ def _can_write(folder: Path) -> bool:
 def split_packages(packages: Sequence[str], count: int) -> list[list[str]]:
     """Split the packages into at most `count` groups of similar compilation time.
 
-    Packages that are compiled in the same process share the compilation of common parts of Numba.
+    If packages are compiled in the same process, the parts of Numba that all of them use are
+    compiled only once.
     """
     files = {package: len(find_sources(package)) for package in packages}
     parts: list[list[str]] = [[] for _ in range(min(count, len(files)))]
@@ -126,9 +130,10 @@ def main(argv: list[str] | None = None) -> int:
     )  # fmt: skip
     parser.add_argument("packages", nargs="+", metavar="PACKAGE")
     parser.add_argument("--from", dest="folder", type=Path,
-                        help="folder of the source packages, whose compiled functions are copied")
+                        help="folder of the source packages from which compiled functions are "
+                             "copied")
     parser.add_argument("--processes", type=int, default=os.cpu_count(), metavar="N",
-                        help="largest number of parallel processes (default: the cores)")
+                        help="largest number of parallel processes (default: number of cores)")
     given = parser.parse_args(argv)
     if given.processes < 1:
         parser.error(f"--processes is {given.processes}, must be 1 or more")
@@ -209,8 +214,8 @@ def _describe_failure(status: int, packages: Sequence[str]) -> str:
 def _import_modules(package: str, folder: Path | None) -> str:
     """Import the modules of a package that define compiled functions, without compiling them.
 
-    If there is a `folder`, `copy_cache` is called with it first. If the package or one of its
-    imports is missing, the result is a message, otherwise ''.
+    If there is a `folder`, `copy_cache` first copies compiled functions from it. Return a message
+    if the package or one of its imports is missing, otherwise ''.
     """
     try:
         if folder:
@@ -224,9 +229,9 @@ def _import_modules(package: str, folder: Path | None) -> str:
 
 def _compile(packages: Sequence[str], sender: Connection) -> None:
     """Compile packages in a process. For each function, send '' or why it cannot be cached."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)  # ^C ends the process without a traceback
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C ends the process without a traceback
     logging.disable(logging.WARNING)  # the caller reports that functions cannot be cached, once
-    # Garbage collection among Numba's many objects takes one eighth of the time.
+    # Numba creates many objects. Garbage collection would take one eighth of the compilation time.
     gc.disable()
     for package in packages:
         for function in list_functions(package):

@@ -102,7 +102,7 @@ class CompiledFunction:
 
     @property
     def stats(self) -> object:
-        """Numba's statistics: whether the function was loaded from the cache or compiled."""
+        """Numba's statistics, which tell whether the function was compiled or loaded."""
         return self.compile().stats
 
     # Numba reads the next two attributes where a compiled function calls this one.
@@ -119,9 +119,9 @@ class CompiledFunction:
 def jit(signature: str, allocates: bool = True) -> Callable[[Callable], CompiledFunction]:
     """Return a decorator that compiles a function for a signature such as 'f8[:,::1], i8'.
 
-    Write loops instead of array expressions, because they compile faster: if an array is assigned
-    to a slice, Numba also compiles the text of an error message, which takes a quarter of a second
-    each time. Loops do not check the shapes of arrays, so the caller must check them.
+    Write loops instead of array expressions, because loops compile faster. For each assignment of
+    an array to a slice, Numba also compiles the text of an error message, which takes a quarter of
+    a second. Loops do not check the shapes of arrays, so the caller must check them.
 
     Arrays that are declared in C order ('f8[:,::1]') may be written. Arrays that are declared in
     any order ('f8[:,:]') may only be read; the caller may pass views and read-only arrays for them.
@@ -145,9 +145,12 @@ def jit(signature: str, allocates: bool = True) -> Callable[[Callable], Compiled
 
 
 def compile_all(package: str = "") -> None:
-    """Compile or load from the cache all functions of imported modules, or those of one package.
+    """Compile all functions of imported modules, or load them from the cache.
 
     Nodes call this when they start, so that their first image is not delayed.
+
+    Args:
+        package: name of a package whose functions are compiled; '' for all packages.
     """
     for function in list_functions(package):
         function.compile()
@@ -186,9 +189,10 @@ def _compile(function: Callable, signature: str, options: dict[str, object]) -> 
 
 
 def _compute_checksum(function: Callable) -> int:
-    """Return a checksum of everything but its source file on which a compiled function depends.
+    """Return a checksum of what a compiled function depends on outside of its source file.
 
-    These are the source files of the compiled functions that it calls, and the values of globals.
+    It covers the source files of the compiled functions that it calls, and the values of the global
+    constants that these functions use.
     """
     called, found = [function], set()
     for one in called:
@@ -207,7 +211,7 @@ def _compute_checksum(function: Callable) -> int:
 
 @cache
 def _compute_file_checksum(path: str, _time: int, _size: int) -> str:
-    """Return the checksum of a file. `_time` and `_size` are keys of the cache of results."""
+    """Return the checksum of a file; it is cached until the file's time or size changes."""
     return str(zlib.crc32(Path(path).read_bytes()))
 
 
@@ -247,7 +251,7 @@ def warn_uncached(reason: str) -> None:
 
 
 def column(number: int) -> property:
-    """Return a property that reads and writes the element `number` of an object's array `row`."""
+    """Return a property for the element `number` of the object's attribute `row`, an array."""
 
     def read(self: object) -> float:
         return self.row.item(number)

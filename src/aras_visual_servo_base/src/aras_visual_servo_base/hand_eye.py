@@ -35,9 +35,11 @@ from .yaml_files import parse_yaml, read_text
 
 # Largest distance from a camera to the link that carries it, m.
 LONGEST_TRANSLATION = 2.0
-# Smallest distance from a camera to the link that carries it, m. It is checked if units are set.
+# Smallest distance from a camera to the link that carries it, m. A smaller distance means that the
+# setting `units` is wrong; without this setting, it is accepted.
 SHORTEST_TRANSLATION = 1e-3
-# Largest element of R R^T - I. The numbers in files are rounded.
+# Largest accepted absolute element of R R^T - I. It is not zero, because numbers in files are
+# rounded.
 ROTATION_TOLERANCE = 1e-3
 # Names of a rotation and a translation in lower case. They may end with the names of two frames,
 # such as _cam2gripper.
@@ -143,8 +145,8 @@ def _pose_from_rows(rows: Any, where: str) -> np.ndarray:
             _rotation_from_vector(numbers[3:], f"{where}: theta u"), numbers[:3], where
         )
     raise HandEyeError(f"{where} holds {len(numbers)} numbers in {len(shape)} rows, must be a 4x4 "
-                       "matrix or ViSP's pose vector (t, theta u): check that the file is "
-                       "complete")  # fmt: skip
+                       "matrix or the 6 numbers of ViSP's pose vector (t, theta u): check that the "
+                       "file is complete")  # fmt: skip
 
 
 def _pose_from_matrix(matrix: np.ndarray, where: str) -> np.ndarray:
@@ -168,7 +170,7 @@ def _rotation_from_vector(vector: Sequence[float], where: str) -> np.ndarray:
 def _rotation_from_quaternion(q: Sequence[float], where: str) -> np.ndarray:
     length = math.sqrt(sum(part * part for part in q))
     if not abs(length - 1.0) < 1e-2:
-        raise HandEyeError(f"{where} {list(q)} has the length {length:.4g}, must be 1: correct it")
+        raise HandEyeError(f"{where} {list(q)} has the norm {length:.4g}, must be 1: correct it")
     return np.array(rotation_from_quaternion(tuple(part / length for part in q)))
 
 
@@ -180,8 +182,9 @@ def _make_pose(R: np.ndarray, t: Sequence[float], where: str) -> np.ndarray:
                            "numbers")  # fmt: skip
     off = float(np.abs(R @ R.T - np.eye(3)).max())
     if off > ROTATION_TOLERANCE or np.linalg.det(R) < 0.0:
-        raise HandEyeError(f"{where}: R {np.round(R, 4).tolist()} is not a rotation (R R' is off "
-                           f"by {off:.2g}, det {np.linalg.det(R):.3g}): correct it")  # fmt: skip
+        raise HandEyeError(f"{where}: R {np.round(R, 4).tolist()} is not a rotation (elements of "
+                           f"R R' - I up to {off:.2g}, must be at most {ROTATION_TOLERANCE:g}; det "
+                           f"R {np.linalg.det(R):.3g}, must be 1): correct it")  # fmt: skip
     U, _, V = np.linalg.svd(R)
     pose = np.eye(4)
     pose[:3, :3] = R if off < 1e-12 else U @ V
@@ -205,7 +208,7 @@ def _read_xml(text: str, path: Path) -> HandEyeCalibration:
     values = root.findall("homogeneous_transformation/values")
     if len(values) != 1:
         raise HandEyeError(f"{path} has {len(values)} <homogeneous_transformation> with <values>, "
-                           "must have one: remove those of other cameras")  # fmt: skip
+                           "must have exactly one: remove those of other cameras")  # fmt: skip
     tags = ("tx", "ty", "tz", "theta_ux", "theta_uy", "theta_uz")
     found = [as_number(_parse_float(values[0].findtext(tag))) for tag in tags]
     for tag, number in zip(tags, found, strict=True):
@@ -219,8 +222,8 @@ def _read_xml(text: str, path: Path) -> HandEyeCalibration:
 def _read_publisher_arguments(arguments: Sequence[str], path: Path) -> HandEyeCalibration:
     """Read the arguments of static_transform_publisher.
 
-    They are x y z, then yaw pitch roll or a quaternion, then two frames. In ROS 2, they may be
-    flags.
+    The arguments are x y z, then yaw pitch roll or a quaternion, then the link and the camera
+    frame. In ROS 2, they may be given as flags, such as --x 0.1.
     """
     where = f"{path}: {PUBLISHER}"
     if any(word.startswith("--") for word in arguments):
@@ -242,15 +245,15 @@ def _read_publisher_arguments(arguments: Sequence[str], path: Path) -> HandEyeCa
             (i for i, word in enumerate(arguments) if _parse_float(word) is None), len(arguments)
         )
         link, frame, *rest = (*arguments[count:], "", "")
-        rest = [word for word in rest if word and _parse_float(word) is None]  # skip the period
+        # In ROS 1, a number after the frames is the publisher's period. It is ignored.
+        rest = [word for word in rest if word and _parse_float(word) is None]
         arguments = arguments[:count]
     numbers = [_parse_float(word) for word in arguments]
     if len(numbers) not in (6, 7) or None in numbers or not (link and frame) or rest:
         raise HandEyeError(f"{where} has {len(numbers)} numbers and the frames "
                            f"{format_value(link)}, "
                            f"{', '.join(map(format_value, (frame, *rest)))}, must have x y z, qx "
-                           "qy qz qw "
-                           "(or yaw pitch roll) and two frames")  # fmt: skip
+                           "qy qz qw (or yaw pitch roll) and two frames")  # fmt: skip
     if len(numbers) == 7:
         R = _rotation_from_quaternion(numbers[3:], f"{where}: the quaternion")
     else:
@@ -278,11 +281,12 @@ def _read_mapping(text: str, path: Path) -> tuple[HandEyeCalibration, str]:
     if not isinstance(data, Mapping):
         return HandEyeCalibration(_pose_from_rows(data, str(path))), ""
     units = str(data.get("units", data.get("unit", "")))
-    if "rows" in data and "data" in data:  # an array of ViSP
+    if "rows" in data and "data" in data:  # the YAML form of ViSP's arrays
         numbers = _flatten(data["data"], f"{path}: data")
         if len(numbers) != _count_entries(data, path):
             raise HandEyeError(f"{path}: data has {len(numbers)} numbers, but rows and cols are "
-                               f"{data.get('rows')} and {data.get('cols')}")  # fmt: skip
+                               f"{data.get('rows')} and {data.get('cols')}: check that the file "
+                               "is complete")  # fmt: skip
         shape = (data["rows"], data["cols"])
         return HandEyeCalibration(
             _pose_from_rows(np.reshape(numbers, shape).tolist(), str(path))
@@ -346,11 +350,11 @@ def _read_entries(data: Mapping[str, Any], path: Path) -> np.ndarray:
         other = PAIRS[shape[1]] + (shape[2] or "")
         t = next((plain[key] for key in plain if key.lower() == other), None)
         if t is None:
-            raise HandEyeError(f"{path}: {name} has no {other}: add the translation")
+            raise HandEyeError(f"{path}: {name} has no {other}: add this translation")
         turn = _flatten(value, f"{path}: {name}")
         if len(turn) not in (3, 9):
-            raise HandEyeError(f"{path}: {name} holds {len(turn)} numbers, must be 9 (a matrix) or "
-                               "3 (a rotation vector, rad)")  # fmt: skip
+            raise HandEyeError(f"{path}: {name} holds {len(turn)} numbers, must be 9 (rotation "
+                               "matrix) or 3 (rotation vector, rad)")  # fmt: skip
         where = f"{path}: {name}"
         R = np.reshape(turn, (3, 3)) if len(turn) == 9 else _rotation_from_vector(turn, where)
         matrix = _make_pose(R, _flatten(t, f"{path}: {other}"), where)
@@ -360,7 +364,7 @@ def _read_entries(data: Mapping[str, Any], path: Path) -> np.ndarray:
 
 
 def _is_inverse(name: str) -> bool:
-    """Return whether a name, such as gripper2cam, is that of a transform to the camera frame."""
+    """Return whether a matrix maps to the camera frame, judging by its name (gripper2cam)."""
     return re.search(r"(2|_to_|to)(cam|camera|optical)\b", name.lower()) is not None
 
 

@@ -35,8 +35,8 @@ def read_on_white(path: str | Path, colour: bool = False) -> np.ndarray | None:
     """Read an image, and replace transparency by a white background.
 
     Returns:
-        (rows, columns) uint8, grey, or (rows, columns, 3) uint8, BGR, if `colour`; None if the file
-    cannot be read.
+        Grey levels (rows, columns), uint8; if `colour`, BGR levels (rows, columns, 3), uint8. None
+        if the file cannot be read.
     """
     import cv2
 

@@ -18,14 +18,15 @@ Lister = Callable[[], list[str]]
 
 
 def lazy_exports(package: str, places: Mapping[str, str]) -> tuple[Getter, Lister]:
-    """Return `__getattr__` and `__dir__` for a package that exports names of its modules.
+    """Return the functions `__getattr__` and `__dir__` for a package's `__init__` module.
 
-    For a misspelt attribute or import, the error suggests the most similar name of `__all__`.
+    They import an exported name from its module when it is first used. For a misspelt name, the
+    error suggests the most similar name of `__all__`.
 
     Args:
         package: full name of the package (its `__name__`). Its `__init__` must define `__all__`.
-        places: module that defines each exported name. If the module's name starts with a dot, as
-            in '.config', it is relative to the package.
+        places: for each exported name, the module that defines it. If the module's name starts with
+            a dot, as in '.config', it is relative to the package.
     """
 
     def list_names() -> list[str]:
@@ -39,27 +40,28 @@ def lazy_exports(package: str, places: Mapping[str, str]) -> tuple[Getter, Liste
         from .names import suggest  # imported here because it is only needed for errors
 
         hint = suggest(name, list_names())
-        # The statement `from package import name` replaces the message of an AttributeError by its
-        # own message, but not that of an ImportError.
+        # The statement `from package import name` calls this function, too. It would replace the
+        # message of an AttributeError by its own, but it does not replace that of an ImportError.
         if sys._getframe(1).f_globals.get("__name__") == "importlib._bootstrap":
             text = f"cannot import name {name!r} from {package!r}: {hint}"
             raise ImportError(text, name=package)
-        # The argument `obj` is not set, so that the interpreter does not add another suggestion.
+        # Without the argument `obj`, the interpreter does not add a suggestion of its own.
         raise AttributeError(f"module {package!r} has no attribute {name!r}: {hint}", name=name)
 
     return get, list_names
 
 
 def _is_module(name: str) -> bool:
-    """Return whether a module with this full name exists. Its package must be imported."""
+    """Return whether a module with this full name exists; its package must be imported."""
     return name.rpartition(".")[2].isidentifier() and find_spec(name) is not None
 
 
 def import_later(place: str) -> Callable[..., Any]:
-    """Import the function 'package.module:name' of a higher layer for a method that offers it.
+    """Import a function 'package.module:name' when a method first needs it.
 
-    Imports go down from layer to layer. Methods of `Run`, `Study` and `Results` that draw, write or
-    compare are the only exception: each passes its object to one function of a higher layer.
+    Modules import only modules of lower layers. The only exception are methods of `Run`, `Study`
+    and `Results` that draw, write or compare: each calls one function of a higher layer, which it
+    imports by this function.
     """
     module, _, name = place.partition(":")
     return getattr(import_module(module), name)

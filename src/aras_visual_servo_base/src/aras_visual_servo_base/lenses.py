@@ -1,4 +1,4 @@
-"""Lens models at unit focal length. Their coefficients are those of OpenCV, in the same order."""
+"""Lens models in normalised coordinates, with OpenCV's coefficients in OpenCV's order."""
 
 from __future__ import annotations
 
@@ -15,12 +15,13 @@ def brown(x: np.ndarray, y: np.ndarray, D: Sequence[float]) -> tuple[np.ndarray,
     The formulas are those of OpenCV (calib3d, "Detailed description").
 
     Args:
-        x, y: undistorted coordinates (n,).
-        D: coefficients k1 k2 p1 p2 k3 k4 k5 k6, the thin prism coefficients s1 s2 s3 s4, and the
-        tilt of the sensor taux tauy (rad). The last ones may be omitted.
+        x, y: undistorted normalised coordinates, (n,) each.
+        D: up to 14 coefficients: k1 k2 p1 p2 k3 k4 k5 k6, the thin prism coefficients s1 s2 s3 s4,
+            and the tilt of the sensor taux tauy (rad). Coefficients omitted at the end are zero.
 
     Returns:
-        Distorted x and y, and a, b, c, d of the Jacobian [[a, b], [c, d]]; each is (n,).
+        Distorted x and y; and a, b, c, d of the Jacobian [[a, b], [c, d]] of the distorted
+        coordinates with respect to the undistorted ones. Each is (n,).
     """
     k1, k2, p1, p2, k3, k4, k5, k6, *more = (*D, *(0.0,) * (8 - len(D)))
     r2 = x * x + y * y

@@ -31,8 +31,8 @@ def suggest(name: object, known_names: Iterable[str]) -> str:
 def resolve_name(*names: str) -> str:
     """Join ROS names to a global name; each name is relative to the previous one.
 
-    The names are resolved as by a chain of NodeHandles. A name that starts with "/" is global, so
-    the names before it have no effect.
+    The result is that of nested NodeHandles. A name that starts with "/" is global, so the names
+    before it have no effect.
     """
     parts: list[str] = []
     for name in names:
@@ -73,9 +73,9 @@ def import_object(
         path: 'package.module:Name'; None if the name has this form.
         load: function that imports a module.
 
-        Raises:
-            fault: the path does not have this form, the module or the object does not exist, or the
-        import fails.
+    Raises:
+        fault: the path does not have this form, the module or the object does not exist, or the
+            import fails.
     """
     path = str(name if path is None else path)
     module_name, _, attribute = path.partition(":")
@@ -105,7 +105,7 @@ def check_subclass(
     """Return `candidate` after checking that it is a subclass of one of the bases.
 
     Raises:
-        fault: it is not.
+        fault: `candidate` is not a class, or not a subclass of any base.
     """
     if isinstance(candidate, type) and issubclass(candidate, bases):
         return candidate

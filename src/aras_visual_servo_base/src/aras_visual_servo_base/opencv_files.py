@@ -10,7 +10,7 @@ import numpy as np
 
 from .errors import SimError
 
-LARGEST = 1000  # largest number of elements of a matrix; calibrations have up to 27
+LARGEST = 1000  # largest accepted number of elements of a matrix; calibrations have up to 27
 
 
 def read_storage(text: str, path: str | Path, error: type[SimError]) -> dict[str, Any]:
@@ -53,7 +53,10 @@ def _read_numbers(node: Any) -> list[float] | None:
 
 
 def _read_matrix(node: Any, where: str, error: type[SimError]) -> np.ndarray | None:
-    """Return a matrix; a vector becomes a column. Return None if the node is not a matrix."""
+    """Return a matrix (rows, cols), or None if the node is not a matrix.
+
+    A vector of n elements is returned as a column (n, 1).
+    """
     keys = set(node.keys())
     if not keys & {"rows", "cols", "sizes", "dt", "data"}:
         return None
@@ -69,7 +72,7 @@ def _read_matrix(node: Any, where: str, error: type[SimError]) -> np.ndarray | N
         not 1 <= size <= LARGEST or size != int(size) for size in sizes
     ):
         given = " x ".join(f"{size:g}" for size in sizes or ()) or "missing"
-        raise error(f"{where} has the size {given} and the dt "
+        raise error(f"{where} has the size {given} and the data type (dt) "
                     f"'{node.getNode('dt').string()}', must have one or two sizes from 1 to "
                     f"{LARGEST} and a dt such as d: correct them")  # fmt: skip
     data = node.getNode("data")

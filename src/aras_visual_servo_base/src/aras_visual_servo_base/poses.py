@@ -16,7 +16,7 @@ import numpy as np
 
 Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
-LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}  # m, by the name of the unit in files
+LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}  # length of each unit in m
 
 
 class Twist(NamedTuple):
@@ -186,7 +186,7 @@ def rpy_from_rotation(R: Sequence[Sequence[float]]) -> Vector3:
     pitch = math.atan2(-zx, across)
     if across > 1e-9:
         return math.atan2(zy, zz), pitch, math.atan2(yx, xx)
-    return 0.0, pitch, math.atan2(-xy, yy)  # only the yaw is used, as both have the same axis
+    return 0.0, pitch, math.atan2(-xy, yy)  # roll and yaw have the same axis, so roll is set to 0
 
 
 def check_vector(
@@ -207,7 +207,7 @@ def check_vector(
     if len(result) != count:
         raise fault(f"{what}: needs {count} numbers, got {len(result)}")
     if not math.isfinite(sum(abs(v) for v in result)):
-        raise fault(f"{what}: {result} contains a number that is not finite")
+        raise fault(f"{what}: {result} contains a number that is not finite; correct it")
     return result
 
 
@@ -221,11 +221,11 @@ def check_pose(
         what: name of the pose, for messages.
         fault: class of the exception to raise.
         zero_is_identity: whether the quaternion (0, 0, 0, 0) is accepted as the identity. Unset
-    fields of messages have this value.
+            fields of messages have this value.
 
     Raises:
-        fault: a number is not finite, there are too many or too few, or the length of the
-    quaternion is far from 1.
+        fault: a number is not finite, there are too many or too few numbers, or the norm of the
+            quaternion is below 1e-6 or above 1e6.
     """
     try:
         xyz, quat = pose

@@ -1,11 +1,12 @@
-"""Registry of classes of one kind by short names. Each class is declared in a file of one folder.
+"""Registry of classes of one kind, such as control laws, which are selected by short names.
 
     LAWS = Registry("law", "my_package.laws", (Law,), ConfigurationError)
 
     @LAWS.register("proportional")
     class Proportional(Law): ...
 
-A new entry needs one file in the folder. Its parameters are declared with `settings.parameter`.
+Each class is declared in a module of one package, here `my_package.laws`. To add an entry, add one
+file to the package's folder. The parameters of the class are declared with `settings.parameter`.
 """
 
 from __future__ import annotations
@@ -33,7 +34,10 @@ C = TypeVar("C", bound=type)
 
 
 class Parameter(NamedTuple):
-    """Declaration of a parameter of a registry's entry. It is required if `default` is None."""
+    """Declaration of one parameter of a registered class.
+
+    The parameter is required if `default` is None.
+    """
 
     name: str
     kind: str
@@ -44,10 +48,11 @@ class Parameter(NamedTuple):
 
 
 class Registry(Mapping[str, type]):
-    """Classes of one kind by short names.
+    """Mapping from short names to classes of one kind.
 
-    Modules are imported when an entry is first needed. The module with the name of the entry is
-    imported first. If it does not declare the entry, the other modules are imported one by one.
+    The package's modules are imported when an entry is first needed. The module with the name of
+    the entry is imported first. If it does not declare the entry, the other modules are imported
+    one by one.
     """
 
     def __init__(
@@ -72,7 +77,7 @@ class Registry(Mapping[str, type]):
         self.kind, self.bases, self.fault = kind, bases, fault
         self._package, self._fallbacks, self._first = package, fallbacks, first
         self._entries: dict[str, type] = {}
-        # Modules of the folder that have not been imported yet; None before the folder is listed.
+        # Modules of the package that have not been imported yet; None before they are listed.
         self._unimported: list[str] | None = None
 
     def register(self, name: str) -> Callable[[C], C]:
@@ -128,7 +133,7 @@ class Registry(Mapping[str, type]):
         return len(list(iter(self)))
 
     def _list_modules(self) -> list[str]:
-        """Return the names of the folder's modules that have not been imported yet."""
+        """Return the names of the package's modules that have not been imported yet."""
         if self._unimported is None:
             folder = importlib.import_module(self._package).__path__
             there = sorted(module.name for module in pkgutil.iter_modules(folder))
@@ -136,7 +141,7 @@ class Registry(Mapping[str, type]):
         return self._unimported
 
     def _import_module(self, module: str) -> None:
-        """Import a module of the folder, which registers its classes."""
+        """Import a module of the package; its decorators register its classes."""
         self._list_modules().remove(module)
         importlib.import_module(f"{self._package}.{module}")
 
@@ -158,8 +163,8 @@ class Registry(Mapping[str, type]):
         """Create an instance of the class for a short name or 'package.module:Class'.
 
         Raises:
-            fault: `find` or the constructor fails, or the constructor does not have one of the
-        options.
+            fault: `find` or the constructor fails, or an option is not a parameter of the
+                constructor.
         """
         return construct(self.kind, name, self.find(name), self.fault, *arguments, **options)
 
@@ -217,7 +222,7 @@ def check_options(
 
     Raises:
         fault: an option is unknown or a required argument is missing. For an unknown option, the
-    message suggests the most similar one.
+            message suggests the most similar one.
     """
     try:
         signature = inspect.signature(cls)

@@ -152,7 +152,10 @@ def parse_number(text: str | None, where: str, default: float | None = None) -> 
 
 def parse_numbers(text: str | None, count: int, where: str,
             default: tuple[float, ...] | None = None) -> tuple[float, ...]:
-    """Parse `count` finite numbers that are separated by blanks. See `parse_number`."""
+    """Parse `count` finite numbers that are separated by blanks.
+
+    The other arguments and the errors are those of `parse_number`.
+    """
     if text is None:
         if default is None:
             raise DescriptionError(f"{where} is missing")
@@ -166,7 +169,7 @@ def parse_numbers(text: str | None, count: int, where: str,
 def parse_pose(text: str | None, where: str) -> Pose:
     """Parse a pose of SDF: position (m) and fixed-axis roll, pitch, yaw (rad).
 
-        If the text is missing or empty, the pose is the identity. Errors are those of
+    If the text is missing or empty, the pose is the identity. The errors are those of
     `parse_number`.
     """
     if not text:
@@ -191,7 +194,7 @@ def parse_direction(text: str | None, where: str, default: Vector3) -> Vector3:
 
 
 def parse_integer(text: str | None, where: str, default: int | None = None) -> int:
-    """Parse a whole number. Errors are those of `parse_number`."""
+    """Parse a whole number. The arguments and the errors are those of `parse_number`."""
     value = parse_number(text, where, default)
     if value != int(value):
         raise DescriptionError(f"{where}: {value} is not a whole number")
@@ -204,7 +207,7 @@ def parse_bool(text: str | None, where: str, default: bool) -> bool:
     If the text is missing, return `default`.
 
     Raises:
-        DescriptionError: the text is another one.
+        DescriptionError: the text is none of these words.
     """
     if text is None:
         return default

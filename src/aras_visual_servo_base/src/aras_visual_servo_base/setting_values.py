@@ -21,7 +21,7 @@ _TYPE_NAMES = {
     float: "a finite number", int: "a whole number", bool: "true or false", str: "a text",
     Path: "a path",
 }  # fmt: skip
-# Numbers that YAML 1.1 reads as texts, unlike YAML 1.2, such as 1e1 or -.5.
+# Numbers such as 1e1 and -.5, which are numbers in YAML 1.2 but texts in YAML 1.1.
 _TEXT_NUMBER = re.compile(r"[-+]?(\.\d+([eE][-+]?\d+)?|\d+(\.\d*)?[eE][-+]?\d+)", re.ASCII)
 LONGEST_VALUE = 200  # largest number of characters of a value in a message
 
@@ -94,8 +94,8 @@ def check_value(value: Any, where: str, fault: Fault, rules: Mapping[str, Any]) 
                 raise fault(f"{where} is {value}, must be {sign} {bound:g}{text}")
 
 
-# If a number is too large, it may be in a wrong unit. For a correct unit, this is the name of such
-# a wrong unit, and its size in the correct unit.
+# A number that is too large may be in a wrong unit. For each correct unit: the name of the wrong
+# unit that users often write, and its size in the correct unit.
 _COMMON_UNIT_MISTAKES = {"rad": ("degrees", math.pi / 180.0), "s": ("ms", 1e-3)}
 _BOUNDS = (
     ("least", ">=", lambda value, bound: value >= bound),

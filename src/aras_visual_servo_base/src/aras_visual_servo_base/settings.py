@@ -83,8 +83,8 @@ def parameter(
         least, above, most, below: bounds of a number, or of each number in a list or mapping: >=,
             >, <=, <.
         choices: valid texts.
-        renamed: new names of choices by their old names, for error messages.
-        expected: description of valid values for messages; '' for that of the annotation.
+        renamed: the new name of each renamed choice, by its old name, for error messages.
+        expected: description of valid values, for messages; '' to derive it from the annotation.
         name: whether a whole number is converted to a text. For example, roslaunch reads
             start:=2016 as a number.
         splits_words: whether a text is converted to the list of its words.
@@ -148,7 +148,7 @@ def build(cls: type[T], values: Any, where: str, fault: Fault) -> T:
 def convert_fields(cls: type, values: Any, where: str, fault: Fault) -> dict[str, Any]:
     """Convert the values of a mapping to the types of a dataclass's fields.
 
-    Errors are those of `build`, but no key is required.
+    It raises the errors of `build`, except those for missing keys.
     """
     if not isinstance(values, Mapping):
         place = where.rstrip(": ~") or cls.__name__
@@ -178,7 +178,7 @@ def read(
         hint: annotation of the expected type.
         where: full name of the mapping on the parameter server.
         default: value that is returned if the key is missing or null; if there is no default, the
-    key is required.
+            key is required.
 
     Raises:
         fault: the value is missing or has another type.
@@ -200,8 +200,8 @@ def describe_unknown_key(
     """Return the message for an unknown key. It suggests the new name of the key, or a similar key.
 
     Args:
-        renamed: new names of keys by their old names. Settings classes declare them as
-    `renamed_keys`.
+        renamed: the new name of each renamed key, by its old name. Settings classes declare it as
+            `renamed_keys`.
     """
     head, colon, path = join_path(where, key).rpartition(": ")
     kind = path if path.startswith("parameter ") else f"key '{path}'"
@@ -311,7 +311,8 @@ def _convert_union(
             )
     expected_kind = Mapping if isinstance(value, Mapping) else tuple
     alike = [kind for kind in kinds if _is_kind(kind, expected_kind)]
-    if isinstance(value, Mapping | list | tuple) and len(alike) == 1:  # only one type fits
+    # If only one type of the union fits, the errors of its items are reported.
+    if isinstance(value, Mapping | list | tuple) and len(alike) == 1:
         return _convert(value, alike[0], where, fault, rules)
     for kind in kinds:
         with contextlib.suppress(fault):
@@ -368,7 +369,7 @@ def _convert_mapping(value: Any, hint: Any, where: str, fault: Fault) -> Mapping
 
 
 def check(settings: Any, fault: Fault, where: str = "") -> None:
-    """Convert and check the fields of an existing dataclass, except those with default values.
+    """Convert and check those fields of a dataclass instance that differ from their defaults.
 
     Raises:
         fault: a value is invalid; the message names the field, its value and what is expected.
@@ -380,7 +381,7 @@ def check(settings: Any, fault: Fault, where: str = "") -> None:
             continue
         found = convert(value, hints[name], join_path(where, name), fault, field.metadata)
         if found is not value:
-            object.__setattr__(settings, name, found)  # works for frozen dataclasses, too
+            object.__setattr__(settings, name, found)  # settings may be a frozen dataclass
 
 
 def to_mapping(settings: Any) -> dict[str, Any]:
@@ -430,7 +431,9 @@ class KeywordSettings:
 
 
 def check_bounds(settings: Any, fault: Fault) -> None:
-    """Check the bounds of a dataclass whose values are already converted, such as to arrays.
+    """Check the bounds of a dataclass instance without converting its values.
+
+    It is used for values that are already converted, such as to arrays.
 
     Raises:
         fault: a value is out of bounds; the message names the field, its value and the bound.

@@ -1,27 +1,29 @@
-"""Matching of messages that belong to one image but arrive through different connections."""
+"""Matching of messages that belong to one exposure but arrive on different topics."""
 
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
 from typing import Any
 
-# Largest number of incomplete images. It limits how much later the messages of one connection may
-# arrive than those of another.
+# Largest number of incomplete exposures. If the messages of one topic arrive more than this number
+# of exposures later than those of another topic, exposures are lost.
 MOST_PENDING = 8
 
 
 class StampSynchronizer:
-    """Matches messages of different kinds that have the same stamp."""
+    """Matches messages of different kinds, such as 'image' and 'depth', with the same stamp."""
 
     def __init__(self, kinds: Sequence[str]) -> None:
-        """Create a synchronizer. A complete image has a message of each of these kinds."""
+        """Create a synchronizer for exposures of which each has one message of each kind."""
         self._kinds = tuple(kinds)
         self._pending: dict[Hashable, dict[str, Any]] = {}
 
     def add(self, kind: str, stamp: Hashable, message: Any) -> dict[str, Any] | None:
-        """Add a message. If its image is complete now, return all messages of the image by kind.
+        """Add a message to the exposure with its stamp.
 
-        Older incomplete images are discarded in this case. Otherwise, return None.
+        Returns:
+            The messages of the exposure by kind, if it is complete now; otherwise None. If it is
+            complete, older incomplete exposures are discarded.
         """
         entry = self._pending.setdefault(stamp, {})
         entry[kind] = message
@@ -36,5 +38,5 @@ class StampSynchronizer:
         return entry
 
     def clear(self) -> None:
-        """Discard all incomplete images."""
+        """Discard all incomplete exposures."""
         self._pending.clear()

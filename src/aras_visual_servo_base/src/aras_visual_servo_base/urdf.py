@@ -26,7 +26,7 @@ from aras_visual_servo_base.safe_xml import (
 )
 
 ZERO: Vector3 = (0.0, 0.0, 0.0)
-Rgba = tuple[float, float, float, float]  # 0 to 1
+Rgba = tuple[float, float, float, float]  # red, green, blue, opacity, each 0 to 1
 MOVING_KINDS = ("revolute", "continuous", "prismatic")
 CAMERA_KINDS = ("camera", "depth", "wideanglecamera", "multicamera")
 JOINT_KINDS = (*MOVING_KINDS, "fixed", "floating", "planar")
@@ -138,8 +138,8 @@ class UrdfTree:
         root: name of the only link without a parent.
         links: XML elements of the links by name.
         joints: joints by name.
-        cameras: by link, the pose of the link's first camera sensor in the link. As in Gazebo, x is
-    forward and z up in the frame of the sensor.
+        cameras: for each link with a camera sensor, the pose of its first camera sensor in the
+            frame of the link. As in Gazebo, x is forward and z up in the frame of the sensor.
     """
 
     name: str
@@ -197,7 +197,7 @@ def parse_tree(xml: str | Element) -> UrdfTree:
             raise DescriptionError("URDF: a link has no name; give it one")
         if len(link) > 256:
             raise DescriptionError(f"URDF: a link name has {len(link)} characters, must have 1 to "
-                                   "256")
+                                   "256; shorten it")
         if link in links:
             raise DescriptionError(f"URDF: two links are named '{link}'; rename one")
         links[link] = element
@@ -246,7 +246,8 @@ def _parse_robot(xml: str | Element) -> tuple[Element, str]:
     """Return the <robot> element and its name."""
     robot = safe_xml.parse(xml, "URDF")
     if robot.tag != "robot":
-        raise DescriptionError(f"URDF: the root element is <{shorten(robot.tag)}>, not <robot>")
+        raise DescriptionError(f"URDF: the root element is <{shorten(robot.tag)}>, not <robot>; "
+                               "use the URDF of a robot")
     name = robot.get("name")
     if not name:
         raise DescriptionError("URDF: <robot> has no name; give it one")
@@ -320,7 +321,7 @@ def _read_limits(element: Element, kind: str, where: str) -> JointLimits | None:
     lower = parse_number(node.get("lower"), f"{where}: limit lower", 0.0)
     upper = parse_number(node.get("upper"), f"{where}: limit upper", 0.0)
     if bounded and lower > upper:
-        raise DescriptionError(f"{where}: limit lower {lower} is above upper {upper}")
+        raise DescriptionError(f"{where}: limit lower {lower} is above upper {upper}; swap them")
     required = None if bounded else math.inf  # limits of continuous joints are optional
     effort = parse_number(node.get("effort"), f"{where}: limit effort", required)
     velocity = parse_number(node.get("velocity"), f"{where}: limit velocity", required)
@@ -356,7 +357,8 @@ def find_root_link(links: Iterable[str], joints: dict[str, Joint], where: str) -
         for end in (joint.parent, joint.child):
             if end not in links:
                 raise DescriptionError(
-                    f"{where}, joint '{joint.name}': link '{shorten(end)}' does not exist"
+                    f"{where}, joint '{joint.name}': link '{shorten(end)}' does not exist; add it "
+                    "or correct its name"
                 )
         if joint.child in parents:
             raise DescriptionError(f"{where}, joint '{joint.name}': link '{joint.child}' already "
@@ -366,11 +368,12 @@ def find_root_link(links: Iterable[str], joints: dict[str, Joint], where: str) -
     if len(roots) != 1:
         found = ", ".join(f"'{shorten(r)}'" for r in roots[:5]) or "none (the joints form a loop)"
         raise DescriptionError(f"{where}: there must be exactly one link without a parent, found "
-                               f"{found}")
+                               f"{found}; connect the links by joints")
     lost = _find_cycle(links, parents)
     if lost is not None:
         raise DescriptionError(
-            f"{where}: link '{lost}' is in a loop of joints, not in the tree of '{roots[0]}'")
+            f"{where}: link '{lost}' is in a loop of joints, not in the tree of '{roots[0]}'; "
+            "remove a joint of the loop")
     return roots[0]
 
 
@@ -395,7 +398,7 @@ def _check_mimics(joints: dict[str, Joint]) -> None:
     for name, leader in leaders.items():
         if leader not in joints or not joints[leader].is_movable:
             raise DescriptionError(f"joint '{name}': it mimics '{shorten(leader)}', which is not "
-                                   "a moving joint of this robot")
+                                   "a moving joint of this robot; name another joint")
     lost = _find_cycle(leaders, leaders)
     if lost is not None:
         raise DescriptionError(f"joint '{lost}': the <mimic> elements form a loop; remove one")

@@ -41,7 +41,10 @@ def read_text(path: str | Path, fault: type[Exception], what: str = "") -> str:
     except (OSError, ValueError) as error:  # ValueError: the name contains a null byte
         raise fault(f"{cannot}: {getattr(error, 'strerror', None) or error}") from None
     if len(data) > LARGEST_FILE:
-        raise fault(f"{path} has more than {LARGEST_FILE} bytes, too many for a settings file")
+        raise fault(
+            f"{path} has more than {LARGEST_FILE} bytes, the limit for a settings file; check that "
+            "it is the correct file"
+        )
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -60,7 +63,7 @@ def parse_yaml(text: str, where: str, fault: type[Exception]) -> Any:
     try:
         return copy.deepcopy(_parse(text))
     except (yaml.YAMLError, RecursionError, ValueError) as error:
-        # A ValueError is raised for a number with 5000 digits or a date such as 2026-13-01.
+        # PyYAML raises a ValueError for a number with 5000 digits or a date such as 2026-13-01.
         words = " ".join(str(error).split()).partition("; use sys.")[0]
         raise fault(f"{where} is not valid YAML: {words}") from None
 
@@ -69,7 +72,7 @@ def parse_yaml(text: str, where: str, fault: type[Exception]) -> Any:
 def _parse(text: str) -> Any:
     """Parse a YAML text, or return the cached result.
 
-    The cache saves about 10 ms per file; ten thousand runs of one process read the same few files.
-    libyaml is faster, but it crashes if a text is nested ten thousand levels deep.
+    The cache saves about 10 ms per file, and the ten thousand runs of a study read the same few
+    files. libyaml would be faster, but it crashes if a text is nested ten thousand levels deep.
     """
     return yaml.safe_load(text)

@@ -70,7 +70,7 @@ def _find_file(path: Path) -> Path:
                 f"{path} has no run.bag; for a run of a study give {path}:NUMBER"
             )
         path = bags[0]
-    active = path.with_name(path.name + ".active")  # left by a recorder that was killed
+    active = path.with_name(path.name + ".active")  # an unclosed bag of a recorder that was killed
     if not path.is_file() and active.is_file():
         path = active
     if not path.is_file():

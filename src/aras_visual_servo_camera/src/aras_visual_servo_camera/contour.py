@@ -1,9 +1,9 @@
 """Outline and corners of the segmented target, with sub-pixel accuracy, in normalised coordinates.
 
-The outline has one point for each pixel at the target's edge. This point is searched along the
-gradient of the coverage, which is the fraction of each pixel that the target covers. Corners are
-the intersections of straight lines that are fitted to the sides. The lines are fitted in
-normalised coordinates, where sides are straight for any lens.
+The outline has one point for each pixel at the target's edge. From the pixel, the edge is searched
+along the gradient of the coverage, which is the fraction of each pixel that the target covers.
+Corners are the intersections of straight lines that are fitted to the sides of the target. The
+lines are fitted in normalised coordinates, in which the sides are straight for any lens.
 """
 
 from __future__ import annotations
@@ -19,20 +19,22 @@ from .polygons import Array, next_vertices, signed_area
 from .segmented_target import SegmentedTarget
 from .undistortion import CameraModel
 
-# A side that deviates from a line by more than MAX_BEND (as a fraction of the outline's length) and
-# MIN_BEND (px) is split in two. A side shorter than MIN_SIDE (px) is a blunted corner, not a side.
-# With these three limits, four corners are found in every image of a quadrilateral that is 17 to
-# 40 px wide, with noise of up to 5 grey levels. With MAX_BEND alone, five to eight corners were
-# found in a fifth of these images, and in most images of quadrilaterals 10 to 17 px wide.
+# A side is split in two if it deviates from a line by more than MAX_BEND (as a fraction of the
+# outline's length) and by more than MIN_BEND (px). A side shorter than MIN_SIDE (px) is a blunted
+# corner. Measured on images of quadrilaterals with noise of up to 5 grey levels: with these limits,
+# four corners are found in every image if the quadrilateral is 17 to 40 px wide. With MAX_BEND
+# alone, five to eight corners were found in a fifth of these images, and in most images of
+# quadrilaterals that were 10 to 17 px wide.
 MAX_BEND, MIN_BEND, MIN_SIDE = 0.012, 1.2, 2.0
 MAX_CORNERS = 32
-FIT_ITERATIONS = 2  # fits of the lines: between the rough corners, then between the fitted corners
-OUTLINE_SAMPLES = 128  # points at which an outline is compared with a model
+# The lines are fitted twice: between the rough corners, then between the corners of the first fit.
+FIT_ITERATIONS = 2
+OUTLINE_SAMPLES = 128  # number of points at which an outline is compared with a model
 # Rms error of a corner, px, in addition to the error that the line fits predict. It was measured on
 # 840 quadrilaterals with a width of 12 to 180 px and noise of up to 5 grey levels.
 CORNER_ACCURACY = 0.022
-# Largest distance of a corner from its place in the model: this fraction of the outline's radius,
-# plus one pixel.
+# Largest accepted distance of a corner from its place in the fitted model: one pixel plus this
+# fraction of the rms distance of the outline's points from their mean.
 MAX_CORNER_DISTANCE = 0.1
 
 
@@ -59,7 +61,10 @@ def extract_outline(grey: NDArray[np.uint8], target: SegmentedTarget, camera: Ca
         raise SegmentationError("the target has no outline")
     edge = max(found, key=len)[:, 0, :]
     if len(edge) < 8:
-        raise SegmentationError(f"the target's outline is {len(edge)} pixel(s) long: too small")
+        raise SegmentationError(
+            f"the target's outline has {len(edge)} pixel(s), must have at least 8: move the camera "
+            "closer"
+        )
     # For a slope of one per pixel, the result of a Sobel kernel is 8.
     gx = cv2.Sobel(weights, cv2.CV_64F, 1, 0, borderType=cv2.BORDER_REPLICATE) / 8.0
     gy = cv2.Sobel(weights, cv2.CV_64F, 0, 1, borderType=cv2.BORDER_REPLICATE) / 8.0
@@ -67,24 +72,28 @@ def extract_outline(grey: NDArray[np.uint8], target: SegmentedTarget, camera: Ca
     slope = np.hypot(gx[v, u], gy[v, u])
     steep = slope > 0.05
     if steep.sum() < 8:
-        raise SegmentationError("the target's outline is too blurred: the image has no sharp edge")
+        raise SegmentationError(
+            "the target's outline is too blurred: focus the camera, or light the target evenly"
+        )
     u, v, slope = u[steep], v[steep], slope[steep]
     nx, ny = -gx[v, u] / slope, -gy[v, u] / slope  # outward normal
     out = _locate_edge(weights, u, v, nx, ny)
     x, y, valid = camera.normalise(left + u + out * nx, top + v + out * ny)
     if not valid.all():
         raise SegmentationError(
-            "the target extends beyond the range of the lens model"
+            "the target extends beyond the range of the lens model; move it towards the middle of "
+            "the image"
         )
     return np.stack([x, y], axis=1)
 
 
 def _locate_edge(weights: Array, u: Array, v: Array, nx: Array, ny: Array) -> Array:
-    """Measure the distance of the target's edge from pixels, along the outward normals.
+    """Measure the distance from each pixel to the target's edge, along the outward normal.
 
-    The coverage is integrated along the normal from two pixels inside the target, where it is one,
-    to two pixels outside, where it is zero. The integral is the covered length, which is exact even
-    if the edge is blurred by a symmetric kernel.
+    The coverage is integrated along the normal, from two pixels inside the target, where it is one,
+    to two pixels outside, where it is zero. The integral is the length of the covered part, and
+    therefore gives the position of the edge. It is exact even if the edge is blurred by a symmetric
+    kernel.
 
     Args:
         weights: (rows, columns) coverage.
@@ -118,8 +127,9 @@ def fit_corners(outline: Array, max_bend: float = MAX_BEND) -> tuple[Array, Arra
 
     Args:
         outline: (m, 2) closed outline, as `extract_outline` returns it.
-        max_bend: largest deviation of a side from a line, as a fraction of the outline's length; at
-            least MIN_BEND pixels. A side shorter than MIN_SIDE pixels is replaced by a corner.
+        max_bend: largest deviation of a side from a line, as a fraction of the outline's length. A
+            smaller value than MIN_BEND pixels has no effect. A side shorter than MIN_SIDE pixels
+            is replaced by one corner in its middle.
 
     Returns:
         The corners (n, 2), in the direction from the x axis to the y axis; and their uncertainty
@@ -181,7 +191,8 @@ def match_corners(outline: Array, model: Array) -> Array:
     corners, _ = _fit_sides(points, np.stack([aligned.real, aligned.imag], axis=1))
     if len(corners) != len(model_points):
         raise SegmentationError(
-            f"the target is too small to separate its {len(model_points)} corners"
+            f"the target is too small to separate its {len(model_points)} corners: move the camera "
+            "closer"
         )
     # Two views of a plane are related approximately by an affine map.
     homogeneous = np.column_stack([model_points, np.ones(len(model_points))])
@@ -190,15 +201,17 @@ def match_corners(outline: Array, model: Array) -> Array:
     radius = float(np.sqrt(points.var(axis=0).sum()))
     if np.linalg.norm(deviation, axis=1).max() > pixel + MAX_CORNER_DISTANCE * radius:
         raise SegmentationError(
-            f"the outline does not match the {len(model_points)} corners of the goal's target"
+            f"the outline does not match the {len(model_points)} corners of the goal's target: "
+            "show the same side of the same target, completely and without occlusion"
         )
     return (corners[::-1] if signed_area(np.asarray(model, float)) < 0.0 else corners) + middle
 
 
 def _centre_polygon(polygon: Array) -> tuple[Array, Array]:
-    """Return the points (n, 2) relative to their middle, and the middle (2,).
+    """Return the points (n, 2) relative to their mean, and their mean (2,).
 
-    The points are reversed if their direction is from the y axis to the x axis.
+    The order of the points is reversed if necessary, so that the polygon turns from the x axis to
+    the y axis.
     """
     points = np.asarray(polygon, dtype=float)
     middle = points.mean(axis=0)
@@ -242,7 +255,8 @@ def _fit_sides(points: Array, corners: Array) -> tuple[Array, Array]:
         breaks = _find_nearest_indices(points, corners)
         if not 3 <= len(breaks) <= MAX_CORNERS:
             raise SegmentationError(
-                f"the target's outline has {len(breaks)} sides, must be 3 to {MAX_CORNERS}"
+                f"the number of sides of the target's outline is {len(breaks)}, must be 3 to "
+                f"{MAX_CORNERS}: use a polygon as the target, or move the camera closer"
             )
         corners, lines = _intersect_sides(points, breaks)
     return corners, compute_crossing_spread(lines)
@@ -287,8 +301,8 @@ def _intersect_sides(points: Array, breaks: NDArray[np.intp]) -> tuple[Array, li
 def _fit_line(points: Array, first: int, last: int) -> FittedLine:
     """Fit a line to the points of an outline from index `first` to index `last`."""
     count = (last - first) % len(points) or len(points)
-    # The grey levels near a corner depend on both sides, so the points next to the ends are
-    # omitted: three at each end, or a third of a side with fewer than nine points.
+    # The grey levels near a corner depend on both sides that meet there. Therefore three points
+    # are omitted at each end, or a third of the points if there are fewer than nine.
     cut = min(3, count // 3)
     side = points[(first + np.arange(cut, count - cut + 1)) % len(points)]
     centre = side.mean(axis=0)

@@ -13,11 +13,11 @@ from aras_visual_servo_base.compiled import jit
 from .errors import SegmentationError
 from .segmented_target import Mask, SegmentedTarget
 
-# Half width, px, of the square over which the local grey level of the background or of the target
-# is averaged.
+# Half width, px, of the square around a pixel over which the local grey level of the background or
+# of the target is averaged.
 BAND_WIDTH = 3
-# If the local grey levels of background and target differ by less, the weight of an edge pixel is
-# its value in the mask, 0 or 1.
+# If the local grey levels of background and target differ by less than this value, the weight of a
+# pixel at the edge is 1 if it is in the target's mask, otherwise 0.
 MIN_CONTRAST = 8.0
 
 
@@ -32,13 +32,14 @@ def compute_coverage(
     mean grey levels of the background and of the target outside the band. This weight is not
     clipped to [0, 1], because the mean of clipped noise is not zero.
 
-    If the grey levels vary over the image (`target.is_uneven`), bg and fg are means around each
-    pixel, the band consists of the pixels next to the edge, and their weights are clipped. An edge
-    pixel at which bg and fg differ too little has the weight 1 if it is in the mask, otherwise 0.
+    If the grey levels vary over the image (`target.is_uneven`), bg and fg are computed for each
+    pixel, as means over its neighbourhood. The band is then one pixel wide on each side of the
+    edge, and the weights are clipped to [0, 1]. A pixel at which bg and fg differ too little has
+    the weight 1 if it is in the target's mask, otherwise 0.
 
     Returns:
         The weights (rows, columns) of a crop of the image; (column, row) of the crop's first pixel;
-        bg; fg. For an uneven target, bg and fg are the means over the crop.
+        bg; fg. If `target.is_uneven`, the returned bg and fg are the means over the crop.
 
     Raises:
         SegmentationError: bg and fg differ by less than one grey level.
@@ -58,7 +59,8 @@ def compute_coverage(
     bg, fg = _measure_levels(image, around, core)
     if abs(bg - fg) < 1.0:
         raise SegmentationError(
-            f"the target has no contrast to its surroundings: both have the grey level {bg:.0f}"
+            f"the target has no contrast to its surroundings: both have the grey level {bg:.0f}; "
+            "use another background, or change the exposure"
         )
     return _compute_weights(image, around, core, bg, fg), (left, top), bg, fg
 
@@ -66,12 +68,15 @@ def compute_coverage(
 def _compute_local_coverage(
     image: Mask, inside: Mask, corner: tuple[int, int]
 ) -> tuple[NDArray[np.float64], tuple[int, int], float, float]:
-    """Compute the result of `compute_coverage` for an uneven target.
+    """Compute the coverage of a target whose grey levels vary over the image.
 
     Args:
         image: (rows, columns) grey levels of the crop.
         inside: (rows, columns) 1 on the target, 0 elsewhere.
         corner: (column, row) of the crop's first pixel.
+
+    Returns:
+        The weights, `corner`, bg and fg, as in `compute_coverage`.
     """
     around = cv2.dilate(inside, _make_square(1))
     core = cv2.erode(inside, _make_square(1), borderType=cv2.BORDER_REPLICATE)
@@ -99,15 +104,16 @@ def _make_square(band: int) -> Mask:
 
 @jit("u1[:,:], u1[:,:], u1[:,:]")
 def _measure_levels(image, around, core):
-    """Return the mean grey levels of the background and of the target's core.
+    """Return the mean grey levels of the background and of the target.
 
-    If there are no pixels of the background, its level is the highest level in the image. If there
-    are no pixels of the core, its level is the lowest.
+    Pixels in the band along the target's edge are not used. If there are no pixels of the
+    background outside the band, its level is the highest level in the image. If there are no pixels
+    of the target outside the band, its level is the lowest level in the image.
 
     Args:
         image: (rows, columns) grey levels.
-        around: (rows, columns) zero on the background.
-        core: (rows, columns) nonzero on the core.
+        around: (rows, columns) zero on the background, nonzero in the band and on the target.
+        core: (rows, columns) nonzero on the target without the band.
     """
     counts, sums = np.zeros(2, np.int64), np.zeros(2, np.int64)
     highest, lowest = 0, 255
@@ -128,10 +134,10 @@ def _measure_levels(image, around, core):
 
 @jit("u1[:,:], u1[:,:], u1[:,:], f8, f8")
 def _compute_weights(image, around, core, bg, fg):
-    """Return the weights (rows, columns) of the pixels with the grey levels I.
+    """Return the weight (rows, columns) of each pixel, i.e. the fraction that the target covers.
 
-    The weight is 1 in the core of the target, 0 in the background, where `around` is zero, and
-    (bg - I) / (bg - fg) in the band between them.
+    The weight is 1 where `core` is nonzero, and 0 where `around` is zero. In the band between them,
+    it is (bg - I) / (bg - fg), where I is the grey level of the pixel in `image`.
     """
     of_level = (bg - np.arange(256.0)) / (bg - fg)
     weights = np.zeros(image.shape)

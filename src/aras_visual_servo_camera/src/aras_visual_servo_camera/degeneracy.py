@@ -11,8 +11,8 @@ from math import comb, sqrt
 
 from .moments import Moments
 
-# Rounding errors are about 1e-13. If a denominator is below this tolerance, too few digits of the
-# feature are correct.
+# A feature is undefined if its dimensionless denominator is below this value. The denominator has
+# rounding errors of about 1e-13, so a feature near this limit has about four correct digits.
 DEFAULT_TOLERANCE = 1e-9
 
 
@@ -23,7 +23,9 @@ def gyration_radius(moments: Moments) -> float:
 
 
 def moment_norm(moments: Moments, n: int) -> float:
-    """Compute a norm of the centred moments of order n that does not change if the image rotates.
+    """Compute sqrt(sum over j of C(n, j) mu_{n-j,j}^2), a norm of the centred moments of order n.
+
+    C is the binomial coefficient. The norm does not change if the image rotates.
     """
     return sqrt(sum(comb(n, j) * moments.mu(n - j, j) ** 2 for j in range(n + 1)))
 
@@ -53,7 +55,7 @@ def _check_anisotropy(moments: Moments, value: float, tolerance: float) -> str |
         return None
     return (
         "the shape has no main axis: mu20 = mu02 and mu11 = 0, as for a square parallel to the "
-        "image plane"
+        "image plane; use an elongated target or another feature"
     )
 
 
@@ -62,16 +64,23 @@ def _make_ratio_check(
 ) -> Callable[[Moments, float, float], str | None]:
     def check(moments: Moments, value: float, tolerance: float) -> str | None:
         if n % 2 and asymmetry(moments, n) <= tolerance:
-            return f"the shape is symmetric about its centre: its moments of order {n} vanish"
+            return (
+                f"the shape is symmetric about its centre: its moments of order {n} vanish; use an "
+                "asymmetric target or another feature"
+            )
         if abs(value) ** (1.0 / degree) <= tolerance ** (1.0 / degree) * moment_norm(moments, n):
-            return f"its denominator {name} vanishes for this shape"
+            return (
+                f"the feature's denominator {name} vanishes for this shape; use another target or "
+                "another feature"
+            )
         return None
 
     return check
 
 
-# Check of each denominator: a function of the moments, the value of the denominator and the
-# tolerance. It returns the reason why the feature is undefined, or None if it is defined.
+# For each denominator, the function that checks it. Its arguments are the moments, the value of the
+# denominator and the tolerance. It returns the reason why a feature with this denominator is
+# undefined, or None if the feature is defined.
 CHECKS: dict[str, Callable[[Moments, float, float], str | None]] = {
     "anisotropy": _check_anisotropy,
     "I4": _make_ratio_check(3, 2, "I4"),

@@ -7,9 +7,9 @@ middle of the square is thus w (1 - w) / 2, directed towards the target. For an 
 error of this formula is at most 6 %. The weights increase towards the target, so their gradient
 gives the direction.
 
-Without the correction, all pixels of an edge along a row of pixels have the same error, so the
-errors add up. The largest error of the main axis of a nearly square target is 1.5 mrad without the
-correction and 0.27 mrad with it.
+If the middle of the square were used instead, all pixels of an edge along a row would have the same
+error, and the errors would add up. For a nearly square target, the error of the main axis would be
+up to 1.5 mrad. With the middle of the covered part, it is at most 0.27 mrad.
 """
 
 from __future__ import annotations
@@ -59,7 +59,8 @@ def locate_covered_parts(x, y, area, weights, left, top):
     """Compute the position and the area of each pixel's covered part in normalised coordinates.
 
     Args:
-        x, y, area: tables of the undistorted pixels of the whole image, as in PixelTables.
+        x, y, area: (rows, columns) undistorted positions and areas of all pixels of the whole
+            image, as in PixelTables.
         weights: (rows, columns) covered fraction of each pixel of a crop.
         left, top: column and row of the crop's first pixel.
 
@@ -76,7 +77,8 @@ def locate_covered_parts(x, y, area, weights, left, top):
             row, column, weight = top + i, left + j, weights[i, j]
             up, down = max(row - 1, 0), min(row + 1, last_row)
             before, after = max(column - 1, 0), min(column + 1, last_column)
-            # The tables have no valid slope next to a pixel outside the range of the lens model.
+            # If a neighbour is outside the range of the lens model, its x and y are invalid, so the
+            # middle of the square is used.
             shown = min(area[row, before], area[row, after], area[up, column], area[down, column])
             u = v = 0.0
             if weight != 0.0 and shown > 0.0:

@@ -131,7 +131,8 @@ class FeatureSet:
 class _Node(NamedTuple):
     """A feature, and the leaves and denominators that it depends on.
 
-    A leaf is a name that has no formula, such as a moment. A node is computed once for each name.
+    A leaf is a quantity that has no formula, such as a moment. `_make_node` caches the node of each
+    name.
     """
 
     formula: Formula | None  # None for a leaf
@@ -179,15 +180,15 @@ def _find_leaf_order(leaf: str, kind: str) -> int:
 
 
 class _Plan(NamedTuple):
-    """Inputs of a list of features; a plan is computed once for each list.
+    """The quantities from which a list of features is computed; it is cached for each list.
 
-    A leaf is a quantity that has no formula, such as a moment. Its row is the row of its
+    A leaf is a quantity that has no formula, such as a moment. Each leaf has a row (6,) of the
     interaction matrix.
 
     Attributes:
         leaves: names of the leaves.
         centred_order: highest order of the centred moments whose rows are needed.
-        raw_order: highest order of the raw moments whose rows are needed, -1 if there are none.
+        raw_order: highest order of the raw moments whose rows are needed; -1 if none is needed.
         row_indices: index of each leaf's row in the array that `_compute_leaf_rows` builds.
     """
 
@@ -251,9 +252,9 @@ def compute_moment_features(
         moments: moments of the current view.
         names: features such as 'xn', 'alpha' or 'C3 - 0.5 * C4'; this module's docstring lists
             them.
-        plane: target's plane in the current optical frame, 1/Z = A x + B y + C. By default it is
-            parallel to the image plane, at the depth that follows from the area and from the area
-            and depth of the reference.
+        plane: target's plane in the current optical frame, 1/Z = A x + B y + C. By default, it is
+            parallel to the image plane at the depth Z* sqrt(a* / a). a is the area of `moments`;
+            a* and Z* are the area and the depth of `reference`.
         reference: desired view, for an, xn, yn, alpha_full and the default plane.
         tolerance: dimensionless size below which a denominator is treated as zero: 1e-9 for
             rounding errors, about 1e-2 for a noisy image of a square.
@@ -293,9 +294,9 @@ def compute_feature_values(
 
 
 def _make_plane(moments: Moments, reference: Reference | None) -> Plane:
-    """Return the plane parallel to the image plane whose depth follows from the reference's area.
+    """Return the plane parallel to the image plane at the depth Z* sqrt(a* / a).
 
-    Its depth is Z* sqrt(a* / a), where a and a* are the current and the desired area.
+    a is the current area. a* and Z* are the desired area and depth, from `reference`.
     """
     if reference is None:
         raise FeatureError(
@@ -349,8 +350,8 @@ class _View:
         order, needed = self.moments.order, max(plan.centred_order, plan.raw_order) + 1
         if order < needed:
             raise FeatureError(
-                f"{', '.join(names)} need moments up to order {needed} (one more than their "
-                f"values, for L); these go up to {order}"
+                f"{', '.join(names)} need moments up to order {needed} for the interaction matrix, "
+                f"got order {order}; increase the order of the moments"
             )
         reasons = ((name, self.explain_undefined(name)) for name in names)
         degenerate = {name: reason for name, reason in reasons if reason is not None}
@@ -363,7 +364,9 @@ class _View:
                 try:
                     (value,), (row,) = self.evaluate((name,), plan.leaves)
                 except ZeroDivisionError:
-                    degenerate[name] = f"'{name}' divides by zero for this shape"
+                    degenerate[name] = (
+                        f"'{name}' divides by zero for this shape; use another feature"
+                    )
                 else:
                     values.append(value)
                     rows.append(row)
@@ -383,7 +386,10 @@ class _View:
             if reason is not None:
                 return reason
         if name == "alpha_full" and self._get_reference(name).orientation is None:
-            return "the orientation of the reference is undefined"
+            return (
+                "the orientation of the desired view is undefined; use another target or feature "
+                "alpha"
+            )
         return None
 
     def evaluate(

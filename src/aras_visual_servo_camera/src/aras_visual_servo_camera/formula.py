@@ -20,8 +20,8 @@ class Formula:
     Attributes:
         source: the expression as text.
         names: names of its variables, in order of their first appearance.
-        body: Python source of a tuple of the value and the partial derivative with respect to each
-            variable.
+        body: Python source of a tuple: the value of the expression, and its partial derivative with
+            respect to each variable in `names`.
     """
 
     def __init__(self, source: str) -> None:
@@ -54,20 +54,21 @@ class CompiledFormulas:
         leaves: Sequence[str],
         same_slope: Mapping[str, str],
     ) -> None:
-        """Compile the program.
+        """Write the source of `evaluate` and compile it.
 
         Args:
             names: names of the formulas or leaves whose values `evaluate` returns.
             find_formula: function that returns the formula of a name, or None for a leaf.
             leaves: names of all leaves; some may be unused.
-            same_slope: formula that has the same derivatives as a leaf, by the name of the leaf.
+            same_slope: for some leaves, the name of a formula. The derivatives of this formula are
+                used as the derivatives of the leaf.
         """
         self.leaves = tuple(leaves)
         self.used_leaves: set[str] = set()
         self._find_formula, self._same_slope = find_formula, same_slope
         self._lines: list[str] = []
-        # For each name, the local variable of its value, and the local variables of its derivatives
-        # by leaf.
+        # For each formula or leaf: the variable in the generated source that contains its value,
+        # and for each leaf the variable that contains the derivative with respect to this leaf.
         self._local_names: dict[str, tuple[str, dict[str, str]]] = {}
         found = [self._get_locals(name) for name in names]
         values = _format_tuple(value for value, _ in found)
@@ -80,9 +81,13 @@ class CompiledFormulas:
         )
 
     def _get_locals(self, name: str) -> tuple[str, dict[str, str]]:
-        """Return the local variables of the value and of the derivatives of a name.
+        """Return the variables of a formula or leaf in the generated source.
 
         The first call for a name writes the lines of source that set these variables.
+
+        Returns:
+            The variable that contains the value; and for each leaf, the variable that contains the
+            derivative with respect to this leaf.
         """
         if name not in self._local_names:
             formula = self._find_formula(name)
@@ -99,7 +104,7 @@ class CompiledFormulas:
         arguments = [self._get_locals(name) for name in formula.names]
         variable = f"_{len(self._local_names)}"
         partials = [f"{variable}_{k}" for k in range(len(arguments))]
-        # Replace the variables of the expression by leaves or local variables of the program.
+        # In the expression, replace each name by the variable that contains its value.
         local_values = {
             name: value for name, (value, _) in zip(formula.names, arguments, strict=True)
         }
@@ -123,7 +128,10 @@ def _format_tuple(entries: Iterable[str]) -> str:
 
 
 def _compile_function(source: str, name: str = "") -> Callable[..., tuple]:
-    """Compile generated source and return its function `name`, or a lambda if `name` is empty."""
+    """Compile generated source and return the function `name` that it defines.
+
+    If `name` is empty, the source is an expression, such as a lambda, and its value is returned.
+    """
     namespace: dict[str, object] = {"sqrt": sqrt, "atan2": atan2, "__builtins__": {}}
     if not name:
         return eval(compile(source, f"<formula {source}>", "eval"), namespace)  # noqa: S307

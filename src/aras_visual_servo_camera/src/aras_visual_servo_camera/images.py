@@ -96,14 +96,14 @@ def decode(message: Any) -> Image:
         )
     if step < line:
         raise ImageError(
-            f"the image's step is {step}, must be at least {line}, the bytes of a row of "
-            f"{columns} {encoding} pixels"
+            f"the image's step is {step}, must be at least {line}, the number of bytes in a row "
+            f"of {columns} {encoding} pixels"
         )
     # The padding after the last row may be missing.
     if len(message.data) < step * (rows - 1) + line:
         raise ImageError(
             f"the image's data are truncated: {len(message.data)} bytes, must be "
-            f"{step * (rows - 1) + line} for {rows} rows with a step of {step}"
+            f"{step * (rows - 1) + line} for {rows} rows with a step of {step} bytes"
         )
     data = np.frombuffer(message.data, dtype=np.uint8)
     shape = (rows, line) if depth == 2 or channels == 1 else (rows, columns, channels)

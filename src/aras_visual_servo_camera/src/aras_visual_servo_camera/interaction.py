@@ -64,7 +64,10 @@ class Plane(NamedTuple):
         normal = np.asarray(R, dtype=float)[:, 2]
         distance = float(normal @ np.asarray(t, dtype=float))
         if distance == 0.0:
-            raise FeatureError("the target's plane passes through the camera: it is seen edge-on")
+            raise FeatureError(
+                "the camera is in the target's plane and sees it edge-on; move the camera out of "
+                "this plane"
+            )
         A, B, C = normal / distance
         return cls(float(A), float(B), float(C))
 
@@ -172,8 +175,8 @@ def _find_order(moments: Moments, order: int | None) -> int:
         order = highest
     if not 1 <= order <= highest:
         raise FeatureError(
-            f"interaction rows of order {order} need moments up to order {order + 1}; "
-            f"these go up to {moments.order}"
+            f"the interaction matrices of moments of order {order} need moments up to order "
+            f"{order + 1}, got order {moments.order}; increase the order of the moments"
         )
     return order
 

@@ -1,8 +1,9 @@
-"""Arrays that the original published: the kernel features of 2015 and the image moments of 2016.
+"""Arrays that the original ARAS simulator published.
 
-Both are computed from the binary image (0 or 255) of the fixed threshold 250. The units and
-conventions are those of the original, because its controllers need them: x is along the rows, m00
-is a number of pixels, and alpha is multiplied by 0.1.
+Its version of 2015 published kernel features, its version of 2016 published image moments. Both are
+computed from a binary image (0 or 255) with the fixed threshold 250. The units and conventions are
+those of the original simulator, because its controllers need them: x increases from row to row and
+y from column to column, m00 is a number of pixels, and alpha is multiplied by 0.1.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from .errors import DegenerateFeatureError
 from .moments import Pinhole
 from .polygons import Array
 
-# Size of a pixel along x (rows) and y (columns) in the original, m.
+# Size of a pixel in the original simulator, m: from row to row (x) and from column to column (y).
 DELTA_X, DELTA_Y = 0.017, 0.0185
 KERNEL_POWER = -2  # exponent p of the kernels x^p and y^p
 
@@ -28,7 +29,8 @@ class KernelFeatures:
 
     Attributes:
         values: (4,) kernel0 ... kernel3; kernel3 is the orientation of the main axis, rad.
-        jacobian: (4, 4) Jacobian; its columns belong to x, y, z and theta.
+        jacobian: (4, 4) Jacobian of the features; its columns belong to the camera's translation
+            along x, y, z and its rotation theta about the optical axis.
         inverse: (4, 4) inverse of the Jacobian.
     """
 
@@ -47,13 +49,14 @@ class KernelFeatures:
 def compute_kernel_features(mask: NDArray[np.uint8]) -> KernelFeatures:
     """Compute the kernel features of the nonzero pixels in a binary image (rows, columns).
 
-    Let x = i DELTA_X for the rows i = 1, 2, ..., y = j DELTA_Y for the columns j = 1, 2, ..., and
-    p = KERNEL_POWER. With the area dA of a pixel, the features are
+    Row i = 1, 2, ... has the coordinate x = i DELTA_X, column j = 1, 2, ... has the coordinate
+    y = j DELTA_Y, and dA is the area of a pixel. With p = KERNEL_POWER, the features are
 
         kernel0 = sum x^p dA,  kernel1 = sum y^p dA,  kernel2 = sum dA,
         kernel3 = 1/2 atan2(2 mu11, mu20 - mu02).
 
-    mu_ij are centred moments in pixels, where i belongs to the columns and j to the rows.
+    The sums are over the nonzero pixels. mu_ij are their centred moments in pixels; here, i is the
+    power of the column and j is the power of the row.
 
     Raises:
         DegenerateFeatureError: there is no target, so the Jacobian has no inverse.
@@ -65,7 +68,9 @@ def compute_kernel_features(mask: NDArray[np.uint8]) -> KernelFeatures:
     per_row, per_column = is_target.sum(axis=1), is_target.sum(axis=0)
     count = float(per_row.sum())
     if count == 0.0:
-        raise DegenerateFeatureError("kernel", "there is no target, so the Jacobian has no inverse")
+        raise DegenerateFeatureError(
+            "kernel", "there is no target in view, so the Jacobian has no inverse"
+        )
     dx, dy = KERNEL_POWER * x ** (KERNEL_POWER - 1), KERNEL_POWER * y ** (KERNEL_POWER - 1)
     area = DELTA_X * DELTA_Y
     central = cv2.moments(mask, binaryImage=True)
@@ -86,10 +91,11 @@ def compute_kernel_features(mask: NDArray[np.uint8]) -> KernelFeatures:
 def compute_outline_kernel_features(
     outline: NDArray[np.float64], camera: Pinhole, width: int, height: int
 ) -> KernelFeatures:
-    """Compute the kernel features of a normalised outline (n, 2) as in a camera image.
+    """Compute the kernel features of a target with the normalised outline (n, 2).
 
-    A pixel belongs to the target if the target covers more than 2 % of it, because it is then
-    darker than the original's threshold of 250. The image has width x height pixels.
+    The outline is first drawn into an image of width x height pixels. A pixel belongs to the target
+    if the target covers more than 2 % of it, because a camera's pixel is then darker than the
+    threshold of 250 of the original simulator.
 
     Raises:
         DegenerateFeatureError: the target is not in the image.
@@ -104,13 +110,13 @@ def compute_outline_kernel_features(
 
 
 def compute_original_moments(mask: NDArray[np.uint8], camera: Pinhole) -> list[float]:
-    """Compute the four numbers that the original of 2016 published.
+    """Compute the four numbers that the original simulator of 2016 published.
 
-    They are the normalised row and column of the target's centre, its number of pixels m00, and
-    0.1 alpha, where alpha = 1/2 atan2(2 mu11, mu20 - mu02), rad.
+    They are the normalised row and column of the target's centre, the target's number of pixels
+    m00, and 0.1 alpha, where alpha = 1/2 atan2(2 mu11, mu20 - mu02), rad.
 
     Raises:
-        DegenerateFeatureError: there is no target. (The original sent nan nan 0 0.)
+        DegenerateFeatureError: there is no target. (The original simulator published nan nan 0 0.)
     """
     m = cv2.moments(mask, binaryImage=True)
     if m["m00"] == 0.0:

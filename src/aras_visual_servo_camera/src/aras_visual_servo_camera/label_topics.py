@@ -1,4 +1,4 @@
-"""Subscribers to a camera's label images, and the mask of the target in these images."""
+"""Subscribers to a camera's label images, in which each pixel contains the number of a link."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from .labels import TargetLabels, read_labels
 from .segmentation import Segmentation
 from .segmented_target import Mask
 
-# Buffer of a subscriber, bytes. It holds several images, so that the newest image is always read.
+# Size of a subscriber's buffer, bytes. It holds several images. With a buffer smaller than an
+# image, rospy would deliver old images.
 BUFFER_SIZE = 2**24
 LabelCallback = Callable[[str, ImageMessage], None]
 
@@ -22,9 +23,11 @@ LabelCallback = Callable[[str, ImageMessage], None]
 class LabelTopics:
     """Subscribers to the label images of one camera and to the names of the labels.
 
+    A label is the number of a link in a label image. Its name is 'model::link'.
+
     Attributes:
         topic: resolved name of the topic of the label images.
-        subscribers: subscriber to the names, and subscriber to the images.
+        subscribers: [subscriber to the names, subscriber to the images].
     """
 
     def __init__(self, camera: str, label: str, callback: LabelCallback) -> None:
@@ -33,7 +36,8 @@ class LabelTopics:
         Args:
             camera: namespace of the camera's topics.
             label: name of the target, 'model' or 'model::link'.
-            callback: function that is called with the text 'labels' and with each label image.
+            callback: function that is called for each label image, with the arguments 'labels' and
+                the image message.
         """
         self._target_labels = TargetLabels(label)
         self.topic = rospy.resolve_name(f"{camera}/segmentation/image_raw")
@@ -48,7 +52,7 @@ class LabelTopics:
     def for_segmentation(
         cls, segmentation: Segmentation, camera: str, callback: LabelCallback
     ) -> LabelTopics | None:
-        """Return the subscribers for a segmentation; return None if it does not use labels."""
+        """Return the subscribers that a segmentation needs; return None if it uses no labels."""
         return (
             cls(camera, segmentation.label, callback)
             if "labels" in segmentation.image_kinds

@@ -45,7 +45,7 @@ class TargetLabels:
                 links = {int(number): str(link) for number, link in links.items()}
             except (yaml.YAMLError, AttributeError, TypeError, ValueError) as error:
                 raise SegmentationError(
-                    "the names of the labels cannot be read, must be YAML text of the form "
+                    "the names of the labels cannot be read; they must be YAML text with lines "
                     f"'number: model::link': {error}"
                 ) from None
         self._links = links
@@ -93,7 +93,8 @@ def read_labels(message: Any) -> NDArray[np.int32]:
     if message.step < line or len(message.data) < message.step * rows:
         raise ImageError(
             f"the label image's data are truncated: {len(message.data)} bytes with a step of "
-            f"{message.step} for {message.width} x {rows} pixels of 4 bytes"
+            f"{message.step} bytes, must be at least {line * rows} bytes with a step of at least "
+            f"{line} for {message.width} x {rows} pixels"
         )
     data = np.frombuffer(message.data, np.uint8)[: message.step * rows]
     data = np.ascontiguousarray(data.reshape(rows, message.step)[:, :line])

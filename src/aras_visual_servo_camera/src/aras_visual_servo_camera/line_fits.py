@@ -17,10 +17,10 @@ import numpy as np
 
 from .polygons import Array
 
-# The variance of a line is a weighted mean of the variance of its points, with one unit of weight
-# for each degree of freedom, and the average variance of all lines, with this weight. The variance
-# of the points alone is too small for few points and for an edge along a row of pixels, where all
-# points have nearly the same error.
+# The variance assumed for a line's points is a weighted mean of two values: the variance of these
+# points (weight: its number of degrees of freedom) and the average variance over all lines (weight:
+# SHARED_ERROR). The first value alone is too small if there are few points, or if the line is
+# parallel to the rows or columns, because all its points then have nearly the same error.
 SHARED_ERROR = 6.0
 PARALLEL = 0.05  # two lines are parallel if the sine of their angle is below this value
 
@@ -47,8 +47,8 @@ class FittedLine(NamedTuple):
     def fit(cls, points: Array, normal: Array, count: float) -> FittedLine:
         """Return the line with a given normal through the mean of points (m, 2).
 
-        `count` is the number of points with independent errors that are as accurate as these m
-        points.
+        The errors of neighbouring points are correlated. `count` is the number of points with
+        independent errors that would determine the line as accurately as the m points.
         """
         middle = points.mean(axis=0)
         across = (points - middle) @ normal
@@ -63,7 +63,7 @@ class FittedLine(NamedTuple):
 
     @property
     def degrees_of_freedom(self) -> float:
-        """Degrees of freedom of the variance: the number of independent points minus two."""
+        """Degrees of freedom of the points' variance: `count` - 2, but at least 0.5."""
         return max(self.count - 2.0, 0.5)
 
 

@@ -91,14 +91,15 @@ class MarkerChoice:
         Raises:
             VisionError: the choice is invalid.
         """
-        # In a launch file, a board is a text.
+        # In a launch file, a board is given as YAML text.
         if isinstance(entry, str) and entry.lstrip().startswith("{"):
             entry = parse_yaml(entry, where, VisionError)
         if isinstance(entry, Mapping):
             return cls._read_board(entry, where)
         if not isinstance(entry, str | int) or isinstance(entry, bool):
             raise VisionError(f"{where} is {format_value(entry)}, must be a number, a text "
-                              "such as DICT_5X5_100:5, or a board")  # fmt: skip
+                              "such as DICT_5X5_100:5, or a mapping with the keys dictionary, size "
+                              "and markers")  # fmt: skip
         name, colon, number = str(entry).strip().rpartition(":")
         if not colon and number and not number.lstrip("-").isdigit():
             name, number = number, ""
@@ -129,7 +130,8 @@ class MarkerChoice:
                               "the side of a marker's black square in m")  # fmt: skip
         if not isinstance(markers, Mapping) or not markers:
             raise VisionError(f"{where}.markers is {format_value(markers)}, must be a position "
-                              "for each number, such as {5: [0, 0], 7: [0.06, 0]}")  # fmt: skip
+                              "in m for each marker's number, such as "
+                              "{5: [0, 0], 7: [0.06, 0]}")  # fmt: skip
         board = {}
         for number, place in markers.items():
             values = [as_number(v) for v in place] if isinstance(place, list | tuple) else []
@@ -189,7 +191,10 @@ class MarkerChoice:
         searched = "" if self.dictionary else f" (of {', '.join(SEARCHED_DICTIONARIES)})"
         if self.number is None and self.board is None:
             dictionaries = self.dictionary or ", ".join(SEARCHED_DICTIONARIES)
-            raise VisionError(f"no marker of {dictionaries} is in view")
+            raise VisionError(
+                f"no marker of {dictionaries} is in view; move the camera, or set the marker's "
+                "dictionary"
+            )
         raise VisionError(f"{self} is not in view{searched}{in_view}")
 
     def _is_selected(self, number: int) -> bool:

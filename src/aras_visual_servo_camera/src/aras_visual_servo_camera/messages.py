@@ -57,9 +57,9 @@ def make_kernel_message(numbers: list[float], reason: str, header: Header) -> An
 
 
 def make_array_message(numbers: list[float]) -> Float64MultiArray:
-    """Return the message of the topic camera/data of the original.
+    """Return the message of the topic camera/data of the original ARAS simulator.
 
-    It has no header, because the subscribers of the original read only its field `data`.
+    The message has no header. Subscribers of the original simulator read only the field `data`.
     """
     message = Float64MultiArray(data=numbers)
     message.layout.dim = [MultiArrayDimension("features", len(numbers), len(numbers))]
@@ -77,7 +77,8 @@ def read_outline_message(message: Any) -> tuple[tuple[float, float], ...]:
     corners = tuple((float(p.x), float(p.y)) for p in message.polygon.points)
     if corners and (len(corners) < 3 or not np.isfinite(corners).all()):
         raise VisionError(
-            "the desired outline needs at least three corners with finite coordinates"
+            "the desired outline must be empty or have at least three corners with finite "
+            "coordinates"
         )
     return corners
 

@@ -142,7 +142,8 @@ class Moments:
     def _check_order(self, i: int, j: int) -> None:
         if i < 0 or j < 0 or i + j > self.order:
             raise MomentsError(
-                f"moment ({i}, {j}) is not available: i + j must be at most {self.order}"
+                f"moment ({i}, {j}) is not available: i + j must be at most {self.order}, the "
+                "order with which the moments were computed"
             )
 
     # -- constructors ----------------------------------------------------------------------
@@ -165,11 +166,14 @@ class Moments:
         count = (order + 1) * (order + 2) // 2
         if order < 1 or m.size != count or mu.size != count:
             raise MomentsError(
-                f"order {order} needs {count} raw and {count} centred moments (order at least 1), "
-                f"got {m.size} and {mu.size}"
+                f"order {order} needs {count} raw and {count} centred moments, got {m.size} and "
+                f"{mu.size}; the order must be at least 1"
             )
         if not (np.isfinite(m).all() and np.isfinite(mu).all()):
-            raise MomentsError("moments must be finite; send no moments if the target is lost")
+            raise MomentsError(
+                "moments must be finite; if the target is lost, send no moments and set `valid` to "
+                "false"
+            )
         if m[0] <= 0.0:
             raise MomentsError(f"m00 = {m[0]:g} must be positive: the shape is empty")
         index = _make_flat_index(order)
@@ -414,7 +418,10 @@ def _compute_powers(size: int, order: int, coverage: bool) -> Array:
 
 @lru_cache(maxsize=4096)
 def _compute_power_derivatives(size: int, order: int) -> Array:
-    """Compute the derivatives (size, order+1) of the mean powers of `_compute_powers`."""
+    """Compute the derivatives (size, order+1) of the powers with respect to the coordinate.
+
+    The powers are those of `_compute_powers` with `coverage`, which are means over a pixel.
+    """
     slopes = np.zeros((size, order + 1))
     slopes[:, 1:] = np.arange(1, order + 1) * _compute_powers(size, order, True)[:, :-1]
     return _freeze(slopes)
@@ -431,7 +438,9 @@ def _compute_pixel_scale(fx: float, fy: float, order: int, full_scale: float) ->
 def _check_vertices(points: ArrayLike, label: str) -> Array:
     points = np.asarray(points, dtype=float)
     if points.ndim != 2 or points.shape[1] != 2 or len(points) < 3:
-        raise MomentsError(f"the {label} needs at least three (x, y), got shape {points.shape}")
+        raise MomentsError(
+            f"the {label} needs at least three points (x, y), got an array of shape {points.shape}"
+        )
     if not np.isfinite(points).all():
         raise MomentsError(f"the {label} has a coordinate that is not finite")
     return points
@@ -457,5 +466,7 @@ def _compute_polygon_moments(p: Array, order: int, label: str) -> Array:
     table /= k[:, None] + k[None, :] + 2.0
     extent = float(np.abs(p).max())
     if abs(table[0, 0]) <= 1e-14 * extent**2:
-        raise MomentsError(f"the {label} has no area: its vertices lie on one line")
+        raise MomentsError(
+            f"the {label} has no area: its vertices lie on one line; add a vertex beside this line"
+        )
     return _select_triangle(table if table[0, 0] > 0.0 else -table, order)

@@ -143,14 +143,14 @@ def _compute_plane_map(A, B, C, xg, yg, ex, ey):
 
 @jit(VIEW_SIGNATURE)
 def _compute_plane_moments(centred, A, B, C, xg, yg, shrinking):
-    """Compute the moments of the target in its plane.
+    """Compute the moments of the target in its plane, up to order 3.
 
-    They refer to the point of the plane whose image is the centre of gravity. The arguments and
-    symbols are those of `compute_upright_moments`.
+    They are moments about the point of the plane whose image is the centre of gravity (xg, yg). The
+    arguments and symbols are those of `compute_upright_moments`.
 
     Returns:
-        (4, 4). Entry [i, j] is the integral of x^i y^j / (1 + e.d)^k, where (x, y) = G d and
-        k = i + j + shrinking.
+        (4, 4). Entry [i, j] is the integral of x^i y^j / (1 + e.d)^k over the image of the target,
+        where (x, y) = G d and k = i + j + shrinking.
     """
     inverse_depth = A * xg + B * yg + C
     ex, ey = A / inverse_depth, B / inverse_depth

@@ -40,7 +40,7 @@ class ImagePublishers:
 
         Args:
             parameters: parameters of the node.
-            pipeline: pipeline that computes the arrays of the original.
+            pipeline: pipeline that computes the arrays of the original ARAS simulator.
             log: function that is called with the kind of an error and with its message.
         """
         # catkin generates these messages when it builds the workspace.
@@ -102,7 +102,8 @@ class ImagePublishers:
         try:
             numbers = self._pipeline.compute_original_data(image)
         except VisionError as error:
-            # The original sent zeros or NaN. Without a message, its subscribers stop the arm.
+            # The original simulator published zeros or NaN instead. Here nothing is published, so
+            # that the controllers that subscribe stop the arm.
             self._log("data", f"nothing is published on {NAMESPACE}data: {error}")
             return
         self._data_publisher.publish(make_array_message(numbers))

@@ -19,10 +19,12 @@ from .segmentation import Segmentation
 
 
 def copy_parameter(settings: type, name: str) -> Any:
-    """Return a parameter of the node with the default and the bounds of a setting.
+    """Return a dataclass field for a parameter of the node, which sets the given setting.
+
+    The parameter has the default and the bounds of the setting.
 
     Args:
-        settings: dataclass of the setting.
+        settings: dataclass that contains the setting.
         name: name of the setting.
     """
     field = settings.__dataclass_fields__[name]
@@ -65,17 +67,21 @@ class VisionParameters:
     def __post_init__(self) -> None:
         if self.component == "mask" and not self.mask_image:
             raise ParameterError(
-                "~component is 'mask', so ~mask_image must be the path of an image file"
+                "parameter ~component is 'mask', so ~mask_image must be the path of an image file"
             )
         if len(self.desired_outline) % 2 or 0 < len(self.desired_outline) < 6:
-            raise ParameterError("~desired_outline must be empty or x, y of at least three corners")
+            raise ParameterError(
+                "parameter ~desired_outline must be empty, or a list of x and y of at least three "
+                "corners"
+            )
         _ = self.pipeline_settings  # raises ParameterError if settings conflict
 
     @classmethod
     def from_mapping(cls, mapping: Mapping[str, Any]) -> VisionParameters:
         """Return the parameters from a mapping.
 
-        Its entry `segmentation` is a method or, as for the controller node, a mapping of settings.
+        The entry `segmentation` is the name of a method, or a mapping of settings like that of the
+        controller node.
 
         Raises:
             ParameterError: a parameter is unknown or invalid; the message names it.
@@ -122,6 +128,7 @@ class VisionParameters:
         mask = cv2.imread(self.mask_image, cv2.IMREAD_GRAYSCALE)
         if mask is None:
             raise ParameterError(
-                f"parameter ~mask_image: cannot read an image from '{self.mask_image}'"
+                f"parameter ~mask_image: cannot read an image from '{self.mask_image}'; set it to "
+                "the path of an image file"
             )
         return mask

@@ -27,7 +27,7 @@ WEIGHTINGS = ("coverage", "binary")
 
 @dataclass(frozen=True)
 class PipelineSettings:
-    """Settings of the pipeline; the node's README describes them as parameters."""
+    """Settings of the pipeline; the package's README describes them as parameters of the node."""
 
     segmentation: Segmentation = field(default_factory=Segmentation)
     weighting: str = parameter("coverage", choices=WEIGHTINGS)
@@ -37,7 +37,7 @@ class PipelineSettings:
     original_threshold: float = parameter(250.0, least=0.0, most=255.0)
 
 
-Settings = PipelineSettings  # name that the documentation uses
+Settings = PipelineSettings  # short name, which the examples in the documentation use
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,14 +113,16 @@ class Pipeline:
                    image.target_mask)  # fmt: skip
         target = segment(grey, *options)
         if target.reason and grey is not image.grey:
-            target = segment(image.grey, *options)  # the reason refers to the whole image
+            # No target was found without the blind pixels. Segment the original image, so that the
+            # reason is correct for it.
+            target = segment(image.grey, *options)
         reason = target.reason
         if not reason and camera is None:
             reason = self.camera_fault
         if not reason and (camera.height, camera.width) != image.shape:
             reason = (
                 f"the image is {image.shape[1]} x {image.shape[0]} but camera_info says "
-                f"{camera.width} x {camera.height}; both must have the same size"
+                f"{camera.width} x {camera.height}; publish a camera_info of the image's size"
             )
         if reason:
             self._previous_centre = None if target.pixel_count == 0 else self._previous_centre
@@ -134,11 +136,11 @@ class Pipeline:
         return TargetDetection(not reason, reason, target, moments, camera)
 
     def _mask_blind_pixels(self, grey: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Replace the pixels outside the range of the lens model by background.
+        """Return the image with background in place of pixels outside the lens model's range.
 
         Otherwise, a dark object at the rim of a fisheye image could be taken for the target. A
-        target that extends to the rim is still rejected, because its moments are computed from the
-        original image.
+        target that extends beyond the range is still rejected, because its moments are computed
+        from the original image.
         """
         camera = self.camera
         if camera is None or camera.blind_mask is None or camera.blind_mask.shape != grey.shape:
@@ -147,9 +149,10 @@ class Pipeline:
         return np.where(camera.blind_mask, np.uint8(ground), grey)
 
     def compute_original_data(self, image: Image) -> list[float]:
-        """Compute the numbers of the topic camera/data for the layout of the settings.
+        """Compute the numbers that the original ARAS simulator published on camera/data.
 
-        As in the original, the target is found with a fixed threshold.
+        The setting `layout` chooses between image moments (4 numbers) and kernel features (20).
+        The target is found with a fixed threshold, as in the original simulator.
 
         Raises:
             DegenerateFeatureError: there is no target.
@@ -170,10 +173,11 @@ class Pipeline:
         return compute_kernel_features(self.make_original_mask(image)).to_message_data()
 
     def make_original_mask(self, image: Image) -> NDArray[np.uint8]:
-        """Return the original's mask of the target: 255 at the threshold and below, 0 above it.
+        """Return the mask of the target as the original simulator computed it.
 
-        The threshold is valid for overexposed images, in which white has the level 255. In other
-        images, it is multiplied by the most frequent bright level and divided by 255.
+        A pixel is 255 if its grey level is at most the threshold, otherwise 0. The setting
+        `original_threshold` is the threshold of an image whose white background has the level 255.
+        In other images, it is multiplied by W / 255, where W is the most frequent level above 127.
         """
         bright = np.bincount(image.grey.ravel(), minlength=256)[128:]
         white = 128 + int(bright.argmax()) if bright.any() else 255
@@ -198,7 +202,8 @@ class Pipeline:
         tables = camera.tables
         if weights[tables.area[crop] == 0.0].any():
             raise SegmentationError(
-                "the target extends beyond the range of the lens model"
+                "the target extends beyond the range of the lens model; move it towards the middle "
+                "of the image"
             )
         if is_coverage:
             x, y, weight = locate_covered_parts(*tables, weights, *offset)
@@ -227,5 +232,5 @@ def _explain_invalid(target: SegmentedTarget, moments: Moments) -> str:
         )
     mu20, mu11, mu02 = moments.second
     if mu20 * mu02 - mu11**2 <= 1e-9 * moments.m00**2 * gyration_radius(moments) ** 4:
-        return "the target is a line without width"
+        return "the target is a line without width; move the camera closer or out of its plane"
     return ""

@@ -65,7 +65,7 @@ class Segmentation:
         if self.marker and self.method == "label":
             raise SegmentationError("both marker and method 'label' define the pixels of the "
                                     "target: remove one of them")  # fmt: skip
-        if self.marker != "":  # check {}, too, which is a board without keys
+        if self.marker != "":  # not `if self.marker`: {} is an invalid board and must be rejected
             from .markers import MarkerChoice
 
             try:
@@ -73,7 +73,7 @@ class Segmentation:
             except VisionError as error:
                 raise SegmentationError(str(error)) from None
         if self.adaptive_block % 2 == 0:
-            raise SegmentationError(f"adaptive_block is {self.adaptive_block}, must be odd")
+            raise SegmentationError(f"adaptive_block is {self.adaptive_block} px, must be odd")
         for name in ("colour_low", "colour_high"):
             colour = getattr(self, name)
             if len(colour) != 3 or not all(map(_is_within, colour, MAX_HSV)):
@@ -83,8 +83,8 @@ class Segmentation:
         given = len(self.near_colour) == 3 and all(0 <= level <= 255 for level in self.near_colour)
         if not given and (self.near_colour or self.method == "nearest_colour"):
             raise SegmentationError(
-                f"near_colour is {list(self.near_colour)}, must be red, green and blue from 0 to "
-                "255, which method 'nearest_colour' needs"
+                f"near_colour is {list(self.near_colour)}, must be red, green and blue, each from "
+                "0 to 255, for method 'nearest_colour'"
             )
 
     @property

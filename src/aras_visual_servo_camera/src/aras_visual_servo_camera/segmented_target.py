@@ -24,10 +24,10 @@ UNEVEN_METHODS = (*BY_COLOUR, "label")  # methods whose target can have several 
 # lightness, but not the hue.
 LIGHTNESS = 0.25
 COMPONENT_DESCRIPTIONS = {
-    "largest": "the largest is used",
-    "nearest": "the one nearest to the last target is used",
-    "mask": "the one with most pixels in the mask image is used",
-    "marker": "the pixels of the marker are used",
+    "largest": "the largest is the target",
+    "nearest": "the one nearest to the target's last position is the target",
+    "mask": "the one with most pixels in the mask image is the target",
+    "marker": "the objects inside the marker are the target",
 }
 
 
@@ -68,11 +68,11 @@ class SegmentedTarget:
             f"row {row + height // 2}"
         )
         if self.component == "all":
-            return f"all pixels of target colour are used together, {place}"
+            return f"all pixels of target colour together are the target: {place}"
         if self.component_count == 1:
-            return f"the only object of target colour, {place}"
+            return f"the only object of target colour is the target: {place}"
         chosen = COMPONENT_DESCRIPTIONS[self.component]
-        return f"of {self.component_count} objects of target colour {chosen}, {place}"
+        return f"of {self.component_count} objects of target colour, {chosen}: {place}"
 
 
 def threshold_image(
@@ -103,7 +103,7 @@ def threshold_image(
         return (
             target_mask,
             -1.0,
-            "" if target_mask.any() else f"no pixel of label '{settings.label}'",
+            "" if target_mask.any() else f"'{settings.label}' (the setting `label`) is not in view",
         )
     kind = cv2.THRESH_BINARY_INV if settings.dark_target else cv2.THRESH_BINARY
     if settings.method == "fixed":
@@ -115,8 +115,8 @@ def threshold_image(
             return (
                 np.zeros_like(mask),
                 level,
-                f"no target: Otsu's classes are {contrast:.0f} grey levels apart, less than "
-                f"{settings.min_contrast:.0f}",
+                f"no target: dark and bright pixels are {contrast:.0f} grey levels apart, must be "
+                f"at least {settings.min_contrast:.0f} apart (setting min_contrast)",
             )
         return mask, level, ""
     if settings.method == "adaptive":
@@ -127,7 +127,8 @@ def threshold_image(
         return mask, -1.0, ""
     if colour is None:
         raise SegmentationError(
-            f"segmentation '{settings.method}' needs a colour image, but the image is grey"
+            f"segmentation '{settings.method}' needs a colour image, but the image is grey; use a "
+            "colour camera or method 'otsu'"
         )
     if settings.method == "nearest_colour":
         return _threshold_colour_distance(colour, settings), -1.0, ""
@@ -204,14 +205,17 @@ def segment(
         mask, box, component_count = _find_components_in(mask, component_mask)
         if box[2] == 0:
             return SegmentedTarget(
-                mask, box, 0, level, (), "no pixel of the marker has the target colour"
+                mask, box, 0, level, (),
+                "no pixel of the marker has the target colour; check the threshold or the colours",
             )
     if component not in ("all", "marker"):
         mask, box, component_count = _choose_component(
             mask, box, settings, previous_centre, component_mask
         )
         if box[2] == 0:
-            return SegmentedTarget(mask, box, 0, level, (), "no target inside the mask image")
+            return SegmentedTarget(
+                mask, box, 0, level, (), "no pixel of target colour is inside the mask image"
+            )
     count = cv2.countNonZero(mask[_make_slices(box)])
     unusable = _explain_unusable(count, box, mask, settings)
     return SegmentedTarget(
@@ -236,11 +240,14 @@ def _find_components_in(mask: Mask, component_mask: Mask) -> tuple[Mask, Box, in
 
 def _explain_unusable(count: int, box: Box, mask: Mask, settings: Segmentation) -> str:
     if count == mask.size:
-        return "the target fills the whole image"
+        return "the target fills the whole image; check the threshold, or move the camera away"
     if count < settings.min_pixels:
-        return f"the target has {count} pixel(s), fewer than {settings.min_pixels}"
+        return (
+            f"the target has {count} pixel(s), fewer than {settings.min_pixels} (setting "
+            "min_pixels); move the camera closer"
+        )
     if min(box[2], box[3]) == 1:
-        return "the target is a line one pixel wide"
+        return "the target is a line one pixel wide; move the camera closer"
     return ""
 
 
@@ -287,8 +294,8 @@ def _choose_component(
     if settings.component == "mask":
         if component_mask is None or component_mask.shape != mask.shape:
             raise SegmentationError(
-                "component 'mask' needs a mask image of the camera's size "
-                f"{mask.shape[1]} x {mask.shape[0]}"
+                "component 'mask' needs a mask image with the size of the camera image, "
+                f"{mask.shape[1]} x {mask.shape[0]} pixels"
             )
         inside = np.bincount(labels[component_mask[_make_slices(box)] > 0], minlength=count)
         inside[0] = 0
@@ -301,7 +308,7 @@ def _choose_component(
         distance[0] = np.inf
         is_large = stats[:, cv2.CC_STAT_AREA] >= settings.min_pixels
         is_large[0] = False
-        if is_large.any():  # ignore components that are too small for a target
+        if is_large.any():  # ignore components with fewer than min_pixels
             distance[~is_large] = np.inf
         chosen = int(distance.argmin())
     else:

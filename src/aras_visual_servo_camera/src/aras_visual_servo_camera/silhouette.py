@@ -49,7 +49,10 @@ def find_silhouette_points(points: np.ndarray) -> np.ndarray:
         ModelError: a vertex is not in front of the camera.
     """
     if not (points[:, 2] > 0.0).all():
-        raise ModelError("the solid is completely or partly behind the camera")
+        raise ModelError(
+            "the solid is completely or partly behind the camera; move the camera until it is in "
+            "front"
+        )
     image_points = points[:, :2] / points[:, 2:]
     return points[cv2.convexHull(image_points.astype(np.float32), returnPoints=False)[:, 0]]
 
@@ -94,9 +97,10 @@ def fit_outline_plane(points: np.ndarray, name: str) -> Plane:
     if deviation > MAX_PLANE_DEVIATION:
         percent, allowed = 100.0 * deviation, 100.0 * MAX_PLANE_DEVIATION
         raise ModelError(
-            f"no plane fits the outline of {name}, which schemes of moments need: its depth is "
-            f"off by {percent:.0f} % of the distance (rms; at most {allowed:.0f} % are allowed); "
-            "place the camera farther away or above another side, or use scheme 'model'"
+            f"no plane fits the outline of {name}, but schemes of moments need this plane: its "
+            f"depth is off by {percent:.0f} % of the distance (rms), must be at most "
+            f"{allowed:.0f} %; place the camera farther away or above another side, or use scheme "
+            "'model'"
         )
     return plane
 

@@ -90,7 +90,9 @@ class CameraModel:
                 f"{', '.join(PINHOLE_MODELS[1:] + FISHEYE_MODELS)}"
             )
         if len(self.K) != 9 or not np.isfinite(self.K).all() or not np.isfinite(self.D).all():
-            raise CalibrationError("camera_info: K must be 9 finite numbers, and D finite numbers")
+            raise CalibrationError(
+                "camera_info: K must contain 9 finite numbers, and all numbers in D must be finite"
+            )
         if not (self.K[0] > 0.0 and self.K[4] > 0.0):
             raise CalibrationError(
                 f"camera_info: focal lengths fx={self.K[0]:g}, fy={self.K[4]:g} must be positive; "
@@ -98,7 +100,7 @@ class CameraModel:
             )
         if self.K[1] != 0.0:
             raise CalibrationError(
-                f"camera_info: skew K[1]={self.K[1]:g} is not supported, must be 0"
+                f"camera_info: the skew K[1] is {self.K[1]:g}, must be 0; calibrate without skew"
             )
         if self.width < 1 or self.height < 1:
             raise CalibrationError(
@@ -195,15 +197,14 @@ class CameraModel:
 def normalise_pixels(
     pixels: Array, camera: CameraModel, assumed: CameraModel, is_closed: bool = False
 ) -> Array:
-    """Normalise pixels of a camera with a calibration that can differ from the true one.
+    """Convert pixels of a camera to normalised coordinates, with an assumed calibration.
 
     Args:
         pixels: (n, 2) px (column, row).
         camera: true calibration of the camera.
         assumed: calibration that is used to normalise the pixels.
-        is_closed: True if the pixels are the corners of a closed outline. If the calibrations
-            differ, the straight edges of the outline become curved, so points are then added on
-            each edge.
+        is_closed: True if the pixels are the corners of a closed outline. If the two calibrations
+            differ, the edges between the corners become curved, so points are added on each edge.
 
     Returns:
         (m, 2) normalised points; NaN for a pixel outside the range of the assumed lens model.

@@ -1,4 +1,4 @@
-"""Corrections of rospy: connections are accepted in parallel, and subscriptions are reliable."""
+"""Corrections of rospy: parallel acceptance of connections, and reliable subscriptions."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ import weakref
 
 from rospy.impl import masterslave, registration, tcpros_base
 
-# Number of connections that may wait to be accepted. With rospy's value of 5, if eight clients call
-# services continuously, the connection of one is sometimes rejected, and is tried again only after
-# one second.
+# Number of connections that may wait to be accepted. With rospy's value of 5 and eight clients that
+# call services continuously, the connection of a client is sometimes rejected. The client then
+# tries again only after one second.
 BACKLOG = 128
 
 
@@ -55,7 +55,7 @@ def find_publishers() -> None:
     def connect_once(handler: masterslave.ROSHandler, topic: str, uri: str) -> tuple[int, str, int]:
         with locks_lock:
             lock = locks.setdefault((topic, uri), threading.Lock())
-        with lock:  # a second thread waits for the first one and then finds its connection
+        with lock:  # a second thread waits here, and then finds the connection of the first thread
             return connect(handler, topic, uri)
 
     update = registration.RegManager.publisher_update

@@ -12,11 +12,11 @@ import rospy
 
 
 def check_log_folder(name: str) -> None:
-    """Use a temporary log folder, and print this in one line, if the log folder is not writable.
+    """Use a temporary log folder if the log folder of this node is not writable.
 
-    Call this before rospy.init_node. The log folder is given by the remapping __log, which
-    roslaunch sets for each node. Without it, the log folder is ROS_LOG_DIR or else the folder `log`
-    in ROS_HOME.
+    A message in one line names both folders. Call this before rospy.init_node. roslaunch sets the
+    log folder of each node by the remapping __log. Without this remapping, the log folder is
+    ROS_LOG_DIR, or else the folder `log` in ROS_HOME.
     """
     mappings = rospy.names.get_mappings()
     log_file = mappings.get("__log")
@@ -29,4 +29,4 @@ def check_log_folder(name: str) -> None:
         mappings.pop("__log", None)
         os.environ["ROS_LOG_DIR"] = fallback = tempfile.mkdtemp(prefix="ros_log_")
         text = f"its log cannot be written to {folder} ({error.strerror}), so it is in {fallback}"
-        print(f"{name}: {text}: set ROS_LOG_DIR to a folder that can be written", file=sys.stderr)
+        print(f"{name}: {text}: set ROS_LOG_DIR to a writable folder", file=sys.stderr)

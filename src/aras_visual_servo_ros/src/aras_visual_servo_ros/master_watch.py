@@ -9,7 +9,7 @@ from collections.abc import Callable
 import rosgraph
 
 PATIENCE = 2  # the master is regarded as lost after this number of consecutive failed queries
-RETRY = 0.5  # seconds of wall time until the next query after a failed one
+RETRY = 0.5  # s of wall time between a failed query and the next one
 
 
 class MasterWatch:

@@ -1,8 +1,9 @@
-"""Server of dynamic_reconfigure whose parameters are given as a list of fields.
+"""Server for clients of dynamic_reconfigure, such as rqt_reconfigure.
 
 The server in the package dynamic_reconfigure needs a generated ``*Config`` module for each set of
-parameters and cannot be shut down. This server can be shut down together with the object that it
-configures, such as a PID, a control law, the physics or a camera.
+parameters and cannot be shut down. Here, the parameters are given as a list of fields, and the
+server can be shut down together with the object that it configures, such as a PID, a control law,
+the physics or a camera.
 """
 
 from __future__ import annotations
@@ -53,7 +54,7 @@ class Field:
         if self.type == "str":
             return str(value)
         if isinstance(value, str):
-            raise InvalidParameterError(f"{self.name} is '{value}', must be a {self.type}")
+            raise InvalidParameterError(f"{self.name} is '{value}', must be of type {self.type}")
         if self.type == "bool":
             return bool(value)
         if value != value:
@@ -77,7 +78,7 @@ class ReconfigureServer:
         Args:
             namespace: absolute name of the namespace.
             fields: parameters that can be reconfigured.
-            values: current values by name; a missing value is set to the default of its field.
+            values: current values by name. A missing value is set to the default of its field.
             apply: function that is called with the complete new configuration after a
                 set_parameters request. It may return the values that are actually in effect. If it
                 raises an exception, the error is logged and the old values remain.

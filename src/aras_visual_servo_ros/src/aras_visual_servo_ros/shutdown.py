@@ -20,7 +20,8 @@ from .master_watch import MasterWatch
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 HELP_OPTIONS = {"-h", "--help"}
-# Longest time, s, for the shutdown of rospy during init_node, which never ends without a master.
+# If a signal arrives during init_node, rospy's shutdown may take at most this time, s; then the
+# process is ended. Without a master, rospy's shutdown would never finish.
 PATIENCE = 2.0
 _started = threading.Event()
 _started.set()
@@ -43,8 +44,8 @@ def init_node(name: str, about: str = "", **options: bool) -> None:
     """Call rospy.init_node(name, **options) such that Ctrl-C works at any time.
 
     Call this in the main thread. If Ctrl-C is pressed during rospy.init_node, the program ends
-    without waiting for rospy's locks or printing rospy's exceptions. `about` is the text that a
-    program without options prints for --help.
+    without waiting for rospy's locks or printing rospy's exceptions. If `about` is not empty, the
+    program has no options, and prints this text for --help.
 
     Raises:
         SystemExit: after --help, or after Ctrl-C or SIGTERM.
@@ -58,7 +59,7 @@ def init_node(name: str, about: str = "", **options: bool) -> None:
     check_log_folder(name)
     try:
         rospy.init_node(name, disable_signals=True, **options)
-    except Exception:  # after a shutdown during init_node, rospy's exceptions are irrelevant
+    except Exception:  # ignored if a signal has shut rospy down during init_node
         if not rospy.core.is_shutdown_requested():
             raise
     if rospy.core.is_shutdown_requested():
@@ -68,10 +69,11 @@ def init_node(name: str, about: str = "", **options: bool) -> None:
 
 
 def _unregister(_reason: str) -> None:
-    """Unregister this node's subscription to a parameter, because rospy does not do it.
+    """Unregister this node's subscription to SUBSCRIBED_PARAMETER, because rospy does not do it.
 
-    Otherwise the master keeps the address of this node. When a node of the same name starts, the
-    master requests the process at this address to shut down, which may then be a different node.
+    Otherwise, the master stores the address of this node after its end. When a node of the same
+    name starts, the master requests the process at this address to shut down. By then, this process
+    may be a different node.
     """
     with contextlib.suppress(OSError, rosgraph.MasterException):  # no master
         rosgraph.Master(rospy.get_name()).unsubscribeParam(
@@ -82,11 +84,12 @@ def _unregister(_reason: str) -> None:
 def end_on_signals() -> None:
     """Handle Ctrl-C and SIGTERM in a separate thread instead of rospy's signal handler.
 
-    Call this in the main thread. rospy shuts the node down inside the signal handler, which Python
-    runs in the main thread at any point. If it interrupts the main thread while logging, the
-    shutdown waits for a lock that the main thread itself has acquired. Moreover, the kernel may
-    deliver a signal to any thread, so that a waiting main thread does not wake up. Here, Python's C
-    signal handler writes the number of the signal to a pipe, and a thread reads it.
+    Call this in the main thread. rospy would shut the node down inside the signal handler, which
+    Python runs in the main thread at any point. If this handler interrupts the main thread while it
+    logs a message, the shutdown waits forever for a lock that the main thread itself has acquired.
+    Moreover, the kernel may deliver a signal to any thread, so that a waiting main thread does not
+    wake up. Here, Python's C signal handler writes the number of the signal to a pipe, and a
+    separate thread reads it.
     """
     logging.getLogger("rosout").addFilter(_ShutdownLogFilter())
     read_end, write_end = os.pipe()
@@ -106,12 +109,12 @@ def _wait_for_signal(read_end: int) -> None:
     # Shut down in a non-daemon thread, so that Python waits until all shutdown hooks have finished.
     reason = signal.Signals(number).name
     thread = threading.Thread(target=rospy.signal_shutdown, args=(reason,), name="shutdown")
-    # By default a thread inherits this flag from the current thread, where it is True.
+    # A thread inherits this flag from the current thread, in which it is True.
     thread.daemon = False
     thread.start()
     if not _started.is_set():
         thread.join(PATIENCE)
-        # It waits for a lock that init_node does not release while there is no master.
+        # The thread waits for a lock that init_node does not release while there is no master.
         if thread.is_alive():
             os._exit(128 + number)
 

@@ -1,4 +1,4 @@
-"""Reader of COLLADA files (.dae), which uses pycollada and reports errors that it ignores."""
+"""Reader of COLLADA files (.dae) by pycollada, with checks that pycollada omits."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from .mesh import Mesh, check_reach, from_indices
 
 # Errors that pycollada ignores: unsupported or missing parts of materials.
 _UNSUPPORTED = [collada.common.DaeUnsupportedError, collada.common.DaeBrokenRefError]
-# Largest number of nodes. If nodes reference others twice, a file of a few kB could otherwise
-# exhaust the memory.
+# Largest number of nodes. Without this limit, a file of a few kB could exhaust the memory, if each
+# of its nodes contains two references to the next node.
 _MOST_NODES = 100_000
 
 
@@ -40,20 +40,23 @@ def read(data: bytes, folder: Path, check_size: Callable[[int, int], None],
     """
     root = _parse_root(data)
     try:
-        # Text that follows a comment is lost in pycollada; `root` contains no comments.
+        # pycollada loses text that follows a comment. Therefore it gets the XML of `root`, which
+        # contains no comments.
         checked = ElementTree.tostring(root)
         document = collada.Collada(io.BytesIO(checked), ignore=_UNSUPPORTED)
     except Exception as error:  # pycollada raises errors of many types for damaged files
-        raise DescriptionError(f"its parts do not match: {_format_error(error)}") from None
+        raise DescriptionError(
+            f"the parts of the file do not match: {_format_error(error)}"
+        ) from None
     known = {geometry.id for geometry in document.geometries}
     for geometry in root.findall("library_geometries/geometry"):
         if geometry.find("mesh") is not None and geometry.get("id") not in known:
-            why = "; ".join(_format_error(error) for error in document.errors) or "it has no id"
+            why = "; ".join(map(_format_error, document.errors)) or "the geometry has no id"
             raise DescriptionError(f"geometry '{safe_xml.shorten(geometry.get('id') or '')}' "
                                    f"cannot be read: {safe_xml.shorten(why, 200)}")
     for instance in root.iter("instance_geometry"):
         if _find_reference(instance, "url") not in known:
-            raise DescriptionError("its scene contains a geometry that does not exist: "
+            raise DescriptionError("the scene contains a geometry that does not exist: "
                                    f"'{safe_xml.shorten(instance.get('url'))}'")
     unit = document.assetInfo.unitmeter or 1.0
     metres = np.diag([unit, unit, unit, 1.0])
@@ -73,7 +76,7 @@ def read(data: bytes, folder: Path, check_size: Callable[[int, int], None],
                 appearance = appearances.get(primitive.material, (None, None))
                 meshes.append(_make_mesh(primitive, *appearance).apply_affine(metres @ placed))
     if not meshes:
-        raise DescriptionError("its scene contains no triangles")
+        raise DescriptionError("the scene contains no triangles")
     return meshes
 
 
@@ -90,10 +93,10 @@ def _parse_root(data: bytes) -> Element:
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
-        raise DescriptionError("it is not UTF-8 text") from None
+        raise DescriptionError("the file is not UTF-8 text") from None
     root = safe_xml.parse(text, "COLLADA", largest=len(data))
     if root.tag != "COLLADA":
-        raise DescriptionError("its root element is not <COLLADA>")
+        raise DescriptionError("the root element is not <COLLADA>")
     unit = root.find("asset/unit")
     if unit is not None and safe_xml.parse_number(unit.get("meter"), "<unit>: meter", 1.0) <= 0.0:
         raise DescriptionError(f"<unit>: meter {unit.get('meter')} must be positive")
@@ -121,7 +124,7 @@ def _parse_root(data: bytes) -> Element:
         for transform in root.iter(tag):
             values = _parse_numbers(transform, float)
             if len(values) != count:
-                raise DescriptionError(f"<{tag}>: needs {count} numbers")
+                raise DescriptionError(f"<{tag}>: needs {count} numbers, has {len(values)}")
             check_reach(values, f"number of <{tag}>")
     return root
 
@@ -133,18 +136,20 @@ def _check_primitive(primitive: Element) -> None:
     offsets = [safe_xml.parse_integer(part.get("offset"), "<input>: offset")
                for part in primitive.findall("input")]
     if not offsets or min(offsets) < 0 or max(offsets) > 64:
-        raise DescriptionError(f"{what} has no <input>, or one with an invalid offset")
+        raise DescriptionError(f"{what} has no <input>, or an <input> with an invalid offset")
     corners = 3 * count
     if primitive.tag == "polylist":
         each = primitive.find("vcount")
         each = np.zeros(0) if each is None else _parse_numbers(each, float)
         if len(each) != count or (each < 3).any():
-            raise DescriptionError(f"{what} of {count}: <vcount> has {len(each)} numbers; each "
-                                   "polygon needs at least three corners")
+            raise DescriptionError(f"{what} with the count {count}: <vcount> has {len(each)} "
+                                   f"numbers, must have {count}; each polygon needs at least "
+                                   "three corners")
         corners = each.sum()
     found = 0 if primitive.find("p") is None else len(_parse_numbers(primitive.find("p"), float))
     if count < 0 or found != corners * (max(offsets) + 1):
-        raise DescriptionError(f"{what} of {count}: <p> has {found} indices")
+        raise DescriptionError(f"{what} with the count {count}: <p> has {found} indices, which do "
+                               "not match the count")
 
 
 def _find_reference(element: Element, name: str) -> str:
@@ -152,7 +157,7 @@ def _find_reference(element: Element, name: str) -> str:
     value = element.get(name) or ""
     if not value.startswith("#"):
         raise DescriptionError(f"<{element.tag}>: {name} '{safe_xml.shorten(value)}' does not "
-                               "start with #")
+                               "start with #; references to other files are not supported")
     return value[1:]
 
 
@@ -177,11 +182,11 @@ def _find_geometries(scene: collada.scene.Scene | None
             inside = placed @ node.matrix
             check_reach(inside, "transform")
             pending += [(child, inside) for child in reversed(node.children)]
-    raise DescriptionError(f"its scene has more than {_MOST_NODES} nodes", "simplify it")
+    raise DescriptionError(f"the scene has more than {_MOST_NODES} nodes", "simplify it")
 
 
 def _triangulate(polygons: collada.polylist.Polylist) -> collada.triangleset.TriangleSet:
-    if (polygons.vcounts < 3).any():  # _check_primitive does not check <polygons>
+    if (polygons.vcounts < 3).any():  # _check_primitive checks <polylist>, but not <polygons>
         raise DescriptionError("<polygons> has a polygon with fewer than three corners")
     return polygons.triangleset()
 

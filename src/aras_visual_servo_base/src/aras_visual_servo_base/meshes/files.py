@@ -1,11 +1,11 @@
 """Readers of STL, OBJ, COLLADA and glTF files, which check and cache them.
 
 Invalid files are rejected, such as a file with a face that refers to a missing vertex, with a
-number that cannot be parsed, or without triangles. A library that repairs such errors would render
-or simulate another shape than intended. Therefore STL and OBJ files are read here without a
-library. For example, in OBJ files trimesh 5.2 interprets corner 0 as corner 1, resolves `f -4 -3
--2` relative to the end of the file, and accepts `v 1 2` as a vertex. Moreover, importing trimesh
-takes 0.6 s.
+number that cannot be parsed, or without triangles. A library that silently repairs such errors
+would render or simulate another shape than intended. Therefore STL and OBJ files are read here
+without a library. For example, in OBJ files trimesh 5.2 interprets corner 0 as corner 1, counts the
+negative indices of `f -4 -3 -2` from the last vertex of the whole file instead of the last vertex
+before this line, and accepts `v 1 2` as a vertex. Moreover, importing trimesh takes 0.6 s.
 """
 
 from __future__ import annotations
@@ -47,9 +47,9 @@ _cache_lock = threading.Lock()
 def read(path: str) -> tuple[Mesh, ...]:
     """Read the meshes of an STL, OBJ, COLLADA (.dae) or glTF (.glb, .gltf) file.
 
-    There is one mesh for each material and group. For COLLADA and glTF, the unit is m; for other
-    formats, it is that of the file. As in Gazebo and rviz, axes are not rotated. A file is read
-    only once unless it changes.
+    There is one mesh for each material and group. The unit of the meshes is m for COLLADA and glTF,
+    and the file's own unit for STL and OBJ. As in Gazebo and rviz, axes are not rotated. The result
+    is cached until the file changes.
 
     Raises:
         DescriptionError: the file is invalid; the message names the file, the problem and how to
@@ -71,7 +71,7 @@ def read(path: str) -> tuple[Mesh, ...]:
         meshes = tuple(reader(_read_contents(file), file.parent, states))
         count = sum(len(mesh.triangles) for mesh in meshes)
         if count == 0:
-            raise DescriptionError("it has no triangles")
+            raise DescriptionError("the file has no triangles")
         _check_size(count)
     except DescriptionError as error:
         raise DescriptionError(f"mesh file {path} cannot be used: {error.fault}",
@@ -92,9 +92,9 @@ def _read_state(path: Path) -> _State | None:
 
 
 def _read_contents(path: Path) -> bytes:
-    """Return the content of a file, which must be a regular file and not too large.
+    """Return the content of a regular file of at most LARGEST_FILE bytes.
 
-    Other files, such as devices, might never end.
+    Other files, such as devices, are rejected, because reading them might never end.
     """
     try:
         handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
@@ -104,18 +104,18 @@ def _read_contents(path: Path) -> bytes:
                 raise DescriptionError("it is not a regular file")
             if state.st_size > LARGEST_FILE:
                 raise DescriptionError(
-                    f"it has {state.st_size} bytes, more than the limit of {LARGEST_FILE}",
+                    f"the file has {state.st_size} bytes, more than the limit of {LARGEST_FILE}",
                     "simplify it")
             return file.read(LARGEST_FILE)
     except OSError as error:
-        raise DescriptionError(f"it cannot be read: {error.strerror}") from None
+        raise DescriptionError(f"the file cannot be read: {error.strerror}") from None
 
 
 def _check_size(triangles: int, meshes: int = 1) -> None:
     for what, count, most in (("triangles", triangles, MOST_TRIANGLES),
                               ("groups and materials", meshes, MOST_MESHES)):
         if count > most:
-            raise DescriptionError(f"it has {count} {what}, more than the limit of {most}",
+            raise DescriptionError(f"the file has {count} {what}, more than the limit of {most}",
                                    "simplify it")
 
 
@@ -134,27 +134,32 @@ def _read_stl(data: bytes, _folder: Path, _states: dict[Path, _State | None]) ->
             corners = np.array(words, dtype=float).reshape(-1, 3, 3)
         except ValueError:
             raise DescriptionError(
-                f"its {len(words)} 'vertex' lines do not form triangles with three numbers per "
-                "corner"
+                f"the file's {len(words)} 'vertex' lines do not form triangles with three numbers "
+                "per corner"
             ) from None
     else:
         raise DescriptionError(
-            f"its {len(data)} bytes are neither ASCII STL nor a binary one of {count} triangles"
+            f"the file's {len(data)} bytes are neither ASCII STL nor a binary one of {count} "
+            "triangles"
         )
     return [from_corners(corners)]
 
 
 def _is_ascii(data: bytes, count: int) -> bool:
-    """Return whether an STL file that is long enough for a binary file is an ASCII file.
+    """Return whether an STL file is an ASCII file, although it is long enough for a binary file.
 
-    The first word does not decide this, because binary files may start with "solid", too.
+    ASCII files start with "solid", but binary files may also do so. Therefore the length of the
+    file and the word "vertex" are checked, too.
     """
     plain = len(data) == _STL_HEADER + count * _STL_TRIANGLE.itemsize
     return data[:5].lower() == b"solid" and not plain and b"vertex" in data
 
 
 def write_stl(meshes: tuple[Mesh, ...], path: str) -> None:
-    """Write triangles as a binary STL file without further bytes, as Bullet requires."""
+    """Write the triangles of meshes to a binary STL file.
+
+    No bytes follow the triangles, because Bullet would not read such a file.
+    """
     corners = np.concatenate([mesh.positions[mesh.triangles] for mesh in meshes])
     triangles = np.zeros(len(corners), _STL_TRIANGLE)
     triangles["corners"] = corners
@@ -166,7 +171,7 @@ def write_stl(meshes: tuple[Mesh, ...], path: str) -> None:
 # ---------------------------------------------------------------------- OBJ
 
 def write_obj(meshes: tuple[Mesh, ...], path: str) -> None:
-    """Write triangles as an OBJ file with one object for each piece."""
+    """Write the triangles of meshes to an OBJ file, with one object for each `Mesh.piece`."""
     lines, first = [], 1
     for number in sorted({mesh.piece for mesh in meshes}):
         lines.append(f"o piece{number}")
@@ -180,7 +185,7 @@ def write_obj(meshes: tuple[Mesh, ...], path: str) -> None:
 def _read_obj(data: bytes, folder: Path, states: dict[Path, _State | None]) -> list[Mesh]:
     """Read one mesh for each material in each group.
 
-    The normals of the file are used if all corners have one.
+    The normals of the file are used if all corners of the mesh have one.
     """
     elements: dict[str, list[list[float]]] = {"v": [], "vt": [], "vn": []}
     faces: dict[tuple[int, str], list[list[tuple[int, ...]]]] = {}
@@ -213,12 +218,13 @@ def _read_obj(data: bytes, folder: Path, states: dict[Path, _State | None]) -> l
         except DescriptionError as error:
             raise DescriptionError(f"line {number}: {error.fault}", error.remedy) from None
     if count == 0:
-        raise DescriptionError("it has no faces")
+        raise DescriptionError("the file has no faces")
     v, vt, vn = (np.array(values, dtype=float).reshape(-1, width)
                  for values, width in zip(elements.values(), (3, 2, 3), strict=True))
     appearances = {name: materials.get(name, (None, None)) for _, name in faces}
     for name in appearances.keys() - materials.keys() - {""}:
-        where = f"there is no {min(lacking)}" if lacking else "none of its libraries defines it"
+        where = (f"there is no {min(lacking)}" if lacking
+                 else "no material library of the file defines it")
         _log.warning("mesh file %s: material '%s' is drawn grey: %s", next(iter(states)),
                      shorten(name), where)
         appearances[name] = GREY, None
@@ -246,7 +252,7 @@ def _parse_corner(text: str, counts: list[int]) -> tuple[int, ...]:
     for part, count in zip((text.split("/") + ["", ""])[:3], counts, strict=True):
         index = int(part) if part else None
         if index is not None and not (1 <= index <= count or -count <= index <= -1):
-            raise DescriptionError(f"a face refers to element {index} of {count}")
+            raise DescriptionError(f"a face refers to element {index} of {count} elements")
         indices.append(-1 if index is None else index - 1 if index > 0 else count + index)
     if indices[0] < 0:
         raise DescriptionError("a face has a corner without a vertex")

@@ -1,4 +1,4 @@
-"""Reader of glTF 2.0 files (.glb, .gltf), which uses trimesh and reports errors that it ignores."""
+"""Reader of glTF 2.0 files (.glb, .gltf) by trimesh, with checks that trimesh omits."""
 
 from __future__ import annotations
 
@@ -54,12 +54,15 @@ def read(data: bytes, path: Path, check_size: Callable[[int, int], None],
         """Reads the files that the glTF file refers to."""
 
         def __init__(self) -> None:
-            """Do nothing, because `path` is a variable of the enclosing function."""
+            """Do nothing; `get` uses the variable `path` of the enclosing function."""
 
         def get(self, name: str) -> bytes:
             file = (path.parent / name).resolve()
             if not file.is_relative_to(path.parent.resolve()):
-                raise DescriptionError(f"'{shorten(name)}' is not in its folder")
+                raise DescriptionError(
+                    f"the file refers to '{shorten(name)}', which is not in its folder",
+                    "move that file there",
+                )
             return find_file(file)
 
         def keys(self) -> list[str]:
@@ -78,7 +81,9 @@ def read(data: bytes, path: Path, check_size: Callable[[int, int], None],
         raise
     except Exception as error:  # trimesh raises errors of many types for damaged files
         said = f"{type(error).__name__}: {error}"
-        raise DescriptionError(f"its parts do not match: {shorten(said, 200)}") from None
+        raise DescriptionError(
+            f"the parts of the file do not match: {shorten(said, 200)}"
+        ) from None
     meshes = []
     for node in sorted(scene.graph.nodes_geometry):
         placed, name = scene.graph[node]
@@ -87,12 +92,12 @@ def read(data: bytes, path: Path, check_size: Callable[[int, int], None],
             meshes.append(_make_mesh(shape, normals).apply_affine(placed))
             check_size(sum(len(mesh.triangles) for mesh in meshes), len(meshes))
     if not meshes:
-        raise DescriptionError("its scene contains no triangles")
+        raise DescriptionError("the scene contains no triangles")
     return meshes
 
 
 def _parse_tree(data: bytes) -> dict[str, Any]:
-    """Return the JSON part of a file, which describes the binary data."""
+    """Return the JSON part of a glTF file, which describes the file's binary data."""
     text = data
     if data[:4] == b"glTF":
         length = int.from_bytes(data[_HEADER : _HEADER + 4], "little")
@@ -100,19 +105,20 @@ def _parse_tree(data: bytes) -> dict[str, Any]:
     try:
         tree = json.loads(text)
     except (ValueError, RecursionError):
-        raise DescriptionError("it does not start like a glTF file") from None
+        raise DescriptionError("the file does not start like a glTF file") from None
     if not isinstance(tree, dict) or not isinstance(tree.get("asset"), dict):
-        raise DescriptionError("it is not a glTF file: it has no asset")
+        raise DescriptionError("the file is not a glTF file: it has no asset")
     if not str(tree["asset"].get("version", "")).startswith("2"):
-        raise DescriptionError("it is not glTF 2", "export it as glTF 2")
+        raise DescriptionError("the file is not glTF 2", "export it as glTF 2")
     return tree
 
 
 def _check_tree(tree: dict[str, Any], check_size: Callable[[int, int], None]) -> bool:
     """Check extensions and sizes; return whether the file contains normals for all triangles."""
     if needed := tree.get("extensionsRequired"):
-        raise DescriptionError(f"it needs {shorten(', '.join(map(str, needed)), 200)}, which is "
-                               "not supported", "export it without extensions such as compression")
+        raise DescriptionError(f"the file needs {shorten(', '.join(map(str, needed)), 200)}, which "
+                               "is not supported",
+                               "export the file without glTF extensions such as compression")
     try:
         primitives = [one for mesh in tree.get("meshes", ()) for one in mesh["primitives"]
                       if one.get("mode", _TRIANGLES) == _TRIANGLES]
@@ -120,13 +126,13 @@ def _check_tree(tree: dict[str, Any], check_size: Callable[[int, int], None]) ->
         check_size(sum(int(tree["accessors"][k]["count"]) for k in corners) // 3, len(primitives))
         return all("NORMAL" in one["attributes"] for one in primitives)
     except (LookupError, TypeError, ValueError, AttributeError):
-        raise DescriptionError("its meshes refer to missing data") from None
+        raise DescriptionError("the meshes of the file refer to missing data") from None
 
 
 def _make_mesh(shape: trimesh.Trimesh, normals: bool) -> Mesh:
     """Return the mesh of a primitive in its own frame.
 
-    `normals` is whether the file contains normals, which are then used.
+    `normals`: True if the file contains normals for all triangles. Otherwise, they are computed.
     """
     index = np.full((len(shape.faces), 3, 3), -1)
     index[..., 0] = shape.faces
@@ -170,7 +176,7 @@ def _save_image(image: Any) -> str:
     """Save an embedded image as a temporary file, which is deleted when the process ends."""
     if image.width * image.height > LARGEST_IMAGE:
         raise DescriptionError(
-            f"an image in it has more than {LARGEST_IMAGE} pixels", "make it smaller"
+            f"an image in the file has more than {LARGEST_IMAGE} pixels", "make it smaller"
         )
     pixels = image.convert("RGBA" if "A" in image.getbands() else "RGB")
     name = hashlib.sha256(pixels.tobytes() + str(pixels.size).encode()).hexdigest()[:32]

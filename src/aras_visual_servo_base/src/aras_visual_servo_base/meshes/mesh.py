@@ -12,11 +12,11 @@ from ..urdf import Rgba
 
 # Faces that meet at less than this angle are shaded as one smooth surface.
 CREASE_ANGLE = np.radians(35.0)
-# Vertices with more faces than this, such as the tip of a cone, are not smoothed: all pairs of
-# faces would be compared, which takes a time that grows with the square of their number.
+# A vertex with more faces than this, such as the tip of a cone, is not smoothed, because the time
+# of smoothing increases with the square of this number.
 _MOST_CORNERS = 128
 _LARGEST_COORDINATE = 1e9  # largest number in a mesh file, in any unit
-# Triangles are dropped if twice their area is smaller than this, m².
+# Triangles are dropped if twice their area is smaller than this, in the squared unit of the file.
 _LEAST_AREA = 1e-18
 
 
@@ -29,11 +29,11 @@ class Mesh:
         normals: (V, 3) float32, unit normals at the vertices.
         triangles: (T, 3) int32, vertices of each triangle, counter-clockwise from outside.
         uv: (V, 2) float32, texture coordinates of the vertices, with v upwards; None without
-    texture.
+            texture.
         texture: image file of the texture; None without texture.
         rgba: colour of the material; None if the material has none.
-        piece: number of the collision body. The meshes of a file with the same number form one
-    body; the groups of an OBJ file are separate bodies.
+        piece: number of the collision body to which the mesh belongs. All meshes of a file with
+            the same number form one body; the groups of an OBJ file are separate bodies.
     """
 
     positions: np.ndarray
@@ -151,7 +151,7 @@ def from_indices(index: np.ndarray, v: np.ndarray, vt: np.ndarray, vn: np.ndarra
 
     Args:
         index: (T, 3, 3) for each corner of each triangle, its indices in v, vt and vn; -1 for a
-    missing index.
+            missing index.
         v: (V, 3) positions.
         vt: (., 2) texture coordinates.
         vn: (., 3) normals.
@@ -205,18 +205,22 @@ def check_reach(values: np.ndarray, what: str) -> None:
 
 
 def _compute_crosses(corners: np.ndarray) -> np.ndarray:
-    """Return the normals (T, 3) of triangles (T, 3, 3), scaled to twice the triangles' areas."""
+    """Return the normal (T, 3) of each triangle (T, 3, 3), scaled to twice the triangle's area."""
     crosses = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     if not (np.linalg.norm(crosses, axis=1) > _LEAST_AREA).any():
-        raise DescriptionError("it has no triangle with an area")
+        raise DescriptionError("the file has no triangle with an area")
     return crosses
 
 
 def _find_unique_rows(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Find the unique rows of an array of integers (N, columns).
 
-    Return the indices of the sorted unique rows, and the inverse indices. They are those of
-    np.unique(axis=0), but computed faster, because each row is packed into one number.
+    The result is that of np.unique(axis=0), but is computed faster, because each row is packed into
+    one number.
+
+    Returns:
+        The index in `rows` of the first occurrence of each unique row; and for each of the N rows,
+        the index of its unique row.
     """
     key = np.zeros(len(rows), np.int64)
     room = 1
@@ -233,10 +237,19 @@ def _find_unique_rows(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _smooth(point: np.ndarray, weighted: np.ndarray, unit: np.ndarray, cosine: float) -> np.ndarray:
-    """Return the normals at the corners: means of the normals of adjacent faces.
+    """Compute a smooth normal at each of n corners of triangles.
 
-    The means are weighted with the areas of the faces, and only include faces within the crease
-    angle.
+    It is the mean, weighted by area, of the normals of all faces at the same vertex whose angle to
+    the corner's own face is at most the crease angle.
+
+    Args:
+        point: (n,) number of the vertex of each corner.
+        weighted: (n, 3) normal of the corner's face, scaled to twice the area of the face.
+        unit: (n, 3) unit normal of the corner's face.
+        cosine: cosine of the crease angle.
+
+    Returns:
+        (n, 3) unit normals.
     """
     order = np.argsort(point, kind="stable")
     counts = np.bincount(point)

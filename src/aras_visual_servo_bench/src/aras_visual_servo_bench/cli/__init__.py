@@ -20,7 +20,7 @@ def main(argv: list[str] | None = None) -> int:
     overrides = [word for word in remaining if "=" in word and not word.startswith("-")]
     if len(overrides) < len(remaining) or (remaining and "overrides" not in options):
         parser.error(f"unknown argument {remaining[0]}")
-    if remaining:  # argparse accepts positional arguments only before the options
+    if remaining:  # argparse does not assign positional arguments that follow an option
         options.overrides += overrides
     try:
         return options.carry_out(options)
@@ -30,6 +30,6 @@ def main(argv: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print(f"{find_program_name()}: interrupted", file=sys.stderr)
         return 130
-    except BrokenPipeError:  # for example `bench table DIR | head`
+    except BrokenPipeError:  # the reader of the output has ended, as in `bench table DIR | head`
         sys.stderr.close()
         return 1

@@ -24,7 +24,8 @@ def analyze(options: argparse.Namespace) -> int:
     check_formats(kinds, FILE_FORMATS)  # before the runs are read, which may take a minute
     names = [name.strip() for name in options.names.split(",") if name.strip()]
     if names and len(names) != len(options.runs):
-        raise BenchError(f"--names has {len(names)} names for {len(options.runs)} runs")
+        raise BenchError(f"--names has {len(names)} names for {len(options.runs)} runs: give as "
+                         "many names as runs")
     compilation.prepare_simulation()  # a run of a study is repeated
     bar = ProgressBar(sys.stderr)
     try:

@@ -35,7 +35,7 @@ EXAMPLES = {
     "check_interaction": "check_interaction moments",
     "convert": "convert out/run.bag",
 }
-PORT = 8090  # of the page of `browse`
+PORT = 8090  # first port that the server of `browse` tries
 AXIS_OPTIONS = {"case": "scheme", "condition": "condition", "start": "start"}  # option: axis
 
 
@@ -56,13 +56,19 @@ def make_parser() -> argparse.ArgumentParser:
 
 
 def _set_function(parser: argparse.ArgumentParser, module: str, function: str) -> None:
-    """Let the parser's command call a function of a module of this package."""
+    """Set the function that runs a command; its module is imported when the command is run.
+
+    Args:
+        parser: parser of the command.
+        module: name of a module of this package.
+        function: name of a function in this module, which receives the parsed arguments.
+    """
 
     def carry_out(options: argparse.Namespace) -> int:
         try:
             with fast_imports():
                 imported = import_module(f"..{module}", __name__)
-        except ModuleNotFoundError as error:  # for example after a setup for the demo only
+        except ModuleNotFoundError as error:  # a library that the demo does not need is missing
             raise make_missing_library_error(error.name) from None
         run: Callable[[argparse.Namespace], int] = getattr(imported, function)
         return run(options)
@@ -150,13 +156,20 @@ def _add_results(commands: Commands) -> None:
     _set_function(table, "results", "print_table")
     plot = commands.add_parser("plot", help="draw figures of the results")
     plot.add_argument("folders", nargs="+", type=Path, metavar="DIR", help="study folder")
-    plot.add_argument("--format", default="png", metavar="png,svg,pdf",
-                      help="formats (default %(default)s)")
+    plot.add_argument("--format", default="", metavar="png,svg,pdf",
+                      help="file formats (default: png; with --paper: pdf)")
+    plot.add_argument("--paper", action="store_true",
+                      help="draw figures in the width of a paper's column, with captions in LaTeX")
     plot.add_argument("--out", type=Path, metavar="DIR",
                       help="output folder (default: plots in the first study folder)")
     _set_function(plot, "results", "draw_plots")
-    diff = commands.add_parser("diff", help="test the differences of two studies for significance")
-    diff.add_argument("folders", nargs=2, type=Path, metavar="DIR", help="study folder")
+    diff = commands.add_parser(
+        "diff", help="test whether two studies, or the cases of one study, differ significantly"
+    )
+    diff.add_argument("folders", nargs="+", type=Path, metavar="DIR",
+                      help="two study folders, or one with --between")
+    diff.add_argument("--between", default="", metavar="KEY",
+                      help="compare the values of this key, or axis of cases, within one study")
     diff.add_argument("--all", action="store_true", help="also list insignificant differences")
     _set_function(diff, "results", "print_differences")
     for one in (table, diff):
@@ -242,6 +255,6 @@ def _add_check(commands: Commands) -> None:
     check.add_argument("--tolerance", type=float, default=TOLERANCE, metavar="PART",
                        help="largest relative error of a row (default %(default)s)")
     check.add_argument("--step", type=float, default=STEP, metavar="H",
-                       help="half the distance between two views, in depths and rad "
-                            "(default %(default)s)")
+                       help="step of the finite differences: a fraction of the depth for "
+                            "translations, rad for rotations (default %(default)s)")
     _set_function(check, "check", "check_interaction")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from ..errors import BenchError, make_missing_library_error
 
-if TYPE_CHECKING:  # the web server's library may be missing
+if TYPE_CHECKING:  # not imported at run time here, because the web server's library may be missing
     from ..web.browse.server import BrowseServer
 
 

@@ -6,13 +6,13 @@ import argparse
 
 from aras_visual_servo_base.lazy import import_without
 
-from ..errors import catch_write_errors, check_formats
-from ..studies import compare, tables
+from ..errors import StudyError, catch_write_errors, check_formats
+from ..studies import captions, compare, tables
 from ..studies.results import Results
 
-# Where pandas is installed, pyarrow imports it (0.7 s of processor time) to check whether the first
-# value that it converts is one of pandas. These commands have none. The results cannot import
-# pyarrow like this: a user's program may have values of pandas.
+# If pandas is installed, pyarrow imports it (0.7 s of processor time) to check whether the first
+# value that it converts is a pandas object. The values of these commands are not. In a user's
+# program they can be, so the module `results` imports pyarrow without this change.
 import_without("pandas", "pyarrow.dataset")
 
 
@@ -42,8 +42,9 @@ def draw_plots(options: argparse.Namespace) -> int:
 
     found = [Results.read(folder) for folder in options.folders]
     out = options.out or options.folders[0] / "plots"
+    kinds = _split_words(options.format) or ["pdf" if options.paper else "png"]
     written = study_figures.write_figures(
-        found, out, _split_words(options.format), _split_words(options.metrics), options.folders
+        found, out, kinds, _split_words(options.metrics), options.folders, options.paper
     )
     for path in written:
         print(path)
@@ -51,10 +52,18 @@ def draw_plots(options: argparse.Namespace) -> int:
 
 
 def print_differences(options: argparse.Namespace) -> int:
-    """Print which differences of two studies are significant."""
-    first, second = (Results.read(folder) for folder in options.folders)
+    """Print which differences of two studies, or of the cases of one, are significant."""
+    count = 1 if options.between else 2
+    if len(options.folders) != count:
+        raise StudyError(
+            f"diff needs {count} study folder{'s' * (count > 1)}, not {len(options.folders)}: "
+            "give two folders, or one folder and --between KEY"
+        )
+    first, second = ([Results.read(folder) for folder in options.folders] + [None])[:2]
     found = compare.find_differences(
-        first, second, _split_words(options.by), _split_words(options.metrics)
+        first, second, _split_words(options.by), _split_words(options.metrics), options.between
     )
     print(compare.describe_differences(found, options.all))
+    for line in captions.describe_repeats([first] if second is None else [first, second]):
+        print(f"Note: {line}")
     return 0

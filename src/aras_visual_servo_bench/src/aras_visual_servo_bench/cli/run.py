@@ -42,7 +42,8 @@ def find_study_file(name: Path) -> Path:
     if not named.is_file():
         known = sorted(path.stem for path in shipped.glob("*.yaml"))
         raise StudyError(
-            f"there is no file {name}, and no shipped study: {suggest(name.name, known)}"
+            f"there is no file {name}, and no shipped study of this name: "
+            f"{suggest(name.name, known)}"
         )
     return named
 

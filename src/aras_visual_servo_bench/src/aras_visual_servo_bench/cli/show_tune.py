@@ -82,7 +82,8 @@ def tune(options: argparse.Namespace) -> int:
         run.find_study_file(options.study), overrides.parse_overrides(options.overrides)
     )
     ranges = [SearchRange.parse(text) for text in options.over]
-    keys = {r.key for r in ranges}  # the study does not vary these settings; the search sets them
+    # The search sets these settings, so their variations in the study are removed.
+    keys = {r.key for r in ranges}
     study = dataclasses.replace(
         study, vary={key: values for key, values in study.vary.items() if key not in keys}
     )

@@ -21,6 +21,8 @@ def find_feature_units(scheme: str, count: int) -> tuple[str, ...]:
         units = tuple(Settings(scheme=scheme).make_scheme().units or ())
     except (ServoError, ValueError, TypeError):
         return ()
-    if len(set(units)) == 1:  # the number of features of a scheme of points depends on the target
+    # If all features have the same unit, `count` may be any number: the number of features of a
+    # scheme of points depends on the target.
+    if len(set(units)) == 1:
         return units[:1] * count
     return units if len(units) == count else ()

@@ -18,7 +18,7 @@ from .shapes import FACES, LINES, Shape, transform_points
 CREASE_COSINE = np.cos(np.radians(30.0))
 EDGE_COLOUR = (0.55, 0.58, 0.64, 1.0)  # lighter than a dark face, so that edges are visible on it
 EDGE_WIDTH = 0.001  # m
-# Largest number of edges, and of triangles of each colour. Further ones are not drawn.
+# At most this many edges, and this many triangles of each colour, are drawn.
 MAX_ELEMENTS = 2000
 
 
@@ -77,7 +77,11 @@ def draw_model(urdf: str, resolve: ResolvePackage = find_package) -> ModelDrawin
 
 
 def find_mesh_edges(mesh: Mesh) -> np.ndarray:
-    """Return both ends (2 n, 3) of each edge at which the surface ends or has a crease."""
+    """Return both ends (2 n, 3) of each of the n edges of a mesh that are drawn.
+
+    These are the edges at the border of the surface, and those between faces whose normals
+    differ by more than the angle of CREASE_COSINE.
+    """
     places, number = np.unique(mesh.positions.round(6), axis=0, return_inverse=True)
     corners = number.ravel()[mesh.triangles]
     a, b, c = (places[corners[:, k]] for k in range(3))

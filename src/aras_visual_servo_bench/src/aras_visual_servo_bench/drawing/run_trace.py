@@ -57,7 +57,7 @@ MIN_SPACING = 5e-4  # m, smallest distance between two points of the camera's pa
 MIN_IMAGE_SPACING = 2e-3
 # Offset of the text from the camera in the base frame, m. The text is then next to the arm.
 TEXT_OFFSET = (-0.29, 0.24, 0.19)
-MAX_ERRORS = 6  # largest number of errors that the text lists
+MAX_ERRORS = 6  # largest number of feature errors that the text lists
 LETTER_HEIGHT, LINE_HEIGHT = 0.023, 0.028  # m, height of letters and distance between lines
 LEGEND = (  # text and colour of each line, from the lowest line to the highest
     ("achieved rotation", to_rgb(LIVE["achieved-turn"])),
@@ -206,7 +206,8 @@ class RunTrace:
         """Return the text next to the camera, and the legend of the colours above this text."""
         words, place = "\n".join(self.make_text_lines()), (self._pose[:3, 3] + TEXT_OFFSET)[None]
         shapes = [Shape("words", TEXT, place, (1.0, 1.0, 1.0, 1.0), LETTER_HEIGHT, words)]
-        above = 0.5 * (words.count("\n") + 1)  # number of lines above the middle of the text
+        # The position of a text is its middle; half of its lines are above this position.
+        above = 0.5 * (words.count("\n") + 1)
         for line, (text, colour) in enumerate(LEGEND, 1):
             up = (0.0, 0.0, LINE_HEIGHT * (above + line))
             shapes.append(

@@ -34,17 +34,17 @@ def with_fixed_cameras(experiment: Experiment, packages: PackagePath) -> Experim
             cameras[name] = replace(spec, hand_eye=None, pose=pose)
         elif experiment.plant in FREE_CAMERA_PLANTS:
             raise ExperimentError(
-                f"cameras.{name}.hand_eye says where an arm carries the camera, and plant "
-                f"'{experiment.plant}' has no arm: use chain or bullet, or set its link to {WORLD} "
-                "if the camera is fixed")
+                f"cameras.{name}.hand_eye gives the camera's pose on an arm, and plant "
+                f"'{experiment.plant}' has no arm: use plant chain or bullet; if the camera is "
+                f"fixed, set the link of hand_eye to {WORLD}")
     return replace(experiment, cameras=cameras) if cameras else experiment
 
 
 def with_calibration_offsets(experiment: Experiment, robot: Robot) -> Experiment:
     """Return the experiment with every calibration offset given by `xyz` and `rpy`.
 
-    If `calibration_offset.hand_eye` names a file with the calibrated pose of a camera, it is
-    replaced by the offset of the calibrated pose from the true pose.
+    If `calibration_offset.hand_eye` names a file with the calibrated pose of a camera, `hand_eye`
+    is replaced by the offset of the calibrated pose from the true pose.
 
     Raises:
         ExperimentError: a file cannot be used, or a link does not carry the camera.
@@ -91,9 +91,8 @@ def _read_calibration_offset(
         true_pose, calibrated_pose = spec.compute_pose(), _read_pose(file, robot.packages, where)
     elif experiment.plant in FREE_CAMERA_PLANTS:
         raise ExperimentError(
-            f"{where} says where an arm carries the camera, and plant "
-            f"'{experiment.plant}' has no arm: give calibration_offset.xyz and rpy, relative to "
-            "the camera's true pose"
+            f"{where} gives the camera's pose on an arm, and plant '{experiment.plant}' has no "
+            "arm: give calibration_offset.xyz and rpy, relative to the camera's true pose"
         )
     else:
         try:

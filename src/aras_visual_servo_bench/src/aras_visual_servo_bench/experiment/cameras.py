@@ -75,14 +75,14 @@ class HandEyeSpec:
 class CalibrationOffset:
     """Difference between the camera that the controller assumes and the true camera.
 
-    focal: factor on the true focal length.
-        centre: offset of the principal point, px (right, down).
-        distortion: distortion coefficients that the controller uses; None: the true coefficients.
+    focal: assumed focal length divided by the true one.
+    centre: offset of the assumed principal point from the true one, px (right, down).
+    distortion: distortion coefficients that the controller uses; None: the true coefficients.
     xyz, rpy: offset of the assumed camera pose from the true one, m and rad, in the true optical
         frame (z forward, x right, y down), on every plant.
     hand_eye: file of a hand-eye calibration that gives the assumed camera pose, instead of xyz and
         rpy.
-    depth: factor on the true depths.
+    depth: depth that the controller assumes, divided by the true depth.
     """
 
     focal: float = parameter(1.0, ", the factor on the true focal length", above=0.0, most=10.0)
@@ -98,7 +98,8 @@ class CalibrationOffset:
     def __post_init__(self) -> None:
         check(self, ExperimentError, "calibration_offset")
         require(self.hand_eye is None or not self.is_moved,
-                "calibration_offset has xyz and rpy, or a hand_eye calibration: one of them")
+                "calibration_offset.hand_eye already gives the camera's pose: leave out "
+                "calibration_offset.xyz and rpy, or hand_eye")
 
     @property
     def is_moved(self) -> bool:
@@ -169,8 +170,8 @@ class CameraSpec:
                       self.hand_eye is not None)  # fmt: skip
         require(
             sum(placements) < 2,
-            "a camera has a pose in the world, or xyz and rpy in the hand, or a frame of the "
-            "robot's description, or a hand_eye calibration: one of them",
+            "the pose of a camera is given more than once: give only one of pose (in the world), "
+            "xyz and rpy (in the hand), frame (of the robot's description) and hand_eye",
         )
 
     @property
@@ -228,7 +229,7 @@ class CameraSetup:
         settings = merge(description_settings, overrides)
         config = make_camera_config(settings)
         published = true = read_camera_model(config.make_intrinsics())
-        if config.legacy_camera_info:  # published intrinsics follow Gazebo's formulas, not the lens
+        if config.legacy_camera_info:  # then Gazebo's formulas give published intrinsics, not true
             true = make_camera_model({**settings, "legacy_camera_info": False})
         return cls(
             name,
@@ -271,8 +272,9 @@ def check_simultaneous_images(cameras: Sequence[CameraSetup], duration: float) -
         first = 1.0 / other.rate + other.delay
         require(
             first < duration,
-            f"camera '{other.name}' delivers its first image after {first:.3g} s, and the run "
-            f"lasts {duration:g} s: give it a higher rate, a shorter delay, or the run more time",
+            f"camera '{other.name}' delivers its first image after {first:.3g} s, but the run "
+            f"lasts only {duration:g} s: increase the camera's rate, reduce its delay, or increase "
+            "the duration of the run",
         )
         late, early = other, control
         if late.delay < early.delay:
@@ -281,10 +283,10 @@ def check_simultaneous_images(cameras: Sequence[CameraSetup], duration: float) -
         stored = MAX_WAITING_IMAGES / early.rate
         require(
             difference < stored,
-            f"images of cameras '{early.name}' and '{late.name}' are never available together: "
-            f"those of '{late.name}' arrive {difference:.3g} s later, and of '{early.name}' only "
-            f"the last {MAX_WAITING_IMAGES} images ({stored:.3g} s) are stored: give the cameras "
-            f"delays that differ by less, or '{early.name}' a lower rate",
+            f"images of cameras '{early.name}' and '{late.name}' are never available together, "
+            f"because those of '{late.name}' arrive {difference:.3g} s later, and only the last "
+            f"{MAX_WAITING_IMAGES} images of '{early.name}' ({stored:.3g} s) are stored: give the "
+            f"cameras more similar delays, or camera '{early.name}' a lower rate",
         )
 
 
@@ -339,7 +341,7 @@ def _resolve_file(name: str, packages: PackagePath) -> str:
 
 
 def make_camera_config(settings: Mapping[str, Any]) -> CameraConfig:
-    """Make the configuration of a camera.
+    """Make the configuration of a camera from settings with the key names of the simulator.
 
     Raises:
         ExperimentError: the settings are invalid.

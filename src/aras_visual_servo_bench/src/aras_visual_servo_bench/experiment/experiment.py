@@ -192,21 +192,23 @@ class Experiment(KeywordSettings):
         for name in SHARED_PARAMETERS:
             require(
                 name not in self.controller_parameters,
-                f"controller_parameters.{name}: {name} is a key of the experiment itself; give it "
-                "there",
+                f"controller_parameters.{name} cannot be set, because {name} is a key of the "
+                "experiment itself: set that key",
             )
         require(self.hand_eye is None or self.plant not in FREE_CAMERA_PLANTS,
-                f"hand_eye says where an arm carries the camera, and plant '{self.plant}' has no "
-                "arm: use chain or bullet")
+                f"hand_eye gives the camera's pose on an arm, and plant '{self.plant}' has no "
+                "arm: use plant chain or bullet")
         self._check_cameras()
         if self.plant == "bullet":
             self._check_size()
             require(
                 not self.world or replace(self.sun, exposure=EXPOSURES[0]) == SunSpec(),
-                "the lights are those of the world file: give sun.exposure alone, or no world",
+                "the world file contains the lights: leave out all keys of sun except exposure, "
+                "or leave out world",
             )
             require(bool(self.world) or not self.target.model,
-                    "target.model needs a world file: set world to its path or name")
+                    "target.model names a model in a world file, and there is none: set world to "
+                    "the file's path or name")
             has_own_pose = not self.target.motion.is_static or any(self.target.pose)
             require(
                 not (self.target.is_in_description and has_own_pose),
@@ -223,28 +225,37 @@ class Experiment(KeywordSettings):
                 self.target.is_in_description
                 or self.target.shape == "aras"
                 or any(self.target.pose),
-                "target.pose is missing, the pose of the target on the Bullet arm's table: its top "
-                "is at z = 0.59, so its middle is [0, 0, 0.591, 0, 0, 0]",
+                "target.pose is missing: give the target's pose on the Bullet arm's table, whose "
+                "top is at z = 0.59 m, for example [0, 0, 0.591, 0, 0, 0] for the table's middle",
             )
             require(
                 not self.robot.target_frame or self.target.is_mountable,
                 "a target on a link of the arm (robot.target_frame) has no motion of its own: "
-                "leave out target.motion, occluded and box",
+                "leave out target.motion, target.occluded and target.box",
             )
         else:
             require(not self.target.model,
-                    "target.model is for the Bullet arm: other plants have no world")
+                    "target.model names a model in a world, and only plant bullet has a world: "
+                    "leave it out, or use plant bullet")
             require(
                 not self.record_peak_speeds,
-                "record_peak_speeds is for the Bullet arm: other plants have no physics steps",
+                "record_peak_speeds needs physics steps, which only plant bullet has: leave it "
+                "out, or use plant bullet",
             )
-            require(not self.world, "world is for the Bullet arm: other plants have none")
-            require(self.sun == SunSpec(), "sun is for the Bullet arm: other plants have no light")
+            require(not self.world,
+                    "world acts only on plant bullet: leave it out, or use plant bullet")
+            require(self.sun == SunSpec(),
+                    "sun acts only on plant bullet: leave it out, or use plant bullet")
         require(
             not self.has_images or not self.jitter,
-            "jitter is for exact features: give noise for images",
+            "jitter acts only on exact features, and this experiment measures features in images: "
+            "give noise instead, or set features to exact",
         )
-        require(self.has_images or not self.noise, "noise is for images: give jitter, in px")
+        require(
+            self.has_images or not self.noise,
+            "noise acts only on images, and this experiment has exact features: give jitter (px) "
+            "instead, or set features to images",
+        )
 
     def _check_size(self) -> None:
         """Check that the target fits on the table of the shipped robot.
@@ -256,7 +267,8 @@ class Experiment(KeywordSettings):
             return
         for i, length in enumerate(self.target.size or ()):
             require(length <= MAX_TARGET_SIZE, f"target.size[{i}] is {length}, must be <= "
-                    f"{MAX_TARGET_SIZE:g} m, the size of the table: use your own world or robot")
+                    f"{MAX_TARGET_SIZE:g} m, the size of the table: use a smaller target, or your "
+                    "own world or robot")
 
     def _check_cameras(self) -> None:
         if not self.cameras:
@@ -265,10 +277,12 @@ class Experiment(KeywordSettings):
             self.camera == "original"
             and self.calibration_offset == CalibrationOffset()
             and self.hand_eye is None,
-            "camera, hand_eye and calibration_offset are for an experiment with one camera: set "
-            "them for each entry of cameras",
+            "camera, hand_eye and calibration_offset cannot be combined with cameras: set them "
+            "for each entry of cameras",
         )
-        require(self.plant != "ideal", "plant 'ideal' has one camera: use free, chain or bullet")
+        require(self.plant != "ideal",
+                "plant 'ideal' has only one camera: leave out cameras, or use plant free, chain "
+                "or bullet")
         for name, camera in self.cameras.items():
             require(
                 name.isidentifier(),
@@ -286,13 +300,13 @@ class Experiment(KeywordSettings):
         target = camera.target
         require(
             not camera.target_frame or self.plant not in FREE_CAMERA_PLANTS,
-            f"cameras.{name}.target_frame is a link of the arm's, and plant '{self.plant}' has no "
-            "arm: use chain or bullet",
+            f"cameras.{name}.target_frame is a link of an arm, and plant '{self.plant}' has no "
+            "arm: use plant chain or bullet",
         )
         require(
             not camera.target_frame or target is not None,
-            f"cameras.{name}.target_frame is the link that carries the camera's own target: give "
-            f"the target's shape, and its pose in that link, as cameras.{name}.target",
+            f"cameras.{name}.target_frame is the link that carries the camera's own target, which "
+            f"is missing: give its shape, and its pose in that link, as cameras.{name}.target",
         )
         require(
             target.is_mountable or not camera.target_frame and target.is_plain,
@@ -304,7 +318,8 @@ class Experiment(KeywordSettings):
             self.plant != "bullet" or target.shape != "aras" and (
                 bool(camera.target_frame) or any(target.pose)
             ),
-            f"cameras.{name}.target needs a shape other than 'aras', and a pose",
+            f"cameras.{name}.target needs a shape other than 'aras', and a pose: set "
+            f"cameras.{name}.target.shape and .pose",
         )
 
     @property
@@ -335,7 +350,8 @@ class Experiment(KeywordSettings):
         Raises:
             ExperimentError: the file cannot be read, or a key or value is wrong.
         """
-        require(isinstance(path, str | Path), f"{format_value(path)} is no path of a YAML file")
+        require(isinstance(path, str | Path),
+                f"{format_value(path)} is not a path: give the path of a YAML file")
         return cls.from_mapping(read_yaml(path, ExperimentError) or {})
 
     @classmethod

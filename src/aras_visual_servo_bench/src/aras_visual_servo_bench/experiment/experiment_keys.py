@@ -64,10 +64,12 @@ def _find_fields(key: str, kind: type) -> list[dataclasses.Field]:
         hint = next(h[part] for h in hints if part in h)
         options = _split_union(hint)
         if any(_has_free_keys(option) for option in options):
-            return found if so_far == f"{key}." else []  # the code that uses these keys checks them
+            # The mapping accepts any keys; the code that reads it checks them.
+            return found if so_far == f"{key}." else []
         kinds = tuple(option for option in options if dataclasses.is_dataclass(option))
         if not kinds and so_far != f"{key}.":
-            raise StudyError(f"an experiment has no '{key}': {so_far[:-1]} has no keys below it")
+            raise StudyError(f"an experiment has no '{key}': {so_far[:-1]} has no keys below it; "
+                             f"set {so_far[:-1]} itself")
     return found
 
 

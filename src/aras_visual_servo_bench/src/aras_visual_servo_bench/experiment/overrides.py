@@ -67,9 +67,14 @@ def with_overrides(values: Mapping[str, Any], settings: Mapping[str, Any]) -> di
 def _expand_presets(
     base: Mapping[str, Any], changes: Mapping[str, Any], key: str, above: str = ""
 ) -> dict[str, Any]:
-    """Return `base` with the name of a camera preset replaced by a mapping if `changes` adds keys.
+    """Return `base` with camera presets in a form into which `changes` can be merged.
+
+    If `changes` sets keys of a camera that `base` gives by the name of a preset, the name is
+    replaced by {'preset': name}.
 
     Args:
+        base: keys and values of the experiment, or of a mapping in it.
+        changes: keys and values to be merged into `base` later.
         key: the dotted key that is changed, for the error message.
         above: dotted path of `base` in the experiment, with a final dot; '' for the experiment.
     """
@@ -98,7 +103,7 @@ def is_camera_key(key: str) -> bool:
 
 
 def _is_same_kind(current: Any, value: Any) -> bool:
-    """Return True if a new start or goal is of the same type as the current one, by its keys."""
+    """Return True if a new start or goal has keys and a `kind` that fit the current one's type."""
     if not (isinstance(current, Mapping) and isinstance(value, Mapping)):
         return False
     if "kind" in value and value["kind"] != current.get("kind"):

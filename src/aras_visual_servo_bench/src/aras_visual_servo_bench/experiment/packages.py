@@ -42,8 +42,8 @@ class PackagePath:
         except DescriptionError as error:
             searched = ", ".join(str(folder) for folder in (*self._search, _SOURCES))
             raise ExperimentError(
-                f"package '{name}' is not in {searched} nor in ROS_PACKAGE_PATH: add its folder "
-                "to robot.search"
+                f"package '{name}' is neither in {searched} nor in ROS_PACKAGE_PATH: add its "
+                "folder to robot.search"
             ) from error
 
     def resolve(self, text: str) -> Path:

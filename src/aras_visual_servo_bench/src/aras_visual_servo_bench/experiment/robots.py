@@ -228,8 +228,9 @@ class Robot:
                 continue
             if joint.kind != "fixed":
                 raise ExperimentError(f"joint '{joint.name}' moves the camera relative to link "
-                                      f"'{link}': a hand-eye calibration needs a link to which the "
-                                      "camera is fixed")
+                                      f"'{link}', so a calibration cannot give its pose on this "
+                                      "link: set hand_eye.link to a link that carries the camera "
+                                      "rigidly")
             pose = pose @ joint.pose.matrix()
         if pose is None:
             raise ExperimentError(f"link '{link}' does not carry the camera: set hand_eye.link to "
@@ -243,7 +244,7 @@ class Robot:
     def make_camera_kinematics(
         self, camera: str, control: Arm, is_calibrated: bool = False
     ) -> CameraKinematics:
-        """Return the kinematics of one of the other cameras (not of the control camera).
+        """Return the kinematics of a camera that is not the control camera.
 
         Args:
             control: kinematics of the control camera.
@@ -279,7 +280,7 @@ class Robot:
     def _add_calibrated_frame(
         self, xyz: Sequence[float], rpy: Sequence[float], camera: str
     ) -> tuple[str, str]:
-        """Add a frame at a camera's calibrated pose; return the description and the frame name."""
+        """Return a description with a frame at a camera's calibrated pose, and the frame's name."""
         frame = self.find_optical_frame(camera)
         if not (any(xyz) or any(rpy)):
             return self.urdf, frame
@@ -288,7 +289,7 @@ class Robot:
         return urdf, calibrated
 
     def _add_camera_frames(self, urdf: str) -> str:
-        """Add the missing optical frames of the cameras to a description, and return it."""
+        """Return a copy of a description with the missing optical frames of the cameras."""
         if self._cameras:
             from .added_links import with_link
         for name, camera in self._cameras.items():
@@ -328,7 +329,7 @@ class Robot:
         for name in names:
             if name not in self.parameters:
                 raise ExperimentError(
-                    f"controller '{name}' is not in {self.spec.config}: "
+                    f"robot.controllers: '{name}' is not in {self.spec.config}: "
                     + suggest(name, self.parameters)
                 )
             controller = known.get(name)
@@ -361,10 +362,16 @@ class Robot:
     def _with_frame(
         self, urdf: str, name: str, frame: str, frame_T_child: np.ndarray
     ) -> str:
-        """Add a link that is fixed to an optical frame to the description, and return it.
+        """Return a copy of a description with a new link that is fixed to an optical frame.
 
         If the description has no link for the optical frame, the new link is fixed to the parent
         of the optical frame.
+
+        Args:
+            urdf: text of the description.
+            name: name of the new link.
+            frame: name of the optical frame.
+            frame_T_child: pose (4, 4) of the new link in the optical frame.
         """
         last = _find_joint_path(urdf, frame, self.spec.urdf)[-1]
         if last.child not in parse_tree(urdf).links:
@@ -387,7 +394,7 @@ class Robot:
         return link, calibration.link_T_camera
 
     def _apply_hand_eye(self, spec: HandEyeSpec) -> str:
-        """Return the description with the robot's camera at the pose of a hand-eye calibration."""
+        """Return the description with the robot's camera at the pose of a hand-eye file."""
         from aras_visual_servo_base.camera_mounting import mount_camera
 
         try:
@@ -416,7 +423,9 @@ class Robot:
         try:
             return self._adapt("move_camera", self._original_urdf, *texts)
         except ValueError as error:
-            raise ExperimentError(f"{self.spec.urdf}: camera cannot be moved: {error}") from None
+            raise ExperimentError(
+                f"{self.spec.urdf}: camera_xyz and camera_rpy cannot displace the camera: {error}"
+            ) from None
 
     def _adapt(self, function: str, *texts: str) -> str:
         """Call a function of the script adapt_description, which the launch files use, too."""

@@ -23,7 +23,7 @@ class Sampler:
     """Random start with the complete target in view, drawn with the seed of the experiment.
 
     height: minimum and maximum height of the camera above the target, m.
-    side: maximum offset along the world's x and y, m.
+    side: maximum offset of the camera from the target along the world's x and y, m.
     turn: maximum rotation about the vertical, from the camera's orientation at the goal, rad.
     tilt: maximum tilt from the camera's orientation at the goal, rad.
     margin: minimum distance of the target from the image border, px.

@@ -14,17 +14,17 @@ from ..errors import ExperimentError, require
 from .cameras import CameraSetup
 from .experiment import FREE_CAMERA_PLANTS, Experiment, IdealSpec
 
-# Keys that act only on some plants: (key, plants, value that is also accepted on the other plants,
-# meaning for the error message).
+# Keys that act only on some plants, as tuples: key; plants on which it acts; value that is
+# accepted on the other plants, too; meaning of the key for the error message "KEY is MEANING".
 PLANT_SETTINGS = (
     ("friction", ("bullet",), True, "the friction of simulated joints"),
-    ("lag", ("chain", "free"), 0.0, "the lag of joints without dynamics"),
+    ("lag", ("chain", "free"), 0.0, "the time constant of joints without dynamics"),
     ("delay", ("bullet", "chain", "free"), 0.0, "the time until a command takes effect, and plant "
     "ideal executes commands immediately"),
-    ("commands", ("bullet", "chain", "free"), "images", "how commands are sent, and plant ideal "
-     "executes one twist per image"),
+    ("commands", ("bullet", "chain", "free"), "images", "the choice of when commands are sent, and "
+     "plant ideal executes one twist per image"),
     ("target.box", ("bullet",), None, "a body in the simulated world"),
-    ("ideal", ("ideal",), IdealSpec(), "how the ideal camera moves, and when its run ends"),
+    ("ideal", ("ideal",), IdealSpec(), "a group of settings of the ideal camera"),
 )  # fmt: skip
 # Settings that change images but have no effect on exact features.
 IMAGE_SETTINGS = ("target.perturbed", "target.occluder", "target.marker", "sun")
@@ -88,8 +88,9 @@ def check_camera(camera: CameraSetup, experiment: Experiment) -> None:
     graph_keys = [key for key in GRAPH_SETTINGS if key in changed]
     require(
         not graph_keys,
-        f"{where}{' and '.join(graph_keys)}: only for the ROS graph; in an experiment a camera is "
-        "where the robot description has it, and takes images continuously; leave it out",
+        f"{where}{' and '.join(graph_keys)}: acts only on the ROS graph; in an experiment, the "
+        "robot description gives the camera's pose, and the camera takes images continuously; "
+        "leave it out",
     )
     for key in TIMED_EFFECTS:
         if plant == "ideal" and (time := getattr(camera.config.effects, key)):
@@ -104,8 +105,8 @@ def check_camera(camera: CameraSetup, experiment: Experiment) -> None:
     offsets = [key for key in LINK_OFFSETS if key in changed]
     require(
         plant == "bullet" and experiment.has_images or not offsets,
-        f"{where}{' and '.join(offsets)}: moves the sensor of rendered images in its link; for an "
-        "error of the controller's calibration, set calibration_offset",
+        f"{where}{' and '.join(offsets)}: acts only on rendered images, whose sensor it moves in "
+        "its link; for an error of the controller's calibration, set calibration_offset instead",
     )
     if not experiment.has_images:
         image_keys = sorted(
@@ -128,12 +129,15 @@ def _read_value(experiment: Experiment, key: str) -> Any:
 
 
 def _find_changed_keys(overrides: Mapping[str, Any]) -> set[str]:
-    """Return the camera keys that differ from their defaults; an effect is named 'effects.KEY'."""
+    """Return the keys of a camera whose values differ from their defaults.
+
+    The key of a camera effect is returned as 'effects.KEY'.
+    """
     effects = overrides.get("effects", {})
     found = {f.name for f in fields(CameraConfig)
              if f.name != "effects" and f.name in overrides
              and _to_plain(overrides[f.name]) != _to_plain(f.default)}  # fmt: skip
-    # exposure_samples alone has no effect: it divides an exposure time that may be 0.
+    # exposure_samples is accepted everywhere: it divides the exposure time, which is checked.
     return found | {f"effects.{f.name}" for f in fields(Effects)
                     if f.name in effects and effects[f.name] != get_default(f)
                     and f.name != "exposure_samples"}  # fmt: skip

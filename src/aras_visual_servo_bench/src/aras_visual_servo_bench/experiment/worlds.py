@@ -26,7 +26,8 @@ from .packages import PackagePath
 
 log = logging.getLogger(__name__)
 
-FIRST_STEP = 1e-3  # s: duration of the first physics step
+# End of the first physics step, s. Lights that are on at this time are on when a goal is taught.
+FIRST_STEP = 1e-3
 WORLD_FILE = "package://aras_visual_servo_gazebo/world/{}.world"
 
 
@@ -75,7 +76,9 @@ def _warn(path: str, text: str) -> None:
 
 
 def with_target_link(experiment: Experiment, packages: PackagePath) -> Experiment:
-    """Return an experiment whose target is a link, with the mesh and pose of this link filled in.
+    """Return an experiment whose target is a link, with the target's shape and pose set.
+
+    The shape is a mesh of the link's visuals, and the pose is the initial pose of the link.
 
     Raises:
         ExperimentError: the model or the link does not exist, the visuals of the link are not a
@@ -131,7 +134,7 @@ def _find_link_name(model: RobotDescription, link_name: str) -> str:
     visible = [name for name, link in model.links.items() if link.visuals]
     if not link_name:
         require(len(visible) == 1, f"target.link: model '{model.name}' has {len(visible)} links "
-                f"with visuals: set it to one of {', '.join(visible) or 'none'}")  # fmt: skip
+                f"with visuals: {', '.join(visible) or 'none'}; name the target's link")
         return visible[0]
     require(
         link_name in visible,
@@ -178,7 +181,11 @@ def _read_robot_link(
 
 
 def _write_solid(corners: np.ndarray, pose: np.ndarray, name: str) -> tuple[str, tuple[float, ...]]:
-    """Write triangles (n, 3, 3), in m, to a mesh file; return its path and the pose (m, rad)."""
+    """Write triangles (n, 3, 3), in m, to a mesh file.
+
+    Returns:
+        The path of the file; and `pose` (4, 4) as x, y, z (m), roll, pitch, yaw (rad).
+    """
     from ..targets.solids import make_solid
 
     path = make_solid(corners, name).path

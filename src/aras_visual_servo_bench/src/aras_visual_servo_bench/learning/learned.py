@@ -39,8 +39,9 @@ HIDDEN_LAYERS = (64, 64)
 def make_inputs(moments: Moments) -> np.ndarray:
     """Compute the inputs (10,) of the network from moments.
 
-    They are the position xg, yg; the logarithm of the size sqrt(m00); and the centred moments of
-    order 2 and 3, divided by powers of the size such that they do not depend on the scale.
+    The inputs are the centre of gravity xg, yg; the logarithm of the size sqrt(m00); and the
+    centred moments of order 2 and 3, divided by powers of the size so that they do not depend on
+    the scale.
     """
     m00 = moments.m00
     size = np.sqrt(m00)
@@ -98,7 +99,7 @@ class LearnedScheme(Scheme):
             ConfigurationError: the goal has no moments.
         """
         if goal.moments is None:
-            raise ConfigurationError(f"{goal.name} contains no moments: teach it again")
+            raise ConfigurationError(f"the goal {goal.name} contains no moments: teach it again")
         return self._network(make_inputs(goal.moments))
 
     def check(self, goal: Goal) -> None:

@@ -45,9 +45,10 @@ from .regressor import Regressor, fit_network, run_training
 COLUMNS, ROWS = 28, 21  # size of the network's input image
 HIDDEN_LAYERS = (160, 96)
 PROTOCOL, EPOCHS = "convergence_domain", 60
-TEXTURE_COUNT = 120  # number of perturbed posters
-PLACES_BETWEEN = 3  # number of poses on the path from each start to the goal
-# Standard deviation of these poses from the straight path, m and degrees.
+TEXTURE_COUNT = 120  # number of perturbed posters in the training images
+PLACES_BETWEEN = 3  # number of training poses between each start and the goal
+# Standard deviation of the poses between start and goal from the straight path, m and degrees. It
+# decreases linearly to 0 towards the goal.
 PATH_DEVIATION = (0.02, 2.0)
 
 
@@ -112,7 +113,7 @@ class LearnedPose(Feature):
         prediction = np.array(dict(goal.features.get(self.name, {})).get("pose", ()), float)
         if prediction.shape != (6,) or not np.isfinite(prediction).all():
             raise ConfigurationError(
-                f"{goal.name} contains no {self.name}: teach it again with this feature"
+                f"the goal {goal.name} contains no {self.name}: teach it again with this feature"
             )
         self._goal, self._goal_T_reference = goal, inverse(exponential(prediction))
 
@@ -158,7 +159,7 @@ def make_training_data(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarra
     textures = [poster.perturb(100_000 * (seed + 1) + i) for i in range(TEXTURE_COUNT)]
     x, y = [], []
     for number in range(-(-count // (1 + PLACES_BETWEEN))):
-        # The seeds differ from those of the study's runs.
+        # These seeds differ from those of the study's runs, so no start of the study is used.
         pose = base.with_changes(
             seed=1_000_000 * (seed + 1) + number
         ).with_absolute_start.start.pose

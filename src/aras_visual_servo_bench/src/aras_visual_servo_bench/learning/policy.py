@@ -49,7 +49,7 @@ GAIN = 1.5  # 1/s, gain of the expert and of the policy
 # Standard deviation of the noise that is added to the actions, so that the images are not only from
 # good paths to the goal.
 PERTURBATION = 0.3
-MAX_PERTURBATION_STEPS = 30  # largest number of steps in which the noise is constant
+MAX_PERTURBATION_STEPS = 30  # the same noise is added in fewer consecutive steps than this
 EPOCHS = 30  # number of epochs at a learning rate of 1e-3
 REFINEMENTS = ((1e-4, 15), (1e-5, 5))  # learning rate and number of epochs of further training
 
@@ -99,7 +99,8 @@ class Policy(LearnedScheme):
         )
         if prediction.shape != (4,) or not np.isfinite(prediction).all():
             raise ConfigurationError(
-                f"{goal.name} was not taught with the policy: teach it again with this scheme"
+                f"the goal {goal.name} was not taught with the policy: teach it again with this "
+                "scheme"
             )
         return prediction
 

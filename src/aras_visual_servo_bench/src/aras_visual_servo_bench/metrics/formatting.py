@@ -17,6 +17,13 @@ NEARLY_ZERO = "≈0"  # text of a number that is negligible compared with the la
 # A number is negligible if it is this many decades smaller than the largest number of its group.
 NEGLIGIBLE_DECADES = 6
 
+# Prefixes of units by decreasing size. A quantity is shown with the first prefix with which its
+# number is at least MIN_IN_UNIT.
+PREFIXES = (("", 1.0), ("m", 1e-3), ("µ", 1e-6))
+MIN_IN_UNIT = 0.1
+SCALABLE_UNITS = {"m": ("m", 1.0), "m/s": ("m/s", 1.0), "s": ("s", 1.0), "ms": ("s", 1e-3)}
+ANGLE_UNITS = {"rad": "°", "rad/s": "°/s"}  # angles are shown in degrees, like tolerances
+
 
 def make_printable(text: object) -> str:
     """Return a text that can be encoded as UTF-8; invalid characters of file names become '?'."""
@@ -69,6 +76,42 @@ def format_value(value: object) -> str:
     return format_number(value) if isinstance(value, float) else str(value)
 
 
+def choose_unit(unit: str, values: Iterable[float]) -> tuple[str, float]:
+    """Choose the unit in which values are shown.
+
+    The magnitude of the values is the geometric mean of the largest and the smallest of them,
+    without zeros and negligible values. For lengths, the unit is the largest of m, mm and µm in
+    which the magnitude is at least 0.1; times and speeds have the same prefixes. The unit of angles
+    is the degree. Other units do not change.
+
+    Args:
+        unit: unit of the values.
+        values: numbers that are shown together.
+
+    Returns:
+        The new unit, and the factor by which the values must be divided.
+    """
+    if unit in ANGLE_UNITS:
+        return ANGLE_UNITS[unit], math.pi / 180.0
+    base, size = SCALABLE_UNITS.get(unit, (unit, 0.0))
+    sizes = [abs(v) * size for v in values if math.isfinite(v) and v]
+    if not size or not sizes:
+        return unit, 1.0
+    largest = max(sizes)
+    smallest = min(s for s in sizes if s >= largest * 10.0**-NEGLIGIBLE_DECADES)
+    magnitude = math.sqrt(largest) * math.sqrt(smallest)
+    prefix, scale = next(
+        (one for one in PREFIXES if magnitude >= MIN_IN_UNIT * one[1]), PREFIXES[-1]
+    )
+    return prefix + base, scale / size
+
+
+def format_in_unit(value: float, unit: str) -> str:
+    """Return a value as text, in the unit that `choose_unit` chooses for its magnitude."""
+    unit, size = choose_unit(unit, [value])
+    return format_quantity(format_number(value / size), unit)
+
+
 def format_heading(name: str, unit: str) -> str:
     """Return the heading of a column or the label of an axis."""
     return f"{name} ({unit})" if unit else name
@@ -76,7 +119,7 @@ def format_heading(name: str, unit: str) -> str:
 
 def format_quantity(value: object, unit: str) -> str:
     """Return a value with its unit."""
-    return f"{value} {unit}" if unit else str(value)
+    return f"{value}{'' if unit.startswith('°') else ' '}{unit}" if unit else str(value)
 
 
 def format_count(number: int, what: str) -> str:

@@ -27,7 +27,7 @@ LIMIT_MARGIN = 1e-3
 SETTLING_BAND = 0.02  # an error below this fraction of its first value is settled
 # The decay rate is measured while the error is between these fractions of its first value.
 DECAY_START, DECAY_END = 0.80, 0.15
-REDUCTION = 0.1  # `reduced` is 1 if distance and angle are at most this fraction of the first
+REDUCTION = 0.1  # largest fraction of the first distance and angle at which `reduced` is 1
 LATE_PERIODS = 1.5  # an image is late if it arrives more than this number of periods after exposure
 
 
@@ -43,6 +43,8 @@ class Metric:
     is_feature_based: True if the number depends on the features of the scheme, so that it cannot be
         compared between schemes.
     default: True if studies without a list of metrics compute this metric.
+    is_binary: True if the number is 0 or 1, so that runs are summarised by the rate of 1.
+    has_tolerance: True if the number depends on the tolerance within which a camera is at its goal.
     """
 
     name: str
@@ -52,15 +54,38 @@ class Metric:
     measure: Callable[[Run], float]
     is_feature_based: bool = False
     default: bool = False
+    is_binary: bool = False
+    has_tolerance: bool = False
 
     @property
     def text(self) -> str:
         """One-line description of the metric."""
         return (self.measure.__doc__ or "").strip().splitlines()[0]
 
+    def complete_values(self, values: np.ndarray) -> np.ndarray:
+        """Return the values (n,) of n runs with 0 for unknown values that count as 0.
+
+        An unknown value (NaN) of a binary metric counts as 0 if 1 is better: a run that was refused
+        or raised an error has not reached its goal. Other unknown values remain NaN.
+
+        Raises:
+            StudyError: the metric is binary, and a value is neither 0, 1 nor NaN.
+        """
+        if not self.is_binary:
+            return values
+        unknown = np.isnan(values)
+        wrong = values[~unknown & (values != 0.0) & (values != 1.0)]
+        if wrong.size:
+            raise StudyError(
+                f"metric {self.name} is declared as binary, but a run has the value {wrong[0]:g}: "
+                "return 0, 1 or NaN, or remove is_binary=True"
+            )
+        return np.where(unknown, 0.0, values) if self.better == GREATER else values
+
 
 def metric(
-    unit: str, better: str, source: str, is_feature_based: bool = False, default: bool = False
+    unit: str, better: str, source: str, is_feature_based: bool = False, default: bool = False,
+    is_binary: bool = False, has_tolerance: bool = False,
 ) -> Callable[[Callable], Metric]:
     """Return a decorator that makes a Metric of a function that computes a number from a Run.
 
@@ -74,15 +99,21 @@ def metric(
         is_feature_based: True if the number depends on the features of the scheme, so that it
             cannot be compared between schemes.
         default: True if studies without a list of metrics compute this metric.
+        is_binary: True if the number is 0 or 1; tables and figures then show the rate of 1.
+        has_tolerance: True if the number depends on the tolerance within which a camera is at its
+            goal; captions of tables and figures then state this tolerance.
 
     Raises:
-        StudyError: `better` has another value.
+        StudyError: `better` has another value, or a binary metric has a unit.
     """
     if better not in (SMALLER, GREATER, NEITHER):
         raise StudyError(f"better is '{better}', must be '{SMALLER}', '{GREATER}' or ''")
+    if is_binary and unit:
+        raise StudyError(f"a binary metric has no unit: remove '{unit}'")
     return lambda measure: Metric(
-        measure.__name__, unit, better, source, measure, is_feature_based, default
-    )
+        measure.__name__, unit, better, source, measure, is_feature_based, default, is_binary,
+        has_tolerance,
+    )  # fmt: skip
 
 
 def list_default_metrics() -> tuple[str, ...]:
@@ -109,19 +140,28 @@ def find_metric(name: str) -> Metric:
 # -- result of the run ------------------------------------------------------------------------
 
 
-@metric("", GREATER, "outcome of the loop and verdict by the true pose", default=True)
+@metric(
+    "", GREATER, "outcome of the loop and verdict by the true pose", default=True,
+    is_binary=True, has_tolerance=True,
+)  # fmt: skip
 def success(run: Run) -> float:
     """1 if the loop has converged and the camera is truly at its goal."""
     return _score_verdict(run, run.is_success)
 
 
-@metric("", GREATER, "verdict by the true pose, with the tolerance `reached`")
+@metric(
+    "", GREATER, "verdict by the true pose, with the tolerance `reached`",
+    is_binary=True, has_tolerance=True,
+)  # fmt: skip
 def reached(run: Run) -> float:
     """1 if the camera is truly at its goal, whatever outcome the loop reports."""
     return _score_verdict(run, run.verdict.is_reached)
 
 
-@metric("", GREATER, "final distance and angle relative to those at the start, both at most 0.1")
+@metric(
+    "", GREATER, "final distance and angle relative to those at the start, both at most 0.1",
+    is_binary=True,
+)  # fmt: skip
 def reduced(run: Run) -> float:
     """1 if both the distance and the angle are at most a tenth of those at the start."""
     distance, angle = _compute_initial_pose_error(run)
@@ -129,7 +169,10 @@ def reduced(run: Run) -> float:
     return _score_verdict(run, near)
 
 
-@metric("", SMALLER, "outcome of the loop compared with the verdict by the true pose", default=True)
+@metric(
+    "", SMALLER, "outcome of the loop compared with the verdict by the true pose", default=True,
+    is_binary=True, has_tolerance=True,
+)  # fmt: skip
 def contradicts(run: Run) -> float:
     """1 if the loop reports convergence away from the goal, or no convergence at the goal.
 
@@ -148,7 +191,7 @@ def iterations(run: Run) -> float:
 
 @metric("s", SMALLER, "2 % settling time of the camera's true distance", default=True)
 def settled(run: Run) -> float:
-    """Time after which the camera's distance and angle to its goal stay below 2 % of the first."""
+    """Time after which distance and angle to the goal stay below 2 % of their first values."""
     return _to_finite(run.compute_settling_time())
 
 
@@ -279,7 +322,7 @@ def limit_time(run: Run) -> float:
 
 @metric("", SMALLER, "exact projection of the target's corners by the true camera", default=True)
 def image_excursion(run: Run) -> float:
-    """Largest distance of a corner from the image centre, in half image sizes.
+    """Largest offset of a target corner from the image centre, in half image widths or heights.
 
     A value above 1 means that a corner was outside the image.
     """
@@ -302,7 +345,7 @@ def image_excursion(run: Run) -> float:
 
 
 @metric(
-    "1/s", GREATER, "logarithm of the error between 80 and 15 % of its first value",
+    "1/s", GREATER, "slope of the error's logarithm between 80 and 15 % of the first value",
     is_feature_based=True, default=True,
 )  # fmt: skip
 def decay_rate(run: Run) -> float:
@@ -335,7 +378,7 @@ def decay_predicted(run: Run) -> float:
 
 
 @metric(
-    "s", SMALLER, "2 % settling time of the norm of the errors, each relative to its largest",
+    "s", SMALLER, "2 % settling time of the norm of the errors, each divided by its maximum",
     is_feature_based=True,
 )  # fmt: skip
 def error_settled(run: Run) -> float:
@@ -374,7 +417,7 @@ def smallest_singular_value(run: Run) -> float:
     is_feature_based=True,
 )  # fmt: skip
 def condition_L(run: Run) -> float:
-    """Largest condition number of L over all images, in the directions that the features model."""
+    """Largest condition number of L over all images, without uncontrolled twist components."""
     found = condition_number(run.singular_L)
     return float(np.nanmax(found)) if not np.isnan(found).all() else np.nan
 
@@ -424,7 +467,7 @@ def images_late(run: Run) -> float:
 
 
 @metric(
-    "ms", NEITHER, "clock of the recorder; negative if the recorder had not yet received the time"
+    "ms", NEITHER, "time of arrival by the recorder's clock; negative if this clock was late"
 )
 def delay(run: Run) -> float:
     """Mean time from an exposure until the recorder received the image."""

@@ -11,7 +11,13 @@ import numpy as np
 import scipy  # scipy.stats, which takes 0.5 s to import, is imported at its first use
 
 CONFIDENCE = 0.95
-RESAMPLES, BATCH = 2000, 200  # of the bootstrap; a batch limits its memory
+# Number of resamples of the bootstrap, and number of resamples that are in memory together.
+RESAMPLES, BATCH = 2000, 200
+# Rank tests are exact up to this number of pairs, or of values in both samples together. At 50, an
+# exact test takes 8 ms, and in 200 normal samples with p from 0.01 to 0.1, the normal approximation
+# differed by at most 7 % of p.
+MAX_EXACT = 50
+TIE_DIGITS = 9  # differences whose binary mantissas are equal to this number of decimals are ties
 
 
 @dataclass(frozen=True)
@@ -46,14 +52,16 @@ def proportion(hits: int, count: int, confidence: float = CONFIDENCE) -> Estimat
 def median(values: Sequence[float]) -> Estimate:
     """Estimate the median of the finite values with a percentile bootstrap interval.
 
-    The bootstrap has a fixed seed, so the same values always give the same interval.
+    The bootstrap has a fixed seed, so the same values always give the same interval. A single value
+    has no interval.
     """
-    known = np.asarray(values, float)
-    known = known[np.isfinite(known)]
+    known = _select_finite(values)
     if not known.size:
         return Estimate(np.nan, np.nan, np.nan, 0)
     middle = float(np.median(known))
-    if known.size < 2 or np.ptp(known) == 0.0:
+    if known.size == 1:
+        return Estimate(middle, np.nan, np.nan, 1)
+    if np.ptp(known) == 0.0:
         return Estimate(middle, middle, middle, known.size)
     rng = np.random.default_rng(0)
     medians = [
@@ -65,26 +73,57 @@ def median(values: Sequence[float]) -> Estimate:
     return Estimate(middle, float(low), float(high), known.size)
 
 
+def rate(values: Sequence[float]) -> Estimate:
+    """Estimate the rate of 1 among the known values, 0 or 1, with Wilson's interval."""
+    known = _select_finite(values)
+    return proportion(int(known.sum()), known.size)
+
+
+def quartiles(values: Sequence[float]) -> Estimate:
+    """Return the median of the finite values, and their quartiles as lower and upper bound."""
+    known = _select_finite(values)
+    if not known.size:
+        return Estimate(np.nan, np.nan, np.nan, 0)
+    low, middle, high = np.quantile(known, [0.25, 0.5, 0.75])
+    return Estimate(float(middle), float(low), float(high), known.size)
+
+
 @dataclass(frozen=True)
 class Comparison:
     """Comparison of two samples.
 
     before: rate, or median of the finite values, of the first sample.
     after: rate or median of the second sample.
-    p: p-value: probability that chance alone gives at least such a difference.
+    p: p-value: probability that chance alone gives at least such a difference; NaN if one of the
+        samples is empty.
     paired: True if the samples are compared in pairs.
-    count: number of pairs; for samples without pairs, size of the smaller sample.
+    counts: sizes of both samples; in pairs, both are the number of pairs.
     """
 
     before: float
     after: float
     p: float
     paired: bool
-    count: int
+    counts: tuple[int, int]
+
+    @property
+    def count(self) -> int:
+        """Number of pairs, or of runs of the smaller sample."""
+        return min(self.counts)
+
+    @property
+    def least_p(self) -> float:
+        """Smallest p-value that samples of these sizes can have.
+
+        It is the p-value of the exact tests if all differences have the same sign: 2 / 2^n for n
+        pairs, and 2 / binomial(n + m, n) for samples of n and m runs.
+        """
+        n, m = self.counts
+        return min(2.0**-n if self.paired else 1.0 / scipy.special.comb(n + m, n), 0.5) * 2.0
 
 
 def compare_rates(before: Sequence[float], after: Sequence[float], paired: bool) -> Comparison:
-    """Compare successes (0 or 1) with McNemar's test if they are paired, else with Fisher's test.
+    """Compare binary values (0 or 1) with McNemar's test in pairs, otherwise with Fisher's test.
 
     Both tests are exact.
     """
@@ -94,40 +133,100 @@ def compare_rates(before: Sequence[float], after: Sequence[float], paired: bool)
         a, b = a[known], b[known]
         better, worse = int((b > a).sum()), int((b < a).sum())
         p = float(scipy.stats.binomtest(better, better + worse).pvalue) if better + worse else 1.0
+        p = p if len(a) else np.nan
     else:
         a, b = a[np.isfinite(a)], b[np.isfinite(b)]
         counts = [[int(x.sum()), int(len(x) - x.sum())] for x in (a, b)]
-        p = float(scipy.stats.fisher_exact(counts).pvalue) if len(a) and len(b) else 1.0
-    return Comparison(_compute_mean(a), _compute_mean(b), p, paired, min(len(a), len(b)))
+        p = float(scipy.stats.fisher_exact(counts).pvalue) if len(a) and len(b) else np.nan
+    return Comparison(_compute_mean(a), _compute_mean(b), p, paired, (len(a), len(b)))
 
 
 def compare_values(before: Sequence[float], after: Sequence[float], paired: bool) -> Comparison:
     """Compare the values of a metric in two samples.
 
     The test is the Wilcoxon signed-rank test if the samples are paired, and otherwise the
-    Mann-Whitney U test.
+    Mann-Whitney U test. Both are exact for small samples, also with ties, and otherwise use the
+    normal approximation. Pairs without a difference are omitted.
     """
     a, b = np.asarray(before, float), np.asarray(after, float)
     if paired:
         known = np.isfinite(a) & np.isfinite(b)
         a, b = a[known], b[known]
-        differ = len(a) and not np.array_equal(a, b)
-        p = float(scipy.stats.wilcoxon(b, a).pvalue) if differ else 1.0
+        p = _test_signed_ranks(b - a) if len(a) else np.nan
     else:
         a, b = a[np.isfinite(a)], b[np.isfinite(b)]
-        p = float(scipy.stats.mannwhitneyu(b, a).pvalue) if len(a) and len(b) else 1.0
-    return Comparison(_compute_median(a), _compute_median(b), p, paired, min(len(a), len(b)))
+        p = _test_rank_sum(b, a) if len(a) and len(b) else np.nan
+    return Comparison(_compute_median(a), _compute_median(b), p, paired, (len(a), len(b)))
+
+
+def _test_signed_ranks(differences: np.ndarray) -> float:
+    """Return the two-sided p-value of Wilcoxon's signed-rank test.
+
+    Exactly, it is the fraction of all choices of signs whose sum of positive ranks is at least as
+    far from its mean as the observed one.
+    """
+    mantissas, exponents = np.frexp(differences[differences != 0.0])
+    nonzero = np.ldexp(np.round(mantissas, TIE_DIGITS), exponents)
+    if not nonzero.size:
+        return 1.0
+    if nonzero.size > MAX_EXACT:
+        return float(scipy.stats.wilcoxon(nonzero, method="asymptotic").pvalue)
+    ranks = _rank(np.abs(nonzero))
+    fractions = np.ones(1)  # fractions of the choices with each sum of ranks
+    for rank in ranks:
+        fractions = 0.5 * (np.pad(fractions, (0, rank)) + np.pad(fractions, (rank, 0)))
+    return _sum_tails(fractions, ranks[nonzero > 0.0].sum(), 0.5 * ranks.sum())
+
+
+def _test_rank_sum(first: np.ndarray, second: np.ndarray) -> float:
+    """Return the two-sided p-value of the Mann-Whitney U test.
+
+    Exactly, it is the fraction of all choices of the first sample from the values of both whose sum
+    of ranks is at least as far from its mean as the observed one.
+    """
+    values, count = np.concatenate([first, second]), len(first)
+    if values.size > MAX_EXACT:
+        return float(scipy.stats.mannwhitneyu(first, second, method="asymptotic").pvalue)
+    ranks = _rank(values)
+    choices = np.zeros((count + 1, ranks.sum() + 1))  # number with each size and sum of ranks
+    choices[0, 0] = 1.0
+    for rank in ranks:
+        choices[1:, rank:] += choices[:-1, : choices.shape[1] - rank].copy()
+    fractions = choices[count] / choices[count].sum()
+    return _sum_tails(fractions, ranks[:count].sum(), ranks.sum() * count / values.size)
+
+
+def _rank(values: np.ndarray) -> np.ndarray:
+    """Return twice the rank of each value, an integer; equal values have their mean rank."""
+    _, index, counts = np.unique(values, return_inverse=True, return_counts=True)
+    return (2 * np.cumsum(counts) - counts + 1)[index]
+
+
+def _sum_tails(fractions: np.ndarray, observed: int, mean: float) -> float:
+    """Return the sum of the fractions of all sums that are as far from the mean as `observed`."""
+    distance = np.abs(np.arange(fractions.size) - mean)
+    is_extreme = distance >= abs(observed - mean) * (1.0 - 1e-12)
+    return min(float(fractions[is_extreme].sum()), 1.0)
 
 
 def holm(p: Sequence[float]) -> list[float]:
-    """Adjust p-values for multiple comparisons by Holm's step-down correction."""
-    order = np.argsort(p)
-    adjusted = np.zeros(len(p))
+    """Adjust p-values for multiple comparisons by Holm's step-down correction.
+
+    A p-value that is NaN remains NaN and does not count as a comparison.
+    """
+    known = np.flatnonzero(np.isfinite(p))
+    order = known[np.argsort(np.asarray(p)[known])]
+    adjusted = np.full(len(p), np.nan)
     worst = 0.0
     for rank, index in enumerate(order):
-        worst = max(worst, min((len(p) - rank) * p[index], 1.0))
+        worst = max(worst, min((len(known) - rank) * p[index], 1.0))
         adjusted[index] = worst
     return adjusted.tolist()
+
+
+def _select_finite(values: Sequence[float]) -> np.ndarray:
+    found = np.asarray(values, float)
+    return found[np.isfinite(found)]
 
 
 def _compute_mean(values: np.ndarray) -> float:

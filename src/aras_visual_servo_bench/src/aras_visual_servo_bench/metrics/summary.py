@@ -153,9 +153,9 @@ def find_best_runs(
 ) -> set[int]:
     """Return the indices of the successful runs with the best value of a quantity.
 
-    Values that are printed with the same digits are equal. The result is empty if no runs can be
-    compared: because too few of them succeeded, because all values are equal, or because the
-    quantity depends on features that differ between the runs.
+    Values that are printed with the same digits count as equal. The result is empty if too few
+    runs succeeded, if all values are equal, or if the quantity depends on features that differ
+    between the runs.
     """
     quantities = [{q.key: q for q in column}.get(key) for column in columns]
     comparable = {i: q for i, q in enumerate(quantities)

@@ -44,7 +44,7 @@ class IdealCamera(FreeCamera):
 
         Args:
             arm: true kinematics of the camera.
-            calibrated_body: kinematics of the camera that the controller assumes.
+            calibrated_body: kinematics that the controller assumes.
             q: initial coordinates (6,).
             imaging: settings of the camera.
             seed: seed of the noise.
@@ -82,9 +82,10 @@ class IdealCamera(FreeCamera):
 
 
 class ExactIK(DifferentialIK):
-    """Inverse kinematics of the ideal camera; the twist of the task is scaled to the speed limits.
+    """Inverse kinematics of the ideal camera.
 
-    The velocities of the coordinates are those that lead to the camera pose at the next image.
+    The twist of the task is scaled down to respect the speed limits. The velocities of the
+    coordinates are constant and lead to the pose that the camera has at the next image.
     """
 
     def __init__(
@@ -93,7 +94,7 @@ class ExactIK(DifferentialIK):
         """Set the limits.
 
         Args:
-            body: kinematics of the camera that the controller assumes.
+            body: kinematics that the controller assumes.
             rate: number of images per second.
             max_speed: maximum absolute value of each translational (m/s) and of each rotational
                 (rad/s) component of the twist; None: no limits.
@@ -105,9 +106,9 @@ class ExactIK(DifferentialIK):
     def solve(
         self, q: np.ndarray, task: Task, dt: float, previous: np.ndarray | None = None
     ) -> IKSolution:
-        """Return the scaled twist of the task; see DifferentialIK.solve.
+        """Return the scaled twist of the task, and the velocities of the coordinates.
 
-        `dt` and `previous` have no effect.
+        `dt` and `previous` have no effect. See DifferentialIK.solve.
         """
         twist = task.twist / max(1.0, float((np.abs(task.twist) / self._max_speed).max()))
         moved = self.arm.pose(q) @ exponential(twist * self._period)

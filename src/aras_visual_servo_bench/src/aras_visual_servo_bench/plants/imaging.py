@@ -465,7 +465,7 @@ def _interpolate_rolling_shutter(pixels: np.ndarray, bands: Sequence[RowBand]) -
         Pixels (n, 2) of the points.
     """
     rows = np.array([0.5 * (band.first + band.last - 1) for band in bands])
-    ahead = pixels[..., 1] - rows[:, None]  # rows between the exposed row and the point
+    ahead = pixels[..., 1] - rows[:, None]  # row of each point minus the exposed row, px
     after = np.maximum(np.argmax(ahead <= 0.0, axis=0), 1)
     after = np.where((ahead > 0.0).all(axis=0), len(bands) - 1, after)
     n = np.arange(pixels.shape[1])

@@ -18,7 +18,8 @@ from .base import JointReading, Plant, Reading
 from .free_body import FreeBody
 from .imaging import NS, ImagingSettings, collect_vibrations, make_exposure_schedules
 
-# Joint states have a stamp 1 ms after the start of each period, as in the simulation with physics.
+# Time from the start of each joint state period to the stamp of its joint state, ns. It is that of
+# the simulation with physics.
 JOINT_PHASE_NS = 1_000_000
 
 
@@ -138,7 +139,10 @@ class KinematicPlant(Plant):
         self._displace(motion)
 
     def _to_motion(self, rates: np.ndarray) -> np.ndarray:
-        """Convert the rates of the coordinates (n,) into the velocity to which the lag applies."""
+        """Convert the rates (n,) of the coordinates into the velocity that lags behind commands.
+
+        This velocity consists of the joint velocities of an arm, or is the twist of a free camera.
+        """
         return rates
 
     @abstractmethod
@@ -147,9 +151,10 @@ class KinematicPlant(Plant):
 
     @abstractmethod
     def _displace(self, motion: np.ndarray) -> None:
-        """Move the coordinates by a motion (n,).
+        """Change the coordinates by a motion (n,), the time integral of a joint velocity or twist.
 
-        The motion is the integral of a velocity as returned by `_to_motion`."""
+        Coordinates are clipped to the range that the plant can reach.
+        """
 
 
 class KinematicArm(KinematicPlant):

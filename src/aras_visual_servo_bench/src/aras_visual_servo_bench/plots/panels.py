@@ -131,7 +131,7 @@ def _make_curves(
     run: Run, names: Sequence[str], table: np.ndarray, members: Iterable[int], more: str = "",
     **look: bool,
 ) -> list[Curve]:  # fmt: skip
-    """Return a curve for some columns of a table.
+    """Return one curve for each of the selected columns of a table.
 
     Args:
         run: run whose images define the times.
@@ -191,9 +191,10 @@ def make_error_panels(runs: Sequence[Run]) -> list[Panel]:
 
 
 def _compute_error_norm(run: Run) -> np.ndarray:
-    """Compute the norm (n,) of the errors at each image, divided by the norm at the first image.
+    """Compute the norm (n,) of the errors at each image, relative to the first image.
 
-    Before, the error of each feature is divided by its largest value.
+    The error of each feature is first divided by its maximum over all images. The norm of these
+    errors is then divided by its value at the first image with a measurement.
     """
     size = np.linalg.norm(normalize_errors(run.error), axis=1)
     known = size[np.isfinite(size)]
@@ -314,7 +315,8 @@ def _select_limits(lines: Iterable[tuple[float, str]]) -> tuple[tuple[float, str
 def make_conditioning_panels(runs: Sequence[Run]) -> list[Panel]:
     """Return panels of the condition numbers of L and L J, the manipulability and the scale factor.
 
-    The scale factor is the factor by which joint limits slow the task, 1 if they do not.
+    The scale factor, 0 to 1, is the factor by which speed and acceleration limits of the joints
+    reduce the desired twist.
     """
     ratios = [
         _make_run_curves(runs, name, lambda run, key=key: condition_number(getattr(run, key)))
@@ -334,7 +336,7 @@ def make_conditioning_panels(runs: Sequence[Run]) -> list[Panel]:
         ]  # fmt: skip
     for title, name, key, span in (
         ("manipulability", "manipulability", "manipulability", (None, None)),
-        ("factor by which limits slowed the task", "scale", "scale", (-0.05, 1.1)),
+        ("factor by which limits reduced the twist", "scale", "scale", (-0.05, 1.1)),
     ):  # fmt: skip
         curves = _make_run_curves(runs, name, lambda run, key=key: getattr(run, key))
         found += make_panel(title, name, "", curves, span=span)

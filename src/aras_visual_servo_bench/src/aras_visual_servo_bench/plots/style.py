@@ -150,14 +150,17 @@ def make_axes(
         panel_height: height of a row, inches.
         columns: number of columns.
         is_wide: True for a figure that extends over the whole page.
-        width: width of each column with its labels, inches; None for fixed margins.
+        width: width of each column with its labels, inches; None for fixed margins. In a paper, the
+            figure has the width of the style instead.
         margins: margins around and between the axes. With TIME_MARGINS, the axes also share their
             time axis, and the labels are aligned.
         options: options of Figure.subplots.
     """
+    if width is not None and is_paper():
+        width = find_figure_width() / columns
     rows, part = -(-count // columns), 0.66 if is_paper() else 1.0
     if width is not None:
-        size = (width * columns, panel_height * rows)
+        size = (width * columns, part * panel_height * rows)
         figure = ReportFigure(figsize=size, layout="constrained")
     else:
         scaled = Margins(*(part * inches for inches in margins))
@@ -217,7 +220,7 @@ def format_log_axis(axis: Axes) -> None:
         between = (1.0, 2.0, 5.0) if high < 50.0 * low else (1.0,)
         axis.yaxis.set_major_locator(LogLocator(subs=between))
         axis.yaxis.set_major_formatter("{x:g}")
-    elif not is_paper():  # the font of a paper has no superscript minus sign
+    elif not is_paper():  # plain text such as 10⁻³; the font of a paper lacks the character ⁻
         axis.yaxis.set_major_formatter(FuncFormatter(_format_power))
     axis.yaxis.set_minor_formatter(NullFormatter())
 
@@ -267,7 +270,8 @@ def add_legend(axis: Axes, columns: int = 4, **options: object) -> None:
 def add_legend_below(figure: Figure, columns: int, handles: Sequence[Artist] | None = None) -> None:
     """Add a legend at the centre below all axes.
 
-    The bottom margin of the figure is enlarged by the height of all lines but the first.
+    The bottom margin has space for one line of the legend. It is enlarged by the height of further
+    lines.
 
     Args:
         figure: figure of the axes.

@@ -29,7 +29,7 @@ UNITLESS = ("error", "feature")  # axes that are labelled "no unit" if their val
 MAX_NAMES = 12  # largest number of names in a legend
 NARROW_LEGEND = {"handlelength": 1.2, "columnspacing": 0.8}
 MIN_AXIS_RANGE = 0.004  # rad or m, smallest range of an axis of joint positions or velocities
-# Space above the curves, as a fraction of the axis, if the panel defines its lower end.
+# Space above the curves, as a fraction of the axis, if the panel defines the axis's lower end.
 HEADROOM = 0.15
 MIN_LINE_POINTS = 3  # a curve with fewer points is drawn as dots
 DASHES = ("-", (0, (4, 1.5)), (0, (1, 1.2)))
@@ -107,7 +107,7 @@ def draw_panels(
         _draw_panel(axis, panel, styles, columns > 1)
     if is_single:
         add_title(axes[0], title + _make_hints(panels))
-    else:  # a second title would leave no space for the legend with the names of the runs
+    else:  # one title only, because the legend with the names of the runs needs space
         add_title(
             axes[0],
             f"{title} and {layout.second_column.lower()}" if layout.second_column else title,
@@ -214,7 +214,7 @@ def _draw_limits(axis: Axes, limits: Texts) -> None:
     if not limits:
         return
     low, high = axis.get_ylim()
-    if high - low < MIN_AXIS_RANGE:  # otherwise, a joint at rest would look like a moving joint
+    if high - low < MIN_AXIS_RANGE:  # in a smaller range, a joint at rest would appear to move
         middle = 0.5 * (low + high)
         low, high = middle - 0.5 * MIN_AXIS_RANGE, middle + 0.5 * MIN_AXIS_RANGE
     room, far_limits = 0.6 * (high - low), []

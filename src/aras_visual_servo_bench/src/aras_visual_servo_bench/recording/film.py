@@ -51,7 +51,7 @@ def encode_film(images: Iterable[tuple[float, np.ndarray]], count: int) -> Film:
     """
     remaining, level, frames = MAX_BYTES, 0, []
     for number, (stamp, image) in enumerate(images):
-        share = remaining / max(count - number, 1)  # bytes available for this image
+        share = remaining / max(count - number, 1)  # largest size of this image, bytes
         while (
             len(frame := _encode_jpeg(image, *SIZES_AND_QUALITIES[level])) > share
             and level < len(SIZES_AND_QUALITIES) - 1

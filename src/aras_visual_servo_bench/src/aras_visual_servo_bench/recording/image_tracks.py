@@ -145,10 +145,11 @@ def _to_pixels(camera: CameraModel, points: np.ndarray) -> np.ndarray:
 
 
 def find_milestones(run: Run) -> list[float]:
-    """Return the stamps (s) of the images in which the error first fell below each of MILESTONES.
+    """Return the stamps (s) of the images that a report shows.
 
-    The first and the last image are included. Images are selected by their error and not by their
-    time, because little changes during most of a run.
+    They are the first image, the last image, and for each of MILESTONES the first image in which
+    the norm of the normalised errors is at most this fraction of its initial value. Images are not
+    selected by their time, because little changes during most of a run.
     """
     known = np.isfinite(run.error).all(axis=1)
     if not run.names or not known.any():

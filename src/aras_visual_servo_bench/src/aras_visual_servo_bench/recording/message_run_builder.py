@@ -50,7 +50,8 @@ class MessageRunBuilder:
         if not runs:
             raise BenchError(
                 f"{recording.path} has no image that the controller processed: "
-                + (f"its last phase is {all_states[-1].phase}: {all_states[-1].reason}".rstrip(": ")
+                + (f"the controller's last phase is {all_states[-1].phase}: "
+                   f"{all_states[-1].reason}".rstrip(": ")
                    if all_states else
                    "there are no messages of the controller; start it and record again")
             )  # fmt: skip
@@ -130,7 +131,8 @@ class MessageRunBuilder:
         return with_images(run, images, frames)
 
     def _find_camera(self) -> CameraModel | None:
-        with contextlib.suppress(CalibrationError):  # the camera node reports this error
+        # The camera node reports invalid intrinsics when it receives them.
+        with contextlib.suppress(CalibrationError):
             return (
                 None
                 if self._recording.info is None
@@ -148,7 +150,7 @@ class MessageRunBuilder:
         """
         stamps, positions, velocities = [], [], []
         for message in self._recording.joints:
-            if not message.header.stamp:  # the sender had not yet received the simulated time
+            if not message.header.stamp:  # 0: the sender did not know the simulated time yet
                 continue
             indices = {name: i for i, name in enumerate(message.name)}
             if not all(n in indices and indices[n] < len(message.position) for n in names):

@@ -40,7 +40,7 @@ DEFAULT_DURATION = 8.0  # s; used if the controller node had no duration
 
 
 def find_preset(settings: Mapping[str, Any]) -> str | dict[str, Any]:
-    """Return the name of the camera preset that has these settings; without one, the settings."""
+    """Return the name of the camera preset with these settings; if there is none, the settings."""
     folder = Path(PackagePath().find(RobotSpec().cameras)) / "config" / "cameras"
     for file in sorted(folder.glob("*.yaml")):
         if read_yaml(file, ExperimentError) == dict(settings):
@@ -50,7 +50,9 @@ def find_preset(settings: Mapping[str, Any]) -> str | dict[str, Any]:
 
 @dataclass
 class RecordedExperiment:
-    """Recorded description of a run; a property is None or empty if its data cannot be read.
+    """Description of a run that was recorded in its bag.
+
+    A property is None or empty if its data cannot be read.
 
     Attributes:
         content: content of the recorded message; empty if the bag has no such message.
@@ -88,7 +90,7 @@ class RecordedExperiment:
         parameters = find_branch(
             self.content.get("parameters", {}), self.content.get("controller", "")
         )
-        parameters.pop("gains", None)  # dynamic_reconfigure adds this key
+        parameters.pop("gains", None)  # not a parameter of the node: dynamic_reconfigure adds it
         return parameters
 
     @cached_property
@@ -161,7 +163,8 @@ class RecordedExperiment:
                 known = not any(isinstance(t, DepthFraction) for t in instance.tolerances)
                 return tuple(instance.units), tuple(instance.tolerances) if known else ()
             self.notes.append(
-                f"units of the features are unknown: '{scheme}' has other features than in the bag"
+                f"units of the features are unknown: scheme '{scheme}' has other features than in "
+                "the bag"
             )
         return (), ()
 

@@ -34,11 +34,13 @@ class Verdict:
     name: 'goal_reached' or 'goal_missed'; '' if the poses are unknown.
     distance: distance of the camera from its goal, m.
     angle: angle between the orientations of the camera and of its goal, rad.
+    tolerance: maximum distance (m) and angle (rad) at which the goal is reached; NaN if unknown.
     """
 
     name: str
     distance: float
     angle: float
+    tolerance: tuple[float, float] = (float("nan"), float("nan"))
 
     @property
     def is_reached(self) -> bool:
@@ -64,7 +66,7 @@ class Verdict:
             else tolerance
         )
         is_reached = distance <= limits[0] and angle <= limits[1]
-        return cls(REACHED if is_reached else MISSED, distance, angle)
+        return cls(REACHED if is_reached else MISSED, distance, angle, (limits[0], limits[1]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +76,7 @@ class CameraRecord:
     Attributes:
         model: true intrinsics; None if unknown.
         stamp: (p,) time of exposure of each image, s.
-        arrival: (p,) time at which the recorder received each image, s, by the same clock.
+        arrival: (p,) simulated time at which the recorder received each image, s.
         pose: (p, 4, 4) true world_T_camera of each image; empty if unknown.
         images: some of the images, in the order of time: stamp (s) and rgb (rows, columns, 3).
         film: film with more and smaller images, in the order of time: stamp (s) and JPEG; empty: a
@@ -271,14 +273,18 @@ class Run(RunPresentation):
 
     @cached_property
     def rank(self) -> np.ndarray:
-        """Rank of L in each of the n images, in the directions that the features control."""
+        """Rank (n,) of the interaction matrix L in each image.
+
+        Components of the camera twist that the scheme does not control are left out of L.
+        """
         return np.array([state.rank for state in self.states], int)
 
     @cached_property
     def singular_L(self) -> np.ndarray:
         """Singular values (n, p) of the interaction matrix L, largest first.
 
-        Only the directions that the features model are included."""
+        Components of the camera twist that the scheme does not control are left out of L.
+        """
         return pad_rows(state.singular_values_L for state in self.states)
 
     @cached_property
@@ -295,7 +301,7 @@ class Run(RunPresentation):
 
     @cached_property
     def scale(self) -> np.ndarray:
-        """Factor (n,) by which joint limits reduced the desired twist; 1 if they did not."""
+        """Factor (n,) by which speed and acceleration limits reduced the desired twist, 0 to 1."""
         return self._collect_ik_solutions("scale")
 
     def _collect_ik_solutions(self, field_name: str) -> np.ndarray:
@@ -411,7 +417,10 @@ class Run(RunPresentation):
         return None if outline is None else np.column_stack(self.camera.project(*outline.T))
 
     def project_desired_outline(self) -> np.ndarray | None:
-        """Return the corners (c, 2) of the silhouette at the goal pose, px; None if unknown."""
+        """Return the corners (c, 2) of the target's silhouette at the goal pose, px, or None.
+
+        None means that the target, the camera or the goal pose is unknown.
+        """
         return self.project_outline(self.goal_pose, self.end_stamp)
 
 

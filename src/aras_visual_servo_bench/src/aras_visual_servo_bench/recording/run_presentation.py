@@ -102,7 +102,7 @@ class RunPresentation:
 def describe_verdict(verdict: Any) -> str:
     """Describe the verdict of a run with distance and angle of the camera from its goal."""
     if not verdict.name:
-        return "unknown, because the true poses are"
+        return "unknown, because the true poses are unknown"
     if not math.isfinite(verdict.distance):
         return f"{verdict.name}, distance unknown"
     return (f"{verdict.name}, {1e3 * verdict.distance:.3g} mm and "

@@ -52,7 +52,7 @@ OLD_FIELDS = {
     "infeasible_twist": "lost", "computation_time": "computing",
 }  # fmt: skip
 IMAGE, COMPRESSED = "sensor_msgs/Image", "sensor_msgs/CompressedImage"
-CLOCK_TOLERANCE_NS = 500_000_000  # the clock was reset if the stamps jump back by more, ns
+CLOCK_TOLERANCE_NS = 500_000_000  # ns; a larger decrease of the stamps is a reset of the clock
 EXPERIMENT_TOPIC = "experiment"  # last part of the name of the topic with the experiment
 CAMERA_NAMESPACE = "/labrob/camera/"  # topics of the camera that is used if a bag has several
 OPTICAL, LINK = "camera_optical_frame", "camera_link"
@@ -118,7 +118,7 @@ def _find_name(path: Path) -> str:
 def open_bag(path: Path) -> tuple[rosbag.Bag, str]:
     """Open a bag, and return it with a note for the report.
 
-    The note explains that the bag was not closed; it is '' if it was.
+    The note says that the bag was not closed; for a closed bag, the note is ''.
     """
     import rosbag
 
@@ -150,7 +150,7 @@ def _reindex(path: Path) -> rosbag.Bag:
 
 
 def _find_topics(kinds: Mapping[str, str]) -> SimpleNamespace:
-    """Find the topics that a report needs by their types; the name of a missing topic is ''.
+    """Find the topics that a report needs, by message type; the name of a missing topic is ''.
 
     If there are several cameras, the camera of the ARAS robot is preferred.
 
@@ -204,8 +204,8 @@ class BagReader(GraphRecording):
             t.moments: self.add_moments, t.joints: self.joints.append,
             t.info: self._add_info, t.metrics: self._add_metrics,
             t.experiment: self._add_experiment, TF: self._add_tf,
-            # If the bag contains /tf, camera poses are computed only from its messages, because
-            # the stamps of static transforms can be older than the stamps before them.
+            # If the bag contains /tf, a message of /tf_static does not give a camera pose of its
+            # own, because its stamp can be older than those of earlier messages.
             TF_STATIC: self._add_transforms if TF in self._counts else self._add_tf,
         }  # fmt: skip
         # Messages on these topics remain valid after a clock reset.

@@ -271,10 +271,10 @@ def main() -> int:
     server.close()
     dashboard.close()
     for thread in threading.enumerate():
-        if thread.name == "shutdown":  # this thread of rospy unregisters the node
+        if thread.name == "shutdown":  # wait until this thread of rospy has unregistered the node
             thread.join(5.0)
     sys.stdout.flush()
-    os._exit(status)  # a normal exit would wait for threads whose tools are still running
+    os._exit(status)  # a normal exit would wait for threads that run unfinished tools
 
 
 if __name__ == "__main__":

@@ -22,8 +22,8 @@ from ..errors import BenchError
 from .demo_arguments import LAUNCH_FILES, parse
 from .ros_launch import RosLaunch, find_free_port
 
-STARTUP_TIMEOUT = 300.0  # longest time of each step of the start, s of wall time
-# If a step of the start takes longer, a message says which step it is, s of wall time.
+STARTUP_TIMEOUT = 300.0  # longest duration of each step of the startup, s of wall time
+# A message names a step of the startup that takes longer than this, s of wall time.
 SLOW_START_NOTICE = 20.0
 MIN_REAL_TIME_RATIO = 6.0  # longest wall time of a run, divided by its limit of simulated time
 # Longest time for which the controller may hold the arm before servoing starts, s of wall time.
@@ -120,7 +120,8 @@ class Demo:
             self._check_running()
             if time.monotonic() > deadline:
                 seconds = MIN_REAL_TIME_RATIO * self.arguments.timeout
-                _print_status(f"stopped after {seconds:.0f} s of wall time")
+                _print_status(f"stopped after {seconds:.0f} s of wall time: the simulation is too "
+                              "slow on this machine")
                 return
             time.sleep(0.05)
         _print_status(f"not converged within {self.arguments.timeout:.0f} s of simulated time")

@@ -224,11 +224,11 @@ def _parse_target(text: str) -> str:
 
 
 def _teach_goal(arguments: argparse.Namespace, goal: Goal) -> Goal:
-    """Return a goal with the view of the target from the camera's pose in another goal.
+    """Teach a goal for the target that the options select, at the camera pose of another goal.
 
     Args:
         arguments: options of the demo.
-        goal: goal whose pose of the camera is used.
+        goal: goal that gives the camera pose.
 
     Raises:
         ExperimentError: the scheme cannot servo to this view.

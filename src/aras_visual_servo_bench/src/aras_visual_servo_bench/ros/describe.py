@@ -27,7 +27,7 @@ FORMAT_VERSION = 1
 TOPIC = "/aras_visual_servo/experiment"
 CONTROLLER = "/aras_visual_servo_controller"
 PERIOD = 0.2  # time between two queries of the target's pose, s of wall time
-PARAMETER_INTERVAL = 5  # the parameters are queried after so many queries of the target's pose
+PARAMETER_INTERVAL = 5  # number of queries of the target's pose for each query of the parameters
 MAX_GOAL_BYTES = 200_000  # larger goal files are omitted
 
 

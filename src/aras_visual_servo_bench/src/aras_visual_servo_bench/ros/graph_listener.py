@@ -34,7 +34,7 @@ from aras_visual_servo_controller.settings import Settings
 from ..drawing.run_trace import NO_STATE, RunTrace
 from ..drawing.track import RealTimeFactor
 
-# The real-time factor is unknown if no joint state has arrived for longer, s of wall time.
+# Time without a joint state after which the real-time factor is unknown, s of wall time.
 SILENCE_TIMEOUT = 2.0
 
 
@@ -173,7 +173,7 @@ class GraphListener:
 
     def _on_goal(self, message: PoseStamped) -> None:
         position, orientation = message.pose.position, message.pose.orientation
-        with contextlib.suppress(ZeroDivisionError):  # ignore a quaternion of length zero
+        with contextlib.suppress(ZeroDivisionError):  # a pose with a zero quaternion is ignored
             quat = normalise((orientation.x, orientation.y, orientation.z, orientation.w))
             pose = Pose((position.x, position.y, position.z), quat).matrix()
             if np.isfinite(pose).all():
@@ -192,7 +192,7 @@ class GraphListener:
                     self.run_trace.add_image_point("centre", x, y)
 
     def _on_info(self, message: CameraInfo) -> None:
-        with contextlib.suppress(VisionError):  # the camera node reports the error
+        with contextlib.suppress(VisionError):  # the camera node reports invalid intrinsics
             self._camera = CameraModel.from_message(message)
 
 

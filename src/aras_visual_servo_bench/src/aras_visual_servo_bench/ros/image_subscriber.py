@@ -13,8 +13,8 @@ from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.images import decode
 
 QUALITY = 80
-# Buffer of a subscriber, bytes. It holds several images, so that old images do not wait in the
-# socket.
+# Receive buffer of a subscriber, bytes. rospy drops old images only if the buffer holds several
+# images; otherwise they would wait in the socket, and the page would show them late.
 BUFFER_BYTES = 2**24
 OVERLAY_NOTE = "green: detected target \u2002 blue: desired view"
 PLAIN_NOTE = "camera image; the camera node is not running"
@@ -73,7 +73,7 @@ class ImageSubscriber:
         try:
             bgr = np.ascontiguousarray(decode(message).rgb[:, :, ::-1])
         except VisionError:
-            return None  # the camera node reports the error
+            return None  # the camera node reports an image that cannot be decoded
         done, content = cv2.imencode(".jpg", bgr, (cv2.IMWRITE_JPEG_QUALITY, QUALITY))
         return content.tobytes() if done else None
 

@@ -74,7 +74,8 @@ class PageCommands:
         self.selection: dict[str, str] = {}
         self._launch: RosLaunch | None = None
         self._packages = rospkg.RosPack()
-        self._camera: tuple[dict[str, Any] | None, str] = None, ""  # settings and preset name
+        # Settings of the camera in the robot description, and the name of their preset.
+        self._camera: tuple[dict[str, Any] | None, str] = None, ""
         rospy.Subscriber(f"{CONTROLLER}/gains/parameter_updates", Config, self._on_gains)
 
     def list_choices(self) -> dict[str, list[str]]:
@@ -218,8 +219,8 @@ class PageCommands:
         distance, angle = pose_difference(moved, reached)
         if max(distance, angle) < POSE_TOLERANCE:
             return text
-        return (f"{text}; the reachable pose differs by {1e3 * distance:.3f} mm and "
-                f"{math.degrees(angle):.3f} degrees")
+        return (f"{text}; the nearest reachable pose differs from the requested one by "
+                f"{1e3 * distance:.3f} mm and {math.degrees(angle):.3f} degrees")
 
     def _start_nodes(self, scheme: str, law: str, start: str, goal: str) -> str:
         with self._lock:

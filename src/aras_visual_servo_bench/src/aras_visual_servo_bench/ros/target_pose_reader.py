@@ -9,7 +9,7 @@ from geometry_msgs.msg import Pose, PoseStamped
 TARGET = "target"  # name of the target's model in the launch files
 STATE, WORLD = "/gazebo/get_model_state", "/gazebo/get_world_properties"
 TOPIC = "/aras_visual_servo/target"  # topic with the target's pose, latched, for recorders
-# The target has moved if a coordinate (m) or a component of its quaternion has changed by more.
+# Largest change of a coordinate (m) or of a quaternion component of a target at rest.
 MIN_MOTION = 1e-5
 
 

@@ -89,8 +89,9 @@ class ExternalTwistScheme(Scheme):
 class ServoEnv(gymnasium.Env):
     """Gymnasium environment: an episode is a run of an experiment, and a step is one image.
 
-    An action (6,) in [-1, 1] is the camera twist as a fraction of `max_twist`. The camera does not
-    move in directions that the features do not model, as with any scheme.
+    An action (6,) in [-1, 1] is the camera twist as a fraction of `max_twist`. Components of the
+    twist that the scheme does not control have no effect, for example rotations if the scheme
+    controls only the position.
     The observation is either the feature errors (k,) followed by the joints (n,), or the grey image
     (rows, columns), uint8, of the control camera.
     The reward is -|e| / |e0| with the feature errors e and their initial values e0, plus 1 while

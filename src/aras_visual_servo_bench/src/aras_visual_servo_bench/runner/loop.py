@@ -43,7 +43,7 @@ STUCK_OUTCOME = "joints_do_not_follow"
 COLLISION_REMEDY = (
     "start in another posture, or choose start and goal so that the arm stays clear of {}"
 )
-VIBRATION_NOTE = "camera '{}' shakes {}; verdict and camera path are without this vibration"
+VIBRATION_NOTE = "camera '{}' shakes {}; verdict and camera path do not contain this vibration"
 log = logging.getLogger(__name__)
 
 
@@ -260,7 +260,7 @@ class Loop:
             if reading.name not in self.parts.rig.observers:
                 continue
             if delay_ns := self._delays_ns[reading.name]:
-                self._delayed_count += 1  # order of frames that arrive at the same time
+                self._delayed_count += 1  # frames that arrive at the same time retain their order
                 heapq.heappush(pending, (reading.stamp_ns + delay_ns, self._delayed_count, reading))
             else:
                 yield reading
@@ -298,8 +298,8 @@ class Loop:
     def make_run(self) -> Run:
         """Return the record of the run up to the current time."""
         if self.is_over and self.servo.outcome.kind == "running":
-            # The loop only ends at an image with a measurement. In this case, the target was not
-            # visible at the end, but not long enough for the outcome that it is lost.
+            # The loop detects the end of the duration only at an image with a measurement. Here,
+            # the last images have none, but too few of them for the outcome 'target lost'.
             self.servo.time_out(self.experiment.duration)
         outcome = self.servo.outcome
         if self._termination is not None:

@@ -109,8 +109,8 @@ def assemble(
 
     Args:
         experiment: settings of the run.
-        wrap_scheme: function that returns another scheme for the scheme of the experiment, for
-            example a scheme that records the original one; None: the scheme is used unchanged.
+        wrap_scheme: function that receives the scheme of the experiment and returns the scheme to
+            run, for example one that records its output; None: the scheme is used unchanged.
         has_unread_cameras: whether to make the cameras that the scheme does not read, too.
         has_depth: whether every camera delivers depth images, even if the scheme needs none.
 
@@ -211,7 +211,7 @@ def _read_goal_joints(context: SetupContext) -> np.ndarray:
     """Return the joints (n,) of a goal that the experiment gives as joints."""
     try:
         joints = find_start_joints(context.experiment.goal, context.arm, context.settings.package)
-    except ConfigurationError as error:  # its message starts with "parameter ~start"
+    except ConfigurationError as error:  # replace "parameter ~start" at the start of the message
         raise ExperimentError(str(error).replace("parameter ~start", "goal", 1)) from error
     check_within_limits(joints, context.arm, "goal")
     return joints
@@ -343,13 +343,13 @@ def compute_goal(
 ) -> Goal | None:
     """Compute the goal of the calibrated cameras from a goal file.
 
-    Return None if the file lacks data that the scheme needs, or if its goal was taught with another
-    target: with the plates of the demo, but the target is a solid; or with the target of the
-    control camera, but another camera has its own target.
+    Return None, so that the goal is taught, in three cases: the file lacks data that the scheme
+    needs; it lacks data of a camera with its own target; or the target is a solid, and the goal in
+    the file was taught with the plates of the demo.
     """
     goal = loaded_goal.for_cameras(arms)
     if any(context.has_own_target(n) and n not in loaded_goal.cameras for n in context.needs):
-        return None  # the file has no data of these cameras' own targets
+        return None  # the file has no goal of a camera with its own target
     if goal.target is not None and context.target.shape.is_solid:
         return None
     try:

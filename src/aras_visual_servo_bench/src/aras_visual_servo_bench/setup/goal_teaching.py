@@ -93,7 +93,8 @@ def needs_images(context: SetupContext) -> bool:
         return False
     needs = frozenset().union(*context.needs.values())
     solid = any(context.targets[name].shape.is_solid for name in context.needs)
-    # A target in the robot description may differ from the corners that the experiment gives.
+    # A target in the robot description may differ from the corners that the experiment gives, so
+    # its contour and corners are measured in a rendered image.
     in_description = any(context.find_target_spec(name).is_in_description for name in context.needs)
     rendered = (
         RENDERED_NEEDS | SEGMENTED
@@ -184,7 +185,7 @@ def teach_goal(
     control, target = views.pop(rig.control.name), context.target
     depth = target.shape.depth(target.target_T_camera(control.world_T_camera))
     if target.shape.is_solid:
-        depth = None  # `Goal.teach` then uses the depth of the plane
+        depth = None  # `Goal.teach` then uses the depth of `observation.plane`
     observation = rig.merge_observations(control, views) if views else control
     return replace(Goal.teach(context.scheme, observation, name, depth), joints=dict(joints))
 
@@ -222,9 +223,9 @@ def _check_is_target(context: SetupContext, observation: Observation, pose: np.n
         and abs(ratio - 1.0) > AREA_TOLERANCE
     ):
         raise ExperimentError(
-            f"goal: the area of the target in the image is {ratio:.2f} times that of its corners, "
-            "which are flat and at the height z = 0: if it is a link of the robot description, "
-            "set target: {link: NAME}"
+            f"goal: the area of the target in the image is {ratio:.2f} times that of the polygon "
+            "of its corners, which are at z = 0: correct the corners; if the target is a link of "
+            "the robot description, set target: {link: NAME} instead"
         )
 
 

@@ -56,7 +56,7 @@ def make_imaging_settings(
     effects = config.effects
     if is_teaching:  # the camera is at rest, so all rows can be exposed at one instant
         effects = replace(effects, row_time=0.0, exposure_time=0.0)
-    elif not has_images:  # only these effects act on exact features
+    elif not has_images:  # no other effects act on exact features
         effects = Effects(**{key: getattr(effects, key) for key in FEATURE_EFFECTS})
     blind = None
     if config.cutoff_angle is not None:
@@ -85,7 +85,8 @@ def make_imaging_settings(
         row_bands=make_row_bands(effects, config.height),
         vibration=vibration,
         blind_mask=blind,
-        # Only clipping planes that the experiment sets; the description's are for rendered images.
+        # Clipping planes that the experiment sets also limit exact features and drawn images. Those
+        # of the robot description limit only rendered images.
         depth_range=(config.near, config.far) if {"near", "far"} & set(camera.overrides) else None,
     )  # fmt: skip
 

@@ -42,8 +42,8 @@ def read_context(
     """Read the files of an experiment and choose its scheme.
 
     Args:
-        wrap_scheme: function that returns another scheme for the scheme of the experiment; None:
-            the scheme is used unchanged.
+        wrap_scheme: function that receives the scheme of the experiment and returns the scheme to
+            run; None: the scheme is used unchanged.
         has_unread_cameras: whether to include the cameras that the scheme does not read.
         has_depth: whether every camera delivers depth images, even if the scheme needs none.
 
@@ -112,7 +112,8 @@ def read_robot(experiment: Experiment) -> tuple[Experiment, Robot]:
 def _make_robot(experiment: Experiment) -> Robot:
     mounted: Mapping[str, MountedTarget] = {}
     if experiment.plant == "bullet":
-        from .dynamic_arm_setup import find_mounted_targets  # imports the physics engine
+        # Imported only here, because it imports the physics engine.
+        from .dynamic_arm_setup import find_mounted_targets
 
         mounted = find_mounted_targets(experiment)
     return Robot(

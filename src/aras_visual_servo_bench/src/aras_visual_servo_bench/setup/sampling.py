@@ -26,9 +26,9 @@ GUESS_SPREAD = 0.5  # maximum random deviation of an initial guess, rad or m
 # (m, rad). For 67 poses with a solution, no search needed more than ten steps, and no error was
 # larger than EARLY_TOLERANCE after six steps.
 EARLY_STEPS, EARLY_TOLERANCE = 6, 0.1
-# Maximum error of the pose, m and rad. If the goal is tilted by a milliradian, a start that is
-# rotated about the vertical needs a small roll. An arm that cannot roll then has an error of 2e-5,
-# so with a tolerance below that it could reach only two headings.
+# Maximum error of the pose, m and rad. It is larger than 2e-5, so that an arm that cannot roll the
+# camera can start at any rotation about the vertical: if the goal is tilted by a milliradian, such
+# starts need a small roll, and their error without this roll is 2e-5.
 POSE_TOLERANCE = 1e-4
 DAMPING = 1e-3  # damping of the least squares; m or rad of the camera per rad or m of a joint
 
@@ -80,7 +80,9 @@ def draw_start(
                 if not is_in_view(outline, model, sampler.margin):
                     raise ViewError("cut off")
             near = goal_joints
-            if isinstance(arm, Arm):  # start the search with the last joint rotated by -turn
+            # The camera is rotated by `turn` about the vertical, so the search for joints starts
+            # with the last joint rotated by -turn.
+            if isinstance(arm, Arm):
                 near = goal_joints.copy()
                 near[-1] = _wrap_into_limits(near[-1] - turn, arm.lower[-1], arm.upper[-1])
             joints = _find_joints(arm, pose, near, random)

@@ -1,18 +1,28 @@
-"""Comparison of two studies: statistically significant differences of their metrics."""
+"""Tests for significant differences between two studies, or between the cases of one study."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from aras_visual_servo_base.names import suggest
+
 from ..errors import StudyError
-from ..metrics.formatting import make_number_format
-from ..metrics.metrics import GREATER, SMALLER
+from ..metrics.formatting import (
+    choose_unit,
+    format_count,
+    format_quantity,
+    make_number_format,
+)
+from ..metrics.metrics import GREATER, SMALLER, Metric
 from ..metrics.run_tables import import_pandas
 from ..metrics.statistics import Comparison, compare_rates, compare_values, holm
+from .captions import name_group
 from .results import REAL_TIME_MULTIPLE, Results
 
 if TYPE_CHECKING:
@@ -20,20 +30,27 @@ if TYPE_CHECKING:
 
 SIGNIFICANCE_LEVEL = 0.05
 MAX_SHOWN = 20  # maximum number of differences that a printed comparison lists
-# Verdicts about the second study compared with the first. DIFFERS: neither smaller nor greater
-# values of the metric are better, or only the distributions differ, not the medians.
-BETTER, WORSE, DIFFERS, CHANCE = "better", "WORSE", "differs", "chance"
+MIN_PAIRED = 0.9  # fraction of the runs that must have a partner for a paired test
+SCHEME = "scheme"
+# Verdicts about the second study or case, compared with the first. DIFFERS: neither smaller nor
+# greater values of the metric are better, or only the distributions differ, not the medians.
+# UNTESTED: one of the samples has no values.
+BETTER, WORSE, DIFFERS, CHANCE, UNTESTED = "better", "WORSE", "differs", "chance", "untested"
 
 
 @dataclass(frozen=True)
 class Difference:
-    """Result of comparing one metric of two studies in one group of settings.
+    """Result of comparing one metric of two sets of runs.
 
     group: values of the settings that define the group, as text.
     metric: name of the metric.
-    comparison: values of both studies.
-    p: p-value with Holm's correction.
-    verdict: BETTER, WORSE or DIFFERS; CHANCE if the difference is not significant.
+    comparison: values of both samples.
+    p: p-value with Holm's correction; NaN if the difference was not tested.
+    verdict: BETTER, WORSE or DIFFERS; CHANCE if the difference is not significant; or UNTESTED.
+    sides: names of both samples; empty for two studies.
+    unit: unit of the metric.
+    note: why the difference is not tested or cannot be significant, and which other settings of
+        both samples differ; '' if neither applies.
     """
 
     group: str
@@ -41,27 +58,35 @@ class Difference:
     comparison: Comparison
     p: float
     verdict: str
+    sides: tuple[str, str] = ("", "")
+    unit: str = ""
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class _Sample:
+    """Runs on one side of a comparison: rows of results, with their name."""
+
+    name: str
+    results: Results
+    rows: np.ndarray
 
 
 @dataclass(frozen=True, repr=False)
 class StudyComparison:
-    """Differences between the results of two studies; printed, it lists the significant ones.
+    """Differences between two studies or between cases; printed, it lists the significant ones.
 
-    first, second: names of the studies.
-    differences: one per group of settings and metric.
+    names: names of the studies.
+    differences: one per group of settings, pair of cases, and metric.
     """
 
-    first: str
-    second: str
+    names: tuple[str, ...]
     differences: tuple[Difference, ...]
 
     def __repr__(self) -> str:
         """List the most significant differences."""
-        *lines, last = describe_differences(self.differences, is_verbose=False).splitlines()
-        if len(lines) > MAX_SHOWN:
-            lines[MAX_SHOWN:] = [f"… and {len(lines) - MAX_SHOWN} more"]
-        names = [f"{self.first} -> {self.second}"] if self.first != self.second else []
-        return "\n".join([*names, *lines, last])
+        title = f"{' -> '.join(self.names)}\n" if len(set(self.names)) > 1 else ""
+        return title + describe_differences(self.differences, False, MAX_SHOWN)
 
     def to_pandas(self) -> pandas.DataFrame:
         """Return a table with one row per difference.
@@ -69,120 +94,276 @@ class StudyComparison:
         Raises:
             BenchError: pandas is not installed.
         """
-        names = ("group", "metric", "verdict", "before", "after", "p", "count", "paired")
-        rows = [(d.group, d.metric, d.verdict, d.comparison.before, d.comparison.after, d.p,
-                 d.comparison.count, d.comparison.paired) for d in self.differences]  # fmt: skip
+        names = ("group", "first", "second", "metric", "unit", "verdict", "before", "after", "p",
+                 "count", "paired", "note")  # fmt: skip
+        rows = [(d.group, *d.sides, d.metric, d.unit, d.verdict, d.comparison.before,
+                 d.comparison.after, d.p, d.comparison.count, d.comparison.paired, d.note)
+                for d in self.differences]  # fmt: skip
         return import_pandas().DataFrame(rows, columns=list(names))
 
 
 def compare_studies(
-    first: Results, second: Results, by: Sequence[str] = (), metrics: Sequence[str] = ()
-) -> StudyComparison:
-    """Compare two studies; see `Results.compare`."""
-    differences = tuple(find_differences(first, second, by, metrics))
-    return StudyComparison(first.name, second.name, differences)
+    first: Results, second: Results | None = None, by: Sequence[str] = (),
+    metrics: Sequence[str] = (), between: str = "",
+) -> StudyComparison:  # fmt: skip
+    """Compare two studies, or the cases of one study; see `Results.compare`."""
+    differences = tuple(find_differences(first, second, by, metrics, between))
+    names = (first.name,) if second is None else (first.name, second.name)
+    return StudyComparison(names, differences)
 
 
 def find_differences(
-    first: Results, second: Results, by: Sequence[str] = (), metrics: Sequence[str] = ()
-) -> list[Difference]:
-    """Compare success and all metrics that both studies have, in each group of settings.
+    first: Results, second: Results | None = None, by: Sequence[str] = (),
+    metrics: Sequence[str] = (), between: str = "",
+) -> list[Difference]:  # fmt: skip
+    """Compare success and metrics of two studies, or of the values of a key within one study.
 
-    Two runs are a pair if their settings and seeds are equal. Holm's method corrects the p-values
-    for the number of comparisons, because at a significance level of 5 %, one of twenty comparisons
-    would be significant by chance.
+    The tests for pairs of runs are McNemar's test for success and other binary metrics, and
+    Wilcoxon's signed-rank test for other metrics. Without pairs, they are Fisher's exact test and
+    the Mann-Whitney U test. Two runs are a pair if their seeds and all settings that are not
+    compared are equal. If every run has its own seed, the seeds of a pair may differ, provided that
+    its settings identify it, for example a random start. Holm's method corrects the p-values for
+    the number of tests, because at a significance level of 5 %, one of twenty would be significant
+    by chance.
 
     Args:
-        first: results of the first study.
-        second: results of the second study.
-        by: keys whose values define the groups; empty: all keys of the grid and of the cases.
-        metrics: names of the metrics to compare; empty: all metrics.
+        first: results of a study.
+        second: results of another study; None: compare cases of the first study.
+        by: keys whose values define the groups that are compared separately. Empty: for two
+            studies all keys of the grid and of the cases; with `between`, one group of all runs.
+        metrics: names of the metrics to compare; empty: all metrics. Comparisons of schemes omit
+            metrics that depend on the features of the scheme.
+        between: key, or axis of cases, whose values are compared with each other.
 
     Raises:
-        StudyError: the studies have no settings in common, or a metric is unknown.
+        StudyError: there is nothing to compare, a metric is unknown, or values of different schemes
+            cannot be compared.
     """
-    keys = tuple(by) or tuple(k for k in first.parameters if k in second.parameters)
-    one, two = _index_rows(first, keys), _index_rows(second, keys)
-    groups = [values for values in one if values in two]
-    if not groups:
-        raise StudyError(f"{first.name} and {second.name} have no settings of {keys} in common")
-    shared = {m.name for m in second.metrics} - {REAL_TIME_MULTIPLE.name}
-    chosen = [m for m in first.select_metrics(metrics) if m.name in shared]
-    tests: list[tuple[str, str, str, Comparison]] = []
-    for values in groups:
-        group = ", ".join(f"{k}={v}" for k, v in zip(keys, values, strict=True)) or "all"
-        a, b, paired = _pair_rows(one[values], two[values])
-        rates = compare_rates(first.compute_successes()[a], second.compute_successes()[b], paired)
-        tests.append((group, "success", GREATER, rates))
+    if (second is None) == (not between):
+        raise StudyError("nothing to compare: give either two studies, or one study and a key "
+                         "(--between KEY)")
+    if second is None:
+        chosen = _select_comparable(first, between, metrics)
+        pairs = _pair_cases(first, between, by)
+    else:
+        shared = {m.name for m in second.metrics} - {REAL_TIME_MULTIPLE.name}
+        chosen = [m for m in first.select_metrics(metrics) if m.name in shared]
+        pairs = _pair_groups(first, second, by)
+    tests: list[Difference] = []
+    better: list[str] = []
+    for group, one, two in pairs:
+        a, b, is_paired = _pair_rows(one, two)
+        sides, note = (one.name, two.name), _describe_confounding(one, two, between)
+        successes = [s.results.compute_successes()[rows] for s, rows in ((one, a), (two, b))]
+        found = [("success", "", GREATER, compare_rates(*successes, is_paired))]
         for m in chosen:
-            comparison = compare_values(
-                first.read_numbers(m.name)[a], second.read_numbers(m.name)[b], paired
-            )
-            tests.append((group, m.name, m.better, comparison))
-    corrected = holm([comparison.p for *_, comparison in tests])
-    return [
-        Difference(
-            group,
-            name,
-            comparison,
-            p,
-            _find_verdict(better, comparison) if p < SIGNIFICANCE_LEVEL else CHANCE,
-        )
-        for (group, name, better, comparison), p in zip(tests, corrected, strict=True)
-    ]
+            compare = compare_rates if m.is_binary else compare_values
+            values = [s.results.read_values(m)[rows] for s, rows in ((one, a), (two, b))]
+            found.append((m.name, m.unit, m.better, compare(*values, is_paired)))
+        for name, unit, direction, comparison in found:
+            tests.append(Difference(group, name, comparison, comparison.p, "", sides, unit, note))
+            better.append(direction)
+    corrected = holm([d.p for d in tests])
+    return [_judge(d, p, direction)
+            for d, p, direction in zip(tests, corrected, better, strict=True)]  # fmt: skip
 
 
-def describe_differences(differences: Sequence[Difference], is_verbose: bool) -> str:
+def _judge(difference: Difference, p: float, better: str) -> Difference:
+    """Return a difference with the corrected p-value, its verdict and a note."""
+    comparison, notes = difference.comparison, [difference.note] if difference.note else []
+    if math.isnan(p):
+        verdict = UNTESTED
+        middles = (comparison.before, comparison.after)
+        empty = [side or number for side, number, middle in zip(
+            difference.sides, ("the first", "the second"), middles, strict=True)
+            if math.isnan(middle)]  # fmt: skip
+        both = "no pair of runs has both values" if comparison.paired else ""
+        notes.insert(0, both or f"no run of {' and '.join(empty)} has a value")
+    elif p < SIGNIFICANCE_LEVEL:
+        verdict = _find_verdict(better, comparison)
+    else:
+        verdict = CHANCE
+        if comparison.least_p >= SIGNIFICANCE_LEVEL:
+            number = format_count(comparison.count, "pair" if comparison.paired else "run")
+            notes.insert(0, f"too few for p < {SIGNIFICANCE_LEVEL:g}: {number}")
+        elif comparison.before == comparison.after and comparison.p == 1.0:
+            notes.insert(0, "no difference")
+    return replace(difference, p=p, verdict=verdict, note="; ".join(notes))
+
+
+def describe_differences(
+    differences: Sequence[Difference], is_verbose: bool, limit: int | None = None
+) -> str:
     """Return the significant differences as text, sorted by p-value, and the number of comparisons.
 
     is_verbose: whether to list all differences.
+    limit: maximum number of differences that are listed; None: no limit.
     """
-    significant = [d for d in differences if d.verdict != CHANCE]
+    significant = [d for d in differences if d.verdict not in (CHANCE, UNTESTED)]
+    untested = [d for d in differences if d.verdict == UNTESTED]
+    tested = len(differences) - len(untested)
     listed = list(differences) if is_verbose else sorted(significant, key=lambda d: d.p)
-    lines = []
-    for d in listed:
-        number = make_number_format((d.comparison.before, d.comparison.after))
-        pairs = f"{d.comparison.count} {'pairs' if d.comparison.paired else 'runs'}"
-        lines.append(
-            f"{d.verdict:<7} {d.metric:<18} {number(d.comparison.before)} -> "
-            f"{number(d.comparison.after)}  "
-            f"p {d.p:.2g}  {pairs}  {d.group}"
-        )
+    lines = [_describe_difference(d) for d in listed[:limit]]
+    lines += [f"… and {len(listed) - len(lines)} more"] if len(listed) > len(lines) else []
     lines.append(
-        f"{len(significant)} of {len(differences)} differences are significant (Holm, "
+        f"{len(significant)} of {tested} differences are significant (Holm, "
         f"α = {SIGNIFICANCE_LEVEL:g})"
     )
+    weak = [d for d in differences
+            if d.verdict == CHANCE and d.comparison.least_p >= SIGNIFICANCE_LEVEL]
+    if weak:
+        lines.append(
+            f"{len(weak)} of them have too few runs to be significant: repeat each setting more "
+            "often (`repeats`), or compare larger groups (`by`)"
+        )
+    if untested:
+        names = ", ".join(dict.fromkeys(d.metric for d in untested))
+        lines.append(f"{len(untested)} differences of {names} are not tested, because one side has "
+                     "no values")  # fmt: skip
+    if not is_verbose:
+        notes = dict.fromkeys(d.note for d in significant if d.note)
+        lines += [f"Note: {note}" for note in notes]
     return "\n".join(lines)
 
 
-def _index_rows(results: Results, keys: Sequence[str]) -> dict[tuple, dict[tuple, int]]:
-    """Return the row index of each run in a nested mapping.
-
-    The keys of the outer mapping are the values of `keys`; the keys of an inner mapping are the
-    values of all other settings that vary, such as the seed."""
-    random_keys = {variation.key for variation in results.study.random_variations}
-    others = sorted(key for key in results.study.keys if key not in (*keys, "seed"))
-    columns = {key: results.read_column(key) for key in ("seed", *others)}
-    varied = [column for key, column in columns.items()
-              if key == "seed" or key in random_keys or len(set(column)) > 1]  # fmt: skip
-    return {
-        values: {tuple(column[row] for column in varied): int(row) for row in rows}
-        for values, rows in results.group_rows(keys).items()
-    }
+def _describe_difference(d: Difference) -> str:
+    values = (d.comparison.before, d.comparison.after)
+    unit, size = choose_unit(d.unit, values)
+    number = make_number_format([value / size for value in values])
+    before, after = (number(value / size) for value in values)
+    pairs = format_count(d.comparison.count, "pair" if d.comparison.paired else "run")
+    p = "p –" if math.isnan(d.p) else f"p {d.p:.2g}"
+    sides = f"{' -> '.join(d.sides)}  " if any(d.sides) else ""
+    note = f"  ({d.note})" if d.note else ""
+    return (f"{d.verdict:<8} {d.metric:<18} {before} -> {format_quantity(after, unit)}  {p}  "
+            f"{pairs}  {sides}{d.group}{note}")  # fmt: skip
 
 
-def _pair_rows(
-    first: dict[tuple, int], second: dict[tuple, int]
-) -> tuple[np.ndarray, np.ndarray, bool]:
-    """Return the rows of both studies, and whether they are paired.
 
-    The rows are paired if at least 90 % of the runs have a counterpart in the other study; runs
-    without a counterpart are then omitted.
+# -- what is compared -----------------------------------------------------------------------------
+
+
+def _pair_groups(
+    first: Results, second: Results, by: Sequence[str]
+) -> Iterator[tuple[str, _Sample, _Sample]]:
+    """Yield each group of settings that two studies have in common, with its runs in both studies.
     """
-    both = [key for key in first if key in second]
-    if both and len(both) >= 0.9 * max(len(first), len(second)):
-        return np.array([first[k] for k in both]), np.array([second[k] for k in both]), True
-    return np.array(list(first.values())), np.array(list(second.values())), False
+    keys = tuple(by) or tuple(k for k in first.parameters if k in second.parameters)
+    one, two = first.group_rows(keys), second.group_rows(keys)
+    groups = [values for values in one if values in two]
+    if not groups:
+        raise StudyError(f"{first.name} and {second.name} have no settings of {keys} in common: "
+                         "compare studies with some equal values of these keys, or name other keys")
+    for values in groups:
+        group = name_group(keys, values) if keys else "all"
+        yield group, _Sample("", first, one[values]), _Sample("", second, two[values])
+
+
+def _pair_cases(
+    results: Results, between: str, by: Sequence[str]
+) -> Iterator[tuple[str, _Sample, _Sample]]:
+    """Yield each pair of values of a key in each group of runs, with the runs of both values.
+
+    An entry is the name of the group, and the runs with the first and with the second value.
+
+    Raises:
+        StudyError: the study does not vary the key, draws it at random, or has one value of it.
+    """
+    if between not in results.study.keys:
+        known = suggest(between, results.parameters)
+        raise StudyError(f"{results.name} does not vary '{between}': {known}")
+    if between not in results.parameters:
+        raise StudyError(f"{between} is drawn at random: --between needs a key with a list of "
+                         "values, or an axis of cases")  # fmt: skip
+    if between in by:
+        raise StudyError(f"{between} is given with --between and --by: keep one of them")
+    if len(set(map(str, results.read_column(between)))) < 2:
+        value = results.read_column(between)[0]
+        raise StudyError(f"all stored runs of {results.name} have {between}={value}, so there is "
+                         "nothing to compare: run the missing cases first, or name another key")
+    column = results.read_column(between)
+    for values, rows in results.group_rows(by).items():
+        group = name_group(by, values) if by else "all"
+        sides: dict[object, list[int]] = {}
+        for row in rows:
+            sides.setdefault(column[row], []).append(int(row))
+        for one, two in itertools.combinations(sides, 2):
+            yield group, *(_Sample(f"{between}={value}", results, np.array(sides[value]))
+                           for value in (one, two))  # fmt: skip
+
+
+def _select_comparable(results: Results, between: str, names: Sequence[str]) -> list[Metric]:
+    """Return the metrics that can be compared between the values of a key.
+
+    Raises:
+        StudyError: `names` contains a metric that depends on the features of the scheme, but the
+            compared runs have different schemes.
+    """
+    study = results.study
+    is_scheme = between == SCHEME or any(
+        SCHEME in case.set for case in study.case_axes.get(between, ())
+    )
+    chosen = [m for m in results.select_metrics(names)
+              if names or m.name != REAL_TIME_MULTIPLE.name]  # fmt: skip
+    unlike = [m.name for m in chosen if m.is_feature_based and is_scheme]
+    if names and unlike:
+        raise StudyError(f"{unlike[0]} depends on the features of the scheme, so that values of "
+                         "different schemes cannot be compared: leave it out")  # fmt: skip
+    return [m for m in chosen if m.name not in unlike]
+
+
+# -- pairs ----------------------------------------------------------------------------------------
+
+
+def _pair_rows(one: _Sample, two: _Sample) -> tuple[np.ndarray, np.ndarray, bool]:
+    """Return the rows of both samples, and whether they are paired.
+
+    The rows are paired if at least 90 % of the runs have a partner, which has the same seed and the
+    same settings; runs without a partner are then left out. If this gives no pairs, partners need
+    only the same settings, provided that these identify each run.
+    """
+    varied = _find_varied_keys(one, two)
+    for keys in (["seed", *varied], varied):
+        if not keys:
+            continue
+        indices = [_index_rows(sample, keys) for sample in (one, two)]
+        if any(len(index) < len(s.rows) for index, s in zip(indices, (one, two), strict=True)):
+            continue
+        first, second = indices
+        both = [key for key in first if key in second]
+        if both and len(both) >= MIN_PAIRED * max(len(first), len(second)):
+            return np.array([first[k] for k in both]), np.array([second[k] for k in both]), True
+    return one.rows, two.rows, False
+
+
+def _index_rows(sample: _Sample, keys: Sequence[str]) -> dict[tuple, int]:
+    """Return the row of each run of a sample, by the run's values of some keys."""
+    columns = [sample.results.read_column(key, sample.rows) for key in keys]
+    return {tuple(column[i] for column in columns): int(row) for i, row in enumerate(sample.rows)}
+
+
+def _find_varied_keys(one: _Sample, two: _Sample) -> list[str]:
+    """Return the settings, except the seed, that vary within at least one of two samples."""
+    shared = [k for k in one.results.study.keys if k in two.results.study.keys and k != "seed"]
+    return sorted(
+        key for key in shared
+        if any(len(set(s.results.read_column(key, s.rows))) > 1 for s in (one, two))
+    )  # fmt: skip
+
+
+def _describe_confounding(one: _Sample, two: _Sample, between: str) -> str:
+    """Describe other settings than the compared key that differ between two cases; '' if none."""
+    if not between:
+        return ""
+    found = []
+    for key in one.results.parameters:
+        if key in (between, "seed"):
+            continue
+        values = [set(map(str, s.results.read_column(key, s.rows))) for s in (one, two)]
+        if not values[0] & values[1]:
+            shown = [min(v) if len(v) == 1 else "several values" for v in values]
+            found.append(f"{key} ({shown[0]}, {shown[1]})")
+    return f"they also differ in {', '.join(found)}" if found else ""
 
 
 def _find_verdict(better: str, comparison: Comparison) -> str:

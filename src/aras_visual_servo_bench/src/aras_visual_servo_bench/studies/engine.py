@@ -63,7 +63,7 @@ def is_success(values: dict[str, object], judged: str = success.name) -> bool:
         values: row of the results.
         judged: name of the metric that is 1 for a success.
     """
-    return values.get(judged, 1.0) == 1.0 and values["outcome"] not in (
+    return values.get(rows.find_column_name(judged), 1.0) == 1.0 and values["outcome"] not in (
         rows.REFUSED, rows.FAULT, rows.DIED, rows.LATE,
     )  # fmt: skip
 
@@ -152,7 +152,8 @@ def dry_run(study: Study, workers: int) -> list[str]:
 
     workers: number of parallel workers on which the estimated time is based.
     """
-    tried = [rows.compute_row(study, 0) for _ in range(2)]  # the first run also loads libraries
+    # Run 0 is tried twice, because the first attempt also loads libraries.
+    tried = [rows.compute_row(study, 0) for _ in range(2)]
     wall_times = [one.times[0]["wall"] for one in tried]
     seconds = min(wall_times) * study.run_count / max(workers, 1)
     lines = [
@@ -167,6 +168,6 @@ def dry_run(study: Study, workers: int) -> list[str]:
         text = ", ".join(f"{k}={v}" for k, v in settings.items())
         lines.append(f"run {run}: {text or 'base experiment'}; seed {study.compute_seed(run)}")
     first = tried[-1].values[0]
-    if first["outcome"] in (rows.REFUSED, rows.FAULT):  # the estimated time is then wrong
+    if first["outcome"] in (rows.REFUSED, rows.FAULT):  # then the estimate above is wrong
         lines.append(f"run 0 as tried: {first['outcome']}: {first['reason']}")
     return lines

@@ -245,7 +245,7 @@ class DaskPool(Pool):
             if self.cluster is None:
                 asyncio.run(_check_scheduler(address))
             client = self._distributed.Client(address, timeout=ANSWER_TIMEOUT, set_as_default=False)
-        except (OSError, ValueError) as error:  # TimeoutError is an OSError
+        except (OSError, ValueError) as error:  # a timeout is an OSError, too
             reason = read_first_line(error)
             raise StudyError(
                 f"no scheduler answers at {address} ({reason}): start one, or correct the address"
@@ -346,7 +346,7 @@ def _configure_dask() -> Any:
     """Configure Dask with short histories and few self-checks; return its module `distributed`."""
     try:
         import dask
-        import distributed  # import it before dask.config.set, because it overrides settings
+        import distributed  # imported before dask.config.set, because the import sets defaults
     except ModuleNotFoundError as error:
         raise make_missing_library_error(error.name, "studies") from None
 
@@ -368,8 +368,8 @@ def _configure_dask() -> Any:
         "distributed.admin.tick.cycle": "60s",
         "distributed.admin.tick.limit": "1h",
         "distributed.admin.system-monitor.interval": TICK_PERIOD,
-        # On an overloaded machine, a worker may not answer for minutes or may start slowly. These
-        # timeouts prevent that it is regarded as lost.
+        # On an overloaded machine, a worker may start slowly, or may not answer for minutes. With
+        # these timeouts, Dask does not regard it as lost.
         "distributed.scheduler.worker-ttl": None,
         "distributed.comm.timeouts.connect": CONNECT_TIMEOUT,
         "distributed.comm.timeouts.tcp": CONNECT_TIMEOUT,

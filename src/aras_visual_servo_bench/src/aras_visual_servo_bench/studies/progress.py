@@ -58,7 +58,8 @@ class Progress:
         self.failed += failed
         self._workers = max(workers, 1)
         for row in times:
-            if row["worker"] in self._warm_workers:  # the first run of a worker may compile code
+            # The first run of a worker may compile code, so its time is not counted.
+            if row["worker"] in self._warm_workers:
                 self._timed_runs += 1
                 self._wall_time += row.get("wall", 0.0)
             self._warm_workers.add(row["worker"])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,11 +26,12 @@ from . import rows
 from . import study_folder as folders
 from .study import Study
 from .study_folder import StudyFolder
+from .tolerance import Tolerance, find_tolerance
 
 if TYPE_CHECKING:
     import pandas
 
-SHOWN_ENDS = 4  # in the description
+SHOWN_ENDS = 4  # largest number of different outcomes that the text of Results lists
 REAL_TIME_MULTIPLE = Metric(
     "real_time_multiple", "", metrics.GREATER,
     "wall time of the worker, stored in a separate file",
@@ -116,7 +118,7 @@ class Results:
         count = self.table.num_rows
         ends = pc.value_counts(self.make_end_column()).to_pylist()
         ends.sort(key=lambda end: -end["counts"])
-        is_judged = self.study.judged in self.table.column_names
+        is_judged = rows.find_column_name(self.study.judged) in self.table.column_names
         success = f", {self.compute_successes().sum():.0f} with success" if is_judged else ""
         shown = [f"{end['values']} ({end['counts']})" for end in ends[:SHOWN_ENDS]]
         if len(ends) > SHOWN_ENDS:
@@ -143,26 +145,30 @@ class Results:
         return frame
 
     def compare(
-        self, other: Results, by: Sequence[str] = (), metrics: Sequence[str] = ()
-    ) -> Any:
-        """Test the differences between these results and those of another study for significance.
+        self, other: Results | None = None, by: Sequence[str] = (), metrics: Sequence[str] = (),
+        between: str = "",
+    ) -> Any:  # fmt: skip
+        """Test which differences from another study, or between own cases, are significant.
 
-        Runs are paired if their settings and seeds are equal; p-values are corrected for the number
-        of comparisons by Holm's method.
+        Runs are paired if their seeds and the settings that are not compared are equal; p-values
+        are corrected for the number of comparisons by Holm's method. `find_differences` describes
+        the tests.
 
         Args:
-            other: results of the study that is compared with this one.
-            by: keys that define the groups; empty: those of the grid and the cases.
+            other: results of the study that is compared with this one; None: compare own cases.
+            by: keys that define the groups that are compared separately. Empty: for two studies
+                those of the grid and the cases; with `between`, one group of all runs.
             metrics: names; empty: all.
+            between: key, or axis of cases, whose values are compared with each other.
 
         Returns:
             A StudyComparison, which prints the significant differences.
 
         Raises:
-            StudyError: the studies have no settings in common, or a metric is unknown.
+            StudyError: there is nothing to compare, or a metric is unknown.
         """
         compare = import_later("aras_visual_servo_bench.studies.compare:compare_studies")
-        return compare(self, other, by, metrics)
+        return compare(self, other, by, metrics, between)
 
     def write_csv(self, path: Path) -> int:
         """Write a CSV file with one row per run; return the number of rows.
@@ -187,13 +193,18 @@ class Results:
         random_keys = {variation.key for variation in self.study.random_variations}
         return tuple(key for key in self.study.keys if key not in random_keys)
 
-    def read_column(self, name: str) -> list[Any]:
+    def read_column(self, name: str, rows: np.ndarray | None = None) -> list[Any]:
         """Return the values of a column.
+
+        Args:
+            name: name of the column.
+            rows: indices of the rows that are read; None: all.
 
         Raises:
             StudyError: there is no such column; the message suggests a similar name.
         """
-        return self._find_column(name).to_pylist()
+        column = self._find_column(name)
+        return (column if rows is None else column.take(rows)).to_pylist()
 
     def _find_column(self, name: str) -> pa.ChunkedArray:
         if name not in self.table.column_names:
@@ -211,15 +222,37 @@ class Results:
             raise StudyError(f"column '{name}' contains text, not numbers: choose another one")
         return _to_numbers(column)
 
+    def read_values(self, metric: Metric) -> np.ndarray:
+        """Return the values (n,) of a metric, with unknown values as in `Metric.complete_values`.
+
+        Raises:
+            StudyError: the metric is binary, and a run has another value than 0 and 1.
+        """
+        return metric.complete_values(self.read_numbers(metric.name))
+
+    @cached_property
+    def tolerance(self) -> Tolerance:
+        """Tolerance within which the runs are at their goal."""
+        stored = (  # not by earlier versions
+            self.read_numbers(name) if name in self.table.column_names else np.zeros(0)
+            for name in ("distance_tolerance", "angle_tolerance")
+        )
+        return find_tolerance(self.study, *stored)
+
+    @property
+    def judged_metric(self) -> Metric:
+        """Metric that defines success."""
+        return metrics.find_metric(self.study.judged)
+
     def compute_successes(self) -> np.ndarray:
         """Return an array (n,) that is 1 for a successful run and 0 for other runs.
 
         The metric `judged` of the study decides. A run without a value of this metric, for example
         because it raised an error or exceeded the time limit, is not successful.
         """
-        if self.study.judged in self.table.column_names:
-            values = self.read_numbers(self.study.judged)
-            return np.where(np.isnan(values), 0.0, values)
+        judged = rows.find_column_name(self.study.judged)
+        if judged in self.table.column_names:
+            return (self.read_numbers(judged) == 1.0).astype(float)
         failures = pa.array([rows.REFUSED, rows.FAULT, rows.DIED, rows.LATE])
         return _to_numbers(pc.invert(pc.is_in(self._find_column("outcome"), failures)))
 
@@ -228,7 +261,7 @@ class Results:
         return self.make_end_column().to_pylist()
 
     def make_end_column(self) -> pa.ChunkedArray:
-        """Return the result of `describe_ends` as a column."""
+        """Return a text column: each run's outcome, and the verdict if the loop has converged."""
         outcome, verdict = self._find_column("outcome"), self._find_column("verdict")
         both = pc.binary_join_element_wise(outcome, verdict, ", ")
         return pc.if_else(pc.starts_with(outcome, "converged"), both, outcome)
@@ -248,11 +281,17 @@ class Results:
     def select_metrics(self, names: Sequence[str]) -> tuple[Metric, ...]:
         """Return the metrics with these names; if no names are given, all metrics except success.
 
+        `success` is a valid name but never among the returned metrics, because tables, figures and
+        comparisons always contain the success of the runs.
+
         Raises:
             StudyError: the results have no such metric.
         """
-        by_name = {m.name: m for m in self.metrics if m.name != metrics.success.name}
+        success = metrics.success.name
+        by_name = {m.name: m for m in self.metrics if m.name != success}
         for name in names:
-            if name not in by_name:
-                raise StudyError(f"no metric '{name}' in {self.name}: {suggest(name, by_name)}")
-        return tuple(by_name[name] for name in names) if names else tuple(by_name.values())
+            if name not in by_name and name != success:
+                known = [success, *by_name]
+                raise StudyError(f"no metric '{name}' in {self.name}: {suggest(name, known)}")
+        chosen = tuple(name for name in names if name != success) if names else tuple(by_name)
+        return tuple(by_name[name] for name in chosen)

@@ -37,6 +37,7 @@ FIXED_COLUMNS = {
     "run": pa.int64(), "point": pa.int64(), "repeat": pa.int64(), "seed": pa.int64(),
     "outcome": pa.string(), "verdict": pa.string(), "reason": pa.string(), "remedy": pa.string(),
     "images": pa.int64(), "simulated": pa.float64(),
+    "distance_tolerance": pa.float64(), "angle_tolerance": pa.float64(),  # m and rad
 }  # fmt: skip
 LABEL_COLUMNS = ("code", "versions")  # columns whose values are equal in all rows of a study
 TIMES_SCHEMA = pa.schema([
@@ -87,7 +88,7 @@ def compute_row(study: Study, run: int, worker: str = "") -> Rows:
         raise StudyError(str(error)) from error
     except ExperimentError as error:
         values |= {"outcome": REFUSED, "reason": _to_line(error)}
-    except Exception as error:  # an error in code, of the project or of the user
+    except Exception as error:  # a programming error in this project or in the user's code
         values |= {"outcome": FAULT, "reason": _to_line(f"{type(error).__name__}: {error}")}
     release_freed_memory()
     times = {
@@ -148,6 +149,7 @@ def make_blank_row(study: Study, run: int) -> dict[str, Any]:
         **{key: _to_cell(value) for key, value in study.make_settings(point).items()
             if key != "seed"},
         "outcome": "", "verdict": "", "reason": "", "remedy": "", "images": 0, "simulated": 0.0,
+        "distance_tolerance": float("nan"), "angle_tolerance": float("nan"),
         **{find_column_name(name): float("nan") for name in study.metric_names},
     }  # fmt: skip
 
@@ -180,6 +182,8 @@ def make_result_columns(study: Study, run: Run) -> dict[str, Any]:
         "reason": _to_line(run.reason),
         "remedy": _to_line(run.remedy),
         "images": len(run.stamp),
+        "distance_tolerance": run.verdict.tolerance[0],
+        "angle_tolerance": run.verdict.tolerance[1],
         **{find_column_name(name): float(known_metrics.find_metric(name).measure(run))
            for name in study.metric_names},
     }  # fmt: skip

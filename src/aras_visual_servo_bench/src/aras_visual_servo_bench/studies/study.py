@@ -49,7 +49,8 @@ class Case:
     set: settings of the case: values by dotted key of the experiment.
     published: published values, by the name of a metric, 'outcome' or 'verdict'. A text or a whole
         number must agree exactly, another number within 1 %; [minimum, maximum] is a range.
-    elsewhere: values from other publications about similar cases, by the case of another axis.
+    elsewhere: results of similar cases in other publications, as text, by the names of cases of
+        the other axes; they do not affect the runs.
     cases: axes that replace the axes with the same names, for this case only.
     """
 
@@ -165,6 +166,13 @@ class Study(KeywordSettings):
                 known_metrics.find_metric(name)
             except StudyError as error:
                 raise StudyError(f"metrics: {error}") from None
+        columns = {name.rpartition(":")[2] for name in self.metric_names}
+        for key in self.keys:
+            if key in columns:
+                raise StudyError(
+                    f"'{key}' is both a varied key and a metric, which would share one column: "
+                    "leave the metric out, or vary the key in a named axis of cases"
+                )
         if self.judged not in (known_metrics.success.name, *self.metric_names):
             raise StudyError(f"judged is '{self.judged}', which is not among the study's metrics: "
                              f"{suggest(self.judged, self.metric_names)}")  # fmt: skip
@@ -210,7 +218,8 @@ class Study(KeywordSettings):
             raise StudyError(f"{path} is not a study: write keys with values into it")
         values = dict(values)
         base = values.get("experiment")
-        if isinstance(base, str):  # path relative to the folder of the study or the current folder
+        # A path is relative to the folder of the study's file or to the current folder.
+        if isinstance(base, str):
             sibling = Path(path).parent / base
             content = read_yaml(sibling if sibling.is_file() else base, StudyError)
             values["experiment"] = content or {}

@@ -77,7 +77,8 @@ class StudyFolder:
             if folder.has_runs:
                 folder.check_same(study)
                 return folder
-            with folder.lock():  # no run was stored, for example because no scheduler answered
+            # The folder has no stored run, for example because no scheduler answered.
+            with folder.lock():
                 (path / MANIFEST).unlink()
                 (path / STUDY).unlink(missing_ok=True)
         with _catch_write_errors(path):
@@ -320,7 +321,7 @@ class StudyFolder:
         try:
             for kind in self._stable_kinds:
                 path = self.find_part(chunk, kind)
-                if not path.is_file():  # for example a pipe, which could not be read to its end
+                if not path.is_file():  # also excludes a pipe, which has no end when it is read
                     return False
                 data = path.read_bytes()
                 if hashlib.sha256(data).hexdigest() != sums.get(self._find_name(path)):

@@ -6,21 +6,54 @@ import csv
 import io
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..errors import check_formats
 from ..experiment.experiment_keys import find_unit
-from ..metrics.formatting import NO_NUMBER, format_heading, format_value, make_number_format
-from ..metrics.statistics import Estimate, median, proportion
+from ..metrics.formatting import (
+    NO_NUMBER,
+    choose_unit,
+    format_heading,
+    format_value,
+    make_number_format,
+)
+from ..metrics.metrics import Metric, final_distance, success
+from ..metrics.statistics import Estimate, median, quartiles, rate
+from . import captions
+from .latex import escape_tex, format_tex_interval, format_tex_table
 from .results import Results
 
 FORMATS = ("md", "csv", "tex")
+RATE, MEDIAN, QUARTILES = "rate", "median", "quartiles"  # kinds of columns
 FAILURE_HEADING = "commonest failure"
 MAX_REASON_LENGTH = 90  # maximum number of characters of a reason in a cell
 NUMBER = re.compile(r"[-+]?\d+(\.\d+)?")
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column with estimates.
+
+    name: name of the metric.
+    unit: unit of its values.
+    kind: RATE, MEDIAN or QUARTILES.
+    """
+
+    name: str
+    unit: str
+    kind: str
+
+    @property
+    def heading(self) -> str:
+        """Heading of the column, without its unit."""
+        return f"{self.name} {QUARTILES}" if self.kind == QUARTILES else self.name
+
+    def estimate(self, values: np.ndarray) -> Estimate:
+        """Estimate the column's statistic from the values of some runs."""
+        return {RATE: rate, MEDIAN: median, QUARTILES: quartiles}[self.kind](values)
 
 
 @dataclass(frozen=True)
@@ -28,23 +61,29 @@ class Table:
     """Content of a table.
 
     keys: names of the columns with settings.
-    measured: name and unit of each column with estimates.
-    rows: settings and estimates of each row.
+    measured: columns with estimates.
+    rows: settings, number of runs and estimates of each row.
     failures: most frequent failure of each row; empty: the table has no such column.
+    caption: sentences of the caption.
+    notes: sentences about missing values and other things that limit the conclusions.
     """
 
     keys: tuple[str, ...]
-    measured: tuple[tuple[str, str], ...]
-    rows: tuple[tuple[tuple[object, ...], tuple[Estimate, ...]], ...]
+    measured: tuple[Column, ...]
+    rows: tuple[tuple[tuple[object, ...], int, tuple[Estimate, ...]], ...]
     failures: tuple[str, ...] = ()
+    caption: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
 
 def make_table(
     all_results: Sequence[Results], by: Sequence[str] = (), metrics: Sequence[str] = ()
 ) -> Table:
-    """Make a table with the success rate and the medians of metrics of each group of runs.
+    """Make a table with the success rate and estimates of metrics of each group of runs.
 
-    Success rates have Wilson's confidence interval, medians have a bootstrap interval.
+    Binary metrics have their rate with Wilson's interval, other metrics have their median with a
+    bootstrap interval. Next to the success rate, which depends on a tolerance, the table has the
+    quartiles of the final distance.
 
     Args:
         all_results: results of one or more studies.
@@ -55,24 +94,46 @@ def make_table(
     keys = tuple(by) or first.parameters
     chosen = first.select_metrics(metrics)
     many = len(all_results) > 1
-    lines, failures = [], []
+    names = (("study",) if many else ()) + keys
+    has_distance = all(final_distance.name in r.table.column_names for r in all_results)
+    beside = (final_distance,) if has_distance else ()
+    columns = [
+        Column(success.name, "", RATE),
+        *(Column(m.name, m.unit, QUARTILES) for m in beside),
+        *(Column(m.name, m.unit, RATE if m.is_binary else MEDIAN) for m in chosen),
+    ]
+    lines, failures, ends = [], [], []
+    grouped: dict[Metric, list[tuple[str, np.ndarray]]] = {m: [] for m in (*chosen, *beside)}
     for results in all_results:
-        success, ends, reasons = (
+        successes, own_ends, reasons = (
             results.compute_successes(),
             results.describe_ends(),
             results.read_column("reason"),
         )
-        numbers = [results.read_numbers(m.name) for m in chosen]
+        numbers = [successes, *(results.read_values(m) for m in (*beside, *chosen))]
         for values, rows in results.group_rows(keys).items():
-            rate = proportion(int(success[rows].sum()), len(rows))
-            others = tuple(median(n[rows]) for n in numbers)
-            lines.append((((results.name,) if many else ()) + values, (rate, *others)))
-            failures.append(
-                _find_commonest_failure([(ends[i], reasons[i]) for i in rows if not success[i]])
-            )
-    names = (("study",) if many else ()) + keys
-    measured = (("success", ""), *((m.name, m.unit) for m in chosen))
-    return Table(names, measured, tuple(lines), tuple(failures))
+            label = ((results.name,) if many else ()) + values
+            own = [column[rows] for column in numbers]
+            estimates = (column.estimate(n) for column, n in zip(columns, own, strict=True))
+            lines.append((label, len(rows), tuple(estimates)))
+            failed = [(own_ends[i], reasons[i]) for i in rows if not successes[i]]
+            failures.append(_find_commonest_failure(failed))
+            ends += [own_ends[i] for i in rows]
+            group = captions.name_group(names, label)
+            for m, n in dict(zip((*beside, *chosen), own[1:], strict=True)).items():
+                grouped[m].append((group, n))
+    caption = [
+        *captions.describe_success(all_results, chosen), captions.RATES,
+        *([captions.MEDIANS] if any(column.kind == MEDIAN for column in columns) else []),
+        *([captions.QUARTILES] if has_distance else []),
+    ]  # fmt: skip
+    notes = [
+        *(line for m, groups in grouped.items()
+          for line in captions.describe_missing(m, groups, ends)),
+        *captions.describe_repeats(all_results),
+    ]  # fmt: skip
+    return Table(names, tuple(columns), tuple(lines), tuple(failures), tuple(caption),
+                 tuple(notes))  # fmt: skip
 
 
 def _find_commonest_failure(failed: Sequence[tuple[str, str]]) -> str:
@@ -103,90 +164,86 @@ def format_table(table: Table, style: str) -> str:
     return {"md": _format_markdown, "csv": _format_csv, "tex": _format_latex}[style](table)
 
 
-def _make_headings(table: Table) -> list[str]:
+def _make_headings(table: Table, units: Sequence[tuple[str, float]]) -> list[str]:
     keys = [format_heading(key, find_unit(key)) for key in table.keys]
-    measured = [format_heading(*m) for m in table.measured]
-    return [*keys, "runs", *measured, *([FAILURE_HEADING] if table.failures else [])]
+    measured = [format_heading(column.heading, unit)
+                for column, (unit, _) in zip(table.measured, units, strict=True)]  # fmt: skip
+    return [*keys, "runs", *measured]
 
 
-# Function that combines the texts of a value, its lower bound and its upper bound into a cell.
-IntervalFormat = Callable[[str, str, str], str]
+def _list_numbers(table: Table) -> list[list[float]]:
+    """Return, for each column with estimates, its values and the bounds of their intervals."""
+    columns = zip(*(estimates for *_, estimates in table.rows), strict=True)
+    return [[n for e in column for n in (e.value, e.low, e.high)] for column in columns]
 
 
-def _format_cells(table: Table, interval: IntervalFormat, none: str) -> Iterator[list[str]]:
-    """Yield the cells of each row; all numbers of a column have the same format.
+# Function that combines the texts of a value, its lower bound and its upper bound into a cell; the
+# bounds are None without an interval.
+IntervalFormat = Callable[[str, str | None, str | None], str]
+
+
+def _format_cells(table: Table, interval: IntervalFormat, none: str) -> list[list[str]]:
+    """Return the headings and the cells of each row.
+
+    All numbers of a column have the same format and the same unit.
 
     Args:
         table: content of the table.
         interval: function that formats a value with its confidence interval.
         none: text of a missing value.
     """
-    columns = zip(*(estimates for _, estimates in table.rows), strict=True)
-    formats = [make_number_format([n for e in column for n in (e.value, e.low, e.high)])
-               for column in columns]  # fmt: skip
-    for row, (values, estimates) in enumerate(table.rows):
-        known = [e.count and not np.isnan(e.value) for e in estimates]
-        yield [
-            *map(format_value, values), str(estimates[0].count),
-            *(interval(*map(text, (e.value, e.low, e.high))) if is_known else none
-              for text, e, is_known in zip(formats, estimates, known, strict=True)),
-            *([table.failures[row] or none] if table.failures else []),
-        ]  # fmt: skip
+    numbers = _list_numbers(table)
+    units = [choose_unit(column.unit, own)
+             for column, own in zip(table.measured, numbers, strict=True)]  # fmt: skip
+    formats = [make_number_format([n / size for n in own])
+               for (_, size), own in zip(units, numbers, strict=True)]  # fmt: skip
+    lines = [_make_headings(table, units)]
+    for values, count, estimates in table.rows:
+        cells = []
+        for text, (_, size), e in zip(formats, units, estimates, strict=True):
+            if not e.count or np.isnan(e.value):
+                cells.append(none)
+            elif np.isnan(e.low):
+                cells.append(interval(text(e.value / size), None, None))
+            else:
+                cells.append(interval(*(text(n / size) for n in (e.value, e.low, e.high))))
+        lines.append([*map(format_value, values), str(count), *cells])
+    return lines
 
 
 def _format_markdown(table: Table) -> str:
-    heading = _make_headings(table)
-    lines = [heading, ["---"] * len(heading)]
-    for cells in _format_cells(
-        table, lambda value, low, high: f"{value} [{low}, {high}]", NO_NUMBER
-    ):
-        lines.append([cell.replace("|", "\\|") for cell in cells])
+    lines = _format_cells(table, _format_interval, NO_NUMBER)
+    if table.failures:
+        failures = [FAILURE_HEADING, *(one or NO_NUMBER for one in table.failures)]
+        lines = [[*line, failure] for line, failure in zip(lines, failures, strict=True)]
+    lines = [[cell.replace("|", "\\|") for cell in line] for line in lines]
+    lines.insert(1, ["---"] * len(lines[0]))
     text = "\n".join(f"| {' | '.join(line)} |" for line in lines)
-    return f"{text}\n\nRates with Wilson's 95 % interval, medians with a bootstrap 95 % interval.\n"
+    return "\n\n".join([text, *table.caption, *table.notes]) + "\n"
+
+
+def _format_interval(value: str, low: str | None, high: str | None) -> str:
+    return value if low is None else f"{value} [{low}, {high}]"
 
 
 def _format_csv(table: Table) -> str:
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     parts = ("", "_low", "_high", "_n")
-    columns = [name + part for name, _ in table.measured for part in parts]
-    writer.writerow([*table.keys, *columns, *([FAILURE_HEADING] if table.failures else [])])
-    for row, (values, estimates) in enumerate(table.rows):
+    columns = [
+        column.heading.replace(" ", "_") + part for column in table.measured for part in parts
+    ]
+    heading = [*table.keys, "runs", *columns]
+    writer.writerow([*heading, *([FAILURE_HEADING] if table.failures else [])])
+    for row, (values, count, estimates) in enumerate(table.rows):
         numbers = [n for e in estimates for n in (e.value, e.low, e.high, e.count)]
-        writer.writerow([*values, *numbers, *table.failures[row : row + 1]])
+        writer.writerow([*values, count, *numbers, *table.failures[row : row + 1]])
     return out.getvalue()
 
 
-_TEX_ESCAPES = {c: f"\\{c}" for c in "&%$#_{}"} | {
-    "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}",
-    "²": r"$^2$",
-}  # fmt: skip
-
-
-def _escape_tex(text: str) -> str:
-    return "".join(_TEX_ESCAPES.get(c, c) for c in text)
-
-
-def _format_power(number: str) -> str:
-    """Write a number such as 1e-04 as a power of ten for a LaTeX formula."""
-    digits, e, exponent = number.partition("e")
-    return f"{digits} \\cdot 10^{{{int(exponent)}}}" if e else number
-
-
 def _format_latex(table: Table) -> str:
-    """Format a table for the LaTeX package booktabs."""
-    heading, text_columns = _make_headings(table), "l" if table.failures else ""
-    numbers = len(heading) - len(table.keys) - len(text_columns)
-    lines = [
-        r"\begin{tabular}{" + "l" * len(table.keys) + "r" * numbers + text_columns + "}",
-        r"\toprule", " & ".join(map(_escape_tex, heading)) + r" \\", r"\midrule",
-    ]  # fmt: skip
-    for cells in _format_cells(table, _format_tex_interval, "--"):
-        for i in (*range(len(table.keys)), *range(len(table.keys) + numbers, len(heading))):
-            cells[i] = _escape_tex(cells[i])
-        lines.append(" & ".join(cells) + r" \\")
-    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", ""])
-
-
-def _format_tex_interval(value: str, low: str, high: str) -> str:
-    return f"${_format_power(value)}$ {{\\small $[{_format_power(low)}, {_format_power(high)}]$}}"
+    """Format a table as LaTeX table environments, without the column of failures (too wide)."""
+    heading, *body = _format_cells(table, format_tex_interval, "--")
+    settings = len(table.keys)
+    body = [[*map(escape_tex, row[:settings]), *row[settings:]] for row in body]
+    return format_tex_table(heading, body, settings + 1, table.caption, table.notes)

@@ -80,8 +80,8 @@ class Candidate:
     cost: mean of the metric, with a sign such that smaller is better.
     violation: 0 if the target stayed in the image and enough runs succeeded; positive otherwise.
     success: success rate.
-    excursion: largest distance of a target corner from the image centre in any run, in half image
-        sizes.
+    excursion: largest offset of a target corner from the image centre in any run, in half image
+        widths or heights.
     """
 
     values: tuple[float, ...]
@@ -118,10 +118,11 @@ class Tuner:
         for key in keys:
             if key in study.keys or keys.count(key) > 1:
                 raise StudyError(
-                    f"'{key}' is given twice, by the study or by two ranges: remove one of them"
+                    f"'{key}' is varied twice, by the study and a range or by two ranges: remove "
+                    "one of them"
                 )
         if study.cases:
-            raise StudyError("a study with cases cannot be tuned: put them under vary")
+            raise StudyError("a study with cases cannot be tuned: move their settings to vary")
         if not 0.0 <= min_success <= 1.0:
             raise StudyError(f"the minimum success rate is {min_success:g}, must be from 0 to 1")
         self._metric: Metric = known_metrics.find_metric(metric)

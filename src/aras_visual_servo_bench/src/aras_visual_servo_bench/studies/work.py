@@ -65,8 +65,10 @@ def carry_out(task: StudyTask) -> rows.Rows:
         current = versions.read_study_versions(json.loads(task.study))
         difference = versions.describe_difference(dict(task.versions), current)
         if difference:
-            raise StudyError(f"a worker has other versions: {difference}")
-    limit_threads()  # call it for each chunk, because new workers can start at any time
+            raise StudyError(
+                f"a worker has other versions: {difference}; install the same versions there"
+            )
+    limit_threads()  # called for each chunk, because new workers can start at any time
     return _run_isolated_chunk(task) if task.is_isolated else _run_directly(task)
 
 

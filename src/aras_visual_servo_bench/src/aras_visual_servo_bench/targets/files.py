@@ -89,7 +89,8 @@ def write_target(
             faces = [(0, 3, 2), (0, 2, 1)]
             material = f"Kd 1 1 1\nmap_Kd {name}.png\n"
             is_written = cv2.imwrite(str(folder / f"{name}.png"), target.pixels)
-            require(is_written, f"cannot write the target's texture into {folder}")
+            require(is_written,
+                    f"cannot write the target's texture into {folder}: give a writable folder")
         else:
             faces, material = triangulate(vertices[:, :2]), "Kd 0 0 0\n"
         _write_mesh(folder, name, vertices, faces, material)

@@ -27,7 +27,7 @@ from aras_visual_servo_controller.observation.target_geometry import (
 from ..errors import ExperimentError, ViewError, require
 
 ROUNDING = 1e-12  # m; maximum rounding error of a point on the edge of a box
-POSE_TOLERANCE = 1e-9  # minimum change of an element of a pose matrix that is recorded
+POSE_TOLERANCE = 1e-9  # a pose is recorded if an element of its matrix has changed by more
 TIME_TOLERANCE = 1e-7  # s
 MIN_DEPTH = 1e-3  # m; minimum depth of a point that is projected
 IMAGE_FLIP = (1.0, -1.0)  # factors that convert (x, y) with y up to y down, and back

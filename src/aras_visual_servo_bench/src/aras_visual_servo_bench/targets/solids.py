@@ -140,7 +140,7 @@ def read_solid_target(
         raise ExperimentError(f"target.shape: {error}{key}") from error
     if factor == (1.0,) * 3:
         return SolidTarget(solid, path.resolve())
-    written = _write_mesh(corners * factor, path.stem)  # for the tracker, which needs metres
+    written = _write_mesh(corners * factor, path.stem)  # the tracker needs a mesh file in metres
     return SolidTarget(solid, written, coloured_path=path.resolve(), scale=factor)
 
 

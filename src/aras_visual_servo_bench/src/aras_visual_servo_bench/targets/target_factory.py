@@ -149,10 +149,11 @@ def _make_shape(name: str, parameters: Mapping[str, Any]) -> Target:
         raise
     except USER_FAULTS as error:
         raise ExperimentError(
-            f"target shape '{name}': make raised {format_error(error)}"
+            f"target shape '{name}': its method make raised {format_error(error)}"
         ) from error
     require(isinstance(target, Target),
-            f"target shape '{name}': make returned {type(target).__name__}, must return a Target")
+            f"target shape '{name}': its method make returned {type(target).__name__}, must return "
+            "a Target")
     return target
 
 

@@ -136,7 +136,10 @@ class TargetSpec:
 
     @property
     def is_in_description(self) -> bool:
-        """True if the robot description contains the target: it has corners, and no pose is set."""
+        """True if the robot description contains the target.
+
+        This is the case if `shape` gives corners, and no `pose` is set.
+        """
         return isinstance(self.shape, tuple) and not any(self.pose)
 
     def __post_init__(self) -> None:

@@ -53,7 +53,10 @@ class Access:
         if origin is not None and not (
             origin.startswith("http://") and self._is_own(origin.removeprefix("http://"))
         ):
-            return f"requests from pages of {origin[:60]!r} are not allowed"
+            return (
+                f"requests from pages of {origin[:60]!r} are not allowed: open the address that "
+                "the simulator has printed"
+            )
         if not token:
             return "the address has no token: open the address that the simulator has printed"
         if not hmac.compare_digest(token.encode(), self.token.encode()):

@@ -14,8 +14,8 @@ from aras_visual_servo_base.compiled import jit
 
 MAX_CANDIDATES = 4  # edge candidates per point
 MAX_LEVEL_PIXELS = 3  # largest number of pixels whose mean is the grey level on one side of an edge
-# Half of the extra width of the interval over which levels are summed, px. An edge up to this far
-# from its expected place is inside the interval.
+# The interval over which levels are summed is longer than the edge's blur by this length at each
+# end, px. The edge is therefore inside the interval even if it is this far from its expected place.
 SEARCH_SLACK = 0.35
 MAX_DISTANCE = 1.5  # px; largest distance of a measured edge from its expected place
 # Largest deviation of a pixel from the grey level on its side of the edge, as a fraction of the
@@ -222,7 +222,7 @@ def estimate_noise(grey):
             counts[abs(bend)] += 1
             total += 1
     low, high, passed = -1, -1, 0
-    for bend in range(len(counts)):  # find the median
+    for bend in range(len(counts)):  # the median is the mean of `low` and `high`
         passed += counts[bend]
         if low < 0 and 2 * passed >= total:
             low = bend

@@ -26,27 +26,29 @@ from .visible_edges import EdgePoints, sample_visible_edges
 
 # Distance between two points on an edge, px, for the search for edges and for their measurement.
 SEARCH_SPACING, MEASUREMENT_SPACING = 6.0, 4.0
-MIN_POINTS = 60  # if there are fewer points, because the solid is small, the spacing is reduced
+MIN_POINTS = 60  # if a small solid has fewer points, they are sampled at a smaller distance
 SEARCH_RANGE = 10.0  # px; edges are searched up to this distance from their expected place
 # Search ranges for a rough start pose, px. They are tried in this order.
 START_SEARCH_RANGES = (20.0, 10.0, 40.0)
 # Largest number of searches for edges, and of measurements of edges, in one image.
 MAX_SEARCHES, MAX_MEASUREMENTS = 4, 3
-# The search for edges ends, and their measurement starts, after a change of the pose by less, px.
+# In each image, edges are first searched, several times if necessary, and then measured accurately.
+# The search ends as soon as it changes the pose by less than this distance in the image, px.
 MEASUREMENT_RANGE = 0.7
 REPEAT_CHANGE = 0.1  # px; after a larger change of the pose, the edges are measured again
 # Smallest change of grey level at an edge: in grey levels, and as a multiple of the noise.
 MIN_CHANGE, MIN_NOISE_RATIO = 10.0, 3.5
-# Smallest scale of the residuals, px, in the first and in the last step of a fit: for the search,
-# and for the measurement. If a fit started with the last scale, it would reject the edges that
-# disagree with its initial pose, even if this pose is wrong.
+# Lower limits of the estimated standard deviation of the residuals, px: (first step, last step) of
+# a fit, for the search and for the measurement. Residuals of several standard deviations are
+# rejected. If the first limit were as small as the last, a fit with a wrong initial pose would
+# reject correct edges.
 SEARCH_SCALES, MEASUREMENT_SCALES = (0.5, 0.5), (0.3, 0.02)
 EDGE_ACCURACY = 0.03  # px, error of a measured edge in an image without noise
 LEVEL_TOLERANCE = 25.0  # largest difference of a measured grey level from the stored level
-# The solid is lost if there are fewer inliers, or if they are a smaller fraction of the visible
-# points.
+# The solid is lost if fewer than MIN_INLIERS edge points are inliers, or less than the fraction
+# MIN_INLIER_SHARE of the visible edge points.
 MIN_INLIERS, MIN_INLIER_SHARE = 15, 0.45
-DEPTH_SPACING = 8  # one pixel of a depth image is used every so many columns and rows
+DEPTH_SPACING = 8  # px; distance between the pixels of a depth image that are used
 # No search for edges is needed if the fraction of inliers, divided by that of the last image, is
 # above this value.
 MIN_SHARE_RATIO = 0.9
@@ -63,14 +65,15 @@ class TrackedPose:
         covariance: (6, 6) covariance of the pose's error, a translation (m) and a rotation (rad)
             about the middle of the solid in the camera's axes. It is very large in directions that
             the edges do not determine.
-        unrepeatable_part: part of the standard deviations, 0 to 1, that differs between images from
-            the same pose. It is computed from the excess of the residuals over the expected noise
-            and measurement error, and is 1 if the edges do not determine the pose.
+        unrepeatable_part: fraction, 0 to 1, of the error's standard deviations that changes from
+            image to image even if the camera is at rest. It is computed from the excess of the
+            residuals over the expected noise and measurement error. It is 1 if the edges do not
+            determine the pose.
         inlier_share: fraction of the visible edge points whose measured edge agrees with the pose
             (inliers).
         inlier_count: number of inliers.
         residual: rms distance of the inliers from the solid's edges, px.
-        loss_reason: message if the solid is lost, otherwise empty.
+        loss_reason: explanation if the solid is lost, otherwise empty.
     """
 
     camera_T_solid: np.ndarray
@@ -137,7 +140,7 @@ class ModelTracking:
             attempts = [(expected_pose, reach) for reach in START_SEARCH_RANGES]
         else:  # measure the edges at their expected places first, then search for them
             attempts = [(expected_pose, 0.0), (expected_pose, SEARCH_RANGE)]
-        if np.abs(self._motion).max() > 0.0:  # the motion may have stopped: try the last pose, too
+        if np.abs(self._motion).max() > 0.0:  # if the motion has stopped, the last pose is better
             attempts.append((last_pose, SEARCH_RANGE))
         best = None
         for pose, reach in attempts:
@@ -192,7 +195,7 @@ class ModelTracking:
         return self._assess_pose(samples, weight, pose, residuals, A)
 
     def _sample_edges(self, camera: CameraModel, pose: np.ndarray, spacing: float) -> EdgePoints:
-        """Sample the visible edges every `spacing` px, or more densely if there are few points."""
+        """Sample the visible edges every `spacing` px, or closer if there are few points."""
         points = sample_visible_edges(self.solid, camera, pose, spacing)
         if 0 < len(points.solid_points) < MIN_POINTS:
             nearer = max(1.0, spacing * len(points.solid_points) / MIN_POINTS)
@@ -246,8 +249,9 @@ class ModelTracking:
         loss_reason = ""
         if count < MIN_INLIERS or inlier_share < MIN_INLIER_SHARE:
             loss_reason = (
-                f"{self.solid.name} is lost: {count} of {visible_count} points of its edges "
-                "are found near the expected pose"
+                f"{self.solid.name} is lost: {count} of {visible_count} points on its visible "
+                "edges are found near the expected pose; move more slowly, remove occlusions, or "
+                "correct the start pose or the mesh"
             )
         return TrackedPose(
             pose, covariance, unrepeatable_part, inlier_share, count, rms, loss_reason

@@ -6,14 +6,16 @@ of the pose, which move the point by
     dp = v + w x (p - o) / u.
 
 o is a point in the camera's frame. w is an angle multiplied by the length u, so the unit of v and w
-is m. The residuals are
+is m. The residual is
 
-    d - g . (p_xy / p_z - q)  of an edge,      n . (X - p)  of a surface.
+    d - g . (p_xy / p_z - q)   for a point P on an edge,
+    n . (X - p)                for a point X of the depth image.
 
 An edge is expected at the image point q (normalised), and measured at the distance d in px along
-its normal. g is the change of d in px per unit of normalised coordinates. X is a point of the depth
-image. It belongs to a face of the solid with the normal n and the vertex p. The residuals are
-weighted by Tukey's function, whose weight for outliers is zero.
+its normal. g is the change of d in px per unit of normalised coordinates. X is on a face of the
+solid with the unit normal n; p is a vertex of this face. The residuals are weighted by Tukey's
+function, which is zero for outliers. Its scale is the standard deviation of the residuals, which is
+estimated from the median of their absolute values.
 
 References: T. Drummond and R. Cipolla, Real-time visual tracking of complex structures, IEEE PAMI
 24(7), 2002; A. I. Comport, E. Marchand, M. Pressigout and F. Chaumette, Real-time markerless
@@ -29,14 +31,14 @@ from aras_visual_servo_base.compiled import jit, jit_inline
 
 MAX_ITERATIONS = 6  # largest number of Gauss-Newton steps
 CONVERGED_CHANGE = 0.01  # px; the iteration stops after a smaller change of the pose
-SCALE_REDUCTION = 0.3  # each step multiplies the smallest scale of the residuals by this factor
+SCALE_REDUCTION = 0.3  # each step multiplies the lower limit of Tukey's scale by this factor
 # Step size of a motion that the edges do not determine, in radii of the solid (5 mm for a radius of
 # 5 cm).
 MAX_FREE_STEP = 0.1
-# Smallest standard deviation of the points of a depth image, in radii of the solid (0.3 mm for a
-# radius of 5 cm).
+# Lower limit of the estimated standard deviation of the points of a depth image, in radii of the
+# solid (0.3 mm for a radius of 5 cm).
 FLATNESS = 6e-3
-TUKEY_CONSTANT = 4.685  # the weight of residuals beyond this many standard deviations is zero
+TUKEY_CONSTANT = 4.685  # the weight of a residual is zero beyond this many standard deviations
 INLIER_DISTANCE = 1.0  # px; a measured edge is an inlier if it is nearer to the solid's edge
 UNOBSERVABLE_VARIANCE = 1e4  # m^2, variance of a motion that the edges do not determine
 MAD_FACTOR = 1.4826  # ratio of the standard deviation to the median absolute deviation
@@ -58,8 +60,8 @@ def build_edge_equations(
             candidate nearest to the projected point is used.
         weight: (n,) weight of each point.
         T: (4, 4) camera_T_solid.
-        origin, unit: o (3,) and u.
-        min_scale: smallest scale of the residuals, px.
+        origin, unit: o (3,), m, and u, m.
+        min_scale: lower limit of the scale of Tukey's function, px.
 
     Returns:
         A (6, 6); b (6,); the residuals (n,), NaN for a point without a candidate edge.
@@ -153,7 +155,7 @@ def build_surface_equations(vertices, faces, normals, measured_points, T, origin
         vertices, faces, normals: fields of Solid.
         measured_points: (n, 3) normalised x, y of pixels and their depth, m.
         T, origin, unit: as in `build_edge_equations`.
-        min_scale: smallest scale of the residuals, m.
+        min_scale: lower limit of the scale of Tukey's function, m.
 
     Returns:
         A (6, 6); b (6,); the number of points on the solid.
@@ -214,9 +216,9 @@ def build_surface_equations(vertices, faces, normals, measured_points, T, origin
 
 @jit("f8[:,::1], f8[::1], f8[::1]", allocates=False)
 def _remove_motion(A, b, free_motion):
-    """Remove a motion from the normal equations A (v, w) = b; A and b are changed.
+    """Change the normal equations A (v, w) = b so that their solution contains no free motion.
 
-    free_motion: (6,) unit vector along (v, w).
+    free_motion: (6,) unit vector (v, w) of a motion that leaves the solid's surface unchanged.
     """
     component = 0.0
     for i in range(6):
@@ -276,8 +278,8 @@ def fit_pose(solid_points, image_points, gain, edge_offsets, weight, T, first_sc
     Args:
         solid_points, image_points, gain, edge_offsets, weight: as in `build_edge_equations`.
         T: (4, 4) initial camera_T_solid.
-        first_scale, last_scale: smallest scale of the residuals in the first and in the last step,
-            px.
+        first_scale, last_scale: lower limit of the scale of Tukey's function in the first and in
+            the last step, px.
         middle: (3,) middle of the solid in its own frame, m; o is this point in the camera's frame.
         radius: radius of the solid, m, which is used for u.
         free_motions: (k, 6) motions that leave the solid's surface unchanged, one in each row. The
@@ -362,9 +364,10 @@ def assess_pose(residuals, weight, A, free_motion_count, radius):
     Returns:
         The number of inliers, whose residuals are below INLIER_DISTANCE;
         the rms of their residuals, px;
-        the ratio of their weighted squares to the expected value, at least 1;
+        the weighted sum of their squares, divided by its expected value, at least 1;
         the covariance (6, 6) of the pose's error (m, rad) about the solid's middle;
-        True if the edges do not determine a motion that changes the image.
+        True if the edges do not determine some motion of the solid, apart from the motions that
+        leave its surface unchanged.
     """
     count, squares, weighted = 0, 0.0, 0.0
     for n in range(len(residuals)):

@@ -20,8 +20,8 @@ WELD_TOLERANCE = 1e-6
 # by less than FLAT_ANGLE, the faces are one flat face, and the edge is never visible.
 CREASE_ANGLE, FLAT_ANGLE = np.radians(35.0), 1e-4
 MIN_SIZE, MAX_SIZE = 2e-3, 5.0  # m; a mesh outside this range is probably not in metres
-# A motion leaves the surface unchanged if its eigenvalue, divided by the largest eigenvalue, is
-# below this value.
+# Each eigenvector of the surface's slippage matrix (6, 6) is a motion. It leaves the surface
+# unchanged if its eigenvalue, divided by the largest eigenvalue, is below this value.
 FREE_MOTION_TOLERANCE = 1e-4
 # Triangles with a smaller area, as a fraction of the square of the mesh's size, are dropped.
 MIN_TRIANGLE_AREA = 1e-9
@@ -72,7 +72,8 @@ class Solid:
         corners = np.asarray(corners, float)
         if corners.ndim != 3 or corners.shape[1:] != (3, 3) or not np.isfinite(corners).all():
             raise ModelError(
-                f"{name}: the corners of the triangles must be finite numbers of shape (n, 3, 3)"
+                f"{name}: the corners of the triangles must be finite numbers in an array of shape "
+                "(n, 3, 3)"
             )
         size = float(np.ptp(corners.reshape(-1, 3), axis=0).max()) if len(corners) else 0.0
         if size > MAX_SIZE:

@@ -24,7 +24,7 @@ GRAZING_COSINES = (-0.01, 0.03)
 # A face hides a point if it is nearer by at least this fraction of the depth.
 OCCLUSION_TOLERANCE = 2e-3
 NO_EDGE_DISTANCE = 1e6  # px; distance to the next edge if there is no other edge
-BAND = 16  # px; edges are sorted into bands of so many rows, and into bands of so many columns
+BAND = 16  # px; height of the bands of rows and width of the bands of columns that list the edges
 STEP = 1e-4  # step of the numerical derivatives of the lens model, in normalised coordinates
 
 
@@ -304,7 +304,8 @@ def _sample_edges(vertices, faces, normals, edges, edge_faces, is_crease, is_out
                 (front[a] and is_outermost[a]) or (front[b] and is_outermost[b])
             ) and _is_hidden(u, v, w, projected, faces, front_faces, a, b):
                 continue
-            part = s * projected[j, 2] / w  # fraction of the length in space; s is that in px
+            # s is the fraction of the edge's length in the image, part that of its length in space.
+            part = s * projected[j, 2] / w
             for k in range(3):
                 solid_points[found, k] = vertices[i, k] + part * (vertices[j, k] - vertices[i, k])
             image_points[found, 0], image_points[found, 1] = (u - cx) / fx, (v - cy) / fy

@@ -28,8 +28,9 @@ MIN_ROUNDNESS, MAX_ROUNDNESS, COARSE_AREA, MIN_COARSE_ROUNDNESS, MAX_ELONGATION 
 )
 # Margin around a dot's bounding box from which the level of the background is measured, px.
 GROUND_WIDTH = 3
-EDGE_WIDTH = 1.5  # px around a dot that are part of its blurred edge
-DOT_ITERATIONS = 2  # computations of the centre, each from an ellipse about the previous centre
+EDGE_WIDTH = 1.5  # px; width of the blurred edge around a dot
+# The centre is computed twice, each time from the pixels in an ellipse about the previous centre.
+DOT_ITERATIONS = 2
 
 
 @TRACKERS.register("dots")
@@ -65,8 +66,8 @@ class DotTracker(Tracker):
                 dots.append((int(area), left, top, width, height))
         if len(dots) < self.count:
             raise VisionError(
-                f"{len(dots)} of {self.count} dots are in view; each dot must be dark, round and "
-                "separate from the others"
+                f"{len(dots)} of {self.count} dots are in view: move the camera; each dot must be "
+                "dark, round and separate from the others"
             )
         dots.sort(reverse=True)
         return sort_by_angle(

@@ -23,9 +23,10 @@ PROFILE_COUNT, MIN_PROFILES = 48, 10
 class LineTracker(EdgeTracker):
     """The intersections of the four outermost lines of a dark drawing, such as a grid or a frame.
 
-    On each profile across a line, its middle is the mean position, weighted by darkness. The line
-    is fitted to these middles. Profiles that contain another line are not used. The error is a few
-    hundredths of a pixel for any lens.
+    Profiles of grey levels are sampled across each drawn line. On each profile, the middle of the
+    drawn line is the mean position, weighted by darkness. A straight line is fitted to these
+    middles. Profiles that contain another drawn line are not used. The error is a few hundredths of
+    a pixel for any lens.
     """
 
     is_numbered = False
@@ -36,7 +37,8 @@ class LineTracker(EdgeTracker):
         rough, width = self._find_rough_corners(grey, camera, scale)
         lines = []
         for start, end in zip(rough, np.roll(rough, -1, axis=0), strict=True):
-            # The rough side is the outer edge of the line, half a line width away from its middle.
+            # The line's middle is half a line width inside the rough side, which is the outer edge.
+            # The second fit starts from the first, so a smaller range suffices.
             for reach in (1.5 * width + 3.0, width + 2.0):
                 points, direction = self._fit_side(grey, camera, scale, (start, end), reach)
                 along = (np.array([start, end]) - points) @ direction
@@ -56,7 +58,7 @@ class LineTracker(EdgeTracker):
         found, labels, stats, _ = cv2.connectedComponentsWithStats(mask)
         sizes = stats[1:, cv2.CC_STAT_WIDTH] * stats[1:, cv2.CC_STAT_HEIGHT]
         if found < 2 or sizes.max() < MIN_DRAWING_AREA:
-            raise VisionError("no dark drawing is in view")
+            raise VisionError("no dark drawing is in view; move the camera or improve the contrast")
         largest = 1 + int(np.argmax(sizes))
         if find_touched_borders(stats[largest, :4], grey.shape):
             raise VisionError(
@@ -66,14 +68,20 @@ class LineTracker(EdgeTracker):
         rim = max(cv2.findContours(drawing, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0], key=len)
         x, y, valid = camera.normalise(*rim.reshape(-1, 2).T.astype(float))
         if not valid.all():
-            raise VisionError("the dark drawing extends beyond the range of the lens model")
+            raise VisionError(
+                "the dark drawing extends beyond the range of the lens model; move it towards the "
+                "middle of the image"
+            )
         hull = cv2.convexHull((scale * np.column_stack([x, y])).astype(np.float32))
         for part in (0.01, 0.02, 0.03, 0.05, 0.08):
             corners = cv2.approxPolyDP(hull, part * cv2.arcLength(hull, True), True)
             if len(corners) <= 4:
                 break
         if len(corners) != 4:
-            raise VisionError(f"{len(corners)} lines bound the dark drawing, must be 4")
+            raise VisionError(
+                f"{len(corners)} lines bound the dark drawing, must be 4: use a frame or a grid "
+                "with four sides"
+            )
         line_width = 2.0 * float(cv2.distanceTransform(drawing, cv2.DIST_L2, 3).max())
         if line_width > MAX_LINE_WIDTH * np.sqrt(cv2.contourArea(hull)):
             raise VisionError(SOLID_TARGET_REASON)
@@ -106,7 +114,7 @@ class LineTracker(EdgeTracker):
         total = darkness.sum(axis=1)
         is_isolated = np.maximum(darkness[:, 0], darkness[:, -1]) < 0.3 * darkness.max()
         good = is_isolated & (total > 0.0)
-        if good.sum() >= MIN_PROFILES:  # a profile that contains another line has more dark pixels
+        if good.sum() >= MIN_PROFILES:  # reject profiles with another line, which are darker
             typical = np.median(total[good])
             good &= np.abs(total - typical) < 0.25 * typical
         if good.sum() < MIN_PROFILES:

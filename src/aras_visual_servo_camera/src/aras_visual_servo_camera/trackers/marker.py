@@ -44,8 +44,8 @@ class MarkerTracker(EdgeTracker):
     """
 
     # The error is 0.005 px in images without overexposed white. If white is overexposed, an edge is
-    # displaced by some hundredths of a pixel, which depends on its position on the texture's
-    # texels.
+    # displaced by some hundredths of a pixel, depending on where it lies between the texels of the
+    # simulated marker's texture.
     accuracy = 0.025
 
     marker: str | Mapping[str, Any] | MarkerChoice = parameter(
@@ -84,8 +84,12 @@ class MarkerTracker(EdgeTracker):
         rectangle = self.choice.compute_board_corners()
         H, _ = cv2.findHomography(places, np.concatenate(corners))
         if H is None:
-            raise VisionError(f"{self.choice}: its visible markers do not determine its plane")
-        # The error of the board's corners increases if they are outside the visible markers.
+            raise VisionError(
+                f"{self.choice}: the visible markers do not determine its plane; check the "
+                "markers' positions on the board"
+            )
+        # The corners of the board are extrapolated if markers are hidden, which increases their
+        # error.
         beyond = np.ptp(rectangle, axis=0).max() / np.ptp(places, axis=0).max()
         points = cv2.perspectiveTransform(rectangle[None], H)[0]
         return TrackedPoints(points, None, accuracy * max(beyond, 1.0))
@@ -124,7 +128,8 @@ class MarkerTracker(EdgeTracker):
                 if white - black < MIN_CONTRAST:
                     raise VisionError(
                         f"the surroundings of the marker are only {white - black:.0f} grey levels "
-                        f"brighter than its black rim, must be at least {MIN_CONTRAST:.0f}"
+                        f"brighter than its black rim, must be {MIN_CONTRAST:.0f} levels brighter; "
+                        "use more light or a white margin"
                     )
                 # The position of the edge follows from the length of the black part of the profile,
                 # even if the edge is blurred.
@@ -134,7 +139,7 @@ class MarkerTracker(EdgeTracker):
                 place, (dx, dy) = self._fit_robust_line(edge)
                 lines.append((place, np.array([dx, dy])))
                 near = edge[self._is_near(edge, *place, dx, dy)]
-                # Only profiles at a distance of one pixel or more have independent errors.
+                # The errors of profiles less than one pixel apart are not independent.
                 count = min(float(len(near)), RIM_PART * length)
                 sides.append(FittedLine.fit(near, np.array([-dy, dx]), count))
             corners = self._intersect_lines(lines)

@@ -21,7 +21,7 @@ from ..undistortion import CameraModel
 from .base import TRACKERS, TrackedPoints, Tracker
 from .start_pose import StartPose
 
-BEST_ACCURACY = 0.01  # px; error of the points if the pose has no error
+BEST_ACCURACY = 0.01  # px; smallest error of the points, added to the error due to the pose
 
 
 @TRACKERS.register("model")
@@ -29,8 +29,8 @@ BEST_ACCURACY = 0.01  # px; error of the points if the pose has no error
 class ModelTracker(Tracker):
     """The corners of the horizontal rectangle through a solid's middle, computed from its pose.
 
-    With these points, schemes for points and poses can be used with a solid.
-    Solid.compute_section_corners returns them in the solid's frame.
+    With these points, schemes for points and poses can be used with a solid. The method
+    `Solid.compute_section_corners` returns the points in the solid's frame.
 
     Attributes:
         tracking: tracker of the pose; its `tracked_pose` is the pose in the last image.
@@ -78,7 +78,7 @@ class ModelTracker(Tracker):
         found = tracking.track(grey, camera, expected, depth)
         if found.loss_reason:
             if self._world_T_solid is None or self._start_pose.kind == "marker":
-                tracking.start(None)  # start again from the start pose
+                tracking.start(None)  # the next image uses the start pose again
             raise VisionError(found.loss_reason)
         pose = found.camera_T_solid
         if world_T_camera is not None:
@@ -93,9 +93,14 @@ class ModelTracker(Tracker):
 
 
 def _compute_plane(pose: np.ndarray, points: np.ndarray) -> Plane | None:
-    """Return the plane of the points (4, 3), m; return None if the camera is in this plane.
+    """Return the plane z = const. of the solid that contains the points.
 
-    pose: (4, 4) camera_T_solid. The points and the plane are in the camera's frame.
+    Args:
+        pose: (4, 4) camera_T_solid.
+        points: (4, 3) corners of the rectangle in the camera's frame, m.
+
+    Returns:
+        The plane in the camera's frame; None if the camera is in this plane.
     """
     distance = float(pose[:3, 2] @ points[0])
     return Plane(*(pose[:3, 2] / distance).tolist()) if distance else None

@@ -41,7 +41,8 @@ class StartPose:
         """
         if len(entry) != 1 or next(iter(entry)) not in ("pose", "marker", "clicks"):
             raise ModelError(
-                f"model_start must define the start pose of the model by one key: {START_FORMS}"
+                "model_start must define the start pose of the model by exactly one key: "
+                f"{START_FORMS}"
             )
         ((self.kind, value),) = entry.items()
         try:
@@ -53,10 +54,11 @@ class StartPose:
             else:
                 self._clicks = np.array(value, float)
                 if self._clicks.ndim != 2 or self._clicks.shape[1] != 5 or len(self._clicks) < 4:
-                    raise ValueError("it needs at least four rows of five numbers")
+                    raise ValueError("clicks need at least four rows of five numbers")
         except (TypeError, ValueError, KeyError, IndexError, VisionError) as error:
             raise ModelError(
-                f"model_start: {self.kind} is {value}: {error}; must be {START_FORMS}"
+                f"model_start: {self.kind} is {value}, which is invalid ({error}); set one of: "
+                f"{START_FORMS}"
             ) from None
 
     def compute_camera_T_solid(
@@ -110,7 +112,8 @@ def solve_pnp(object_points: np.ndarray, points: np.ndarray) -> np.ndarray:
         or translation[2] <= 0.0
     ):
         raise ModelError(
-            "the points do not determine the pose of the model; use points that are not on one line"
+            "the points do not determine the pose of the model; use at least four points that are "
+            "not on one line, and check their pixels"
         )
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = cv2.Rodrigues(rotation_vector)[0], translation.ravel()

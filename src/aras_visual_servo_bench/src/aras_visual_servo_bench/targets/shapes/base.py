@@ -38,7 +38,10 @@ class TargetShape(ABC):
     is_solid: ClassVar[bool] = False
 
     def __init_subclass__(cls, **options: Any) -> None:
-        """Make every subclass a dataclass, and name it after its class until it is registered."""
+        """Make every subclass a dataclass, and set `name` to the name of the class.
+
+        When the shape is registered, `name` becomes its registered name.
+        """
         super().__init_subclass__(**options)
         cls.name = cls.__name__
         dataclass(frozen=True)(cls)

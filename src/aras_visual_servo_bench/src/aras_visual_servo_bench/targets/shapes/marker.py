@@ -18,7 +18,8 @@ class Marker(FlatShape):
     tracker = "marker"
 
     marker: str = parameter(
-        "", help="number, such as 5 or DICT_5X5_100:5; '': AprilTag 36h11, number 0"
+        "",
+        help="dictionary and number, such as 5 or DICT_5X5_100:5; '' for AprilTag 36h11 number 0",
     )
 
     def make(self) -> Target:
@@ -27,7 +28,7 @@ class Marker(FlatShape):
 
         choice = MarkerChoice.read(self.marker, "target.marker")
         pixels, _ = make_blank_image(self.size)
-        cells = choice.cells + 2  # plus a white border that is one cell wide
+        cells = choice.cells + 2  # cells along a side, with a white border of one cell
         side = min(pixels.shape) // cells * choice.cells
         tag = choice.draw_marker(side)
         top, left = ((n - side) // 2 for n in pixels.shape)

@@ -21,17 +21,17 @@ from aras_visual_servo_base.settings import parameter
 
 from ...errors import StudyError
 from ...metrics.metrics import success
-from ...metrics.statistics import proportion
+from ...metrics.statistics import Estimate, proportion
 from .studies import END, STUDY, Snapshot
 
 OPERATORS = ("=", "≠", "<", "≤", ">", "≥", "contains", "is known", "is not known")
 MAX_ROWS, MAX_GROUPS = 200, 200  # largest numbers of rows and of groups in one answer
 MAX_LISTED_VALUES = 60  # the values of a column are listed if there are at most this many
 MAX_CELLS = 24  # largest number of distinct values for which each value has its own cell
-BINS = 12  # number of cells of a numeric column with more distinct values
+BINS = 12  # number of cells of a numeric column with more than MAX_CELLS distinct values
 MAX_SHADES = 7  # largest number of colour classes of points; all other values are one more class
 MAX_EXACT_INTEGER = 2**53  # larger integers are not exact in JavaScript
-WIDE_RATIO = 100.0  # cells are logarithmic if the maximum divided by the minimum is larger
+WIDE_RATIO = 100.0  # cells are logarithmic if maximum / minimum is larger than this
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class GroupQuery(RunSelection):
 
     Attributes:
         by: columns that define the groups; each combination of their values is a group.
-        values: columns whose median in each group is computed.
+        values: columns whose median in each group is computed; for binary metrics, it is the rate.
     """
 
     by: tuple[str, ...] = ()
@@ -87,7 +87,7 @@ class MapQuery(RunSelection):
     """Query of a map whose axes are two columns.
 
     Attributes:
-        value: column whose median is computed for each cell; for `success`, it is the rate.
+        value: column whose median is computed for each cell; for binary metrics, it is the rate.
     """
 
     x: str = ""
@@ -219,6 +219,7 @@ def describe_columns(snapshot: Snapshot) -> list[dict[str, Any]]:
         found.append({
             "name": name, "unit": snapshot.units.get(name, ""),
             "role": snapshot.roles.get(name, ""),
+            "is_binary": name == success.name or name in snapshot.binary,
             "kind": kind, "count": len(values),
             "known_count": len(column) - column.null_count,
             "values": sorted(listed, key=lambda v: (isinstance(v, str), v)),
@@ -299,11 +300,11 @@ def divide_into_cells(
     values = encoded.dictionary.to_pylist()
     known = [i for i, v in enumerate(values) if to_json_value(v) is not None]
     if len(known) <= max_cells or not is_number(column):
-        if len(known) > max_cells:  # select the most frequent values
+        if len(known) > max_cells:  # only the most frequent values have a cell
             counts = np.bincount(codes[codes >= 0], minlength=len(values))
             known = sorted(known, key=lambda i: -counts[i])[:max_cells]
         known.sort(key=lambda i: values[i])
-        cell_of_value = np.full(len(values) + 1, -1)  # the last entry, at index -1, is for null
+        cell_of_value = np.full(len(values) + 1, -1)  # the last entry is for unknown values
         cell_of_value[known] = np.arange(len(known))
         labels = [to_json_value(values[i]) for i in known]
         return Cells(labels, [[("=", label)] for label in labels], cell_of_value[codes])
@@ -360,12 +361,36 @@ def read_numbers(snapshot: Snapshot, name: str, at: np.ndarray) -> np.ndarray:
     return column.cast(pa.float64()).to_numpy()[at]
 
 
+def compute_rates(values: np.ndarray, group: np.ndarray, count: int) -> list[Estimate]:
+    """Estimate the rate of 1 among the known values of each group, with Wilson's interval."""
+    is_valid = np.isfinite(values) & (group >= 0)
+    values, group = values[is_valid], group[is_valid]
+    sizes = np.bincount(group, minlength=count)
+    hits = np.bincount(group, values, minlength=count)
+    return [proportion(int(h), int(size)) for h, size in zip(hits, sizes, strict=True)]
+
+
+def _summarize_values(
+    snapshot: Snapshot, name: str, at: np.ndarray, group: np.ndarray, count: int
+) -> list[list[float]]:
+    """Return the median of each group, or the rate of a binary metric with its interval."""
+    values = read_numbers(snapshot, name, at)
+    if name == success.name:
+        values = np.nan_to_num(values)
+    elif name in snapshot.binary:
+        values = snapshot.binary[name].complete_values(values)
+    else:
+        return [[float(middle)] for middle in compute_medians(values, group, count)]
+    return [[e.value, e.low, e.high] for e in compute_rates(values, group, count)]
+
+
 def compute_groups(snapshot: Snapshot, query: GroupQuery) -> dict[str, Any]:
     """Return the groups of the selected runs.
 
-    Each group has its values, the number of its runs, the success rate with Wilson's interval, the
-    medians, and the most frequent failure. At most MAX_GROUPS groups are listed; `count` is the
-    number of all groups.
+    Each group has its values, the number of its runs, the success rate with Wilson's interval, an
+    estimate of each column, and the most frequent failure. An estimate is a list: the median; or,
+    of a binary metric, the rate and the bounds of Wilson's interval. At most MAX_GROUPS groups are
+    listed; `count` is the number of all groups.
     """
     at = select_rows(snapshot, query)
     cut = [
@@ -380,9 +405,8 @@ def compute_groups(snapshot: Snapshot, query: GroupQuery) -> dict[str, Any]:
     sizes = np.bincount(index[index >= 0], minlength=len(group_ids))
     successes = np.nan_to_num(read_numbers(snapshot, success.name, at)) if len(at) else np.zeros(0)
     hits = np.bincount(index[index >= 0], successes[index >= 0], minlength=len(group_ids))
-    medians = [
-        compute_medians(read_numbers(snapshot, name, at), index, len(group_ids))
-        for name in query.values
+    estimates = [
+        _summarize_values(snapshot, name, at, index, len(group_ids)) for name in query.values
     ]
     failures = _find_failures(snapshot, at, index, successes)
     listed = []
@@ -400,7 +424,7 @@ def compute_groups(snapshot: Snapshot, query: GroupQuery) -> dict[str, Any]:
                        for bound in one.bounds[p]],
             "runs": int(sizes[i]), "rate": [to_json_value(v)
                 for v in (rate.value, rate.low, rate.high)],
-            "medians": [to_json_value(float(m[i])) for m in medians],
+            "estimates": [[to_json_value(v) for v in own[i]] for own in estimates],
             "failure": failures.get(i, ""),
         })  # fmt: skip
     return {"count": int((sizes > 0).sum()), "groups": listed}
@@ -442,12 +466,8 @@ def compute_success_map(snapshot: Snapshot, query: MapQuery) -> dict[str, Any]:
     group = np.where((x.at < 0) | (y.at < 0), -1, y.at * width + x.at)
     count = width * height
     sizes = np.bincount(group[group >= 0], minlength=count)
-    if query.value == success.name:
-        good = np.nan_to_num(read_numbers(snapshot, success.name, at))
-        hits = np.bincount(group[group >= 0], good[group >= 0], minlength=count)
-        values = np.divide(hits, sizes, out=np.full(count, np.nan), where=sizes > 0)
-    else:
-        values = compute_medians(read_numbers(snapshot, query.value, at), group, count)
+    summaries = _summarize_values(snapshot, query.value, at, group, count)
+    values = np.array([first for first, *_ in summaries]).reshape(count)
     return {
         "x": {"labels": x.labels, "bounds": x.bounds},
         "y": {"labels": y.labels, "bounds": y.bounds},

@@ -136,8 +136,18 @@ def _list_studies(snapshot: Snapshot, query: StudiesQuery) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def _rank_difference(difference: compare.Difference) -> tuple[int, float]:
+    """Return a sort key: significant differences first, untested ones last, then by p-value."""
+    if difference.verdict == compare.UNTESTED:
+        return 2, 0.0
+    return int(difference.verdict == compare.CHANCE), difference.p
+
+
 def _compare_studies(snapshot: Snapshot, query: ComparisonQuery) -> dict[str, Any]:
-    """Return the differences between two studies: first the significant ones, each by p-value."""
+    """Return the differences between two studies.
+
+    The differences are sorted by `_rank_difference`.
+    """
     first, second = (snapshot.find_study(name) for name in (query.first, query.second))
     for entry in (first, second):
         if entry.results is None:
@@ -151,7 +161,7 @@ def _compare_studies(snapshot: Snapshot, query: ComparisonQuery) -> dict[str, An
              "before": queries.to_json_value(d.comparison.before),
              "after": queries.to_json_value(d.comparison.after),
              "count": d.comparison.count, "paired": d.comparison.paired}
-            for d in sorted(found, key=lambda d: (d.verdict == compare.CHANCE, d.p))
+            for d in sorted(found, key=_rank_difference)
         ],
     }  # fmt: skip
 

@@ -38,7 +38,10 @@ def to_json(message: dict[str, Any]) -> str:
 
 
 class Outbox:
-    """Sends updates and images to one viewer, or stores them until it has acknowledged others."""
+    """Sends updates and images to one viewer.
+
+    While MAX_UNACKNOWLEDGED messages are not acknowledged, updates and images are stored.
+    """
 
     def __init__(self, send: Callable[[str | bytes], None]) -> None:
         self._send = send

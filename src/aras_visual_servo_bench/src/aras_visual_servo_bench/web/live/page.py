@@ -84,7 +84,8 @@ class Page:
         ]  # fmt: skip
         self._samples.append(row)
         self._new_samples.append(row)
-        if len(self._new_samples) > MAX_SAMPLES:  # there are no viewers, so no update is made
+        # Without viewers, no update takes the new samples; a new viewer receives all samples.
+        if len(self._new_samples) > MAX_SAMPLES:
             self._new_samples = []
 
     # -- messages --------------------------------------------------------------------------
@@ -152,7 +153,7 @@ class Page:
         names = set()
         for shape in shapes:
             if shape.kind == TEXT:
-                continue  # the page shows the texts outside the 3-D view
+                continue  # the page shows texts outside the 3-D view
             names.add(shape.name)
             fingerprint = np.round(shape.points, DIGITS).tobytes()
             if self._sent_values.get(f"shape {shape.name}") == fingerprint:

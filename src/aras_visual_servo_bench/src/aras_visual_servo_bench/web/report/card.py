@@ -29,7 +29,7 @@ NO_MOTION = 1e-9
 def make_card(run: Run) -> str:
     """Return the HTML of a run's card, of less than 100 kB and without external resources.
 
-    A line for each part that the run has no data for names the reason.
+    If the run has no data for a part of the card, a line gives the reason.
     """
     colour = GOOD if run.is_success else BAD
     image, curve = _render_image(run), _render_curve(run)
@@ -64,7 +64,7 @@ def explain_missing_data(run: Run) -> list[str]:
     else:
         if gaps := last + 1 - measured:
             found.append(f"The curve has gaps: {gaps} of {count} images have no measurement.")
-        if (lost := count - 1 - last) > 1:  # a run that times out does not measure its last image
+        if (lost := count - 1 - last) > 1:  # the last image of a timed-out run is never measured
             found.append(f"The last {lost} of {count} images have no measurement.")
     if not run.verdict.name:
         found.append("No verdict: the true poses are unknown.")
@@ -103,7 +103,7 @@ def _render_curve(run: Run) -> str:
     """Return the norm of the errors over time; '' with less than two measurements."""
     if np.isfinite(run.error).all(axis=1).sum() < MIN_CURVE_IMAGES or not run.names:
         return ""
-    panels = make_error_panels([run])[-1:]  # the last one is that of the norm
+    panels = make_error_panels([run])[-1:]  # the last panel shows the norm
     with style.apply_style():
         figure = time_plots.draw_panels(panels, [run], "Norm of the errors", Layout(PANEL_HEIGHT))
         if figure is None:

@@ -95,10 +95,9 @@ CHAPTERS: tuple[tuple[Chapter, ...], ...] = (
         panels.make_joint_panels,
              "Positions", Layout(1.25, columns=2, second_column="Speeds"),
              "joints that move the camera"),),
-    (Chapter("conditioning", "Conditioning", "Condition number of L in the directions that it "
-             "models, and of L J, which the controller inverts. Scale: factor by which joint "
-             "limits "
-             "slow the task.", None,
+    (Chapter("conditioning", "Conditioning", "Condition number of L, without components of the "
+             "twist that the scheme does not control, and of L J, which the controller inverts. "
+             "Scale: factor by which speed and acceleration limits reduce the desired twist.", None,
              panels.make_conditioning_panels, "Conditioning", Layout(1.5), MEASURED),
      Chapter("timing", "Timing", "All times are simulated times. The simulator reports the "
                                  "real-time "
@@ -268,7 +267,7 @@ class _ReportWriter:
                 ) from None
 
     def draw_row(self, number: int) -> list[Path]:
-        """Draw the figures of the row with an index into files, and return their paths."""
+        """Draw the figures of row `number`, write them to files, and return the files' paths."""
         with style.apply_style(is_paper=self.paper):
             drawn = [(part.name, part.draw_figure(self.runs)) for part in CHAPTERS[number]]
             drawn = [(name, figure) for name, figure in drawn if figure is not None]

@@ -194,7 +194,7 @@ const rowQuery = () => ({ do: "rows", ...selection(), sort: page.columns.some((c
 // -- map, points, groups ------------------------------------------------------------------------------
 
 function showMap(answer, { x, y, value }) {
-  drawMap($("cells"), $("scale"), answer, { x: column(x), y: column(y), value, unit: column(value).unit, isRate: value === "success" }, addFilters);
+  drawMap($("cells"), $("scale"), answer, { x: column(x), y: column(y), value, unit: column(value).unit, isRate: column(value).is_binary }, addFilters);
 }
 
 let colours = {};
@@ -232,14 +232,15 @@ function showGroups(answer, { by, values }) {
   const heading = (text, number) => { const cell = make("th", text, number ? "number" : ""); cell.scope = "col"; head.append(cell); };
   by.forEach((name) => heading(columnLabel(name), column(name).kind === "number"));
   heading("runs", true); heading("success (%)", true); heading("95 % interval", true);
-  values.forEach((name) => heading(columnLabel(name), true));
+  values.forEach((name) => heading(column(name).is_binary ? `${name} (%)` : columnLabel(name), true));
   heading("most frequent failure");
   const body = table.createTBody();
   for (const group of answer.groups) {
     const row = body.insertRow(), cells = group.values.map((v, i) => [formatValue(v), column(by[i]).kind === "number"]);
     const [rate, low, high] = group.rate;
     cells.push([group.runs, true], [percent(rate), true], [`${percent(low)} – ${percent(high)}`, true],
-      ...group.medians.map((v) => [formatValue(v), true]), [group.failure, false]);
+      ...group.estimates.map(([value, lower, upper]) =>
+        [lower === undefined ? formatValue(value) : `${percent(value)} [${percent(lower)}, ${percent(upper)}]`, true]), [group.failure, false]);
     cells.forEach(([text, number], i) => {
       const cell = row.insertCell();
       cell.className = number ? "number" : "";
@@ -365,8 +366,8 @@ async function compare() {
   const first = $("first").value, second = $("second").value;
   let answer;
   try { answer = await sendQuery({ do: "compare", first, second }); } catch (error) { $("comparison").textContent = error.message; return; }
-  const significant = answer.differences.filter((d) => d.verdict !== "chance"), shown = $("chance").checked ? answer.differences : significant;
-  $("comparison").textContent = `${significant.length} of ${answer.differences.length} comparisons show a significant difference (α = ${answer.level}, Holm).`;
+  const significant = answer.differences.filter((d) => d.verdict !== "chance" && d.verdict !== "untested"), shown = $("chance").checked ? answer.differences : significant;
+  $("comparison").textContent = `${significant.length} of ${answer.differences.filter((d) => d.verdict !== "untested").length} comparisons show a significant difference (α = ${answer.level}, Holm).`;
   if (!shown.length) return;
   const table = $("differences"), head = table.createTHead().insertRow(), body = table.createTBody();
   for (const [text, number] of [["settings"], ["quantity"], [first, true], [second, true], ["second is"], ["p", true], ["compared", true]]) {
@@ -377,7 +378,7 @@ async function compare() {
   for (const d of shown.slice(0, 300)) {
     const row = body.insertRow();
     for (const [text, name] of [[d.group], [columnLabel(d.metric)], [formatValue(d.before), "number"], [formatValue(d.after), "number"],
-      [d.verdict === "chance" ? "no significant difference" : d.verdict.toLowerCase(), d.verdict === "chance" ? "" : d.verdict.toLowerCase()],
+      [{ chance: "no significant difference", untested: "not tested" }[d.verdict] || d.verdict.toLowerCase(), significant.includes(d) ? d.verdict.toLowerCase() : ""],
       [d.p === null ? "–" : d.p.toPrecision(2), "number"], [`${d.count} ${d.paired ? "pairs" : "runs"}`, "number"]]) {
       const cell = row.insertCell();
       cell.textContent = text;

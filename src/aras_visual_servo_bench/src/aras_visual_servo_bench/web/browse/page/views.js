@@ -86,7 +86,7 @@ export function drawMap(table, scale, answer, { x, y, value, unit, isRate }, onP
   title.colSpan = answer.x.labels.length;
   titleRow.append(title);
   const bar = make("i", "", "scale");
-  scale.append(`${plain(low)} `, bar, ` ${plain(high)}${isRate ? " % of the runs succeed" : ` ${formatHeading(value, unit)}, median`}`);
+  scale.append(`${plain(low)} `, bar, ` ${plain(high)}${isRate ? ` % of the runs${value === "success" ? " succeed" : `: ${value}`}` : ` ${formatHeading(value, unit)}, median`}`);
   if (answer.uncounted) scale.append(`; ${answer.uncounted} runs have no value for these axes`);
   return Math.max(...sizes);
 }

@@ -1,0 +1,130 @@
+"""Groups of runs in the figures of studies; each group has a curve, a box, a bar or a map."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ..experiment.experiment_keys import find_unit
+from ..metrics.formatting import format_heading, format_quantity, format_value
+from ..metrics.metrics import final_distance
+from ..studies.results import Results
+from .style import escape_math, is_paper
+
+MAX_GROUPS = 24  # largest number of boxes in a panel; more boxes are not legible
+MAX_CURVES = 8  # largest number of curves in a panel
+MAX_MAPS, MAX_PAPER_MAPS = 12, 6  # largest number of success maps in a figure
+
+
+class RunGroup(NamedTuple):
+    """Runs of a study with the same values of some settings.
+
+    name: label of the group.
+    results: results of the study.
+    rows: (n,) indices of the rows of its runs.
+    """
+
+    name: str
+    results: Results
+    rows: np.ndarray
+
+
+def find_values(all_results: Iterable[Results], key: str) -> list:
+    """Return the distinct values of a column, in the order in which they first appear."""
+    return list(dict.fromkeys(v for r in all_results for v in r.read_column(key)))
+
+
+def find_varied_keys(all_results: Sequence[Results]) -> list[str]:
+    """Return the keys of the grid and the cases that have several values."""
+    return [
+        k for k in all_results[0].parameters if len(set(map(str, find_values(all_results, k)))) > 1
+    ]
+
+
+def limit_groups(
+    all_results: Sequence[Results], keys: Sequence[str], max_groups: int
+) -> Sequence[str]:
+    """Return the longest start of `keys` whose values form at most `max_groups` groups."""
+    while keys and sum(len(r.group_rows(keys)) for r in all_results) > max_groups:
+        keys = keys[:-1]
+    return keys
+
+
+def find_map_limit() -> int:
+    """Return the largest number of success maps in a figure of the current style."""
+    return MAX_PAPER_MAPS if is_paper() else MAX_MAPS
+
+
+def find_pooled_keys(kind: str, all_results: Sequence[Results]) -> list[str]:
+    """Return the varied keys whose values a kind of figure pools into common groups."""
+    keys = find_varied_keys(all_results)
+    if kind == "success":
+        keys, limit = keys[:-2], find_map_limit()
+    else:
+        limit = MAX_CURVES if kind == "distributions" else MAX_GROUPS
+    shown = limit_groups(all_results, keys, limit)
+    return [key for key in keys if key not in shown]
+
+
+def list_groups(
+    all_results: Sequence[Results], keys: Sequence[str], is_long: bool = False
+) -> list[RunGroup]:
+    """Group the runs of each study by the values of some keys.
+
+    is_long: whether the name of a group contains keys and units; False: only values.
+    """
+    found = []
+    for results in all_results:
+        for values, rows in results.group_rows(keys).items():
+            parts = zip(keys, map(format_setting, values), strict=True)
+            name = ", ".join(
+                f"{escape_math(k)} {format_quantity(v, find_unit(k))}" if is_long else v
+                for k, v in parts
+            )
+            if len(all_results) > 1 or not name:
+                name = f"{escape_math(results.name)} {name}".strip()
+            found.append(RunGroup(name, results, rows))
+    return found
+
+
+def group_runs(all_results: Sequence[Results], max_groups: int = MAX_GROUPS) -> list[RunGroup]:
+    """Group the runs of each study by the settings with several values.
+
+    If there would be more than `max_groups` groups, the last settings are not used. In a paper, the
+    names of the groups are short: see `label_groups`.
+    """
+    keys = limit_groups(all_results, find_varied_keys(all_results), max_groups)
+    return list_groups(all_results, keys, is_long=not is_paper())
+
+
+def label_groups(all_results: Sequence[Results], max_groups: int = MAX_GROUPS) -> str:
+    """Return the settings whose values are the names of the groups of `group_runs` in a paper."""
+    keys = limit_groups(all_results, find_varied_keys(all_results), max_groups)
+    return ", ".join(map(label_setting, keys)) if is_paper() else ""
+
+
+def has_final_distance(all_results: Sequence[Results]) -> bool:
+    """Return whether every study has at least one run with a known final distance."""
+    name = final_distance.name
+    return all(
+        name in r.table.column_names and np.isfinite(r.read_numbers(name)).any()
+        for r in all_results
+    )  # fmt: skip
+
+
+def find_distance_tolerance(all_results: Sequence[Results]) -> float | None:
+    """Return the tolerance of the final distance, m; None if it is not the same for all runs."""
+    distances = {pair[0] for results in all_results for pair in results.tolerance.pairs}
+    return distances.pop() if len(distances) == 1 else None
+
+
+def label_setting(key: str) -> str:
+    """Return the label of a setting with its unit."""
+    return escape_math(format_heading(key, find_unit(key)))
+
+
+def format_setting(value: object) -> str:
+    """Return the value of a setting as text for a figure."""
+    return escape_math(format_value(value))

@@ -1,0 +1,113 @@
+"""Sentences for the captions of tables and figures: definitions, tolerances, missing values."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..metrics import metrics
+from ..metrics.metrics import Metric
+from . import rows
+from .results import REAL_TIME_MULTIPLE, Results
+
+RATES = "Rates with Wilson's 95 % interval."
+MEDIANS = "Medians with a bootstrap 95 % interval."
+QUARTILES = "Quartiles: median [lower, upper quartile]."
+ALL_RUNS = "runs"
+MAX_LISTED = 4  # maximum number of groups that a sentence about missing values names
+
+
+def describe_success(all_results: Sequence[Results], shown: Sequence[Metric] = ()) -> list[str]:
+    """Define success and the other binary metrics that are shown, and state the tolerance."""
+    lines, used = [], [m for m in shown if m.is_binary]
+    judged = {results.judged_metric.name: results for results in all_results}
+    for name, results in judged.items():
+        if rows.find_column_name(name) in results.table.column_names:
+            used.insert(0, results.judged_metric)
+            text = _define(results.judged_metric)
+            also = "" if name == metrics.success.name else f" ({name})"
+        else:
+            text = f"the run was not refused and did not fail; the study did not measure {name}"
+            also = ""
+        of = f" in {results.name}" if len(judged) > 1 else ""
+        lines.append(f"Success{of}{also}: {text}.")
+    named = {m.name for m in used} & set(judged)
+    lines += [f"{m.name}: {_define(m)}." for m in used if m.name not in named]
+    if any(m.has_tolerance for m in used):
+        lines.append(describe_tolerances(all_results))
+    return lines
+
+
+def describe_tolerances(all_results: Sequence[Results]) -> str:
+    """Return the sentence with the tolerances of all studies."""
+    texts = {r.name: r.tolerance.text for r in all_results}
+    if len(set(texts.values())) == 1:
+        return f"A camera is at its goal within {next(iter(texts.values()))}."
+    listed = "; ".join(f"{name}: {text}" for name, text in texts.items())
+    return f"A camera is at its goal within: {listed}."
+
+
+def _define(metric: Metric) -> str:
+    return metric.text.removeprefix("1 if ").rstrip(".")
+
+
+def name_group(keys: Sequence[str], values: Sequence[object]) -> str:
+    """Return the name of a group of runs, such as 'scheme=points, gain=2.0'."""
+    return ", ".join(f"{k}={v}" for k, v in zip(keys, values, strict=True)) or ALL_RUNS
+
+
+def describe_missing(
+    metric: Metric, groups: Sequence[tuple[str, np.ndarray]], ends: Sequence[str]
+) -> list[str]:
+    """State which groups of runs lack values and why, and which groups have only one value.
+
+    Args:
+        metric: metric with these values.
+        groups: name of each group, and the values of its runs.
+        ends: outcome of each run, in the order of all groups.
+    """
+    missing, single, first = [], [], 0
+    for name, values in groups:
+        unknown = ~np.isfinite(values)
+        own = [ends[first + i] or "unknown" for i in np.flatnonzero(unknown)]
+        first += len(values)
+        if own:
+            (end, count), = Counter(own).most_common(1)
+            why = end if count == len(own) else f"{count} {end}"
+            where = name if name == ALL_RUNS else f"runs with {name}"
+            missing.append(f"{len(own)} of {len(values)} {where} ({why})")
+        if len(values) - len(own) == 1:
+            single.append(name)
+    lines = [f"{metric.name} has no value in {_list(missing, '; ')}."] if missing else []
+    if single and not metric.is_binary:
+        known = sum(np.isfinite(values).any() for _, values in groups)
+        where = "every group" if len(single) == known else _list(single, "; ")
+        lines.append(f"{metric.name} has only one value, and so no interval, in {where}.")
+    return lines
+
+
+def describe_repeats(all_results: Sequence[Results]) -> list[str]:
+    """Return a warning for each study whose repeats of a setting all give identical results."""
+    found = []
+    for results in all_results:
+        points = results.table["point"].to_numpy() if "point" in results.table.column_names else []
+        measured = [results.read_numbers(m.name) for m in results.metrics
+                    if m.name != REAL_TIME_MULTIPLE.name]  # fmt: skip
+        order = np.argsort(points, kind="stable")
+        same_point = np.diff(np.asarray(points)[order]) == 0
+        if not same_point.any() or not measured:
+            continue
+        values = np.column_stack(measured)[order]
+        equal = (values[1:] == values[:-1]) | (np.isnan(values[1:]) & np.isnan(values[:-1]))
+        if equal.all(axis=1)[same_point].all():
+            found.append(f"The repeats of each setting of {results.name} are identical, because "
+                         "nothing in them is random: intervals and tests count the same run "
+                         "several times.")  # fmt: skip
+    return found
+
+
+def _list(texts: Sequence[str], separator: str) -> str:
+    more = len(texts) - MAX_LISTED
+    return separator.join(texts[:MAX_LISTED]) + (f"{separator}and {more} more" if more > 0 else "")

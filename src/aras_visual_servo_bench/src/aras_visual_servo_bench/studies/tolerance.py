@@ -1,0 +1,84 @@
+"""Tolerance within which the runs of a study are at their goal."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from aras_visual_servo_controller.diagnosis.pose_uncertainty import NEGLIGIBLE_UNCERTAINTY
+
+from ..metrics.formatting import choose_unit, format_in_unit, format_number, format_quantity
+from .study import Study
+
+KEY = "reached"  # key of an experiment that sets the tolerance: distance and angle
+MAX_LISTED = 3  # maximum number of tolerances that are listed; the range of more is stated
+DIGITS = 6  # tolerances that agree to this number of digits are the same
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """Maximum distance and angle at which the runs of a study are at their goal.
+
+    pairs: distance (m) and angle (rad) of the runs, without duplicates; empty if they are unknown.
+    is_relative: True if the distance is a fraction of the target's depth at the goal.
+    """
+
+    pairs: tuple[tuple[float, float], ...]
+    is_relative: bool
+
+    @property
+    def text(self) -> str:
+        """The tolerance as text, such as '0.3 mm and 0.3°'."""
+        fraction = f"{format_number(100.0 * NEGLIGIBLE_UNCERTAINTY[0])} % of the target's depth"
+        if not self.pairs:
+            return f"{fraction} and {_format_angle(NEGLIGIBLE_UNCERTAINTY[1])}"
+        share = f" ({fraction})" if self.is_relative else ""
+        if len(self.pairs) <= MAX_LISTED:
+            return " or ".join(
+                f"{format_in_unit(distance, 'm')}{share} and {_format_angle(angle)}"
+                for distance, angle in self.pairs
+            )
+        distances, angles = zip(*self.pairs, strict=True)
+        unit, size = choose_unit("m", distances)
+        ends = [format_number(end / size) for end in (min(distances), max(distances))]
+        spread = format_quantity(" to ".join(dict.fromkeys(ends)), unit)
+        angle_ends = dict.fromkeys(map(_format_angle, (min(angles), max(angles))))
+        return f"{spread}{share} and {' to '.join(angle_ends)}"
+
+
+def find_tolerance(study: Study, distances: np.ndarray, angles: np.ndarray) -> Tolerance:
+    """Return the tolerance of the runs of a study.
+
+    Args:
+        study: settings of the study.
+        distances: (n,) recorded tolerance of the distance of each run, m; NaN if the run has none,
+            because it was refused or raised an error.
+        angles: (n,) recorded tolerance of the angle of each run, rad.
+    """
+    configured = _list_configured(study)
+    known = np.isfinite(distances)
+    pairs = dict.fromkeys(
+        (_round(distance), _round(angle))
+        for distance, angle in zip(distances[known], angles[known], strict=True)
+    ) or dict.fromkeys(pair for pair in configured if pair is not None)
+    return Tolerance(tuple(pairs), bool(configured) and not any(configured))
+
+
+def _list_configured(study: Study) -> list[tuple[float, float] | None]:
+    """Return the listed values of the key `reached` of a study; None for the default."""
+    found = [case.set[KEY] for case in study.combinations if KEY in case.set]
+    is_varied = any(one.key == KEY for one in (*study.axes, *study.random_variations))
+    if len(found) < len(study.combinations) and not is_varied:
+        found.insert(0, study.experiment.get(KEY))
+    found += [value for axis in study.axes if axis.key == KEY for value in axis.values]
+    return [None if value is None else (float(value[0]), float(value[1])) for value in found]
+
+
+def _round(value: float) -> float:
+    return float(f"{value:.{DIGITS}g}")
+
+
+def _format_angle(angle: float) -> str:
+    return f"{format_number(math.degrees(angle))}°"

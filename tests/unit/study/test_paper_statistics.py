@@ -1,0 +1,693 @@
+"""Statistics of a paper, recomputed from the rows by statsmodels or by counting all cases."""
+
+from __future__ import annotations
+
+import io
+import itertools
+import math
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from statsmodels.stats.contingency_tables import mcnemar
+from statsmodels.stats.multitest import multipletests
+from statsmodels.stats.proportion import proportion_confint
+from statsmodels.stats.weightstats import DescrStatsW
+
+from aras_visual_servo_bench import Results, Run, Study, metric
+from aras_visual_servo_bench.cli import main
+from aras_visual_servo_bench.errors import StudyError
+from aras_visual_servo_bench.metrics.formatting import choose_unit
+from aras_visual_servo_bench.metrics.metrics import METRICS
+from aras_visual_servo_bench.plots import study_figures
+from aras_visual_servo_bench.plots.palette import VERMILION
+from aras_visual_servo_bench.studies import captions, compare, rows, tables
+from aras_visual_servo_bench.studies.study_folder import StudyFolder
+from aras_visual_servo_bench.web.browse import queries
+from aras_visual_servo_bench.web.browse.studies import Studies
+
+SCHEMES = ("points", "moments", "polar")
+MEASURED = ["success", "reached", "contradicts", "settled", "final_distance", "overshoot"]
+BASE = {"plant": "free", "reached": [0.0003, math.radians(0.3)]}
+
+
+def make_study(**changes) -> Study:
+    return Study.from_mapping({
+        "experiment": BASE, "repeats": 10, "seeds": "repeats", "metrics": MEASURED, "chunk": 30,
+        "cases": {"scheme": [{"name": name, "set": {"scheme": scheme}} for name, scheme in zip(
+            SCHEMES, ("points", "moments", "polar_points"), strict=True)]},
+        "vary": {"gain": [1.0, 2.0]}, **changes})  # fmt: skip
+
+
+def make_row(study: Study, run: int) -> dict:
+    """Random results: `moments` is slower, `polar` at gain 2 always loses its target; ties, NaN."""
+    row, rng = rows.make_blank_row(study, run), np.random.default_rng(run)
+    common = np.random.default_rng(row["repeat"]).uniform(1.0, 2.0)
+    if row.get("scheme") == "polar" and row.get("gain") == 2.0:
+        return {**row, "outcome": "target_lost", "verdict": "goal_missed", "success": 0.0,
+                "reached": 0.0, "contradicts": 0.0, "final_distance": 0.2, "simulated": 1.0}
+    reached = float(rng.random() < (0.5 if row.get("scheme") == "moments" else 0.9))
+    is_refused = run == 3
+    return row if is_refused else {
+        **row, "outcome": "converged" if reached else "timed_out", "simulated": 2.0,
+        "verdict": "goal_reached" if reached else "goal_missed", "success": reached,
+        "reached": reached, "contradicts": float(rng.random() < 0.1),
+        "settled": round(common * (1.5 if row.get("scheme") == "moments" else 1.0)
+                         + 0.1 * rng.random(), 1) if rng.random() < 0.9 else math.nan,
+        "final_distance": 5e-5 * math.exp(rng.normal()), "overshoot": rng.random(),
+    }  # fmt: skip
+
+
+def write_study(path, study: Study, make=make_row):
+    folder = StudyFolder.create(path, study, "")
+    for chunk in range(study.chunk_count):
+        made = [make(study, run) for run in study.list_chunk_runs(chunk)]
+        times = [{"run": row["run"], "wall": 1.0, "processor": 1.0, "worker": "w"} for row in made]
+        folder.write_chunk(chunk, rows.Rows([
+            {**row, "outcome": row["outcome"] or "refused"} for row in made], times))  # fmt: skip
+    return path
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory):
+    return write_study(tmp_path_factory.mktemp("paper") / "out", make_study())
+
+
+@pytest.fixture(scope="module")
+def raw(path):
+    table = pd.read_parquet(path / "parts").sort_values("run", ignore_index=True)
+    return table.assign(success=table.success.fillna(0), reached=table.reached.fillna(0))
+
+
+def wilson(values):
+    known = values.dropna()
+    return (known.mean(), *proportion_confint(known.sum(), len(known), method="wilson"), len(known))
+
+
+def run_command(words, capsys):
+    code = main(list(map(str, words)))
+    told = capsys.readouterr()
+    return code, told.out, told.err
+
+
+# -- rates ----------------------------------------------------------------------------------------
+
+
+def test_built_in_binary_metrics_are_declared():
+    binary = {name for name, one in METRICS.items() if one.is_binary}
+    assert binary == {"success", "reached", "reduced", "contradicts"}
+    assert all(METRICS[name].text.startswith("1 if ") for name in binary)
+
+
+def test_seven_misses_of_sixty_are_a_rate_everywhere(tmp_path, capsys):
+    """The median was 1 [1, 1]."""
+    study = make_study(cases=(), vary={"gain": [1.0]}, repeats=60, metrics=["success", "reached"])
+
+    def make(study, run):
+        return {**rows.make_blank_row(study, run), "outcome": "x", "verdict": "y",
+                "success": 1.0, "reached": float(run >= 7)}  # fmt: skip
+
+    path = write_study(tmp_path / "out", study, make)
+    low, high = proportion_confint(53, 60, method="wilson")
+    text = run_command(["table", path, "--metrics", "reached"], capsys)[1]
+    assert f"| {53 / 60:.3f} [{low:.3f}, {high:.3f}] |" in text
+    look = Studies([path]).read_snapshot(is_forced=True)
+    (group,) = queries.compute_groups(look, queries.GroupQuery(values=("reached",)))["groups"]
+    assert group["estimates"] == [pytest.approx([53 / 60, low, high])]
+    told = queries.compute_success_map(look, queries.MapQuery(x="gain", y="gain", value="reached"))
+    assert told["values"] == [[pytest.approx(53 / 60)]]
+    described = {one["name"]: one["is_binary"] for one in queries.describe_columns(look)}
+    assert described["reached"] and described["success"] and not described["gain"]
+
+
+def test_every_estimate_is_recomputed(path, raw, capsys):
+    text = run_command(["table", path, "--format", "csv"], capsys)[1]
+    table = pd.read_csv(io.StringIO(text), na_values=["nan"])
+    assert len(table) == 6
+    for _, row in table.iterrows():
+        own = raw[(raw.scheme == row.scheme) & (raw.gain == row.gain)]
+        assert row.runs == len(own) == 10
+        for name in ("success", "reached", "contradicts"):
+            found = [row[name + end] for end in ("", "_low", "_high", "_n")]
+            assert found == pytest.approx(wilson(own[name])), name
+        known = own.settled.dropna()
+        assert row.settled_n == len(known)
+        if len(known):
+            middle = DescrStatsW(known).quantile(0.5, return_pandas=False)[0]
+            assert row.settled == pytest.approx(middle) or len(known) % 2 == 0
+            assert row.settled == pytest.approx(known.median())
+        found = [row["final_distance_quartiles" + end] for end in ("_low", "", "_high")]
+        assert found == pytest.approx(own.final_distance.quantile([0.25, 0.5, 0.75]).tolist())
+
+
+@metric("", "greater", "these tests", is_binary=True)
+def half(run: Run) -> float:
+    """1 if it is whole."""
+    return 0.5
+
+
+def test_a_binary_metric_has_two_values(tmp_path, capsys):
+    study = make_study(cases=(), metrics=[f"{__name__}:half"], judged=f"{__name__}:half")
+
+    def make(study, run):
+        return {**rows.make_blank_row(study, run), "outcome": "x", "half": run % 2 / 2 + 0.5}
+
+    path = write_study(tmp_path / "out", study, make)
+    code, _, error = run_command(["table", path], capsys)
+    assert code == 1 and error.count("\n") == 1
+    assert "half is declared as binary, but a run has the value 0.5: return 0, 1 or NaN" in error
+    # success is the value 1 of the judged metric, also of a user's own
+    assert Results.read(path).compute_successes().tolist() == [run % 2 for run in range(20)]
+    with pytest.raises(StudyError, match="a binary metric has no unit"):
+        metric("m", "greater", "these tests", is_binary=True)
+
+
+def test_success_can_be_named(path, capsys):
+    code, text, _ = run_command(["table", path, "--metrics", "success", "--by", "gain"], capsys)
+    heading = text.splitlines()[0]
+    assert code == 0
+    assert heading == ("| gain (1/s) | runs | success | final_distance quartiles (mm) | "
+                       "commonest failure |")  # fmt: skip
+    error = run_command(["table", path, "--metrics", "sucess"], capsys)[2]
+    assert "no metric 'sucess' in out: did you mean 'success'?" in error
+
+
+# -- the tolerance --------------------------------------------------------------------------------
+
+
+def judge(study, run):
+    """A run at its goal, with the tolerance by which a run of the study is judged."""
+    limits = study.make_settings(run // study.repeats).get("reached") or study.experiment.get(
+        "reached") or (1.5e-3 * (0.2 + 0.01 * run), math.radians(0.3))  # fmt: skip
+    return {**rows.make_blank_row(study, run), "outcome": "x", "success": 1.0,
+            "distance_tolerance": limits[0], "angle_tolerance": limits[1]}  # fmt: skip
+
+
+@pytest.mark.parametrize(("changes", "sentence"), [
+    ({}, "A camera is at its goal within 0.3 mm and 0.3°."),
+    ({"experiment": {"plant": "free"}, "vary": {}, "repeats": 1},
+     "A camera is at its goal within 0.3 mm (0.15 % of the target's depth) and 0.3°."),
+    ({"experiment": {"plant": "free"}, "vary": {}, "repeats": 11},
+     "A camera is at its goal within 0.3 to 0.45 mm (0.15 % of the target's depth) and 0.3°."),
+    ({"vary": {"reached": [[1e-3, 0.1], [5e-5, 0.1]]}, "metrics": ["success"]},
+     "A camera is at its goal within 1 mm and 5.73° or 50 µm and 5.73°."),
+])  # fmt: skip
+@pytest.mark.parametrize("style", ["md", "tex"])
+def test_captions_state_the_tolerance(changes, sentence, style, tmp_path, capsys):
+    study = make_study(**{"cases": (), "repeats": 2, **changes})
+    path = write_study(tmp_path / "out", study, judge)
+    if style == "tex":
+        for symbol, tex in (("%", r"\%"), ("°", r"$^\circ$"), ("µ", r"$\mu$")):
+            sentence = sentence.replace(symbol, tex)
+    assert sentence in run_command(["table", path, "--format", style], capsys)[1]
+
+
+@pytest.mark.parametrize(("changes", "text"), [
+    ({}, "0.3 mm and 0.3°"),
+    ({"experiment": {"plant": "free"}}, "0.15 % of the target's depth and 0.3°"),
+    ({"cases": [{"reached": [1e-3, 0.1]}, {"reached": [2e-3, 0.1]}]},
+     "1 mm and 5.73° or 2 mm and 5.73°"),
+    ({"cases": [{"reached": [1e-3, 0.1]}, {"scheme": "moments"}]},
+     "0.3 mm and 0.3° or 1 mm and 5.73°"),
+])  # fmt: skip
+def test_runs_without_a_verdict_have_the_tolerance_of_the_study(changes, text, tmp_path):
+    study = make_study(**{"cases": (), "vary": {}, "repeats": 2, "metrics": ["success"], **changes})
+    path = write_study(tmp_path / "out", study, rows.make_blank_row)
+    assert Results.read(path).tolerance.text == text
+
+
+def test_the_stored_tolerance_is_that_of_the_verdict():
+    cases = {"tolerance": [{"name": "small", "set": {"reached": [1e-3, 0.1]}},
+                           {"name": "large", "set": {"reached": [1.0, 3.0]}},
+                           {"name": "default", "set": {"scheme": "points"}}]}  # fmt: skip
+    study = Study(experiment={"plant": "free", "features": "exact", "duration": 0.3}, cases=cases,
+                  metrics=["reached", "final_distance"])  # fmt: skip
+    found = study.run(progress=False).to_pandas()
+    small, large, default = found.distance_tolerance
+    assert (small, large) == (1e-3, 1.0) and 0.1 < default / 1.5e-3 < 0.4
+    assert found.angle_tolerance.tolist() == [0.1, 3.0, math.radians(0.3)]
+    assert found.reached.tolist() == (found.final_distance <= found.distance_tolerance).tolist()
+    assert found.reached.tolist() == [0.0, 1.0, 0.0]
+
+
+def test_a_setting_and_a_metric_cannot_share_a_column():
+    with pytest.raises(StudyError, match="'reached' is both a varied key and a metric"):
+        make_study(cases=(), vary={"reached": [[1e-3, 0.1], [5e-5, 0.1]]})
+
+
+def test_captions_define_what_is_shown(path, tmp_path):
+    results = Results.read(path)
+    lines = captions.describe_success([results], results.select_metrics(["contradicts"]))
+    assert lines[0] == "Success: the loop has converged and the camera is truly at its goal."
+    assert lines[1].startswith("contradicts: the loop reports convergence away from the goal, or")
+    reduced = make_study(cases=(), metrics=["reduced"], judged="reduced", repeats=1)
+    found = Results.read(write_study(tmp_path / "reduced", reduced, lambda study, run: {
+        **rows.make_blank_row(study, run), "outcome": "x", "reduced": 1.0}))  # fmt: skip
+    assert captions.describe_success([found]) == [
+        "Success (reduced): both the distance and the angle are at most a tenth of those at the "
+        "start."]  # fmt: skip
+    both = captions.describe_success([results, found])
+    assert both[0].startswith("Success in out: ") and both[1].startswith("Success in reduced (red")
+
+
+# -- comparisons ----------------------------------------------------------------------------------
+
+
+def count_signed_ranks(x, y) -> float:
+    """Wilcoxon's p-value, two-sided, of all signs; ranks of ties are averaged, zeros left out."""
+    d = np.array(y) - np.array(x)
+    d = d[d != 0]
+    ranks = pd.Series(np.abs(d)).round(9).rank().to_numpy()
+    sums = np.array([ranks @ signs for signs in itertools.product([0, 1], repeat=len(d))])
+    middle, seen = ranks.sum() / 2, ranks @ (d > 0)
+    return min(float((np.abs(sums - middle) >= abs(seen - middle) - 1e-9).mean()), 1.0)
+
+
+def expected_differences(raw, names, by=None):
+    """Group, sides, metric, p before and after Holm's correction, number of pairs."""
+    found = []
+    for group, part in raw.groupby(by) if by else [("all", raw)]:
+        for one, two in itertools.combinations(SCHEMES, 2):
+            both = part[part.scheme == one].merge(part[part.scheme == two], on=["seed", "gain"])
+            for name in names:
+                pairs = both[[f"{name}_x", f"{name}_y"]].dropna()
+                x, y = pairs.to_numpy().T
+                if METRICS[name].is_binary:
+                    table = pd.crosstab(pd.Categorical(x, [0, 1]), pd.Categorical(y, [0, 1]),
+                                        dropna=False)  # fmt: skip
+                    p = mcnemar(table, exact=True).pvalue
+                else:
+                    p = None  # see count_signed_ranks
+                found.append((group, (one, two), name, p, x, y))
+    return found
+
+
+@pytest.mark.parametrize("by", [None, "gain"])
+def test_cases_of_one_study_are_compared_pairwise(path, raw, by):
+    names = ["success", "reached", "contradicts", "settled", "final_distance"]
+    compared = Results.read(path).compare(between="scheme", by=[by] if by else (), metrics=names)
+    found = compared.differences
+    wanted = expected_differences(raw, names, by)
+    assert len(found) == len(wanted) == (30 if by else 15)
+    for d, (group, sides, name, p, x, y) in zip(found, wanted, strict=True):
+        assert d.group == ("all" if group == "all" else f"gain={group}")
+        assert (d.metric, d.sides) == (name, tuple(f"scheme={side}" for side in sides))
+        assert d.comparison.paired and d.comparison.count == len(x)
+        if not len(x):
+            assert math.isnan(d.p) and d.verdict == compare.UNTESTED
+            assert d.note == "no pair of runs has both values"
+            continue
+        middle = np.mean if METRICS[name].is_binary else np.median
+        assert (d.comparison.before, d.comparison.after) == pytest.approx((middle(x), middle(y)))
+        if p is not None:
+            assert d.comparison.p == pytest.approx(p)
+        elif len(x) <= 12:
+            assert d.comparison.p == pytest.approx(count_signed_ranks(x, y))
+    tested = [d for d in found if d.verdict != compare.UNTESTED]
+    corrected = multipletests([d.comparison.p for d in tested], method="holm")[1]
+    assert [d.p for d in tested] == pytest.approx(corrected)
+    assert {d.verdict for d in found} == {
+        compare.CHANCE, *([compare.UNTESTED] if by else [compare.WORSE])}
+
+
+def test_seeds_that_differ_are_compared_without_pairs(tmp_path):
+    study = make_study(seeds="runs", repeats=6, vary={})
+    results = Results.read(write_study(tmp_path / "out", study))
+    table = pd.read_parquet(tmp_path / "out" / "parts").sort_values("run")
+    names = ["success", "final_distance"]
+    for d in results.compare(between="scheme", metrics=names).differences:
+        x, y = (table[table.scheme == side.partition("=")[2]][d.metric].fillna(
+            0.0 if d.metric == "success" else math.nan).dropna().to_numpy()
+            for side in d.sides)  # fmt: skip
+        assert not d.comparison.paired and d.comparison.counts == (len(x), len(y))
+        every, n = np.concatenate([x, y]), len(x)
+        choices = [list(c) for c in itertools.combinations(range(len(every)), n)]
+        if d.metric == "success":  # Fisher: the probability of each number of successes
+            sums = np.array([every[c].sum() for c in choices])
+            _, which, counts = np.unique(sums, return_inverse=True, return_counts=True)
+            least = counts[which][choices.index(list(range(n)))]
+            wanted = sum(c for c in counts if c <= least) / len(choices)
+        else:
+            ranks = pd.Series(every).rank().to_numpy()
+            sums = np.array([ranks[c].sum() for c in choices])
+            middle = ranks.sum() * n / len(every)
+            wanted = (np.abs(sums - middle) >= abs(ranks[:n].sum() - middle) - 1e-9).mean()
+        assert d.comparison.p == pytest.approx(wanted), d.metric
+
+
+def test_drawn_starts_make_pairs_although_the_seeds_differ(tmp_path):
+    draws = {"delay": {"uniform": [0.01, 0.1]}}
+    for repeats, paired in ((1, True), (2, False)):
+        study = make_study(seeds="runs", repeats=repeats, samples=12, vary=draws)
+        results = Results.read(write_study(tmp_path / f"out{repeats}", study))
+        found = results.compare(between="scheme", metrics=["final_distance"]).differences
+        assert {d.comparison.paired for d in found} == {paired}
+        assert not any("also differ" in d.note for d in found)
+
+
+def test_metrics_of_features_are_not_compared_between_schemes(path):
+    results = Results.read(path)
+    found = results.compare(between="scheme").differences
+    assert {d.metric for d in found} == set(MEASURED) - {"overshoot"}
+    assert "overshoot" in {d.metric for d in results.compare(between="gain").differences}
+    with pytest.raises(StudyError, match="overshoot depends on the features of the scheme"):
+        results.compare(between="scheme", metrics=["overshoot"])
+
+
+def test_settings_that_differ_along_with_the_compared_one_are_named(tmp_path):
+    cases = [{"scheme": "points", "delay": 0.01}, {"scheme": "moments", "delay": 0.05}]
+    study = make_study(cases=cases, vary={})
+    results = Results.read(write_study(tmp_path / "out", study))
+    found = results.compare(between="scheme", metrics=["settled"]).differences
+    assert all(d.comparison.paired for d in found)
+    assert all("they also differ in delay (0.01, 0.05)" in d.note for d in found)
+
+
+def test_the_command_compares_cases_and_explains_what_it_cannot(path, capsys):
+    code, text, _ = run_command(["diff", path, "--between", "scheme", "--by", "gain", "--all"],
+                                capsys)  # fmt: skip
+    assert code == 0 and "scheme=points -> scheme=moments  gain=1.0" in text
+    assert "untested settled" in text and "no pair of runs has both values" in text
+    assert "2 differences of settled are not tested, because one side has no values" in text
+    for words, complaint in (
+        ([path], "diff needs 2 study folders, not 1: give two folders, or one folder and --betwee"),
+        ([path, path, "--between", "scheme"], "diff needs 1 study folder, not 2"),
+        ([path, "--between", "schem"], "out does not vary 'schem': did you mean 'scheme'?"),
+        ([path, "--between", "gain", "--by", "gain"], "gain is given with --between and --by"),
+    ):
+        code, _, error = run_command(["diff", *words], capsys)
+        assert code == 1 and complaint in error and error.count("\n") == 1
+    with pytest.raises(StudyError, match="give either two studies, or one study and a key"):
+        Results.read(path).compare()
+
+
+def test_a_key_with_one_value_or_drawn_values_is_refused(tmp_path):
+    draws = {"delay": {"uniform": [0.01, 0.1]}, "gain": [1.0]}
+    study = make_study(cases=(), samples=3, repeats=1, vary=draws)
+    results = Results.read(write_study(tmp_path / "out", study))
+    with pytest.raises(StudyError, match="delay is drawn at random: --between needs a key with"):
+        results.compare(between="delay")
+    with pytest.raises(StudyError, match="all stored runs of out have gain=1.0, so there is no"):
+        results.compare(between="gain")
+
+
+# -- bad input ------------------------------------------------------------------------------------
+
+
+def test_one_run_per_cell_has_no_interval_and_no_test(tmp_path, capsys):
+    path = write_study(tmp_path / "out", make_study(repeats=1))
+    text = run_command(["table", path, "--metrics", "final_distance"], capsys)[1]
+    assert "final_distance has only one value, and so no interval, in every group." in text
+    cells = text.splitlines()[2].split(" | ")
+    assert "[" in cells[3] and "[" not in cells[5]
+    text = run_command(["diff", path, "--between", "scheme", "--by", "gain"], capsys)[1]
+    assert "of them have too few runs to be significant: repeat each setting more often" in text
+    text = run_command(["diff", path, "--between", "scheme", "--by", "gain", "--all"], capsys)[1]
+    assert "(too few for p < 0.05: 1 pair)" in text
+    text = run_command(["table", path, "--metrics", "settled", "--format", "tex"], capsys)[1]
+    assert "nan" not in text
+
+
+def test_a_cell_that_failed_completely_says_why(path, capsys):
+    text = run_command(["table", path, "--metrics", "settled"], capsys)[1]
+    assert "10 of 10 runs with scheme=polar, gain=2.0 (target_lost)" in text
+    line = next(line for line in text.splitlines() if line.startswith("| polar | 2"))
+    assert "| – |" in line and "10 of 10 target_lost" in line
+
+
+def test_runs_without_a_value_are_counted(path, raw, capsys):
+    text = run_command(["table", path, "--metrics", "contradicts,settled"], capsys)[1]
+    assert "contradicts has no value in 1 of 10 runs with scheme=points, gain=1.0 (refused)" in text
+    for (scheme, gain), own in raw.groupby(["scheme", "gain"]):
+        missing = own.settled.isna().sum()
+        named = f"{missing} of 10 runs with scheme={scheme}, gain={gain} (" in text
+        assert named == (missing > 0), (scheme, gain)
+
+
+def test_identical_repeats_are_no_sample(tmp_path, capsys):
+    def make(study, run):
+        return {**rows.make_blank_row(study, run), "outcome": "converged", "success": 1.0,
+                "verdict": "goal_reached", "settled": 1.0, "final_distance": 1e-4}  # fmt: skip
+
+    path = write_study(tmp_path / "out", make_study(), make)
+    sentence = "The repeats of each setting of out are identical, because nothing in them is random"
+    assert sentence in run_command(["table", path], capsys)[1]
+    code, text, _ = run_command(["diff", path, "--between", "scheme", "--all"], capsys)
+    assert code == 0 and sentence in text and "(no difference)" in text
+    other = write_study(tmp_path / "other", make_study())
+    assert sentence not in run_command(["table", other], capsys)[1]
+
+
+@pytest.fixture(scope="module")
+def many():
+    """Results of 10 000 runs: 5 000 pairs in 100 groups, with ties."""
+    study = make_study(cases=(), vary={"gain": [1.0, 2.0], "delay": [0.001 * i for i in range(50)]},
+                       repeats=100, metrics=["success", "settled"])  # fmt: skip
+    rng = np.random.default_rng(0)
+    made = [{**rows.make_blank_row(study, run), "outcome": "converged", "verdict": "goal_reached",
+             "success": float(rng.random() < 0.8), "settled": round(rng.normal(5.0), 1)}
+            for run in range(study.run_count)]  # fmt: skip
+    return Results("many", study, rows.make_table(study, made, {}).append_column(
+        "real_time_multiple", [np.ones(len(made))]))  # fmt: skip
+
+
+def test_ten_thousand_rows_are_shown_in_a_few_lines(many):
+    assert many.table.num_rows == 10_000
+    assert len(repr(many).splitlines()) <= 4 and len(repr(many)) < 500
+    found = many.compare(between="gain", by=["delay"])
+    assert len(found.differences) == 100 and len(repr(found).splitlines()) <= 25
+    assert {d.comparison.count for d in found.differences} == {100}
+    pooled = many.compare(between="gain")
+    assert [d.comparison.count for d in pooled.differences] == [5000] * 2
+    raw = many.to_pandas()
+    one, two = (raw[raw.gain == gain].reset_index() for gain in (1.0, 2.0))
+    counts = pd.crosstab(one.success, two.success)
+    assert pooled.differences[0].comparison.p == pytest.approx(mcnemar(counts).pvalue)
+    assert len(tables.format_table(tables.make_table([many]), "csv").splitlines()) == 101
+
+
+def test_ten_thousand_groups_have_a_table(many):
+    """A table with a row for each run took minutes."""
+    table = tables.make_table([many], by=["run"])
+    assert len(table.rows) == 10_000
+    assert "settled has only one value, and so no interval, in every group." in table.notes
+
+
+# -- units and LaTeX ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("unit", "values", "found"), [
+    ("m", [4.89e-5], ("µm", 1e-6)), ("m", [3e-4], ("mm", 1e-3)),
+    ("m", [1.2, 4.89e-5], ("mm", 1e-3)),
+    ("m", [0.0, math.nan, 0.3], ("m", 1.0)), ("m", [2e-12], ("µm", 1e-6)), ("m", [], ("m", 1.0)),
+    ("s", [0.004, 0.02], ("ms", 1e-3)), ("s", [1.5], ("s", 1.0)), ("ms", [0.02], ("µs", 1e-3)),
+    ("ms", [4000.0], ("s", 1e3)), ("rad", [1e-3], ("°", math.pi / 180)), ("", [1e-5], ("", 1.0)),
+    ("rad²/s", [1e-5], ("rad²/s", 1.0)), ("m", [1.0, 1e-12], ("m", 1.0)),
+])  # fmt: skip
+def test_units_follow_the_magnitude(unit, values, found):
+    name, size = choose_unit(unit, values)
+    assert (name, size) == (found[0], pytest.approx(found[1]))
+
+
+ODD = "[50 %] a_b & {#$} ~^\\ <|> \"q\" λ ° µ"
+
+
+# A two-column paper: 252 pt a column, 516 pt the text, in the widest font that is common.
+PAPER = r"""\documentclass[10pt,twocolumn]{article}
+\usepackage{booktabs,graphicx}
+\usepackage[letterpaper,textwidth=516pt,textheight=696pt]{geometry}
+\setlength{\columnsep}{12pt}
+\begin{document}
+%s
+\end{document}
+"""
+
+
+def compile_paper(folder, *files):
+    """Compile a paper with files that are put into it as they are; nothing may stick out."""
+    if shutil.which("pdflatex") is None:
+        pytest.skip("needs pdflatex: apt-get install texlive-latex-recommended")
+    (folder / "paper.tex").write_text(PAPER % "\n".join(rf"\input{{{name}}}" for name in files))
+    done = subprocess.run(["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "paper"],
+                          cwd=folder, capture_output=True, text=True, errors="replace")
+    assert done.returncode == 0, done.stdout[-1500:]
+    for complaint in ("Overfull", "Missing character", "too large", "LaTeX Warning: Text page"):
+        assert complaint not in done.stdout, done.stdout[-3000:]
+
+
+def test_a_narrow_table_is_as_wide_as_a_column(path, tmp_path):
+    for by, metrics, name in (("gain", "success", "table"), ("scheme,gain", "settled", "table*"),
+                              ("scheme,gain", "", "table*")):  # fmt: skip
+        assert main(["table", str(path), "--by", by, "--metrics", metrics, "--format", "tex",
+                     "--out", str(tmp_path / "table.tex")]) == 0  # fmt: skip
+        text = (tmp_path / "table.tex").read_text()
+        assert text.count(rf"\begin{{{name}}}") == text.count(r"\begin{table") >= 1
+        compile_paper(tmp_path, "table")
+
+
+def test_a_table_of_a_hundred_rows_is_divided_into_pages(tmp_path):
+    study = make_study(vary={"gain": [1.0 + 0.1 * i for i in range(34)]}, repeats=2)
+    path = write_study(tmp_path / "out", study)
+    assert main(["table", str(path), "--format", "tex", "--out", str(tmp_path / "table.tex")]) == 0
+    text = (tmp_path / "table.tex").read_text()
+    parts = {text.count(f"\n{scheme} & {1.0 + 0.1 * i:.3g} & 2 & ")
+             for scheme in SCHEMES for i in range(34)}  # fmt: skip
+    assert len(parts) == 1 and parts.pop() > 1  # every row is in all parts
+    assert text.count("(continued)") == text.count(r"\begin{table") - 1 > 2
+    compile_paper(tmp_path, "table")
+
+
+def test_latex_compiles_without_overfull_lines(tmp_path, capsys):
+    cases = {"scheme": [{"name": ODD, "set": {"scheme": "points"}},
+                        {"name": "*", "set": {"scheme": "moments"}}]}  # fmt: skip
+    path = write_study(tmp_path / "out", make_study(cases=cases))
+    assert main(["table", str(path), "--format", "tex", "--out", str(tmp_path / "table.tex")]) == 0
+    text = (tmp_path / "table.tex").read_text()
+    assert "commonest failure" not in text and "nan" not in text
+    # \\ of older versions of LaTeX and of amsmath takes [ and * in the next line as its arguments
+    assert "\n{[50 \\%]" in text and "\n{*} &" in text
+    compile_paper(tmp_path, "table")
+
+
+def test_latex_has_no_number_that_tex_cannot_set():
+    column = tables.Column("energy", "", tables.MEDIAN)
+    estimate = tables.Estimate(-math.inf, 1e-9, math.inf, 3)
+    text = tables.format_table(tables.Table((), (column,), (((), 3, (estimate,)),)), "tex")
+    assert r"$-\infty$ {\footnotesize $[1.00 \cdot 10^{-9}, \infty]$}" in text
+
+
+# -- figures --------------------------------------------------------------------------------------
+
+
+def draw(path, draw_figure, *words, is_paper=False):
+    """A figure of a study, with its text set."""
+    with study_figures.apply_style(is_paper):
+        figure = draw_figure([Results.read(path)], *words)
+        figure.canvas.draw()
+    return figure
+
+
+def test_there_is_a_map_per_scheme(tmp_path, raw):
+    """The map of gain and delay pooled the schemes."""
+    study = make_study(vary={"gain": [1.0, 2.0], "delay": [0.01, 0.1]}, repeats=4)
+    path = write_study(tmp_path / "out", study)
+    own = pd.read_parquet(path / "parts")
+    figure = draw(path, study_figures.draw_success)
+    *maps, distance = figure.axes[:4]
+    assert [axis.get_title("left") for axis in maps] == list(SCHEMES)
+    for axis, scheme in zip(maps, SCHEMES, strict=True):
+        for text in axis.texts:
+            j, i = text.get_position()
+            part = own[(own.scheme == scheme) & (own.gain == (1.0, 2.0)[i])
+                       & (own.delay == (0.01, 0.1)[j])]  # fmt: skip
+            assert text.get_text() == f"{int((part.success == 1).sum())}/4"
+    assert [line.get_label() for line in distance.lines[:3]] == list(SCHEMES)
+    written = study_figures.write_figures([Results.read(path)], tmp_path / "plots")
+    assert "The curves pool runs with different gain, delay." in written[-1].read_text()
+    assert distance.lines[3].get_linestyle() == ":"
+    assert distance.lines[3].get_xdata() == pytest.approx([0.3, 0.3])  # mm
+
+
+def test_maps_that_are_too_many_say_what_they_pool(tmp_path):
+    gains = [1.0 + 0.5 * i for i in range(14)]
+    study = make_study(vary={"gain": gains, "delay": [0.01, 0.1], "lag": [0.0, 0.1]}, repeats=1)
+    path = write_study(tmp_path / "out", study)
+    titles = [axis.get_title("left") for axis in draw(path, study_figures.draw_success).axes[:3]]
+    assert titles == [f"{scheme} (all gain)" for scheme in SCHEMES]
+    study_figures.write_figures([Results.read(path)], tmp_path / "plots")
+    text = (tmp_path / "plots" / "captions.md").read_text()
+    assert "Runs with different gain are pooled." in text
+    assert "Runs with different gain, delay, lag are pooled." in text
+
+
+def test_bars_have_the_final_distance_beside_them(tmp_path):
+    path = write_study(tmp_path / "out", make_study(vary={}))
+    own = pd.read_parquet(path / "parts")
+    bars, boxes = draw(path, study_figures.draw_success).axes
+    medians = [line.get_xdata()[0] for line in boxes.lines
+               if line.get_color() == VERMILION]  # fmt: skip
+    wanted = [1e6 * own[own.scheme == scheme].final_distance.median() for scheme in SCHEMES]
+    assert medians == pytest.approx(wanted[::-1])
+    assert boxes.get_xlabel().startswith("final distance (µm)")
+    assert "A camera is at its goal within 0.3 mm" in boxes.get_xlabel()
+    # a row of boxes is at the height of its bar
+    for axis, rows_at in ((bars, range(3)), (boxes, range(1, 4))):
+        bottom, top = axis.get_ylim()
+        assert [(row - bottom) / (top - bottom) for row in rows_at] == pytest.approx(
+            [1 / 6, 3 / 6, 5 / 6])  # fmt: skip
+
+
+def test_binary_metrics_are_drawn_as_rates(path, raw, tmp_path):
+    results = Results.read(path)
+    figure = draw(path, study_figures.draw_rates, results.select_metrics(["reached"]))
+    order = [group for _, group in raw.groupby(["scheme", "gain"], sort=False)]
+    widths = [bar.get_width() for bar in figure.axes[0].patches]
+    assert widths == pytest.approx([100 * group.reached.mean() for group in order])
+    for line, group in zip(figure.axes[0].collections[0].get_segments(), order, strict=True):
+        assert line[:, 0] == pytest.approx([100 * v for v in wilson(group.reached)[1:3]], abs=1e-9)
+    written = {one.stem for one in study_figures.write_figures([results], tmp_path / "plots")}
+    assert "rates" in written
+    boxes = draw(path, study_figures.draw_boxes, results.select_metrics(["settled"])).axes[0]
+    assert [text.get_text() for text in boxes.texts] == ["no value"]
+    assert boxes.texts[0].get_position()[1] == 1  # polar at gain 2 is the last group
+    text = (tmp_path / "plots" / "captions.md").read_text()
+    assert "**rates.png**: Rates of reached, contradicts, with Wilson's 95 % interval." in text
+    tolerance = "A camera is at its goal within 0.3 mm and 0.3°."
+    assert text.count(tolerance) == text.count("**: ") > 3
+
+
+def test_figures_for_a_paper_have_its_column_and_font(tmp_path, capsys):
+    path = write_study(tmp_path / "out", make_study())
+    words = ["plot", path, "--paper", "--out", tmp_path / "plots"]
+    files = list(map(Path, run_command(words, capsys)[1].split()))
+    assert {one.name for one in files} >= {"success.pdf", "rates_reached.pdf", "figures.tex",
+                                           "boxes_final_distance.pdf"}  # fmt: skip
+    for file in files[:-1]:
+        data = file.read_bytes()
+        width = float(re.search(rb"/MediaBox \[ 0 0 ([\d.]+) ", data).group(1))
+        assert width == pytest.approx(252.0), file
+        fonts = set(re.findall(rb"/BaseFont /\w+\+(\w+)", data))
+        assert fonts and all(font.startswith(b"STIX") for font in fonts), file
+    text = (tmp_path / "plots" / "figures.tex").read_text()
+    assert text.count(r"A camera is at its goal within 0.3 mm and 0.3$^\circ$.") == len(files) - 1
+    for draw_figure, names in ((study_figures.draw_success, None),
+                               (study_figures.draw_boxes, ["final_distance"]),
+                               (study_figures.draw_rates, ["reached"]),
+                               (study_figures.draw_distributions, ["final_distance"])):  # fmt: skip
+        metrics = [] if names is None else [Results.read(path).select_metrics(names)]
+        figure = draw(path, draw_figure, *metrics, is_paper=True)
+        with study_figures.apply_style(is_paper=True):  # fonts are looked up when they are needed
+            inside = figure.get_tightbbox().extents
+        assert min(inside[:2]) >= 0.0 and (inside[2:] <= figure.get_size_inches()).all()
+        assert all(axis.get_window_extent().height > 60 for axis in figure.axes if axis.lines)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("is_paper", [False, True])
+def test_long_names_leave_space_for_the_axes(is_paper, tmp_path):
+    names = ("image moments with a decoupled rotation about the axis",
+             "four points in polar coordinates, $L^+$ at the goal")  # fmt: skip
+    cases = {"scheme": [{"name": names[0], "set": {"scheme": "points"}},
+                        {"name": names[1], "set": {"scheme": "moments"}}]}  # fmt: skip
+    for vary in ({}, {"gain": [1.0, 2.0]}):
+        path = write_study(tmp_path / f"out{len(vary)}", make_study(cases=cases, vary=vary))
+        metrics = Results.read(path).select_metrics(["settled"])
+        for figure in (draw(path, study_figures.draw_success, is_paper=is_paper),
+                       draw(path, study_figures.draw_boxes, metrics, is_paper=is_paper),
+                       draw(path, study_figures.draw_distributions, metrics, is_paper=is_paper)):
+            total = figure.bbox.width
+            drawn = sum(axis.get_window_extent().width for axis in figure.axes[:1 + (not is_paper)])
+            assert drawn > 0.3 * total
+            with study_figures.apply_style(is_paper):
+                assert figure.get_tightbbox().x0 >= 0.0
+
+
+def test_paper_figures_compile(path, tmp_path):
+    study_figures.write_figures(
+        [Results.read(path)], tmp_path, ["pdf"], ["final_distance"], is_paper=True
+    )
+    compile_paper(tmp_path, "figures")

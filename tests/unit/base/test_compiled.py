@@ -27,6 +27,51 @@ for _ in range(2):
     assert done.stderr.count("NUMBA_CACHE_DIR") == 1
 
 
+def test_on_a_full_disk_loops_work_and_one_line_gives_the_reason(tmp_path):
+    """A limit of 0 bytes for new files fails as a full disk does."""
+    (tmp_path / "loops.py").write_text("""
+from aras_visual_servo_base.compiled import jit
+@jit("f8")
+def twice(x):
+    return 2 * x
+@jit("f8")
+def thrice(x):
+    return x + twice(x)
+""")
+    program = f"""
+import resource, sys
+sys.path[:] = {[str(tmp_path), *sys.path]}
+resource.setrlimit(resource.RLIMIT_FSIZE, (0, resource.RLIM_INFINITY))
+import loops
+print(loops.thrice(2.0), loops.twice(2.0))
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert done.stdout == "6.0 4.0\n"
+    (line,) = done.stderr.splitlines()
+    assert "cannot be cached (File too large)" in line and "NUMBA_CACHE_DIR" in line
+
+
+@pytest.mark.parametrize("words", [
+    "run plant=free features=exact duration=0.1", "run duration=0.1",
+    "run STUDY --in-process --out OUT", "check_interaction moments",
+])  # fmt: skip
+def test_a_missing_compiler_is_reported_with_the_command_that_installs_it(words, tmp_path):
+    study = tmp_path / "study.yaml"
+    study.write_text("experiment: {plant: free, features: exact, duration: 0.1}\n")
+    words = words.replace("STUDY", str(study)).replace("OUT", str(tmp_path / "out"))
+    program = f"""
+import sys
+sys.path[:] = {sys.path}
+sys.modules["numba"] = None
+from aras_visual_servo_bench.cli import main
+sys.exit(main({words.split()}))
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert done.returncode == 1
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("bench: cannot import Numba") and "pip install" in line
+
+
 @pytest.mark.parametrize(("before", "imported"), [
     ("pass", "False"), ("import scipy.linalg.cython_blas", "True"),
 ])  # fmt: skip

@@ -9,7 +9,8 @@ import sys
 
 import pytest
 
-from aras_visual_servo_bench import cli
+from aras_visual_servo_base import compile_packages
+from aras_visual_servo_bench import cli, run_study
 from aras_visual_servo_bench.cli import main
 from aras_visual_servo_bench.cli.arguments import EXAMPLES, make_parser
 from aras_visual_servo_bench.errors import BenchError, make_missing_library_error
@@ -100,28 +101,64 @@ def test_a_study_with_keys_of_both_kinds_stays_a_study(tmp_path, capsys):
     assert "2 runs" in capsys.readouterr().out
 
 
-def test_pips_program_names_itself_and_compiles_before_it_simulates(monkeypatch, capsys):
+@pytest.fixture
+def pip(monkeypatch):
+    """The program that pip installs, with functions that are not compiled yet."""
     monkeypatch.setattr(sys, "argv", ["/home/me/venv/bin/aras-servo"])
+    monkeypatch.setattr(compile_packages, "find_missing", lambda packages: [packages[1]])
     compiled = []
-    monkeypatch.setattr(cli.compile_packages, "find_missing", lambda packages: [packages[1]])
-    monkeypatch.setattr(cli.compile_packages, "main", lambda due: compiled.extend(due) or 0)
+
+    def compile_some(packages, processes, report):
+        assert processes >= 1
+        report(1.0)
+        compiled.extend(packages)
+        return compile_packages.Outcome([], "")
+
+    monkeypatch.setattr(compile_packages, "compile_packages", compile_some)
+    return compiled
+
+
+def test_pips_program_names_itself(pip, capsys):
     assert main(["resume", "/nowhere"]) == 1
-    said = capsys.readouterr().err.splitlines()
-    assert compiled == ["aras_sim_bridge"]
-    assert said[0] == "first simulation: compiling for one or two minutes"
-    assert said[-1].startswith("aras-servo: ")
+    assert capsys.readouterr().err.startswith("aras-servo: ")
     assert make_parser().prog == "aras-servo"
     with pytest.raises(BenchError, match="give the number of a run: aras-servo show out 0"):
         raise_of(["show", "out"])
 
 
-@pytest.mark.parametrize("words", [["--help"], ["run", "--help"], ["table", "/nowhere"], ["fly"]])
-def test_pips_program_does_not_compile_without_a_simulation(words, monkeypatch, capsys):
-    monkeypatch.setattr(sys, "argv", ["/home/me/venv/bin/aras-servo"])
-    monkeypatch.setattr(cli.compile_packages, "find_missing", lambda packages: pytest.fail("asked"))
+def make_study(folder):
+    file = folder / "study.yaml"
+    file.write_text("experiment: {plant: free, features: exact, duration: 0.1}\nrepeats: 2\n")
+    return str(file)
+
+
+@pytest.mark.parametrize("words", [
+    "run plant=free features=exact duration=0.1", "run STUDY --dry-run",
+    "run STUDY --out OUT --in-process --no-report", "show DONE 0",
+    "analyze DONE:0 --out OUT --formats png",
+])  # fmt: skip
+def test_pips_program_compiles_before_it_simulates(pip, words, tmp_path, capsys):
+    places = {"STUDY": make_study(tmp_path), "DONE": tmp_path / "done", "OUT": tmp_path / "out"}
+    if "DONE" in words:
+        run_study(places["STUDY"], places["DONE"])
+        capsys.readouterr()
+    for name, place in places.items():
+        words = words.replace(name, str(place))
+    assert main(words.split()) == 0
+    assert pip == ["aras_sim_bridge"]
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[0] == "first simulation: compiling for one or two minutes"
+    assert lines[1].startswith("compiled in ")
+
+
+@pytest.mark.parametrize("words", [
+    "--help", "run --help", "table /nowhere", "fly", "run /nowhere.yaml", "resume /nowhere",
+    "run duration=long",
+])  # fmt: skip
+def test_pips_program_does_not_compile_without_a_simulation(pip, words, capsys):
     with contextlib.suppress(SystemExit):
-        main(words)
-    assert "compiling" not in capsys.readouterr().err
+        main(words.split())
+    assert pip == [] and "compiling" not in capsys.readouterr().err
 
 
 def raise_of(words):
@@ -130,7 +167,7 @@ def raise_of(words):
 
 
 def test_the_workspaces_program_leaves_compiling_to_the_set_up(monkeypatch):
-    monkeypatch.setattr(cli.compile_packages, "find_missing", lambda packages: pytest.fail("asked"))
+    monkeypatch.setattr(compile_packages, "find_missing", lambda packages: pytest.fail("asked"))
     assert main(["run", "duration=0.1"]) == 0
 
 

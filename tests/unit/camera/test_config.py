@@ -77,7 +77,7 @@ def test_sensor_tags_are_rendered(caplog):
     config = CameraConfig.from_description(tags)
     assert not caplog.records
     CameraConfig.from_description(replace(tags, distortion_center=(0.5, 0.4)))
-    assert "the distortion's center (0.5, 0.4) is ignored" in caplog.text
+    assert "<center> (0.5, 0.4) of the <distortion> is ignored" in caplog.text
     assert config.distortion_coefficients == (-0.1, 0.02, 0.001, -0.002, 0.0)
     with pytest.raises(CameraError, match="'plumb_bob' does not fit lens 'equidistant'"):
         CameraConfig.from_description(replace(tags, kind="wideanglecamera"))
@@ -126,9 +126,9 @@ def test_every_shipped_preset_is_valid(preset):
     ({"lens": "fishy"}, "lens is 'fishy': known are pinhole"),
     ({"distortion_model": "brown"}, "distortion_model is 'brown': known are"),
     ({"distortion_coefficients": [1.0, 2.0]}, "needs 4 or 5"),
-    ({"distortion_coefficients": [-0.8, 0.0, 0.0, 0.0, 0.0]}, "fold the projection over"),
+    ({"distortion_coefficients": [-0.8, 0.0, 0.0, 0.0, 0.0]}, "distorted radius stops increasing"),
     ({"distortion_model": "equidistant", "distortion_coefficients": [-0.5, 0, 0, 0],
-      "horizontal_fov": 3.0}, "fold the projection over at"),
+      "horizontal_fov": 3.0}, "the distorted radius stops increasing at"),
     ({"update_rate": 0.0}, "update_rate is 0.0, must be > 0 Hz"),
     ({"near": 1.0, "far": 0.5}, "0 < near < far"),
     ({"camera_matrix": {"fx": 0, "fy": 1, "cx": 0, "cy": 0}}, "focal lengths above 0"),
@@ -223,7 +223,7 @@ def test_a_picture_may_reach_up_to_the_fold_and_no_further(fits, beyond):
     lens = {"camera_matrix": {"fx": 100.0, "fy": 100.0, "cx": 0.0, "cy": 0.0},
             "distortion_coefficients": [-0.8, 0.0, 0.0, 0.0, 0.0]}  # fmt: skip
     CameraConfig.from_mapping({**lens, **dict(zip(("width", "height"), fits, strict=True))})
-    with pytest.raises(CameraError, match="fold the projection over inside the image"):
+    with pytest.raises(CameraError, match="radius stops increasing inside the image"):
         CameraConfig.from_mapping({**lens, **dict(zip(("width", "height"), beyond, strict=True))})
 
 

@@ -116,7 +116,7 @@ def test_a_wrong_setting_of_a_robots_camera_says_where_it_was_read():
 
     assert refusal({"horizontal_fov": 0.0}) == (
         "camera 'eye': horizontal_fov is 0.0 rad; with the lens pinhole it must be above 0 and "
-        "below 3.142 rad (its settings are those of camera 'lab/eye')"
+        "below 3.142 rad (in the settings of camera 'lab/eye')"
     )
     assert "'parent' is only for cameras with 'parent: world'" in refusal({"parent": "world"})
 
@@ -259,7 +259,7 @@ def test_intrinsics_of_a_lens_are_drawn_and_published(kind):
 
 
 @pytest.mark.parametrize(("kind", "inside", "reason"), [
-    ("wideanglecamera", "<intrinsics/>", "<intrinsics> is not for a wideanglecamera; it is"),
+    ("wideanglecamera", "<intrinsics/>", "a wideanglecamera has no <intrinsics>, so it is"),
     ("camera", "<type>equidistant</type>", "needs a wideanglecamera; this camera is drawn"),
 ])
 def test_what_a_lens_has_in_vain_is_named(kind, inside, reason):

@@ -264,9 +264,11 @@ def test_a_triggered_picture_is_read_before_the_next_one_begins():
 
 
 @pytest.mark.parametrize(("effects", "told"), [
-    ({"row_time": 0.005}, "row_time 0.005 s of 8 rows, 0.04 s in all: .* period of 0.0333333 s"),
+    ({"row_time": 0.005},
+     "row_time 0.005 s of 8 rows takes 0.04 s in all: .* period of 0.0333333 s"),
     ({"exposure_time": 0.04}, "exposure_time 0.04 s: must be shorter than the period"),
-    ({"exposure_time": 0.02, "row_time": 0.002}, "exposure_time and row_time .*, 0.036 s together"),
+    ({"exposure_time": 0.02, "row_time": 0.002},
+     "exposure_time and row_time .* take 0.036 s together"),
     ({"row_time": -1e-5}, "row_time is -1e-05, must be >= 0"),
     ({"auto_exposure": {"target": 300}}, "auto_exposure.target is 300"),
     ({"auto_exposure": {"least": 2.0}}, "initial factor of 1"),

@@ -220,8 +220,8 @@ class TestReporting:
         for k in range(300):
             rig.hardware.handles["J"].position_command = 1.75
             rig.hardware.write(k * 10_000_000, 0.01)
-        assert rig.log == ["joint 'J': position command 1.25 is beyond its stop at 1.23, where it "
-                           "rests; lower the command, or change joint_limits"]
+        assert rig.log == ["joint 'J': position command 1.25 is beyond the joint's stop at 1.23; "
+                           "the joint stays at this stop; change the command or joint_limits"]
 
     @pytest.mark.parametrize("interface", [EFFORT, POSITION, VELOCITY])
     def test_a_command_that_is_beyond_a_limit_by_rounding_is_not_worth_a_line(

@@ -37,7 +37,7 @@ def test_a_surface_s_bounce(parsed, inside, expected):
 @pytest.mark.parametrize("parsed", [urdf, sdf])
 @pytest.mark.parametrize(("inside", "words"), [
     ("<restitution_coefficient>1.2</restitution_coefficient>", "restitution_coefficient 1.2"),
-    ("<restitution_coefficient>-0.1</restitution_coefficient>", "need 0 to 1"),
+    ("<restitution_coefficient>-0.1</restitution_coefficient>", "must be 0 to 1"),
     ("<restitution_coefficient>bouncy</restitution_coefficient>", "restitution_coefficient"),
     ("<restitution_coefficient>1</restitution_coefficient><threshold>-1</threshold>",
      "threshold -1.0"),

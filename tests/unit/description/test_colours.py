@@ -125,7 +125,8 @@ def test_a_link_has_the_colour_of_its_first_visual_that_has_one():
     for visuals, rgba in (((green, blue), GREEN), ((PLAIN, blue, PLAIN, green), BLUE)):
         assert shown(*visuals) == (
             rgba,
-            ("link 'a': its visuals have several colours; the first is used for all of them",))
+            ("link 'a': its visuals have several colours; the first is used for all of them; put "
+             "the others into links of their own",))
 
 
 @pytest.mark.parametrize("tag", ["diffuse", "ambient"])

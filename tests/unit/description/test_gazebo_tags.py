@@ -123,7 +123,7 @@ def test_a_lens():
 
 
 @pytest.mark.parametrize("inside, reason", [
-    ("<image><width>0</width></image>", "image is 0 × 240 pixels; 1 … 16384 are possible"),
+    ("<image><width>0</width></image>", "image is 0 × 240 pixels; each side must be 1 … 16384"),
     ("<image><height>16385</height></image>", "320 × 16385"),
     ("<image><height>0</height></image>", "320 × 0"),
     ("<image><width>16385</width></image>", "16385 × 240"),

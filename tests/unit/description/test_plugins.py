@@ -273,7 +273,7 @@ def test_only_the_first_plugin_of_a_camera_delivers_its_pictures():
         "<plugin filename='libgazebo_ros_camera.so'><cameraName>first</cameraName></plugin>"))
     assert read.cameras[0].plugin.camera_name == "first"
     assert read.warnings == ("camera 'eye' on link 'a': only one plug-in can publish its images; "
-                             "'second' is ignored",)
+                             "'second' is ignored; remove one",)
 
 
 @pytest.mark.parametrize(("names", "sides"), [

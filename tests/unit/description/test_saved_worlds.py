@@ -149,8 +149,8 @@ def test_a_cyclic_include_is_one_warning(folders, read):
                 .replace("</joint", "</joint" if name == "hen" else "</battery"))
     found = read(include("hen"))
     assert list(found.models[0].links) == ["body", "egg::body"]
-    assert "<include> of 'model://hen' is ignored: it includes itself: hen → egg → hen" in \
-        found.warnings
+    assert ("<include> of 'model://hen' is ignored: it includes itself: hen → egg → hen; remove "
+            "one of these includes") in found.warnings
 
 
 def placed(simulation, found):
@@ -244,10 +244,10 @@ def test_what_a_state_says_in_vain_is_named(folders, read):
         "<velocity>0 0 2 0 0 0</velocity></link><link name='lid'/></model>"
         "<model name='b'/><model name='a'/><light name='l'/></state>")
     assert [warning for warning in found.warnings if "<state>" in warning] == [
-        "<state> places models that do not exist: a, b; ignored",
-        "<state> places lights that do not exist: l; ignored",
-        "<state> places links of model 'crate' that do not exist: lid; ignored",
-        "<state>: model 'crate': scale (0.0, 1.0, 1.0) is not positive; ignored",
+        "<state> places models that do not exist and are ignored: a, b",
+        "<state> places lights that do not exist and are ignored: l",
+        "<state> places links of model 'crate' that do not exist and are ignored: lid",
+        "<state>: model 'crate': scale (0.0, 1.0, 1.0) is not positive, so it is ignored",
         "<state> has crate in motion; all models start at rest",
     ]
 
@@ -312,7 +312,7 @@ def test_a_population_by_chance_fills_its_region_the_same_way_each_time(read, re
 
 
 @pytest.mark.parametrize(("inside", "reason"), [
-    ("<model_count>0</model_count>", "model_count is 0; 1 to 1000 are possible"),
+    ("<model_count>0</model_count>", "model_count is 0, must be 1 to 1000"),
     ("<distribution><type>grid</type><rows>40</rows><cols>40</cols></distribution>", "cols is 40"),
     ("<box><size>1 1 0</size></box>", "must be positive"),
     ("<cylinder><radius>0</radius><length>1</length></cylinder>", "length must be positive"),
@@ -688,7 +688,7 @@ def test_a_state_s_scale_makes_shapes_larger_in_their_places(folders, read, shap
             assert getattr(one.geometry, name) == pytest.approx(expected)
             assert (one.name, one.origin_xyz) == ("p", (1, 2, 3))
         assert link.inertial.mass == 7
-        assert ("is not positive; ignored" in "".join(found.warnings)) == (scale[2] in "0-")
+        assert ("is not positive, so" in "".join(found.warnings)) == (scale[2] in "0-")
 
 
 def test_names_that_a_state_has_in_vain_are_sorted_and_what_it_deletes_is_none(read):
@@ -696,7 +696,7 @@ def test_names_that_a_state_has_in_vain_are_sorted_and_what_it_deletes_is_none(r
                  "<name>m</name><name/></deletions><deletions><name>went</name></deletions>"
                  "<model name='gone'/><model name='b'/><light name='went'/><model/></state>")
     assert found.models == ()
-    assert found.warnings == ("<state> places models that do not exist: b; ignored",)
+    assert found.warnings == ("<state> places models that do not exist and are ignored: b",)
 
 
 def test_a_model_in_a_model_keeps_its_joints_and_plugins(folders, read):

@@ -156,7 +156,7 @@ def test_gazebo_tags_add_links_and_joints_and_close_chains():
     ("<gazebo><joint name='k' type='ball'><parent>a</parent><child>b</child></joint></gazebo>",
      "joint 'k': joint type 'ball' is not supported"),
     ("<gazebo><joint name='k' type='fixed'><parent>a</parent><child>c</child></joint></gazebo>",
-     "joint 'k': link 'c' does not exist; the joint is ignored"),
+     "joint 'k': link 'c' does not exist; correct the name; the joint is ignored"),
     ("<gazebo><joint name='j' type='fixed'><parent>a</parent><child>b</child></joint></gazebo>",
      "two joints are named 'j'; rename one; the joint is ignored"),
 ])

@@ -384,7 +384,8 @@ def test_settings_of_the_world_s_cameras(graph, thread, monkeypatch):
     plugins = None, SimpleNamespace(camera_name="own"), SimpleNamespace(camera_name="")
     new = SimpleNamespace(cameras=[SimpleNamespace(name="on", plugin=one) for one in plugins])
     settings.check_unused_names({"on": {}, "of": {"width": 3}, "own": {"width": 3}}, thread, new)
-    told = f"settings {name}/of belong to no camera; existing cameras: good, on, own"
+    told = (f"settings {name}/of belong to no camera; give them the name of an existing one: "
+            "good, on, own")
     assert told in graph.lines[-1]
     assert not any("/own" in line for line in graph.lines)
     count = len(graph.lines)

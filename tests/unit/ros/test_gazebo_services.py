@@ -186,7 +186,7 @@ def test_joint_positions_that_cannot_be_are_refused_and_limits_are_named(call, s
         answer = call("set_model_configuration", "slider", "", ["rail"], [position], refused=True)
         assert "joint_positions: joint 'rail' of 'slider'" in answer.status_message
     answer = call("set_model_configuration", "slider", "", ["slider::rail"], [7.0])
-    assert "rail is at its limit of 2, 7 is beyond it" in answer.status_message
+    assert "rail is set to its limit 2, because 7 is beyond it" in answer.status_message
 
 
 def test_a_link_on_a_joint_cannot_be_put_somewhere(call, slider):
@@ -364,7 +364,7 @@ def test_a_link_gets_other_properties(call, step, ball):
 def test_a_joint_gets_other_properties(call, step, slider):
     config = ODEJointProperties(damping=[2.0], hiStop=[0.5], vel=[0.0], cfm=[1.0])
     answer = call("set_joint_properties", "rail", config)
-    assert answer.status_message.endswith("; ignored, because only ODE has them: cfm")
+    assert answer.status_message.endswith("are ignored, because only ODE has them: cfm")
     assert call("get_joint_properties", "rail").damping == [2.0]
     call("set_model_configuration", "slider", "", ["slider::rail", "who"], [1.5, 0.0])
     assert call("get_joint_properties", "rail").position == pytest.approx([0.5])
@@ -417,7 +417,7 @@ def test_joints_of_every_type_and_of_models_that_stand(call):
 def test_numbers_up_to_a_thousand_million_are_taken(value):
     assert conversions.check_bounds((0.0, value), "it") == (0.0, value)
     for wrong in (1.001 * value, math.nan):
-        with pytest.raises(WorldError, match="it: .* is not finite or beyond ±1e.09"):
+        with pytest.raises(WorldError, match="it: .* must be finite and within ±1e.09"):
             conversions.check_bounds((0.0, wrong), "it")
 
 

@@ -71,7 +71,8 @@ def test_one_thing_is_spawned_at_a_time(api, call):
     model = '<model name="m"><static>true</static><link name="l"/></model>'
     both, none = SPOT.replace("</sdf>", f"{model}</sdf>"), '<sdf version="1.6"/>'
     several = "the text has 1 models and 1 lights; it must contain exactly one model"
-    for text, found in ((both, several), (none, "it contains no <model> and no <light>")):
+    empty = "the text contains no <model> and no <light>; add one"
+    for text, found in ((both, several), (none, empty)):
         answer = call("spawn_sdf_model", "m", text, "", Pose(), "", refused=True)
         assert answer.status_message == f"SpawnModel: SDF: {found}"
     assert "m" not in api.thread.simulation.lights

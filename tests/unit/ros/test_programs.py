@@ -416,7 +416,7 @@ def test_unspawner_keeps_stopped_what_it_is_told_and_starts_it_at_the_end(progra
         [listed],
     ]
     assert program.calls() == [("switch_controller", ["b", "a", "c"], [], 1, False, 0.0)]
-    assert program.graph.lines[0] == "the controller manager does not answer: x"
+    assert program.graph.lines[0].startswith("the controller manager does not answer: x;")
     told = program.graph.lines[-1] == "b, a, c stay stopped: the simulator has ended"
     assert told is (gone is not None)
 
@@ -483,7 +483,8 @@ def test_a_manager_that_does_not_answer(program, capsys, module):
         if fault:
             program.faults["wait"] = fault
         assert program.run(module, *arguments) == 1
-        line = f"The controller manager did not answer: {said}\n" if said else ""
+        line = (f"The controller manager did not answer: {said}; spawn the robot, and set __ns to "
+                "its namespace\n") if said else ""
         assert capsys.readouterr().err == line
 
 

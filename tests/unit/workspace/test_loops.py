@@ -120,5 +120,59 @@ def test_packages_are_missing_until_each_of_their_loops_is_kept(packages, monkey
     thrice = source / "looping" / "thrice.py"
     thrice.write_text(TWICE.replace("2 * x", "3 * x"))
     assert compile_packages.find_missing(["looping"]) == ["looping"]
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(folder / "elsewhere"))
+
+
+def test_packages_are_missing_until_their_functions_are_in_the_cache_in_use(packages, monkeypatch):
+    folder, use = packages
+    use(folder / "source")
+    compile_packages.main(["looping"])
+    cache = folder / "elsewhere"
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(cache))
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(cache))
+    assert compile_packages.find_missing(["looping"]) == ["looping"]
+    use(folder / "source")
+    compile_packages.main(["looping"])
+    assert len(kept(cache)) == 2
     assert compile_packages.find_missing(["looping"]) == []
+    # Numba uses the cache next to the sources if this folder cannot be created
+    (folder / "file").write_text("")
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(folder / "file" / "elsewhere"))
+    assert compile_packages.find_missing(["looping"]) == []
+
+
+def test_the_compiled_fraction_is_reported(packages):
+    folder, use = packages
+    use(folder / "source")
+    path = folder / "source" / "looping" / "thrice.py"
+    path.write_text(TWICE.replace("2 * x", "3 * x").replace("twice", "thrice"))
+    fractions = []
+    outcome = compile_packages.compile_packages(["looping"], 2, report=fractions.append)
+    assert outcome == ([], "")
+    assert fractions == [0.5, 1.0]
+
+
+def test_a_full_disk_ends_the_compilation_with_one_line(packages):
+    """A limit of 0 bytes for new files fails as a full disk does."""
+    source = packages[0] / "source"
+    program = ("import resource, sys; from aras_visual_servo_base.compile_packages import main; "
+               "resource.setrlimit(resource.RLIMIT_FSIZE, (0, resource.RLIM_INFINITY)); "
+               "sys.exit(main(['looping']))")  # fmt: skip
+    done = subprocess.run(
+        [sys.executable, "-c", program], env={**os.environ, "PYTHONPATH": f"{source}:{LIBRARY}"},
+        cwd="/", capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 1 and not kept(source)
+    (line,) = done.stderr.splitlines()
+    assert "cannot be cached (File too large)" in line
+
+
+def test_a_process_that_is_killed_is_reported(packages):
+    folder, use = packages
+    use(folder / "source")
+    path = folder / "source" / "looping" / "part" / "twice.py"
+    path.write_text("import os, signal\nfrom aras_visual_servo_base.compiled import jit\n"
+                    "class Number:\n"
+                    "    def __repr__(self):\n        os.kill(os.getpid(), signal.SIGKILL)\n"
+                    "N = (Number(),)\n@jit('f8')\ndef twice(x):\n    return N\n")  # fmt: skip
+    (fault,), _ = compile_packages.compile_packages(["looping"], 1)
+    assert fault.startswith("compiling looping failed: its process was killed")

@@ -103,7 +103,7 @@ def test_what_no_body_has_is_refused_by_name(world, make, name):
 
 def test_a_joint_a_world_away_is_refused(world, make):
     xml = make.robot(make.link("a"), make.link("b"), make.joint("j", "a", "b", xyz="0 -3e9 0"))
-    with pytest.raises(WorldError, match=r"joint 'j': an origin 3e\+09 m away"):
+    with pytest.raises(WorldError, match=r"joint 'j': its <origin> is 3e\+09 m away"):
         world.spawn(parse_urdf(xml), "m")
 
 

@@ -50,7 +50,9 @@ def test_an_arm_that_the_ground_pushes_along_its_links_stays_finite(caplog):
             world.step()
             assert max(map(abs, arm.read_joints()[1])) < 100.0
     (line,) = [record.getMessage() for record in caplog.records]
-    assert line.startswith("arm::l5 is 170 mm within ground_plane::link, and 1 more of their")
+    assert line.startswith(
+        "arm::l5 is 170 mm within ground_plane::link (further pairs of their links that overlap: "
+        "1):")
 
 
 def test_joints_that_are_put_into_something_are_judged_again(caplog):

@@ -64,7 +64,7 @@ def test_two_cameras_of_one_name(simulation, caplog, root, image, taken):
     simulation.spawn(camera("b", root, image), "second")
     assert len(simulation.cameras) == 2
     (said,) = [r.getMessage() for r in caplog.records if r.levelname == "ERROR"]
-    assert said.startswith("model 'second' has no camera 'b': ")
+    assert said.startswith("model 'second' is simulated without camera 'b': ")
     assert f"camera 'b': camera 'a' of model 'first' has the name {taken} already; give one" in said
 
 
@@ -78,8 +78,8 @@ def test_two_cameras_of_one_robot_without_names(simulation, caplog):
     assert [one.sensor.config.name for one in simulation.cameras] == ["front"]
     (said,) = [r.getMessage() for r in caplog.records if r.levelname == "ERROR"]
     assert said == (
-        "model 'r' has no camera 'rear': camera 'rear': camera 'front' of model 'r' has "
-        "the name / already; give one of them another cameraName or robotNamespace")
+        "model 'r' is simulated without camera 'rear': camera 'rear': camera 'front' of model "
+        "'r' has the name / already; give one of them another cameraName or robotNamespace")
 
 
 def test_unknown_names_carry_what_there_is(make):

@@ -482,7 +482,7 @@ def test_defaults_are_upstream_s():
     (bumper_on("tool"), "it names no <collision>"),
     (plugin("bumper", {}), "it names no <collision>"),
     (imu_on("base").replace("frameName", "frame"), "its plug-in has no <frameName>"),
-    (imu_on("base").replace("imu_sensor.so", "p3d.so"), "this plug-in must be in"),
+    (imu_on("base").replace("imu_sensor.so", "p3d.so"), "because it must be in"),
 ])
 def test_a_sensor_that_measures_nothing_costs_one_line(tags, reason):
     read = parse_urdf(arm(tags=tags + wrench_of("swing")))
@@ -495,7 +495,7 @@ def test_a_sensor_that_measures_nothing_costs_one_line(tags, reason):
 def test_a_contact_sensor_of_a_collision_that_does_not_exist_has_its_topic_and_one_line():
     read = parse_urdf(arm(tags=bumper_on("tool", "hand")))
     (warning,) = read.warnings
-    assert "collision 'hand' does not exist; known are none; the sensor reports no" in warning
+    assert "collision 'hand' does not exist, so the sensor reports no" in warning
     assert [sensor.kind for sensor in read.sensors] == ["contact"]
 
 

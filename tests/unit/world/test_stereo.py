@@ -66,7 +66,7 @@ def test_the_rate_of_one_eye_is_that_of_both(simulation, caplog):
     with caplog.at_level(logging.WARNING):
         simulation.spawn(description, "head", cameras={
             "stereo": {"camera": {"right": {"update_rate": 20.0}}}})
-    (line,) = [text for text in caplog.messages if "together" in text]
+    (line,) = [text for text in caplog.messages if "same shutter" in text]
     assert "'stereo_right'" in line and "15 Hz instead of 20 Hz" in line
     assert [camera.sensor.rate for camera in simulation.cameras] == [15.0, 15.0]
     with pytest.raises(CameraError, match="rate is 0.0 Hz"):

@@ -151,7 +151,7 @@ def test_bad_spawns_are_refused_and_leave_the_world_alone(make, arguments, text)
 
 @pytest.mark.parametrize(("name", "told", "message"), [
     ("loadURDF", pybullet.error("no"), r"model 'm': Bullet cannot load it \(no\); .* mesh files"),
-    ("getNumJoints", 0, r"model 'm': Bullet lost the links \['bob'\]"),
+    ("getNumJoints", 0, r"model 'm': Bullet did not load the links \['bob'\]"),
 ])
 def test_what_bullet_does_not_take_whole_is_refused(make, monkeypatch, name, told, message):
     def answer(*_, **__):

@@ -39,5 +39,6 @@ _FURTHER = {
 }
 FIRST_PROJECT = tuple(_FIRST)
 __all__ = [*_FIRST, *_FURTHER]
-if not TYPE_CHECKING:  # with a module-level __getattr__, type checkers accept any name
+# Type checkers do not see __getattr__, because it would make them accept any name.
+if not TYPE_CHECKING:
     __getattr__, __dir__ = lazy_exports(__name__, {**_FIRST, **_FURTHER})

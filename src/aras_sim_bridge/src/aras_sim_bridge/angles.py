@@ -22,7 +22,7 @@ def normalize_angle(angle):
 def shortest_angular_distance(start, goal):
     """Return the signed distance from `start` to `goal` along the shorter arc, in (-pi, pi]."""
     distance = goal - start
-    # Shortcut for nearly every control cycle.
+    # In nearly every control cycle, the difference is already in the range.
     if -pi < distance <= pi:
         return distance
     return normalize_angle(distance)

@@ -61,7 +61,8 @@ def run_cycles(count, time_ns, step_ns, loops, handles, drives,
     The function returns early if Python code has to act, for example to log a warning.
 
     Args:
-        loops, handles, drives: arrays whose rows are those of JointLoop, JointHandle and Drive.
+        loops, handles, drives: arrays (number, columns) with one row for each JointLoop,
+            JointHandle and Drive.
         bodies … modes: the arrays of JointSpace.arrays, in this order. `state` (3, n) holds the
             joint positions, velocities and efforts and is updated in place.
         dt: physics step, s.

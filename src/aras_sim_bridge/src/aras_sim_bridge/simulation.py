@@ -1,4 +1,7 @@
-"""The complete simulation: physics world, controlled robots, cameras and sensors, one `step`."""
+"""The complete simulation: physics world, controlled robots, cameras and sensors.
+
+`Simulation.step` advances all of them by one time step.
+"""
 
 from __future__ import annotations
 
@@ -550,13 +553,15 @@ class Simulation:
             )
             mounted = MountedCamera(self._make_camera_sensor(config), model, camera.link)
         except (CameraError, RenderingError) as error:
-            log.error("model '%s' has no camera '%s': %s", model.name, camera.name, error)
+            log.error("model '%s' is simulated without camera '%s': %s",
+                      model.name, camera.name, error)
             return
         self.cameras.append(mounted)
         first = find_simultaneous(mounted, self.cameras)[0].sensor
         if mounted.sensor.rate != first.rate:
             log.warning(
-                "camera '%s' exposes together with camera '%s' and at its %g Hz instead of %g Hz",
+                "camera '%s' has the same shutter as camera '%s', so it exposes at that camera's "
+                "%g Hz instead of %g Hz; set the same update_rate for both",
                 camera.name, first.config.name, first.rate, mounted.sensor.rate,
             )
             mounted.sensor.set_rate(first.rate, self.time_ns, self.step_ns)

@@ -11,17 +11,25 @@ from __future__ import annotations
 
 import argparse
 import gc
+import hashlib
 import importlib
 import importlib.util
+import logging
 import multiprocessing
 import os
 import re
 import shutil
+import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from multiprocessing import connection
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
 from pathlib import Path
+from typing import NamedTuple
 
-from .compiled import compile_all
+from .compiled import import_numba, list_functions, uncached_reasons, warn_uncached
+from .errors import CompilerError
 
 IMPORTS_JIT = re.compile(r"^from .*compiled import .*\bjit\b", re.MULTILINE)
 
@@ -67,22 +75,38 @@ def copy_cache(package: str, folder: Path) -> None:
 def find_missing(packages: Sequence[str]) -> list[str]:
     """Return the packages of which some compiled functions are not in the cache yet.
 
-    The next program that needs the missing functions would compile them. Packages in read-only
-    folders are ignored.
+    The next program that needs the missing functions would compile them. Packages whose functions
+    cannot be cached are ignored.
     """
+    return [package for package in packages if _is_missing(package)]
+
+
+def _is_missing(package: str) -> bool:
+    parent = _find_folder(package)
+    for path in find_sources(package):
+        folder = _find_cache_folder((parent / path).parent)
+        if folder is not None and not any(folder.glob(f"{path.stem}.*.nbi")):
+            return True
+    return False
+
+
+def _find_cache_folder(sources: Path) -> Path | None:
+    """Return where Numba caches the functions of the files in a folder.
+
+    Numba tries these folders in this order. The result is None if none of them is writable.
+    """
+    name = f"{sources.name}_{hashlib.sha1(str(sources).encode()).hexdigest()}"
+    user_cache = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
+    folders = [sources / "__pycache__", Path(user_cache, "numba", name)]
     if os.environ.get("NUMBA_CACHE_DIR"):
-        return []
-    found = []
-    for package in packages:
-        parent = _find_folder(package)
-        paths = [parent / path for path in find_sources(package)]
-        if any(
-            os.access(path.parent, os.W_OK)
-            and not any((path.parent / "__pycache__").glob(f"{path.stem}.*.nbi"))
-            for path in paths
-        ):
-            found.append(package)
-    return found
+        folders.insert(0, Path(os.environ["NUMBA_CACHE_DIR"], name))
+    return next((folder for folder in folders if _can_write(folder)), None)
+
+
+def _can_write(folder: Path) -> bool:
+    """Return whether files can be created in a folder, which need not exist yet."""
+    existing = next(path for path in (folder, *folder.parents) if os.path.exists(path))
+    return existing.is_dir() and os.access(existing, os.W_OK)
 
 
 def split_packages(packages: Sequence[str], count: int) -> list[list[str]]:
@@ -111,24 +135,87 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--processes", type=int, default=os.cpu_count(), metavar="N",
                         help="largest number of parallel processes (default: number of cores)")
     given = parser.parse_args(argv)
-    found = [package for package in given.packages if _import_modules(package, given.folder)]
-    # Forked processes share the modules that are already imported.
+    if given.processes < 1:
+        parser.error(f"--processes is {given.processes}, must be 1 or more")
+    faults, uncached = compile_packages(given.packages, given.processes, given.folder)
+    for fault in faults:
+        print(f"loops: {fault}", file=sys.stderr)
+    if uncached:
+        warn_uncached(uncached)
+    return int(bool(faults or uncached))
+
+
+class Outcome(NamedTuple):
+    """What a compilation did not achieve.
+
+    Attributes:
+        faults: lines of text: packages that are missing, processes that failed.
+        uncached: reason why compiled functions cannot be cached; '' if they are cached. The
+            compilation ends at the first function that cannot be cached.
+    """
+
+    faults: list[str]
+    uncached: str
+
+
+def compile_packages(
+    packages: Sequence[str], processes: int, folder: Path | None = None,
+    report: Callable[[float], None] = lambda fraction: None,
+) -> Outcome:  # fmt: skip
+    """Compile or load from the cache all functions of packages in parallel processes.
+
+    Args:
+        processes: largest number of processes.
+        folder: folder of the source packages, whose compiled functions are copied first.
+        report: function that is called with the compiled fraction, 0 to 1.
+    """
+    try:
+        import_numba()  # forked processes share the modules that are already imported
+        missing = {package: _import_modules(package, folder) for package in packages}
+    except CompilerError as error:
+        return Outcome([str(error)], "")
+    faults = [fault for fault in missing.values() if fault]
+    found = [package for package, fault in missing.items() if not fault]
+    count = sum(len(list_functions(package)) for package in found)
     fork = multiprocessing.get_context("fork")
-    processes = [fork.Process(target=_compile, args=(part,))
-                 for part in split_packages(found, max(given.processes, 1))]  # fmt: skip
-    for process in processes:
-        process.start()
-    for process in processes:
-        process.join()
-    failed = any(process.exitcode for process in processes)
-    return int(failed or len(found) < len(given.packages))
+    running: dict[Connection, tuple[BaseProcess, list[str]]] = {}
+    done, uncached = 0, ""
+    try:
+        for part in split_packages(found, processes):
+            receiver, sender = fork.Pipe(duplex=False)
+            process = fork.Process(target=_compile, args=(part, sender))
+            process.start()
+            sender.close()
+            running[receiver] = process, part
+        while running:
+            for receiver in connection.wait(list(running)):
+                try:
+                    uncached = receiver.recv() or uncached
+                    done += 1
+                    report(done / count)
+                except EOFError:
+                    process, part = running.pop(receiver)
+                    process.join()
+                    if process.exitcode:
+                        faults.append(_describe_failure(process.exitcode, part))
+    finally:
+        for process, _ in running.values():  # there are some only after an exception
+            process.terminate()
+    return Outcome(faults, uncached)
 
 
-def _import_modules(package: str, folder: Path | None) -> bool:
+def _describe_failure(status: int, packages: Sequence[str]) -> str:
+    text = f"compiling {', '.join(packages)} failed"
+    if status != -signal.SIGKILL:
+        return text
+    return f"{text}: its process was killed, probably because of too little memory"
+
+
+def _import_modules(package: str, folder: Path | None) -> str:
     """Import the modules of a package that define compiled functions, without compiling them.
 
-    If there is a `folder`, `copy_cache` first copies compiled functions from it. If the package or
-    one of its imports is missing, print the error and return False.
+    If there is a `folder`, `copy_cache` first copies compiled functions from it. Return a message
+    if the package or one of its imports is missing, otherwise ''.
     """
     try:
         if folder:
@@ -136,16 +223,22 @@ def _import_modules(package: str, folder: Path | None) -> bool:
         for path in find_sources(package):
             importlib.import_module(".".join(path.with_suffix("").parts))
     except ModuleNotFoundError as error:
-        print(f"loops: {error}", file=sys.stderr)
-        return False
-    return True
+        return str(error)
+    return ""
 
 
-def _compile(packages: Sequence[str]) -> None:
+def _compile(packages: Sequence[str], sender: Connection) -> None:
+    """Compile packages in a process. For each function, send '' or why it cannot be cached."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C ends the process without a traceback
+    logging.disable(logging.WARNING)  # the caller reports that functions cannot be cached, once
     # Numba creates many objects. Garbage collection would take one eighth of the compilation time.
     gc.disable()
     for package in packages:
-        compile_all(package)
+        for function in list_functions(package):
+            function.compile()
+            sender.send("; ".join(uncached_reasons))
+            if uncached_reasons:
+                return
 
 
 if __name__ == "__main__":

@@ -22,6 +22,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
 
+from .errors import CompilerError
 from .lazy import import_without
 
 if TYPE_CHECKING:
@@ -32,12 +33,24 @@ _log = logging.getLogger(__name__)
 _compile_lock = threading.RLock()
 # All functions with the decorator `jit`, by module and name.
 _functions: dict[tuple[str, str], CompiledFunction] = {}
+# Why functions that this process has compiled could not be cached.
+uncached_reasons: list[str] = []
 
 
 @cache
-def _import_numba() -> ModuleType:
-    import numba
+def import_numba() -> ModuleType:
+    """Import Numba, without the libraries that the project's functions do not use.
 
+    Raises:
+        CompilerError: Numba is not installed or cannot be loaded.
+    """
+    try:
+        import numba
+    except (ImportError, OSError) as error:  # OSError: llvmlite cannot load LLVM's library
+        raise CompilerError(
+            f"cannot import Numba, which compiles functions ({error}): run ./setup.sh; without "
+            "ROS, pip install --force-reinstall numba"
+        ) from error
     # To find a BLAS library for np.convolve and np.correlate, Numba imports SciPy's linear algebra.
     # This takes 0.1 s of processor time, which is 12 % of a short run that compiles nothing. Numba
     # has no public option to prevent the import. np.dot does not need it, because Numba searches
@@ -68,6 +81,7 @@ class CompiledFunction:
 
         Raises:
             TypeError: the arguments do not have the declared types.
+        CompilerError: Numba, which the first call needs, cannot be imported.
         """
         return self._call(*arguments)
 
@@ -94,7 +108,7 @@ class CompiledFunction:
     # Numba reads the next two attributes where a compiled function calls this one.
     @property
     def _numba_type_(self) -> numba.types.Type:
-        return _import_numba().typeof(self.compile())
+        return import_numba().typeof(self.compile())
 
     @property
     def targetoptions(self) -> dict[str, object]:
@@ -138,13 +152,21 @@ def compile_all(package: str = "") -> None:
     Args:
         package: name of a package whose functions are compiled; '' for all packages.
     """
-    for (module, _), function in list(_functions.items()):
-        if package in ("", module.partition(".")[0]):
-            function.compile()
+    for function in list_functions(package):
+        function.compile()
+
+
+def list_functions(package: str = "") -> list[CompiledFunction]:
+    """Return the functions with the decorator `jit` in imported modules, or in one package."""
+    return [
+        function
+        for (module, _), function in list(_functions.items())
+        if package in ("", module.partition(".")[0])
+    ]
 
 
 def _compile(function: Callable, signature: str, options: dict[str, object]) -> Dispatcher:
-    numba = _import_numba()
+    numba = import_numba()
     given = eval(f"({signature},)", vars(numba.types))
     arguments = tuple(
         kind.copy(readonly=True) if getattr(kind, "layout", "") == "A" else kind for kind in given
@@ -155,13 +177,15 @@ def _compile(function: Callable, signature: str, options: dict[str, object]) -> 
     function.__qualname__ = f"{name}-{_compute_checksum(function):08x}"
     try:
         return numba.njit([arguments], cache=True, **options)(function)
-    except RuntimeError as error:  # neither the file's folder nor the user's cache is writable
+    except RuntimeError as error:
         if "cannot cache" not in str(error):
             raise
-        _warn_once()
-        return numba.njit([arguments], **options)(function)
+        warn_uncached("no folder for them is writable")
+    except OSError as error:  # for example because the disk is full
+        warn_uncached(error.strerror or str(error))
     finally:
         function.__qualname__ = name
+    return numba.njit([arguments], **options)(function)
 
 
 def _compute_checksum(function: Callable) -> int:
@@ -210,15 +234,20 @@ def jit_inline_numba(function: Callable) -> CompiledFunction:
 
 
 def _make_inline(function: Callable, options: dict[str, object]) -> Dispatcher:
-    return _import_numba().njit(
+    return import_numba().njit(
         nogil=True, error_model="numpy", _nrt=False, no_cfunc_wrapper=True, **options
     )(function)
 
 
-@cache
-def _warn_once() -> None:
-    _log.warning("compiled functions cannot be cached, so every start takes about ten seconds "
-                 "longer; set NUMBA_CACHE_DIR to a writable folder")
+def warn_uncached(reason: str) -> None:
+    """Log, once per process, why compiled functions cannot be cached."""
+    if reason in uncached_reasons:
+        return
+    uncached_reasons.append(reason)
+    _log.warning(
+        "compiled functions cannot be cached (%s), so every start takes about ten seconds longer; "
+        "set NUMBA_CACHE_DIR to a writable folder with free space", reason,
+    )  # fmt: skip
 
 
 def column(number: int) -> property:

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
-import numba
-from numba.extending import intrinsic
+from .compiled import import_numba
+
+if TYPE_CHECKING:
+    import numba
+else:
+    numba = import_numba()
 
 
-@intrinsic
+@numba.extending.intrinsic
 def lowest_bit(typing: object, bits: numba.types.Type) -> tuple[object, Callable]:
     """Return the index of the lowest set bit of a 64-bit integer, which must not be 0.
 

@@ -17,3 +17,10 @@ class DescriptionError(SimError):
     def __init__(self, fault: str, remedy: str = "", path: str = "") -> None:
         super().__init__(f"{fault}; {remedy}" if remedy else fault)
         self.fault, self.remedy, self.path = fault, remedy, path
+
+
+class CompilerError(Exception):
+    """Numba, which compiles functions, is not installed or cannot be loaded.
+
+    It is not a SimError, because it is no error in a world or in settings.
+    """

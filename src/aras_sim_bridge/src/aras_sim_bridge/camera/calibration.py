@@ -36,7 +36,7 @@ class Calibration:
             determines it (OpenCV).
         D: distortion coefficients in OpenCV's order.
         R, P: the matrices R (9 numbers) and P (12 numbers) of CameraInfo, row by row; None if the
-        file does not contain them.
+            file does not contain them.
 
     Raises:
         CameraError: the numbers contradict each other or are invalid.
@@ -61,8 +61,8 @@ class Calibration:
             names = {n: model for model, counts in COEFFICIENTS.items()
                      if model != "equidistant" for n in counts}  # fmt: skip
             self._check(len(self.D) in (0, *names),
-                        f"distortion_coefficients hold {len(self.D)} numbers, must be "
-                        f"{', '.join(map(str, sorted(names)))}, or none")
+                        f"distortion_coefficients hold {len(self.D)} numbers, must hold "
+                        f"{', '.join(map(str, sorted(names)))} or no numbers")
             object.__setattr__(self, "model", names.get(len(self.D), "plumb_bob"))
         self._check_coefficients()
 
@@ -102,9 +102,10 @@ class Calibration:
             low, high = CENTRE_RANGE
             self._check(
                 side is None or low * side <= centre <= high * side,
-                f"the camera matrix has {axis} = {centre:g} px and image_{name} is {side} px: they "
-                f"belong to different resolutions, because {axis} must be near the centre; correct "
-                f"one (for a cropped image, set width, height and camera_matrix in a preset)",
+                f"the camera matrix has {axis} = {centre:g} px, but image_{name} is {side} px, so "
+                f"{axis} is far from the image centre: they belong to different resolutions; "
+                f"correct one (for a cropped image, set width, height and camera_matrix in a "
+                "preset)",
             )
 
     def _check_coefficients(self) -> None:
@@ -138,11 +139,13 @@ def find_distortion_model(name: Any, where: str) -> str:
 
 
 def check_finite(values: Any, where: str, counts: Sequence[int] = ()) -> tuple[float, ...]:
-    """Return the numbers of a list, after checking that they are finite.
+    """Check that `values` is a list of finite numbers, and return them as floats.
+
+    `counts` contains the allowed lengths of the list; if it is empty, any length is allowed.
+    `where` names the list in error messages.
 
     Raises:
-        CameraError: a value is not a finite number, or `counts` is not empty and does not contain
-            the length of the list.
+        CameraError: a value is not a finite number, or the length is not allowed.
     """
     expected = f"{' or '.join(map(str, counts))} finite numbers" if counts else "finite numbers"
     fits = isinstance(values, list | tuple) and all(

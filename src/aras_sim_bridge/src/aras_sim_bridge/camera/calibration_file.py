@@ -32,15 +32,18 @@ LENS_KEYS = ("width", "height", "camera_matrix", "horizontal_fov", "lens", "dist
 
 
 def apply_calibration(settings: Mapping[str, Any], folder: Path | None = None) -> dict[str, Any]:
-    """Replace the key `calibration` of some settings by the values that this file contains.
+    """Replace the setting `calibration`, a path, by the settings that this file determines.
 
     Args:
         settings: settings of a camera.
         folder: folder to which the path of the calibration is relative; None if the path must be
             absolute.
 
-        Raises:
-            CameraError: the file is not a valid calibration, or a setting contradicts it.
+    Returns:
+        New settings without `calibration`; a copy of `settings` if they do not contain this key.
+
+    Raises:
+        CameraError: the file is not a valid calibration, or a setting contradicts it.
     """
     if CALIBRATION_KEY not in settings:
         return dict(settings)
@@ -72,7 +75,9 @@ def apply_calibration(settings: Mapping[str, Any], folder: Path | None = None) -
 def find_calibration(text: str, path: Path, camera: str) -> Calibration | None:
     """Return the calibration of one camera from the text of a file.
 
-    Return None if the text is not a calibration.
+    `camera` is the camera's name. It may be '' if the file contains only one camera or is a Kalibr
+    camchain, whose first camera is then used. `path` is the file's path, for messages. Return None
+    if the text is not a calibration.
 
     Raises:
         CameraError: the calibration is invalid, or `camera` does not select one of its cameras.
@@ -85,7 +90,7 @@ def find_calibration(text: str, path: Path, camera: str) -> Calibration | None:
         known = read(text, str(path))
         if known is None:
             continue
-        if not camera and (len(known) == 1 or "cam0" in known):  # the first of Kalibr's chain
+        if not camera and (len(known) == 1 or "cam0" in known):
             return next(iter(known.values()))()
         if camera in known:
             return known[camera]()

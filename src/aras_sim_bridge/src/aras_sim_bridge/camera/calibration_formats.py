@@ -1,8 +1,9 @@
 """Readers of the formats of calibration files.
 
-A reader returns a function for each camera of a file, by the camera's name, which reads this
-camera. It returns None if the text is in another format. The numbers are used as they are, because
-all these programs use integer coordinates for pixel centres and OpenCV's order of the coefficients.
+A reader returns a dict that maps each camera's name to a function without arguments; this function
+returns the camera's Calibration. If the text is in another format, the reader returns None. The
+numbers are used as they are, because all these programs use integer coordinates for pixel centres
+and OpenCV's order of the coefficients.
 """
 
 from __future__ import annotations
@@ -61,7 +62,7 @@ def read_ros(text: str, path: str) -> CameraReaders | None:
 def _read_ros_file(data: Mapping[str, Any], path: str, whole: bool) -> Calibration:
     size = [_read_size(data, key, path) for key in ("image_width", "image_height")]
     K = _read_ros_matrix(data, "camera_matrix", path, (3, 3))
-    model = data.get("distortion_model")  # it is missing in older files
+    model = data.get("distortion_model")  # missing in old files of ROS
     model = None if model is None else find_distortion_model(model, path)
     D = _read_ros_matrix(data, "distortion_coefficients", path, None)
     more = [key for key in ("rectification_matrix", "projection_matrix") if key in data]
@@ -286,7 +287,7 @@ def _read_visp_camera(camera: Element, kind: str, model: Element, where: str) ->
     return Calibration(where, *sides, (fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0), name, D)
 
 
-# -- all ---------------------------------------------------------------------------------------
+# -- shared by all readers ---------------------------------------------------------------------
 
 
 def refuse_xml(text: str, path: str) -> CameraReaders:

@@ -1,4 +1,7 @@
-"""Settings of a camera, which come from its sensor in the URDF and a preset, and their checks."""
+"""Settings of a camera, and their checks.
+
+The settings come from the camera's <sensor> in the URDF and from a preset file.
+"""
 
 from __future__ import annotations
 
@@ -208,9 +211,10 @@ class CameraConfig:
                     "different names")
 
     def _check_lens_fold(self) -> None:
-        """Check that each pixel has a ray: the distortion must not fold over inside the image.
+        """Check that the distortion maps at most one ray to each pixel of the image.
 
-        If there is a cutoff_angle, this is not checked, because pixels beyond that angle are
+        This fails if the distorted radius stops increasing with the undistorted one inside the
+        image. Nothing is checked if there is a cutoff_angle, because pixels beyond that angle are
         black.
         """
         if not any(self.distortion_coefficients) or self.cutoff_angle is not None:
@@ -221,12 +225,13 @@ class CameraConfig:
         w, h = self.width - 1, self.height - 1
         border = np.array([[x, y] for t in np.linspace(0, 1, 33) for x, y in
                            ((t * w, 0), (t * w, h), (0, t * h), (w, t * h))])
-        angle = (f"at {math.degrees(lens.cutoff):.1f} deg from the axis, "
+        angle = (f"at {math.degrees(lens.cutoff):.1f} deg from the optical axis, "
                  if isinstance(lens, FisheyeLens) else "")
         self._check(bool(np.isfinite(self.projection.unproject(border)).all()),
-                    f"distortion_coefficients {list(self.distortion_coefficients)} fold the "
-                    f"projection over {angle}inside the image; make them smaller or the focal "
-                    "length longer")
+                    f"with distortion_coefficients {list(self.distortion_coefficients)}, the "
+                    f"distorted radius stops increasing {angle}inside the image, so that two "
+                    "directions share one pixel; make the coefficients smaller or the focal length "
+                    "longer")
 
     def check_rate(self, rate: float) -> None:
         """Check that the image period at `rate` (Hz) is long enough for exposure and read-out.
@@ -236,8 +241,8 @@ class CameraConfig:
         """
         e, rows = self.effects, f"row_time {self.effects.row_time:g} s of {self.height} rows"
         durations = {f"exposure_time {e.exposure_time:g} s": e.exposure_time,
-                 f"{rows}, {e.row_time * self.height:g} s in all": e.row_time * self.height,
-                 f"exposure_time and {rows}, {compute_duration(e, self.height):g} s together":
+                 f"{rows} takes {e.row_time * self.height:g} s in all": e.row_time * self.height,
+                 f"exposure_time and {rows} take {compute_duration(e, self.height):g} s together":
                      compute_duration(e, self.height)}  # fmt: skip
         for what, time in durations.items():
             self._check(time < 1.0 / rate, f"{what}: must be shorter than the period of "
@@ -318,7 +323,8 @@ class CameraConfig:
 
         described, own = read_settings(camera), apply_calibration(overrides or {})
         if own.get("lens", described.get("lens")) != described.get("lens"):
-            described.pop("cutoff_angle", None)  # this angle belongs to another lens
+            # The preset replaces the lens of the description, to which this angle belongs.
+            described.pop("cutoff_angle", None)
         return cls.from_mapping(merge(described, own))
 
     @classmethod

@@ -65,8 +65,9 @@ def read_settings(camera: CameraDescription) -> dict[str, object]:
         values["distortion_model"] = "plumb_bob"
         values["distortion_coefficients"] = _reorder_distortion(camera.distortion)
         if camera.distortion_center != (0.5, 0.5):
-            _log.warning("camera '%s': the distortion's center %s is ignored; the optical axis is "
-                         "used", camera.name, camera.distortion_center)
+            _log.warning("camera '%s': <center> %s of the <distortion> is ignored, because the "
+                         "distortion is centred on the optical axis; set it to 0.5 0.5",
+                         camera.name, camera.distortion_center)
     noise = camera.noise
     if noise.kind.startswith("gaussian") and (noise.mean or noise.stddev):
         # In SDF, noise is given as a fraction of the full scale.
@@ -91,7 +92,7 @@ def _read_wide_lens(camera: CameraDescription) -> dict[str, object]:
     values: dict[str, object] = {"lens": _LENSES[lens.kind]}
     if values["lens"] != "pinhole":
         values["cutoff_angle"] = min(lens.cutoff_angle, LARGEST_ANGLE[values["lens"]])
-    # Without scaling, a radius of 1 is half the image width, whatever the field of view is.
+    # Without <scale_to_hfov>, the focal length is half the image width, for any field of view.
     if not lens.scale_to_hfov:
         half = camera.width / 2
         values["camera_matrix"] = (half, half, half - 0.5, (camera.height - 1) / 2)

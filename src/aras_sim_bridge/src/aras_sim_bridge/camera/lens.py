@@ -1,8 +1,8 @@
 """Lens models: projection of rays to the image plane at unit focal length, and its inverse.
 
 Brown's model ('plumb_bob' and, with a rational radial part, 'rational_polynomial') has the
-coefficients of OpenCV's module calib3d. The model of Kannala and Brandt ('equidistant') has those
-of OpenCV's module fisheye.
+coefficients of OpenCV's module calib3d. The model of Kannala and Brandt ('equidistant') has the
+coefficients of OpenCV's module fisheye.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class BrownLens:
     """Pinhole with Brown's distortion.
 
     Attributes:
-        D: 5 or more coefficients, as in lenses.brown.
+        D: coefficients k1, k2, p1, p2, k3 and up to 9 more in OpenCV's order.
     """
 
     D: tuple[float, ...]
@@ -54,15 +54,16 @@ class BrownLens:
     def unproject(self, points: np.ndarray) -> np.ndarray:
         """Return the unit rays (N, 3) of distorted coordinates (N, 2); NaN if there is no solution.
 
-        Several rays may have the same distorted coordinates if the distortion folds over at some
-        radius. Newton's method follows the solution from the centre outwards, so that the ray
-        inside this radius is found.
+        If the distorted radius stops increasing at some undistorted radius (see `fold_radius`),
+        several rays may have the same distorted coordinates. The result is then the ray inside the
+        `fold_radius`, because Newton's method follows the solution from the centre outwards.
         """
         flat = not any(self.D)
         x = np.array(points, dtype=float)
         good = np.ones(len(x), bool)
         if not flat:
-            # Move the target outwards in steps, so that Newton's method follows the right solution.
+            # Solve for points at 25, 50, 75 and 100 % of the distance from the centre, so that
+            # Newton's method follows the right solution.
             x = np.zeros_like(x)
             for share, most in ((0.25, 2), (0.5, 2), (0.75, 2), (1.0, 20)):
                 x = x + 0.25 * points
@@ -85,7 +86,7 @@ class BrownLens:
         return rays
 
     def fold_radius(self) -> float:
-        """Return the radius at which the distortion folds over, see lenses.fold_radius."""
+        """Return the undistorted radius at which the distorted radius stops increasing, or inf."""
         return fold_radius(self.D)
 
     def distort(self, p: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -113,11 +114,11 @@ class FisheyeLens:
     cutoff: float
 
     def radius(self, theta: np.ndarray) -> np.ndarray:
-        """Return the radius in the image at unit focal length from the angle to the axis, rad."""
+        """Return the image radius, at unit focal length, of rays at `theta` rad from the axis."""
         return kannala_brandt(theta, self.D)[0]
 
     def slope(self, theta: np.ndarray) -> np.ndarray:
-        """Return the derivative of the radius with respect to the angle theta to the axis, rad."""
+        """Return the derivative of `radius` with respect to `theta`, 1/rad."""
         return kannala_brandt(theta, self.D)[1]
 
     def project(self, rays: np.ndarray) -> np.ndarray:
@@ -141,8 +142,9 @@ class FisheyeLens:
             error = self.radius(theta) - target
             high, low = np.where(error > 0, theta, high), np.where(error > 0, low, theta)
             new = theta - error / np.maximum(self.slope(theta), 1e-9)
-            # theta is one of the bounds. A step of more than half the bracket might oscillate
-            # between the bounds, so it is replaced by bisection. An exact theta must not change.
+            # theta is now one end of the bracket [low, high]. A Newton step longer than half the
+            # bracket could jump between both ends forever, so bisection replaces it. The comparison
+            # is <=, so that an exact theta, whose step and bracket are 0, is not changed.
             new = np.where(np.abs(new - theta) <= (high - low) / 2, new, (low + high) / 2)
             done = np.abs(new - theta).max(initial=0.0) < 1e-14
             theta = new
@@ -172,12 +174,16 @@ def fit_fisheye(lens: str, cutoff: float) -> tuple[float, float, float, float]:
 
 
 def check_fisheye(lens: FisheyeLens, name: str) -> None:
-    """Raise CameraError if the radius does not increase up to the cutoff."""
+    """Raise CameraError if the image radius stops increasing before the cutoff angle.
+
+    `name` is the camera's name, for the message.
+    """
     theta = np.linspace(0.0, lens.cutoff, 2000)
     falling = lens.slope(theta) <= 0
     if falling.any():
         at = math.degrees(float(theta[falling.argmax()]))
         raise CameraError(
-            f"camera '{name}': distortion_coefficients {list(lens.D)} fold the projection over at "
-            f"{at:.1f} deg from the axis; lower cutoff_angle below it or correct the coefficients"
+            f"camera '{name}': with distortion_coefficients {list(lens.D)}, the image radius stops "
+            f"increasing at {at:.1f} deg from the axis; lower cutoff_angle below this angle, or "
+            "correct the coefficients"
         )

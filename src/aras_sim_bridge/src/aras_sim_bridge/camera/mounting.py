@@ -56,7 +56,7 @@ class MountedCamera:
     Attributes:
         sensor: sensor of the camera.
         model, link: model and link on which the camera is mounted; None and 'world' for a camera
-    that is fixed in the world.
+            that is fixed in the world.
         on_frame: function that is called with each frame; None if there is no receiver.
     """
 
@@ -80,8 +80,8 @@ class MountedCamera:
 
     @enabled.setter
     def enabled(self, enabled: bool) -> None:
-        # Skip the exposures that were missed while the camera was disabled, because their images
-        # would show a later state than that at their stamps.
+        # Exposures that were due while the camera was disabled are skipped: images rendered now
+        # would not show the world at their stamps.
         if enabled and not self._enabled:
             self._is_new = True
         self._enabled = enabled
@@ -109,7 +109,10 @@ class MountedCamera:
             self.sensor.reset(time_ns)
 
     def before_step(self, time_ns: int, after_ns: int) -> None:
-        """Store the poses if an exposure is due before the end of the next step."""
+        """Store the poses at `time_ns` if an exposure is due before `after_ns`.
+
+        `time_ns` is the start of the next physics step and `after_ns` its end.
+        """
         self._refresh(time_ns)
         if self.sensor.needs_previous_pose(after_ns):
             self._attempt(self.sensor.before_step, time_ns)
@@ -121,8 +124,9 @@ class MountedCamera:
             self.on_frame(frame)
 
     def _attempt(self, draw: Callable[[np.ndarray, int], T], time_ns: int) -> T | None:
-        """Call `draw`; if it fails, skip the frame, and log the reason unless it was logged before.
+        """Call `draw` with the camera's pose and `time_ns`, and return its result.
 
+        If it fails, skip the frame, log the reason unless it was logged before, and return None.
         The simulation must not end because a single mesh cannot be read.
         """
         try:
@@ -156,9 +160,13 @@ def find_simultaneous(
 
 def configure_robot_camera(camera: CameraDescription, settings: Mapping[str, object],
                  defaults: Mapping[str, object], seed: int) -> CameraConfig:
-    """Merge the settings of a camera in a description with those that users set for its name.
+    """Return the configuration of a camera that a robot description contains.
 
-    Return the configuration of the camera.
+    Args:
+        camera: camera of the description.
+        settings: settings of all cameras by name; those for this camera override its description.
+        defaults: settings that apply if `settings` do not set them.
+        seed: seed of the simulation, from which the camera's default seed is derived.
 
     Raises:
         CameraError: the message names the wrong key.
@@ -180,7 +188,7 @@ def configure_robot_camera(camera: CameraDescription, settings: Mapping[str, obj
     except CameraError as error:
         if not own:
             raise
-        raise CameraError(f"{error} (its settings are those of camera '{name}')") from None
+        raise CameraError(f"{error} (in the settings of camera '{name}')") from None
 
 
 def configure_world_camera(
@@ -246,7 +254,10 @@ def find_settings(settings: Mapping[str, object], name: str) -> Mapping[str, obj
 
 
 def find_unused_names(settings: Mapping[str, object], names: set[str]) -> list[str]:
-    """Return the names of settings that do not belong to any of the cameras `names`."""
+    """Return the camera names in `settings` that are not in `names`, the existing cameras.
+
+    Cameras with the key `parent` are left out, because their settings define them.
+    """
     return [
         path
         for path, node in _list_mappings(settings, "")
@@ -257,7 +268,8 @@ def find_unused_names(settings: Mapping[str, object], names: set[str]) -> list[s
 def _list_mappings(node: object, path: str) -> Iterator[tuple[str, Mapping[str, object]]]:
     """Yield the name and the mapping of all settings that may belong to a camera.
 
-    These are the outermost mappings that contain other values than mappings, or `parent`.
+    These are the outermost mappings that contain the key `parent` or a value that is not itself a
+    mapping.
     """
     if not isinstance(node, Mapping):
         return

@@ -56,7 +56,7 @@ class ImagePipeline:
     Attributes:
         parts: rows and times of the partial exposures of an image.
         middle_part: index of the partial exposure nearest to the stamp; the last one if several are
-    equally near.
+            equally near.
         exposure: computes the mean of the partial exposures.
     """
 

@@ -23,7 +23,7 @@ def clip_depth(depth: np.ndarray, topics: DepthTopics) -> np.ndarray:
 
     Returns:
         Depth (H, W), either float32 in m, with NaN for pixels outside the range, or uint16 in mm,
-    with 0 for these pixels. If the range is infinite, inf is not changed in float32.
+        with 0 for these pixels. If the range is infinite, inf is not changed in float32.
     """
     nothing = depth <= topics.nearest
     if topics.farthest < math.inf:

@@ -39,10 +39,11 @@ class SensorFrame:
         encoding: name of the image's encoding in ROS.
         depth: depth image (H, W) float32, m, as described in Renderer.measure; None if it is
             disabled.
-        segmentation: segmentation (H, W) int32 as described there; None if it is disabled.
+        segmentation: segmentation (H, W) int32, also described in Renderer.measure; None if it is
+            disabled.
 
-        Depth and segmentation show the world at the stamp. With motion blur or a rolling shutter,
-        they show it at the time of the partial exposure that is nearest to the stamp.
+    Depth and segmentation show the world at the stamp. With motion blur or a rolling shutter, they
+    show it at the time of the partial exposure that is nearest to the stamp.
     """
 
     stamp_ns: int
@@ -73,7 +74,7 @@ class CameraSensor:
         info: content of CameraInfo.
         vibration: vibration of the camera; None for a rigid mounting.
         depth, segmentation: whether frames contain depth and segmentation. They may be disabled
-    while there is no subscriber.
+            while there is no subscriber.
     """
 
     def __init__(self, config: CameraConfig, renderer: Renderer) -> None:
@@ -137,7 +138,7 @@ class CameraSensor:
         Args:
             world_T_link: pose (4, 4) of the camera's link.
             pixels: number of rows, camera matrix (3, 3) and lens of a band of rows; None for the
-        whole image.
+                whole image.
             mounting_T_shaken: displacement (4, 4) of the optical frame by vibration.
         """
         c, (rows, K, lens) = self.config, pixels or self._full_view
@@ -176,7 +177,7 @@ class CameraSensor:
 
         Raises:
             CameraError: the rate is not positive, above the physics rate, or too high for the
-        exposure; nothing is changed.
+                exposure; nothing is changed.
         """
         if not (np.isfinite(rate) and rate > 0.0):
             raise CameraError(
@@ -190,9 +191,11 @@ class CameraSensor:
         self._pending_frames = pending
 
     def trigger(self, time_ns: int, step_ns: int) -> None:
-        """Add an exposure in the step that starts at `time_ns`, or after pending exposures.
+        """Add an exposure that starts at the end of the next physics step.
 
-        This has no effect on a camera without a trigger.
+        The next step starts at `time_ns` and has the length `step_ns`. If earlier triggered
+        exposures are pending, the new one follows the last of them. A camera without a trigger is
+        not affected.
         """
         if not self.config.trigger_topic:
             return
@@ -323,7 +326,10 @@ class CameraSensor:
         self._pending_frames.append((stamp + self._latency_ns, frame))
 
     def _make_row_camera(self, first: int, last: int) -> tuple[int, np.ndarray, Tiles | None]:
-        """Return number, camera matrix (3, 3) and lens of the rows first ... last - 1."""
+        """Return the number of rows, camera matrix (3, 3) and lens of the rows first ... last - 1.
+
+        The lens is None for a pinhole camera.
+        """
         model, width = self.config.projection, self.config.width
         K = model.K - [[0, 0, 0], [0, 0, first], [0, 0, 0]]
         if model.is_pinhole:
@@ -345,8 +351,8 @@ class CameraSensor:
     def _warn_if_blind(self, image: np.ndarray, world_T_optical: np.ndarray) -> None:
         """Warn once if the camera is inside an object, or if its image is black.
 
-        The camera may be inside its own link, because, as in Gazebo, the inner sides of surfaces
-        are not drawn.
+        There is no warning if the camera is inside its own link: as in Gazebo, the inner sides of
+        surfaces are not drawn, so the link does not hide the view.
         """
         first, self._first = self._first, False
         # Test one pixel first, because it is usually not black.

@@ -1,4 +1,4 @@
-"""Vibration of a camera on its mounting. The controller does not know about it."""
+"""Vibration of a camera on its mounting. The controller assumes a rigid mounting."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ from aras_visual_servo_base.settings import check, parameter
 from ..errors import CameraError
 
 SINE_COUNT = 16  # number of sines that approximate noise within a band
-SEED_SEQUENCE = 3  # makes the random numbers differ from those of the effects
+# It is part of the seed, so that the random numbers differ from those of the effects.
+SEED_SEQUENCE = 3
 LINK_T_OPTICAL = optical_pose(np.eye(4))
 
 
@@ -27,7 +28,7 @@ class Shake:
         frequency: frequency of the sines, Hz.
         xyz, rpy: amplitudes along and about the axes, m and rad.
         bandwidth: if it is not 0, each sine is replaced by noise of the same power in a band of
-    this width around `frequency`, Hz.
+            this width around `frequency`, Hz.
     """
 
     frequency: float = parameter(unit="Hz", above=0.0)

@@ -39,9 +39,9 @@ from aras_visual_servo_base.compiled import jit
 # Kinds of drives.
 DRIVES_EFFORT = 0  # applies the commanded effort
 SETS_POSITION = 1  # sets the commanded position directly
-POSITION_BY_PID = 2  # applies the effort of a PID of the position error
+POSITION_BY_PID = 2  # applies the effort that a PID computes from the position error
 TURNS_MOTOR = 3  # sets the commanded velocity by a motor constraint
-VELOCITY_BY_PID = 4  # applies the effort of a PID of the velocity error
+VELOCITY_BY_PID = 4  # applies the effort that a PID computes from the velocity error
 # For each command interface, the kind of drive without PID gains and with PID gains.
 _KINDS = {
     EFFORT: (DRIVES_EFFORT, DRIVES_EFFORT),
@@ -58,7 +58,8 @@ _PLAIN = 0  # difference of positions
 _SHORTEST = 1  # shortest angle
 _WITHIN = 2  # shortest angle within the position limits
 
-# Columns of a drive's row, after those of a Pid and of a LimitRule (all 0 if it has none).
+# Columns of a drive's row. They follow the columns of its Pid and of its LimitRule, which are 0 if
+# the drive has none.
 _RULE = PID_COLUMNS
 (
     JOINT,  # index of the joint in the model
@@ -165,9 +166,9 @@ class Drive:
         if self.kind == SETS_POSITION:
             reached = model.set_position(name, output)
             if abs(reached - output) > COMMAND_ROUNDING and self._limit_event.record(time_ns):
-                self._warn(f"joint '{name}': position command {output:g} is beyond its "
-                           f"stop at {reached:g}, where it rests; lower the command, or change "
-                           "joint_limits")
+                self._warn(f"joint '{name}': position command {output:g} is beyond the joint's "
+                           f"stop at {reached:g}; the joint stays at this stop; change the command "
+                           "or joint_limits")
         elif self.kind == TURNS_MOTOR:
             model.set_velocity_motor(name, output, self.row.item(MAX_EFFORT))
         else:
@@ -187,7 +188,7 @@ class Drive:
             self._warn(
                 f"{what} {row[_DESIRED]:g} exceeds the limits that apply at position "
                 f"{handle.position:g} and velocity {handle.velocity:g}; {row[_APPLIED]:g} is "
-                "applied"
+                "applied; change the command or the limits"
             )
 
 
@@ -211,8 +212,8 @@ def _limit_command(row, handle, time_ns, dt, stopped):
     if rule[0] != NO_RULE:
         beyond, given = enforce_limits(rule, handle, dt), handle[column]
         if column == Q_COMMAND:
-            # It is normal that the velocity limit delays a position; only a position out of range
-            # is an error.
+            # The velocity limit delays most position commands, which is normal. Therefore there is
+            # a warning only if the command is outside the position limits.
             beyond = not row[_LOWER] <= desired <= row[_UPPER]
             given = row[_LOWER] if desired < row[_LOWER] else row[_UPPER]
         beyond = beyond and abs(desired - given) > COMMAND_ROUNDING

@@ -87,7 +87,7 @@ class RobotHardware:
         if unprefixed:
             warn(
                 f"transmissions of {', '.join(unprefixed)}: <hardwareInterface> without "
-                f"'{_PREFIX}' is deprecated"
+                f"'{_PREFIX}' is deprecated; add this prefix"
             )
         where = f"{self._namespace}/gazebo_ros_control"
         plugin_parameters = read(
@@ -114,7 +114,8 @@ class RobotHardware:
         commanded = [i for i in transmission.interfaces if i.removeprefix(_PREFIX) != STATE]
         if interface.removeprefix(_PREFIX) == STATE:
             if not commanded:
-                self._warn(f"{label} is skipped: {interface} takes no commands")
+                self._warn(f"{label} is skipped: {interface} takes no commands; add a command "
+                           "interface")
                 return []
             interface = commanded[0]
         if not (transmission.type and joint_name and interface and transmission.has_actuator):
@@ -124,11 +125,12 @@ class RobotHardware:
             )
             return []
         if len(transmission.joints) > 1:
-            self._warn(f"{label} is skipped: only one joint per transmission is supported, it has "
-                       f"{', '.join(transmission.joints)}")
+            self._warn(f"{label} is skipped: only one joint per transmission is supported, but it "
+                       f"has {', '.join(transmission.joints)}; write one transmission for each")
             return []
         if len(commanded) > 1:
-            self._warn(f"{label}: only the first of the interfaces {', '.join(commanded)} is used")
+            self._warn(f"{label}: only the first of the interfaces {', '.join(commanded)} is used; "
+                       "remove the others")
         short = interface.removeprefix(_PREFIX)
         if short not in COMMAND_INTERFACES:
             raise HardwareError(
@@ -139,7 +141,7 @@ class RobotHardware:
         if joint is None or joint_name not in self.model.joint_names:
             raise HardwareError(
                 f"{label}: joint '{joint_name}' is not a movable joint of the simulated model; "
-                f"it has {', '.join(self.model.joint_names) or 'none'}"
+                f"the model has {', '.join(self.model.joint_names) or 'none'}; correct the name"
             )
         if joint_name in self.handles:
             raise HardwareError(
@@ -165,7 +167,7 @@ class RobotHardware:
         if gains is None:
             return None
         if not isinstance(gains, Mapping) or "p" not in gains:
-            self._warn(f"{where} has no p: joint '{joint}' is driven without PID")
+            self._warn(f"{where} has no p: joint '{joint}' is driven without PID; set p")
             return None
         try:
             pid = Pid.from_parameters(gains, where)

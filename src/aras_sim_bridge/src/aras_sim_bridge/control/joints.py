@@ -156,7 +156,8 @@ def _override(
         for key in keys:
             values[key] = read(overrides, key, float, where, HardwareError)
     elif enabled:
-        warn(f"{where}/{switch} is true but {' and '.join(keys)} not all set: limit unchanged")
+        warn(f"{where}/{switch} is true, but this needs {' and '.join(keys)}: the limit is "
+             "unchanged; set what is missing")
     elif given:
         warn(f"{where}/{given[0]} is ignored: set {where}/{switch} to true to use it")
 
@@ -205,7 +206,7 @@ class RateLimitedEvent:
 
 @jit("f8[::1], f8, f8, f8", allocates=False)
 def record_event(row, time_ns, patience_ns, quiet_ns):
-    """Record an occurrence; see RateLimitedEvent.record."""
+    """Record in an event's row that the condition is true; return True once for each event."""
     if not 0.0 <= time_ns - row[_LAST] <= quiet_ns:
         row[_FIRST], row[_REPORTED] = time_ns, 0.0
     row[_LAST] = time_ns

@@ -34,7 +34,10 @@ def _ignore(text: str) -> None:
 
 
 def _flatten(classes: Mapping, above: str = "") -> Iterator[tuple[str, object]]:
-    """Yield the type names of nested parameters and the paths of their classes."""
+    """Yield each type name in nested parameters, with the path of its class.
+
+    `above` is the part of the names that leads to `classes`.
+    """
     for name, path in classes.items():
         if isinstance(path, Mapping):
             yield from _flatten(path, f"{above}{name}/")
@@ -196,7 +199,9 @@ class ControllerManager:
             ControllerError: the rules of ros_control do not allow the switch.
         """
         if strictness == 0:
-            self._warn("switch_controller: strictness 0 is interpreted as BEST_EFFORT (1)")
+            self._warn(
+                "switch_controller: strictness 0 is interpreted as BEST_EFFORT (1); set 1 or 2"
+            )
             strictness = BEST_EFFORT
         if strictness not in (BEST_EFFORT, STRICT):
             raise ControllerError(
@@ -239,7 +244,7 @@ class ControllerManager:
 
     @property
     def is_busy(self) -> bool:
-        """Whether the next update does more than update the controllers."""
+        """Whether the next update also switches controllers or handles an emergency stop."""
         return bool(self._pending) or self._has_e_stopped or self.hardware.e_stop
 
     def reset(self, restart: bool = False) -> None:

@@ -150,7 +150,8 @@ class Pid:
                 raise ControllerError(f"PID gain {field} must be finite, got {value}")
         if gains.i_min > gains.i_max:
             raise ControllerError(
-                f"PID: i_clamp_min {gains.i_min} exceeds i_clamp_max {gains.i_max}; it must not"
+                f"PID: i_clamp_min {gains.i_min} exceeds i_clamp_max {gains.i_max}; lower it or "
+                "raise i_clamp_max"
             )
         self.gains = Gains(*map(float, gains[:5]), bool(gains.antiwindup))
 
@@ -200,7 +201,10 @@ class Pid:
 
 @jit("f8[::1], f8, f8, b1, f8", allocates=False)
 def compute_pid(row, error, error_dot, has_error_dot, dt):
-    """Compute a command; see Pid.compute. `has_error_dot` is False if `error_dot` is None there."""
+    """Return the command of the PID whose state is `row`, and update the state; see Pid.compute.
+
+    If `has_error_dot` is False, `error_dot` is ignored and computed from the last error.
+    """
     row[_IS_COMPUTED] = 0.0
     if not has_error_dot:
         if dt == 0.0 or not isfinite(error):

@@ -22,7 +22,7 @@ from aras_sim_bridge.control.switching import LoadedController
 
 STABILITY_BOUND = 4.0
 _HALVINGS = 60
-# Safety factor, so that a gain reduction is still sufficient when rounded to two digits.
+# The reported gain reductions contain this factor, so that they suffice when rounded to two digits.
 _MARGIN = 1.05
 
 
@@ -113,4 +113,4 @@ def report_stability(
         for i in np.argsort(-factors) if factors[i] > 1.0
     )
     return (f"the loaded PIDs are unstable at steps of {step:g} s: at the current joint positions "
-            f"they need {longest:.2g} s; use shorter steps or lower the gains of {lower}")
+            f"they need {longest:.2g} s or less; use shorter steps or lower the gains of {lower}")

@@ -30,9 +30,11 @@ class KinematicTree:
 
 @dataclass(frozen=True)
 class JointInModel:
-    """A joint without `origin_xyz` and `origin_rpy`, and the pose of its frame in the model.
+    """A joint and the pose of its frame in the model.
 
     Attributes:
+        joint: the joint; its fields `origin_xyz` and `origin_rpy` are not used.
+        pose: pose of the joint's frame in the model.
         is_loop_cut: whether this joint is preferred as the loop joint of a closed chain.
         massless_link: name of the joint's child if it is a massless link that only connects this
             joint to the next one, otherwise '' (see `find_links_between`).
@@ -86,7 +88,7 @@ def assemble(links: Mapping[str, Link], poses: Mapping[str, Pose], joints: Seque
         for end in (one.joint.parent, one.joint.child):
             if end not in links:
                 raise DescriptionError(f"{where}, joint '{one.joint.name}': link '{end}' does not "
-                                       "exist")
+                                       "exist; correct the name")
     children = {one.joint.child for one in joints}
     span = _SpanningTrees(joints)
     roots = []
@@ -132,7 +134,7 @@ class _SpanningTrees:
         self.tree_of[root] = root
         pending, reached = [root], {root}
         while pending:
-            for link in pending:  # the loop also visits links that it appends: breadth first
+            for link in pending:  # `pending` grows during this loop: a breadth-first search
                 for joint in self._below.get(link, ()):
                     if self._is_new(joint.child):
                         pending.append(self._add(joint, joint.child, root, False))
@@ -150,7 +152,7 @@ class _SpanningTrees:
                     break
 
     def join(self, roots: Sequence[str]) -> None:
-        """Merge all trees into the first tree, to whose root the other roots become fixed."""
+        """Merge all trees into one: fix the other `roots` to the first one."""
         self.carried_links = list(roots[1:])
         self.tree_of = dict.fromkeys(self.tree_of, roots[0])
 
@@ -166,8 +168,8 @@ class _SpanningTrees:
 def _make_tree(root: str, is_main: bool, all_links: Mapping[str, Link], poses: Mapping[str, Pose],
           joints: Sequence[JointInModel], span: _SpanningTrees) -> KinematicTree:
     links = {name: link for name, link in all_links.items() if span.tree_of[name] == root}
-    # The frame of the first tree's root is the model's frame, so poses in the model are poses in
-    # it.
+    # `frames` contains each link's frame relative to the model. The root of the first tree defines
+    # the model's frame, so its pose is the identity.
     frames = {**poses, root: Pose()} if is_main else poses
     found: dict[str, Joint] = {}
     loops: list[LoopJoint] = []

@@ -47,10 +47,11 @@ def read_cameras(sensor: Element, link: str, warnings: list[str]) -> list[Camera
     plugin = found[0] if found else None
     for extra in found[1:]:
         warnings.append(f"{where}: only one plug-in can publish its images; "
-                        f"'{extra.camera_name}' is ignored")
+                        f"'{extra.camera_name}' is ignored; remove one")
     if plugin and not plugin.trigger_topic and sensor.find("plugin/triggerTopicName") is not None:
         warnings.append(f"{where}: <triggerTopicName> works only with "
-                        "libgazebo_ros_triggered_camera.so; this camera publishes all the time")
+                        "libgazebo_ros_triggered_camera.so; this camera publishes all the time; "
+                        "use that plug-in or remove the element")
     if sensor.get("type") != "multicamera":
         return [_read_camera(sensor, nodes[0], name, link, where, plugin, warnings)]
     cameras = []
@@ -82,7 +83,7 @@ def _read_camera(sensor: Element, node: Element, name: str, link: str, where: st
     widest = 6.283185307179587 if kind == "wideanglecamera" else 3.14159
     for wrong, problem in (
         (not 1 <= width <= 16384 or not 1 <= height <= 16384,
-         f"image is {width} × {height} pixels; 1 … 16384 are possible"),
+         f"image is {width} × {height} pixels; each side must be 1 … 16384"),
         (not 0.0 < near < far, f"clip near {near} and far {far} need 0 < near < far"),
         (rate < 0.0, f"update_rate is {rate} Hz; it must not be negative"),
         (not 0.0 < fov <= widest, f"horizontal_fov is {fov} rad; it must be in (0, {widest:.5g}]"),
@@ -149,7 +150,8 @@ def _read_lens(
     given = lens.find("intrinsics")
     intrinsics = None
     if given is not None and camera == "wideanglecamera":
-        warnings.append(f"{where}: <intrinsics> is not for a wideanglecamera; it is ignored")
+        warnings.append(f"{where}: a wideanglecamera has no <intrinsics>, so it is ignored; remove "
+                        "it")
     elif given is not None:
         defaults = {"fx": 277.0, "fy": 277.0, "cx": 160.0, "cy": 120.0}  # defaults of SDF
         intrinsics = tuple(parse_number(find_text(given, key), f"{where}: intrinsics {key}", value)

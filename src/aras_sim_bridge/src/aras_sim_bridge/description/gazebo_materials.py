@@ -129,7 +129,7 @@ def find_sdf_colour(
     found = [colour for colour in found if colour is not None]
     if any(colour != found[0] for colour in found):
         warnings.append(f"link '{name}': its visuals have several colours; the first is used for "
-                        "all of them")
+                        "all of them; put the others into links of their own")
     first = found[0] if found else None
     return find_colour(first, name, warnings) if isinstance(first, str) else first
 

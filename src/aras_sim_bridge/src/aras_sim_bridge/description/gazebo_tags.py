@@ -105,7 +105,7 @@ def parse(root: Element, links: Mapping[str, Link], joints: Mapping[str, Joint],
             found += sensor_tags.read_joint_sensors(block, reference, force_torque_tags, warnings)
             ignored += supported_elements.find_ignored_elements(block, "gazebo joint", where)
         else:
-            warnings.append(f"{where} names no link or joint; ignored")
+            warnings.append(f"{where} names no link or joint; ignored: correct the name")
     for node in (node for block in blocks if block.get("reference") is None
                  for node in block.findall("joint")):
         from aras_sim_bridge.description.sdf_joints import read_joints

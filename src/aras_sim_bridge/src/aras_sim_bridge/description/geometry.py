@@ -84,7 +84,8 @@ def read_bounce(collision: Element, where: str) -> tuple[float, float] | None:
     least = parse_number(find_text(node, "threshold"), f"{where}: threshold", 0.0)
     if not (0.0 <= share <= 1.0 and least >= 0.0):
         raise DescriptionError(f"{where}: <bounce> has restitution_coefficient {share} and "
-                               f"threshold {least}; need 0 to 1, and a speed of at least 0")
+                               f"threshold {least}; the coefficient must be 0 to 1, and the "
+                               "threshold at least 0 m/s")
     return share, least
 
 
@@ -92,7 +93,7 @@ def _find_shape(element: Element, where: str) -> Element:
     node = element.find("geometry")
     shape = next(iter(node), None) if node is not None else None
     if shape is None:
-        raise UnsupportedPartError(f"{where}: it has no <geometry> that contains a shape")
+        raise UnsupportedPartError(f"{where}: it has no <geometry> that contains a shape; add one")
     return shape
 
 
@@ -129,7 +130,7 @@ def _read_geometry(shape: Element, where: str, resolve: Resolve, value: Callable
         )
     if kind == "sphere":
         return Geometry(kind, radius=read_positive("radius", 1)[0])
-    if kind == "plane":  # Bullet's extension of URDF
+    if kind == "plane":  # Bullet's extension of URDF: a shape <plane>
         normal = parse_direction(value("normal"), f"{where}: plane normal", (0.0, 0.0, 1.0))
         return Geometry(kind, size=(*read_positive("size", 2, plane), 0.0), normal=normal)
     if kind == "mesh":

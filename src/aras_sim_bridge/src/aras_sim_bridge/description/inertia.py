@@ -53,13 +53,14 @@ def make_inertial(
         what = f"has a negative principal moment ({principal[0]:.4g})" if negative else "is zero"
         warnings.append(
             f"{where}: the inertia tensor {what}; replaced by that of a solid sphere of 5 cm "
-            f"radius ({sphere:.3g} kg m²)"
+            f"radius ({sphere:.3g} kg m²); correct ixx … izz"
         )
         return Inertial(mass, xyz, rpy, (sphere, 0.0, 0.0, sphere, 0.0, sphere))
     if principal[2] - principal[0] - principal[1] > _TRIANGLE_TOLERANCE * trace:
         warnings.append(
             f"{where}: principal moments {', '.join(f'{m:.4g}' for m in principal)} break the "
-            "triangle inequality, which is physically impossible; used as they are"
+            "triangle inequality, which is physically impossible; they are used as they are; "
+            "correct ixx … izz"
         )
     return Inertial(mass, xyz, rpy, tuple(inertia))
 

@@ -36,7 +36,7 @@ def check_light(light: Light) -> Light:
         value = getattr(light, what)
         values = value if isinstance(value, tuple) else (value,)
         if not all(math.isfinite(number) for number in values):
-            raise WorldError(f"{where}: {what} {value} is not finite")
+            raise WorldError(f"{where}: {what} {value} is not finite; give finite numbers")
         if what in _STRENGTH_FIELDS and min(values) < 0.0:
             raise WorldError(f"{where}: {what} {value} must not be negative")
     if math.hypot(*light.direction) < 1e-9:

@@ -59,7 +59,8 @@ def find_folder(uri: str, base: str | None) -> str:
         path = os.path.normpath(os.path.join(found or "", inside))
         if found is None or not os.path.isdir(path) or os.path.commonpath([path, found]) != found:
             raise DescriptionError(f"no folder of that name is in {MODEL_PATH}, {OWN_MODELS}, or "
-                                   "the folders that packages export as gazebo_model_path")
+                                   "the folders that packages export as gazebo_model_path; copy "
+                                   "the model there")
         return path
     path = rest if separator else uri
     if not os.path.isabs(path) and base is not None:
@@ -86,7 +87,7 @@ def read_model(folder: str, warnings: list[str]) -> Element:
     scope = root if root.find("world") is None else root.find("world")
     found = next((child for child in scope if child.tag in ("model", "light")), None)
     if found is None:
-        raise DescriptionError(f"{file} has no <model> and no <light>")
+        raise DescriptionError(f"{file} has no <model> and no <light>; add one")
     sdf_dialects.unify(root, warnings)
     for uri in found.iter("uri"):
         text = (uri.text or "").strip()
@@ -143,7 +144,8 @@ def _include(include: Element, uri: str, warnings: list[str], base: str | None,
         folder = os.path.realpath(find_folder(uri.strip(), base))
         if folder in chain:
             round_trip = [os.path.basename(one) for one in (*chain[chain.index(folder):], folder)]
-            raise DescriptionError(f"it includes itself: {' → '.join(round_trip)}")
+            raise DescriptionError(f"it includes itself: {' → '.join(round_trip)}; remove one "
+                                   "of these includes")
         found = read_model(folder, warnings)
     name = find_text(include, "name") or found.get("name") or ""
     found.set("name", name)

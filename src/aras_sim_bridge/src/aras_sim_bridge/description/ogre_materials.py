@@ -104,7 +104,10 @@ def _read_scripts(file: Path, warnings: list[str]) -> dict[str, tuple[str, Appea
 
 @lru_cache(maxsize=256)
 def _parse(path: str, _changed_ns: int) -> dict[str, tuple[str, Appearance]]:
-    """Return (parent material, appearance) of each material by name; the parent may be ''."""
+    """Return (parent material, appearance) of each material by name; the parent may be ''.
+
+    `_changed_ns`, the time at which the file was last changed, only distinguishes cached results.
+    """
     text = _COMMENT.sub("", Path(path).read_text(encoding="utf-8", errors="replace"))
     found: dict[str, tuple[str, Appearance]] = {}
     name, ambient = "", None

@@ -158,7 +158,8 @@ def resolve_uri(
     path = locate(uri, where, resolve_package, base_directory)
     if not os.path.isfile(path):
         kind = "is no regular file" if os.path.exists(path) else "does not exist"
-        raise UnsupportedPartError(f"{where}: mesh file {path} (from '{shorten(uri, 200)}') {kind}")
+        raise UnsupportedPartError(f"{where}: mesh file {path} (from '{shorten(uri, 200)}') "
+                                   f"{kind}; correct the path")
     return path
 
 

@@ -32,11 +32,12 @@ Kind = TypeVar("Kind", bound=Plugin)
 
 def read(element: Element, where: str, kinds: tuple[type[Kind], ...], warnings: list[str],
          mimics: Collection[str] = ()) -> list[Kind]:
-    """Read the plug-ins of `element` that have one of these types.
+    """Read the plug-ins of `element` that have one of the types `kinds`.
 
-    Each file name of another plug-in causes one warning.
+    For other plug-ins, `warnings` gets one sentence for each file name.
 
     Args:
+        where: name of the element in messages.
         mimics: names of the joints that have a `<mimic>`.
 
     Raises:

@@ -88,14 +88,15 @@ def _compute_positions(population: Element, where: str) -> list[Vector3]:
             if radius <= 0.0 or length <= 0.0:
                 raise DescriptionError(f"{where}: radius and length must be positive")
             angle, share, height = random.random((3, count))
-            out = radius * share  # more positions near the axis than at the rim, as in Gazebo
+            # As in Gazebo, the radius is uniformly distributed; positions are denser near the axis.
+            out = radius * share
             inside = np.transpose([out * np.cos(2 * math.pi * angle),
                                    out * np.sin(2 * math.pi * angle), length * height]).tolist()
-            corner = ZERO  # the pose is that of the cylinder's base
+            corner = ZERO  # as in Gazebo, the pose is that of the cylinder's base
         else:
             raise DescriptionError(f"{where}: distribution '{shorten(kind)}' is not supported in "
                                    "this region; use grid, random or linear-x, -y, -z in a box")
-    # As in Gazebo, the corner is subtracted in world axes, and positions are rotated by the pose.
+    # As in Gazebo, `corner`, the offset to the region's centre, is not rotated with the region.
     moved = Pose(tuple(a - b for a, b in zip(pose.xyz, corner, strict=True)), pose.quat)
     return [moved.apply(tuple(one)) for one in inside]
 
@@ -103,5 +104,5 @@ def _compute_positions(population: Element, where: str) -> list[Vector3]:
 def _read_count(text: str | None, where: str, most: int = LARGEST_POPULATION) -> int:
     value = parse_integer(text, where, 1)
     if not 1 <= value <= most:
-        raise DescriptionError(f"{where} is {value}; 1 to {most} are possible")
+        raise DescriptionError(f"{where} is {value}, must be 1 to {most}")
     return value

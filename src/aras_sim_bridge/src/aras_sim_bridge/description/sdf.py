@@ -2,9 +2,10 @@
 
 Supported are boxes, cylinders, spheres, capsules, planes and meshes, with colours; links with
 fixed, revolute, prismatic, universal and screw joints in trees and closed chains; free links;
-cameras and other sensors; lights, includes, nested models, and a world's `<state>`. Each element
-that is not supported (see supported_elements.py) is ignored, or the whole model if it is in a
-world; a warning then names it.
+cameras and other sensors; lights, includes, nested models, and a world's `<state>`.
+
+An unsupported element (see supported_elements.py) is ignored, and a warning names it. A model of a
+world that cannot be simulated without this element is ignored as a whole.
 """
 
 import copy
@@ -88,9 +89,10 @@ def read_sdf(
         DescriptionError: see `parse_sdf`. In a `<world>`, an invalid model or light is ignored
             instead, and `warnings` gets a sentence.
     """
-    root = copy.deepcopy(safe_xml.parse(xml, "SDF"))  # the code below modifies it
+    root = copy.deepcopy(safe_xml.parse(xml, "SDF"))  # a copy, because the code below modifies it
     if root.tag not in ("sdf", "gazebo"):
-        raise DescriptionError(f"SDF: the root element is <{shorten(root.tag)}>, not <sdf>")
+        raise DescriptionError(f"SDF: the root element is <{shorten(root.tag)}>, not <sdf>; give "
+                               "an SDF document")
     worlds = root.findall("world")
     if len(worlds) > 1:
         raise DescriptionError(f"SDF: {len(worlds)} worlds; only one can be simulated, so keep one")
@@ -140,7 +142,7 @@ def read_sdf(
             warnings.append(f"{element.tag} '{name}' is ignored: {error}")
     models, lights = state.place(models, lights, warnings)
     if not models and not lights and not worlds:
-        raise DescriptionError("SDF: it contains no <model> and no <light>")
+        raise DescriptionError("SDF: the text contains no <model> and no <light>; add one")
     return SdfContent(tuple(models), tuple(lights), tuple(warnings), state.time_ns,
                       link_attacher)
 

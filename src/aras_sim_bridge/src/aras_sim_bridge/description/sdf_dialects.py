@@ -1,4 +1,7 @@
-"""Conversion of SDF of any version, with errors that Gazebo tolerates, to one form."""
+"""Conversion of SDF documents of any version to one form.
+
+Some errors that Gazebo tolerates are corrected.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +40,10 @@ def _read_version(root: Element) -> tuple[int, ...]:
 
 
 def _unify(element: Element, old: bool, where: str, warnings: list[str]) -> None:
-    """Unify an element. If `old`, joint axes are in the model's frame by default."""
+    """Convert an element and its children to the unified form; see `unify`.
+
+    If `old`, joint axes are in the model's frame by default.
+    """
     if element.tag in _NAMED_TAGS and element.get("name"):
         label = f"{element.tag} '{shorten(element.get('name'))}'"
         where = f"{where}, {label}" if where and not where.startswith("world") else label
@@ -82,7 +88,7 @@ def _unify_pose(pose: Element, where: str, warnings: list[str]) -> None:
 
 
 def _unify_flag(flag: Element, where: str, warnings: list[str]) -> bool:
-    """Unify a flag and return whether it has a valid value; if not, add a warning."""
+    """Convert a flag to true or false; if its value is invalid, add a warning and return False."""
     word = (flag.text or "").strip().lower()
     if word in _BOOLEAN_WORDS:
         warnings.append(
@@ -92,7 +98,7 @@ def _unify_flag(flag: Element, where: str, warnings: list[str]) -> bool:
         word = _BOOLEAN_WORDS[word]
     elif word and word not in ("true", "false", "1", "0"):
         warnings.append(f"{where} is '{shorten(flag.text)}', which is neither true nor false; "
-                        "ignored")
+                        "ignored: write true or false")
         return False
     flag.text = word
     return bool(word)

@@ -88,7 +88,7 @@ class Frames(Mapping[str, Pose]):
         """Return one sentence for each `<frame>` whose pose is undefined."""
         return [
             f"frame '{shorten(name)}' is ignored: '{shorten(self.base_frame(name))}' is no link, "
-            "joint, frame or model of its parent, or it depends on this frame"
+            "joint, frame or model of the same parent, or depends on this frame; correct the name"
             for name, node in self._nodes.items()
             if node.tag == "frame" and name not in self._inner and not has_pose(self, name)
         ]
@@ -168,7 +168,7 @@ def resolve_poses(model: Element, warnings: list[str]) -> None:
 
 
 def has_pose(frames: Frames, name: str) -> bool:
-    """Return whether a frame's pose is defined; another function reports an invalid pose."""
+    """Return whether a frame's pose is defined, and False if it is invalid, without an error."""
     try:
         return name in frames
     except DescriptionError:

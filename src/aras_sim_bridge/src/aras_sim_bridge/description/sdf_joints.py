@@ -47,7 +47,8 @@ def read_joints(element: Element, model: str, poses: Mapping[str, Pose]) -> list
     parent, child = find_text(element, "parent") or "", find_text(element, "child") or ""
     for end, known in ((parent, {*poses, WORLD}), (child, poses)):
         if end not in known:
-            raise DescriptionError(f"{where}: link '{shorten(end)}' does not exist")
+            raise DescriptionError(f"{where}: link '{shorten(end)}' does not exist; correct the "
+                                   "name")
     offset = read_pose(element, where)
     pose = poses[child] if offset == Pose() else poses[child] @ offset
     cut = parse_bool(find_text(element, "physics/simbody/must_be_loop_joint"), f"{where}: "
@@ -62,7 +63,7 @@ def read_joints(element: Element, model: str, poses: Mapping[str, Pose]) -> list
     if kind == "screw":
         pitch = parse_number(find_text(element, "thread_pitch"), f"{where}: thread_pitch", 1.0)
         if pitch == 0.0:
-            raise DescriptionError(f"{where}: thread_pitch is 0 rad/m; a screw needs a thread")
+            raise DescriptionError(f"{where}: thread_pitch is 0 rad/m; give another pitch")
         second = Joint(f"{name}_thread", "prismatic", between, child, axis=first.axis,
                        limits=JointLimits(-NO_LIMIT, NO_LIMIT, NO_LIMIT, NO_LIMIT),
                        mimic=Mimic(name, -1.0 / pitch, 0.0))
@@ -76,7 +77,10 @@ def read_joints(element: Element, model: str, poses: Mapping[str, Pose]) -> list
 
 def _set_axis(element: Element, tag: str, joint: Joint, pose: Pose, poses: Mapping[str, Pose],
            where: str) -> Joint:
-    """Return the joint with the axis, limits and dynamics of `tag`; `pose` is its frame."""
+    """Return the joint with the axis, limits and dynamics of the child element `tag`.
+
+    `pose` is the pose of the joint's frame in the model, and `poses` are those of the links.
+    """
     axis = element.find(tag)
     kind = joint.kind
     along = parse_direction(find_text(axis, "xyz"), f"{where}: axis", (0.0, 0.0, 1.0))

@@ -237,7 +237,8 @@ def read_link(
                 texture = "" if appearance is None else appearance.texture
                 if texture and shape.kind not in _TEXTURE_SHAPES:
                     warnings.append(
-                        f"{inside}: a texture can only be drawn on {', '.join(_TEXTURE_SHAPES)}"
+                        f"{inside}: the texture is ignored, because textures are only drawn on "
+                        f"{', '.join(_TEXTURE_SHAPES)}"
                     )
                     texture = ""
                 visuals.append(Visual(part.get("name"), at.xyz, at.rpy, shape, texture))

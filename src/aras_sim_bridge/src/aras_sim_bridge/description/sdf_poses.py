@@ -34,6 +34,6 @@ def read_pose(element: Element, where: str, frames: Mapping[str, Pose] = _IDENTI
     if frame not in frames:
         raise DescriptionError(
             f"{where}: <pose relative_to='{shorten(frame)}'> names no link, joint, frame or model "
-            "there; correct the name, or give the pose relative to the parent element"
+            "of the same parent; correct the name, or give the pose relative to the parent element"
         )
     return frames[frame] @ safe_xml.parse_pose(find_text(element, "pose"), f"{where}: pose")

@@ -65,9 +65,10 @@ def _read_imus(sensor: Element, link: str, warnings: list[str]) -> list[SensorDe
     found = []
     for made in plugins.read(sensor, where, (SensorDescription,), warnings):
         if made.kind != "imu":
-            warnings.append(f"{where}: this plug-in must be in <gazebo> or <model>; ignored")
+            warnings.append(f"{where}: this plug-in is ignored, because it must be in <gazebo> or "
+                            "<model>; move it there")
         elif not made.frame:
-            warnings.append(f"{where}: its plug-in has no <frameName>; ignored")
+            warnings.append(f"{where}: its plug-in has no <frameName>; ignored: add one")
         else:
             found.append(replace(made, link=link, pose=(at[:3], at[3:]), sample_rate=rate,
                                  channels=_read_channels(sensor, "imu", where)))
@@ -193,8 +194,8 @@ def _find_missing_collisions(
     """
     known = [one.name for link in links.values() for one in link.collisions]
     return [
-        f"plug-in of a contact sensor: collision '{shorten(name)}' does not exist; "
-        f"{suggest(name, known)}; the sensor reports no contacts of it"
+        f"plug-in of a contact sensor: collision '{shorten(name)}' does not exist, so the sensor "
+        f"reports no contacts of it; {suggest(name, known)}"
         for name in description.collisions
         if not any(is_same_collision(name, one) for one in known)
     ]

@@ -202,7 +202,7 @@ _PLUGINS = {
 # warning unless it has Gazebo's default value.
 _PHYSICS = {
     **_mark_supported_tags("max_step_size", "real_time_update_rate", "gravity", "magnetic_field"),
-    # Has no effect: like Gazebo, use only the step size and the update rate.
+    # Has no effect: as in Gazebo, step size and update rate determine the real-time factor.
     "real_time_factor": SUPPORTED,
     "max_contacts": (20.0,),
     "ode": {
@@ -213,7 +213,7 @@ _PHYSICS = {
         "constraints": {"cfm": (0.0,), "erp": (0.2,), "contact_max_correcting_vel": (100.0,),
                         "contact_surface_layer": (0.001,)},
     },
-    # Have no effect: settings of other engines.
+    # Have no effect, because they are settings of other physics engines than Gazebo's default.
     **_mark_supported_tags("bullet", "simbody", "dart"),
 }
 _SCENE = {
@@ -392,7 +392,8 @@ def _is_in_world(block: Mapping[str, Entry]) -> bool:
 def _has_value(element: Element, values: tuple, block: Element) -> bool:
     """Return whether an element's value is one of `values`.
 
-    A value is a text, a number, or the name of another element in `block`, whose value is meant.
+    A value is a text, a number, or the name of another child of `block`. Such a name stands for
+    that child's value.
     """
     text = _read_value(element)
     for value in values:

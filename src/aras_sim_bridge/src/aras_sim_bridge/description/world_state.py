@@ -55,8 +55,8 @@ class WorldState:
         for kind, found in states.items():
             missing = sorted(found.keys() - known[kind] - self.deleted)
             if missing:
-                warnings.append(f"<state> places {kind}s that do not exist: "
-                                f"{', '.join(map(shorten, missing))}; ignored")
+                warnings.append(f"<state> places {kind}s that do not exist and are ignored: "
+                                f"{', '.join(map(shorten, missing))}")
         def place_item(kind: str, one: Item, apply_state: Callable[[Item, Element], Item]) -> Item:
             state = states[kind].get(one.name)
             try:
@@ -124,10 +124,10 @@ def _place_model(model: RobotDescription, state: Element, moving: list[str],
     bodies = (model, *model.parts)
     missing = sorted(links.keys() - {name for body in bodies for name in body.links})
     if missing:
-        warnings.append(f"<state> places links of {where} that do not exist: "
-                        f"{', '.join(map(shorten, missing))}; ignored")
+        warnings.append(f"<state> places links of {where} that do not exist and are ignored: "
+                        f"{', '.join(map(shorten, missing))}")
     if min(scale) <= 0.0:
-        warnings.append(f"<state>: {where}: scale {scale} is not positive; ignored")
+        warnings.append(f"<state>: {where}: scale {scale} is not positive, so it is ignored")
         scale = _UNSCALED
     if scale != _UNSCALED:
         bodies = tuple(

@@ -13,9 +13,9 @@ DENSE = 4
 COPLANAR_TOLERANCE = 1e-8
 # Largest number of corners of a polygon, and of pieces of a polygon.
 CORNERS, PIECES = 24, 64
-# Each triangle has up to LINES lines, and in row PLANE the inverse distance of its plane. All are
-# given as (a, b, c) in a + b x + c y, which is positive inside the triangle; x and y are relative
-# to the pixel centre.
+# In the arrays `line`, a triangle has up to LINES rows for its sides and, in row PLANE, the inverse
+# distance of its plane. A row contains a, b and c of a + b x + c y, where x and y are relative to
+# the pixel centre. For a side, this is positive inside the triangle.
 LINES, PLANE = 5, 5
 
 
@@ -167,8 +167,8 @@ def visible_area(shape, sizes, i, count, line, lines):
                     end += 1
                 if size < 3:
                     break
-            # Remove the hidden piece. The last unchecked piece is moved to its place, and the last
-            # of all pieces to the place of that one.
+            # Remove the hidden piece, number `now`: move the last unchecked piece to its place, and
+            # fill the gap with the last of all pieces.
             last -= 1
             end -= 1
             for move in range(2):

@@ -37,14 +37,14 @@ class VisibleTriangles:
 
     Attributes:
         triangle: (N,) index of each visible triangle in Triangles. The following arrays identify a
-    triangle by its position in this array.
+            triangle by its position in this array.
         corner: (N, 3, 3) corners p0, p1, p2 in the optical frame, m.
         side: (N, 3, 3) vectors s0, s1, s2 in the optical frame, 1/m; see the module.
         light: (N, 3) light at the corners.
         cut: (N,) bool, whether the triangle crosses the near or far clip distance.
         opaque: (N,) bool, whether the triangle is opaque.
         cover: (tiles,) triangle that covers the whole tile and hides all triangles that are not in
-    the tile's list; -1 if there is none.
+            the tile's list; -1 if there is none.
         start: (tiles + 1,) start of each tile's list in `member`.
         member: (P,) lists of the other triangles that touch each tile, in ascending order.
         full: (P,) bool, whether the triangle in `member` covers the whole tile.
@@ -142,10 +142,10 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
 
     Args:
         planes: work space for the planes of the triangles; points x of a plane fulfil plane . x =
-    1.
+            1.
         length2: work space for the squared lengths of the vectors in out_side.
         cover: -1 for each node of the tile tree. A triangle that covers a node and hides the
-    triangles behind it is written to the node, not to the node's children.
+            triangles behind it is written to the node, not to the node's children.
     """
     visible = pairs = 0
     top = len(levels) - 1
@@ -327,8 +327,8 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
                     stack[stack_size, 0], stack[stack_size, 1], stack[stack_size, 2] = level, i, j
                     stack[stack_size, 3], stack[stack_size, 4] = remaining, own
                     stack_size += 1
-    # Pass covering triangles down to the tiles. If a tile would get two of which neither is nearer
-    # everywhere, one is added to the tile's list.
+    # Pass covering triangles down to the tiles. If two triangles cover a tile and neither is nearer
+    # everywhere, one of them is added to the tile's list instead.
     for level in range(top, 0, -1):
         span = 1 << (2 * level - 2)
         for i0 in range(levels[level, 1]):

@@ -57,7 +57,8 @@ def is_box_outside(T, r, centre, half, n, nodes, root):
 def is_outside(side, length2, m, nodes, n):
     """Return whether the cone of node n is outside one of the sides of triangle m.
 
-    `length2` (., 3) contains the squared lengths of the vectors in `side`.
+    A ray r is inside side k of the triangle if s_k . r >= 0, with the vectors s_k in `side` (see
+    binning.py). `length2` (., 3) contains the squared lengths of the vectors in `side`.
     """
     if nodes[n, 3] <= 0.0:
         return False
@@ -71,7 +72,10 @@ def is_outside(side, length2, m, nodes, n):
 
 @jit_inline
 def is_within(side, length2, m, nodes, n):
-    """Return whether the cone of node n is inside the last two sides of triangle m."""
+    """Return whether the cone of node n is inside the last two sides of triangle m.
+
+    In a quad, the first side is the common side of both triangles, so it does not bound the quad.
+    """
     x, y, z, sine2 = nodes[n, 0], nodes[n, 1], nodes[n, 2], nodes[n, 4] * nodes[n, 4]
     within = nodes[n, 3] > 0.0
     for k in range(1, 3):
@@ -86,12 +90,12 @@ def find_touching(work, count, nodes, n):
 
     Args:
         work: (12, CLUSTER_SIZE / VECTOR_WIDTH, VECTOR_WIDTH) sides of the triangles, and their
-    squared lengths.
+            squared lengths.
         count: number of triangles.
 
     Returns:
         Bit masks of the triangles that may touch the cone, and of those that have a side that may
-    cross it.
+        cross it.
     """
     x, y, z = nodes[n, 0], nodes[n, 1], nodes[n, 2]
     sine2 = nodes[n, 4] * nodes[n, 4] if nodes[n, 3] > 0.0 else np.inf

@@ -36,8 +36,8 @@ def sample_pixel(triangles, line, lines, sliver, x0, y0, count, opaque_count, wo
         counts: (., 2) both counts of each triangle are written to this array. The first count of a
             sliver is -1.
 
-        Returns:
-            Smallest inverse distance of the opaque triangles that are visible at the samples.
+    Returns:
+        Smallest inverse distance of the opaque triangles that are visible at the samples.
     """
     zero, one = np.float32(0.0), np.float32(1.0)
     for i in range(FINE):

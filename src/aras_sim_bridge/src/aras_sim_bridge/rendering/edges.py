@@ -189,7 +189,8 @@ def resolve_fragments(
                 a, b, c = line[k, PLANE, 0], line[k, PLANE, 1], line[k, PLANE, 2]
                 name = float(k)
                 for q in range(pixels):
-                    # Does the triangle reach into the pixel in front of the triangle that fills it?
+                    # Test whether the triangle reaches into the pixel in front of the triangle
+                    # that fills it.
                     ahead = a + b * work[X, q] + c * work[Y, q] - work[TOP, q] + 0.5 * (
                         abs(b - work[TOP_X, q]) + abs(c - work[TOP_Y, q]))
                     reaches = (inside[k, q] > -1.0) & ((ahead > COPLANAR_TOLERANCE * work[TOP, q])
@@ -230,7 +231,8 @@ def resolve_fragments(
                         <= line[k, PLANE, 0] + line[k, PLANE, 1] * xc + line[k, PLANE, 2] * yc):
                     break
                 here[m], here[m - 1] = other, k
-        # Do all triangles in front of the one that fills the pixel belong to one convex visual?
+        # Test whether all triangles in front of the one that fills the pixel belong to one convex
+        # visual.
         one_part, convex, top = solid == left, np.int64(-2), work[TOP, q]
         for n in range(left):
             k = here[n]
@@ -294,7 +296,8 @@ def resolve_fragments(
                 elif crossing == 1:
                     a, b, c = own[0, 0, 0], own[0, 0, 1], own[0, 0, 2]
                     shares[n] = half_plane_area(a, b, c)
-                    # The centre is midway between the line and the innermost corner.
+                    # The line cuts off less than half of the pixel. The centre of this fragment is
+                    # midway between the line and the pixel's corner that is farthest inside.
                     if a < 0.0:
                         back = a / (b * b + c * c)
                         middle[n, 0] = 0.5 * ((0.5 if b > 0.0 else -0.5) - back * b)

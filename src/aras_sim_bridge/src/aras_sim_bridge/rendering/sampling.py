@@ -30,12 +30,12 @@ class PixelSamples:
     Attributes:
         tile: (tiles,) common content of all pixels of a tile; SEVERAL if they may differ.
         pixel: (rows * TILE, columns * TILE) int32, content of each pixel. It is only set in tiles
-    with SEVERAL.
+            with SEVERAL.
         most: content of most tiles.
         start, member, full: lists as in VisibleTriangles, of those triangles that touch pixels of
-    tiles with SEVERAL.
+            tiles with SEVERAL.
         pixel_masks: (P,) uint64, bit mask of the pixels that each triangle in `member` may touch.
-    The number of a bit is row * TILE + column.
+            The number of a bit is row * TILE + column.
     """
 
     tile: np.ndarray
@@ -275,7 +275,9 @@ def _sample(tile, start, member, full, corner, side, cut, opaque, matrices, inve
             x, y, z = side[m, 0, 0], side[m, 0, 1], side[m, 0, 2]
             x1, y1, z1 = side[m, 1, 0], side[m, 1, 1], side[m, 1, 2]
             x2, y2, z2 = side[m, 2, 0], side[m, 2, 1], side[m, 2, 2]
-            if all_over:  # the sides do not matter; the triangle may represent both of a quad
+            # If the triangle covers the whole tile, its sides need no test. It may also stand for a
+            # quad, and then a part of the tile is outside its own sides.
+            if all_over:
                 x, y, z = x + x1 + x2, y + y1 + y2, z + z1 + z2
                 x1 = y1 = z1 = x2 = y2 = z2 = 0.0
             name = float(m)

@@ -56,7 +56,7 @@ class Shader:
             edges: bit masks of the pixels with edges.
             light: irradiance from several lights; empty if there is only the sun.
             backdrop: packed colours of the background of the padded image. If it is empty, the
-        background has the colour `sky`.
+                background has the colour `sky`.
         """
         t, g = self._tiles, triangles
         if samples.most == BACKGROUND:

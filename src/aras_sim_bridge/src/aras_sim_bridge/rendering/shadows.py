@@ -43,7 +43,7 @@ class Irradiance:
 
     Attributes:
         pixels: (rows, columns, 3) float32, light on each pixel of the padded image that has no
-    edge.
+            edge.
         fragments: (F, 3) float32, light on each fragment.
     """
 
@@ -215,7 +215,8 @@ def _is_blocked(
     """Return whether a cluster in `candidates[:candidate_count]` blocks the ray from p along d.
 
     The ray ends at p + far * d. Clusters of the visual `skip` are ignored. Clusters of the visual
-    `own` are ignored up to the distance `own_distance` (m), because p may be outside its triangle.
+    `own`, to which p belongs, are ignored up to the distance `own_distance` (m), because p is in
+    the plane of its triangle, but may be outside the triangle.
     A cluster that blocks the ray is moved to the front of the candidates.
     """
     least = own_distance / np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
@@ -321,7 +322,8 @@ def _illuminate(tile, pixel, edges, valid, matrices, cells, columns, side, norma
     size, one = TILE // cells, np.uint64(1)
     width = columns * TILE
     tiles = len(tile)
-    # First pixel of each tile in f_pixel, in which the pixels of a tile follow each other.
+    # Index in f_pixel of each tile's first pixel with fragments; -1 if there is none. The pixels of
+    # a tile are consecutive in f_pixel.
     f_first = np.full(tiles + 1, -1)
     for n in range(len(f_pixel)):
         at = (f_pixel[n] // width // TILE) * columns + f_pixel[n] % width // TILE
@@ -344,7 +346,7 @@ def _illuminate(tile, pixel, edges, valid, matrices, cells, columns, side, norma
     candidates = np.empty(len(order) + 1, np.int64)
     corner_of, corner_result = np.empty((9, 9), np.int64), np.empty((9, 9), np.int64)
     p, g, d, ray = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    e = np.zeros((2, 3))  # for hard shadows, it is only multiplied by 0
+    e = np.zeros((2, 3))  # axes of a lamp's disc; for hard shadows, they are multiplied by 0
     middle, low, high = np.empty(3), np.empty(3), np.empty(3)
     for n in range(tiles):
         if tile[n] == -2 or tile[n] == -1:

@@ -201,7 +201,7 @@ def apply_texture(planes, layer, texels, x, y, rgb):
         along, across = SAMPLE_POINTS[turn, kind, k, 0], SAMPLE_POINTS[turn, kind, k, 1]
         texel_sum = _sum_texels(texels, at, size, np.int64(u + along * ux + across * uy),
                      np.int64(v + along * vx + across * vy), one, shift)
-        if bright:  # limit each sample to white before averaging, as at edges
+        if bright:  # limit each sample to 255 before averaging
             red += min(rgb[0] * part * float(texel_sum & mask), 255.0)
             green += min(rgb[1] * part * float(texel_sum >> np.uint64(CHANNEL_BITS) & mask), 255.0)
             blue += min(rgb[2] * part * float(texel_sum >> np.uint64(2 * CHANNEL_BITS)), 255.0)

@@ -44,19 +44,20 @@ class Tiles:
         columns, rows: numbers of columns and rows of tiles.
         cells: number of cells along each side of a tile.
         matrices: (rows * columns * cells**2, 3, 3) pinhole model of each cell. The ray of the pixel
-    x, y is matrix @ (x, y, 1), where x and y are relative to the centre of the cell's first pixel;
-    its length is arbitrary. Tiles are stored row by row, as are the cells of a tile.
+            x, y is matrix @ (x, y, 1), where x and y are relative to the centre of the cell's first
+            pixel; its length is arbitrary. Tiles are stored row by row, as are the cells of a tile.
         inverse: (rows * columns, 3, 3) inverse pinhole model of each whole tile. It maps a ray to s
-    * (x, y, 1) with s > 0, where x and y are relative to the tile's first pixel.
+            * (x, y, 1) with s > 0, where x and y are relative to the tile's first pixel.
         spread: (rows * columns,) largest error of `inverse`, px; inf if it is unknown.
         axis: (rows * columns, 3) axis along which near, far and depth are measured in each tile.
         forward: whether this is the optical axis in all tiles.
         valid: (rows * TILE, columns * TILE) bool, whether a pixel is in the image and in the lens.
         whole: (rows * columns,) bool, whether a tile has only valid pixels.
         nodes: (M, 5) for each node of the tree, the cone around its rays: axis, cosine and sine of
-    the angle. A cosine of 2 marks a node without valid pixels. The first nodes are the tiles.
+            the angle. A cosine of 2 marks a node without valid pixels. The first nodes are the
+            tiles.
         levels: (L, 4) for each level of the tree: first node, rows, columns, first entry in
-    `children`. Level 0 consists of the tiles.
+            `children`. Level 0 consists of the tiles.
         children: (M - tiles, 5, 16) for each node above the tiles, the cones of its children.
         widest: 1 / cosine of the widest angle between a ray and the axis of its tile.
     """
@@ -141,7 +142,8 @@ class Tiles:
                 if forward.max() > best:
                     best, centre = forward.max(), pixels[forward.argmax()]
         if best == -2.0:
-            raise RenderingError("the lens model gives no ray for any pixel of the image")
+            raise RenderingError("the lens model gives no ray for any pixel of the image; correct "
+                                 "the camera matrix or the distortion")
         lens = _ExtrapolatedLens(unproject, centre)
         for cells in (1, 2, 4, 8):
             size = TILE // cells
@@ -215,7 +217,7 @@ class Tiles:
                                          mapped[..., 1] / mapped[..., 2] - at[:, None] - y)
                     errors[~((mapped[..., 2] > 0.0) & np.isfinite(errors))] = np.inf
                     spread = np.maximum(spread, errors.max(axis=(1, 2)))
-        # The factor accounts for larger errors between these points.
+        # The factor accounts for larger errors between the nine tested points of a cell.
         return inverse, 1.5 * spread + 1e-6
 
     @property

@@ -36,10 +36,10 @@ class Clusters:
         radius: (C,) radius of the bounding sphere around the centre, m.
         axis, cosine: (C, 3), (C,) axis of the cone around the normals, and cosine of its angle.
         height: (C,) smallest distance of a triangle's plane from the centre along the triangle's
-    normal, m.
+            normal, m.
         opaque: (C,) bool, whether the triangles are opaque.
         quad: (C,) bool, whether the cluster is a flat convex quad of one colour. If so, the first
-    corners of its two triangles are opposite to their common side.
+            corners of its two triangles are opposite to their common side.
     """
 
     first: np.ndarray
@@ -62,16 +62,16 @@ class Triangles:
     Attributes:
         clusters: clusters of the triangles.
         row_centre, row_half: (rows, 3) centre and half sides of each link's bounding box, m. The
-    half sides are -1 if the link has no triangles.
+            half sides are -1 if the link has no triangles.
         corners: (T, 3, 3) corners in the link frame, m.
         normals: (T, 3, 3) normals at the corners in the link frame.
         plane: (T, 4) normal n and distance d of the plane, whose points x fulfil n . x = d.
         row: (T,) row of the triangle's link in the poses of the scene.
         part: (T,) number of the triangle's visual.
         smooth: (T,) number of the triangle's visual if it has no texture, so that its colours
-    differ only by the light; otherwise -1.
+            differ only by the light; otherwise -1.
         hull: (T,) number of the triangle's visual if it is convex, so that its triangles do not
-    hide each other; otherwise -1.
+            hide each other; otherwise -1.
         albedo: (T, 4) red, green and blue, 0..255, and opacity, 0..1.
         uv: (T, 3, 2) texture coordinates at the corners.
         layer: (T,) start of the texture in Textures.texels; -1 if there is no texture.

@@ -23,7 +23,7 @@ class View:
         width, height: image size, px.
         world_T_optical: (4, 4) pose of the optical frame (z forward, x right, y down).
         K: (3, 3) camera matrix of a pinhole, without skew. Pixel centres have integer coordinates,
-        so the centre of the image is ((width - 1) / 2, (height - 1) / 2).
+            so the centre of the image is ((width - 1) / 2, (height - 1) / 2).
         near, far: clip distances along the optical axis, m. Surfaces nearer than `near` or farther
             than `far` are not drawn.
         lens: tiles of an image through a lens, which are used instead of K; None for a pinhole. If
@@ -77,15 +77,16 @@ class Lighting:
         diffuse: intensity of the sunlight.
         background: colour of the background.
         exposure: 'unclipped' scales the light such that the brightest possible surface, which is
-    white and faces the sun, has a grey level of at most 255; images with less light are not
-    changed. 'gazebo' does not scale the light. Grey levels above 255 are then clipped, which moves
-    the edges of textures towards the dark side by hundredths of a pixel.
+            white and faces the sun, has a grey level of at most 255; images with less light are not
+            changed. 'gazebo' does not scale the light. Grey levels above 255 are then clipped,
+            which moves the edges of textures towards the dark side by hundredths of a pixel.
         lights: lights of any kind and colour (see lamps.py), which replace the sun.
         shadows: kind of the shadows of those lights that cast shadows, one of SHADOWS.
         tint: colour of the ambient light (red, green, blue), by which `ambient` is multiplied.
         sky: whether a sky replaces the background.
         reference_white_level: white level that the exposure 'unclipped' uses; None for
-    `white_level`. It is set for lights that vary, so that the exposure of the camera is constant.
+            `white_level`. It is set for lights that vary, so that the exposure of the camera is
+            constant.
     """
 
     direction: tuple[float, float, float] = (-0.5, 0.1, -0.9)

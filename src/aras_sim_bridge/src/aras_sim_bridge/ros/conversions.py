@@ -83,7 +83,7 @@ def check_bounds(values: tuple[float, ...], what: str, most: float = LARGEST) ->
         WorldError: a value is out of bounds; the message starts with `what`.
     """
     if not all(abs(value) <= most for value in values):
-        raise WorldError(f"{what}: {values} is not finite or beyond ±{most:g}")
+        raise WorldError(f"{what}: {values} must be finite and within ±{most:g}")
     return values
 
 

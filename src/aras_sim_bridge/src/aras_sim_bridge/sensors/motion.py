@@ -64,8 +64,8 @@ class PoseSensor(RateSensor[None]):
             frame, frame_twist = self.model.link_state(description.frame)
             lever = subtract(pose.xyz, frame.xyz)
             inverse = conjugate(frame.quat)
-            # Subtract the velocity that the same point has if it is fixed in the moving reference
-            # frame.
+            # Subtract the velocity that the link's origin would have if it were fixed in the
+            # reference frame, which may move.
             transport = add(frame_twist.linear, cross(frame_twist.angular, lever))
             twist = Twist(rotate(inverse, subtract(twist.linear, transport)),
                           rotate(inverse, subtract(twist.angular, frame_twist.angular)))

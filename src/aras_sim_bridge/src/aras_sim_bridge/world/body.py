@@ -9,7 +9,8 @@ from aras_sim_bridge.world.bullet import pybullet
 from aras_visual_servo_base.poses import IDENTITY, Pose
 
 DEFAULT_FRICTION = 1.0  # Gazebo's default
-_UNBOUNDED_VELOCITY = 1e9  # Bullet limits joint velocities to 100 rad/s by default
+# Joint velocity limit that has no effect; Bullet's default would be 100 rad/s.
+_UNBOUNDED_VELOCITY = 1e9
 # Bullet's collision margins, m. Bullet enlarges convex hulls of meshes by the margin. A body at
 # rest sinks into the ground by the margin of its root, which is therefore small. The margin of the
 # other links cannot be changed.
@@ -46,7 +47,7 @@ class Body:
         bodies = bullet_files.give_root_mass(description)
         window = pybullet.getConnectionInfo(self.client)["connectionMethod"] == pybullet.GUI
         with bullet_files.BulletFiles(bodies, self.fixed_base, window) as files:
-            self._draw(window, False)  # otherwise the window is redrawn for each shape
+            self._draw(window, False)  # do not redraw the window for each shape
             try:
                 self.body_id = pybullet.loadURDF(
                     files.urdf, pose.xyz, pose.quat, useFixedBase=self.fixed_base,
@@ -83,7 +84,7 @@ class Body:
         pybullet.removeBody(self.body_id, physicsClientId=self.client)
 
     def set_asleep(self, asleep: bool) -> None:
-        """Put the body to sleep, or wake it. It starts to move in the second step after that."""
+        """Put the body to sleep, or wake it. A woken body moves from the second step on."""
         self.is_asleep = asleep
         states = ((pybullet.ACTIVATION_STATE_ENABLE_SLEEPING,
                    pybullet.ACTIVATION_STATE_DISABLE_WAKEUP, pybullet.ACTIVATION_STATE_SLEEP)
@@ -104,7 +105,8 @@ class Body:
             links[info[12].decode()] = index
         missing = set(description.links) - set(links)
         if missing:
-            raise WorldError(f"model '{self.name}': Bullet lost the links {sorted(missing)}")
+            raise WorldError(f"model '{self.name}': Bullet did not load the links "
+                             f"{sorted(missing)}; check their joints")
         self.links, self.joint_indices = links, joints
         coefficients = {links[name]: link.mu for name, link in description.links.items()}
         self.friction = {index: DEFAULT_FRICTION if mu is None else mu

@@ -40,8 +40,8 @@ def check_simulable(description: RobotDescription, name: str) -> None:
         distance = math.hypot(*joint.origin_xyz)
         if not distance <= LARGEST:
             raise WorldError(
-                f"model '{name}', joint '{joint.name}': an origin {distance:.4g} m away is "
-                f"beyond {LARGEST:.0e} m; correct its <origin>"
+                f"model '{name}', joint '{joint.name}': its <origin> is {distance:.4g} m "
+                f"away, which is beyond {LARGEST:.0e} m; correct it"
             )
     if not description.static:
         _check_joints(description, name)
@@ -77,7 +77,8 @@ def _check_inertial(inertial: Inertial, where: str) -> None:
     moments = sorted(float(moment) for moment in principal_axes(inertial.inertia)[0])
     if moments[0] < -1e-9 * moments[2] or not moments[2] > 0.0:
         raise WorldError(f"{where}: the inertia tensor has the principal moments "
-                         f"{', '.join(f'{m:.4g}' for m in moments)} kg m²; they must be positive")
+                         f"{', '.join(f'{m:.4g}' for m in moments)} kg m²; they must be positive; "
+                         "correct it")
     radius = math.sqrt(moments[2] / inertial.mass)
     if not SMALLEST <= radius <= LARGEST:
         raise WorldError(f"{where}: an inertia of {moments[2]:.4g} kg m² does not fit a mass of "

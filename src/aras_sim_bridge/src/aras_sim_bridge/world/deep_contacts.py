@@ -132,7 +132,7 @@ class DeepContacts:
                 labels[one],
                 1e3 * depth,
                 labels[other],
-                f", and {more} more of their links are" if more else "",
+                f" (further pairs of their links that overlap: {more})" if more else "",
                 1e3 * _SEPARATION_SPEED,
             )
         self._reported_links = named

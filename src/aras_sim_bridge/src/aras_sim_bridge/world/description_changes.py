@@ -64,7 +64,7 @@ def change_joint(description: RobotDescription, joint: str, damping: float | Non
     values = {"damping": damping, "friction": friction, "lower": lower, "upper": upper}
     for name, value in values.items():
         if value is not None and not math.isfinite(value):
-            raise WorldError(f"{where}: {name} {value} is not finite")
+            raise WorldError(f"{where}: {name} {value} is not finite; give a finite number")
         if value is not None and name in ("damping", "friction") and value < 0.0:
             raise WorldError(f"{where}: {name} {value} must not be negative")
     changed = replace(present, damping=present.damping if damping is None else float(damping),
@@ -81,6 +81,6 @@ def _change_stops(joint: object, lower: float | None, upper: float | None, where
     if low is None or high is None:
         raise WorldError(f"{where}: it has no stops yet; give both lower and upper")
     if low > high:
-        raise WorldError(f"{where}: the lower stop {low} is above the upper {high}")
+        raise WorldError(f"{where}: the lower stop {low} is above the upper {high}; exchange them")
     kind = "revolute" if joint.kind == "continuous" else joint.kind
     return {"kind": kind, "limits": replace(limits, lower=low, upper=high)}

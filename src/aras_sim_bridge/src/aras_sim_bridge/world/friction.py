@@ -43,8 +43,9 @@ class ContactFriction:
                     self._coefficients[part] = model.body.friction[index]
                     if model.fixed_base and index == -1:
                         fixed.add(part)
-        # A fixed body is usually the ground, which is rougher than the bodies on it. If its
-        # coefficient is limited to 1, its products with them already are the smaller coefficients.
+        # A fixed body is usually the ground, whose coefficient is larger than those of the bodies
+        # on it. With a coefficient of 1 for the ground, the product of both is the coefficient of
+        # the body, which is the smaller one.
         self._applied = {part: min(mu, DEFAULT_FRICTION) if part in fixed else mu
                        for part, mu in self._coefficients.items()}
         for (body, link), value in self._applied.items():

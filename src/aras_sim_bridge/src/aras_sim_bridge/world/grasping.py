@@ -26,9 +26,9 @@ from aras_visual_servo_base.poses import Pose
 
 log = logging.getLogger(__name__)
 
-# Smallest force of a finger that is considered, N, as upstream.
+# Smallest force of a finger that is considered, N; that of gazebo_grasp_fix.
 _LEAST_FORCE = 1e-4
-# Smallest ratio of the smaller to the larger of two opposed forces, as upstream.
+# Smallest ratio of the smaller to the larger of two opposed forces; that of gazebo_grasp_fix.
 _LEAST_RATIO = 0.3
 _NEVER = 1 << 62  # ns
 LinkId = tuple[str, str]  # names of model and link
@@ -117,7 +117,7 @@ class GraspFix:
     def idle_until_ns(self) -> int:
         """Time in ns until which `after_step` need not be called.
 
-        While Bullet does not step the model, it touches nothing, so its fingers need no checks.
+        A model that Bullet does not step touches nothing, so its fingers need no checks.
         """
         if self.model.joints.has_own_dynamics and not self._counts and not self._finger_contacts:
             return _NEVER

@@ -135,8 +135,8 @@ class Impacts:
 
         Returns:
             Time to the impact (s), link of the body, body and link that it hits, coefficient of
-        restitution, contact normal, and velocity of the contact point on the other body if that has
-        joints (m/s). None if there is no impact within the step.
+            restitution, contact normal, and velocity of the contact point on the other body if that
+            has joints (m/s). None if there is no impact within the step.
         """
         other = point[2]
         speed, drift = (

@@ -26,8 +26,9 @@ _RETURN_STEPS = 8
 _FAR = 1e9  # m
 # Assumed lever of another robot, m, which converts its joint speeds to m/s.
 _ARM_LENGTH = 2.0
-# Numbers of steps between two checks: _OFTEN while Bullet steps the model, at most _WITHIN if a
-# body may come within the model's reach, _SELDOM if none does, _NEVER if there is none.
+# Numbers of steps between two checks: _OFTEN while Bullet steps the model, at most _WITHIN if
+# another body may come within the model's reach, _SELDOM if no body is near, _NEVER if the world
+# has no other body.
 _OFTEN, _WITHIN, _SELDOM, _NEVER = 10, 20, 100, 1 << 60
 
 
@@ -134,7 +135,8 @@ class IsolationMonitor:
     def update(self, dt: float) -> None:
         """Choose the solver of each model for the following steps of `dt` s."""
         loose = [find_solids(model, model.link_indices.values()) for model in self._loose]
-        # Doubled, because a free body that is hit by another one may become faster; m/s.
+        # Highest speed of the free bodies, m/s. It is doubled, because a body that is hit by
+        # another one may become faster.
         fastest = 2.0 * max(map(_compute_speed, self._loose), default=0.0)
         wait, self.is_base_touchable = _NEVER, False
         for isolated in self.isolated_models:

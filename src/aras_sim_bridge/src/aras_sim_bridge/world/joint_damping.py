@@ -47,7 +47,7 @@ class JointDamping:
 
     Attributes:
         springs: reduced stiffness by joint index. With the reduction, an explicit step of the
-    spring equals an implicit step of the joint alone.
+            spring equals an implicit step of the joint alone.
     """
 
     def __init__(self, joints: DampedJoints) -> None:

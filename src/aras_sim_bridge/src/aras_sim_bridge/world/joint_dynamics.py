@@ -54,7 +54,8 @@ _BACK = 0.2
 # joint then makes 160 turns per step, so that no force can depend on its position.
 FASTEST_SPEED = 1e6
 NO_LIMIT_FORCE = 1e18
-# Largest number of corrections of the modes. If they do not suffice, at most _SWEEPS sweeps follow.
+# Largest number of corrections of the modes. If they do not suffice, at most _SWEEPS sweeps of the
+# projected Gauss-Seidel method follow.
 _GUESSES, _SWEEPS = 20, 4000
 _ROUNDING = 1e-12  # relative rounding error
 

@@ -65,7 +65,7 @@ class ModelJoints:
             pybullet.changeDynamics(body.body_id, index, jointLimitForce=NO_LIMIT_FORCE,
                                     physicsClientId=body.client)
             self.restore_friction(slot)
-        if self.space is not None:  # restore limits from before the base was free
+        if self.space is not None:  # apply the speed limits that were set before the load
             for name, fastest in self._speed_bounds.items():
                 self.space.bound_speed(self._slot[name], fastest)
         for name, position in positions.items():
@@ -186,7 +186,8 @@ class ModelJoints:
             invalid = [n for n, e in zip(self.names, self.pending_efforts, strict=True)
                    if not math.isfinite(e)]
             self.pending_efforts = [0.0] * len(self.names)
-            raise WorldError(f"model '{self.body.name}', joint {invalid}: the effort is not finite")
+            raise WorldError(f"model '{self.body.name}', joint {invalid}: the effort is not "
+                             "finite; check its controller")
 
     def before_step(self, dt: float) -> None:
         """Pass the pending efforts to Bullet; they must be finite."""
@@ -293,7 +294,8 @@ class ModelJoints:
             slot = self._find_slot(joint)
             if not math.isfinite(position):
                 raise WorldError(
-                    f"model '{self.body.name}', joint '{joint}': position {position} is not finite"
+                    f"model '{self.body.name}', joint '{joint}': position {position} is not "
+                    "finite; give a finite number"
                 )
             slots[slot] = self._clamp_to_stops(slot, float(position))
         for slot, value in self._add_followers(slots).items():

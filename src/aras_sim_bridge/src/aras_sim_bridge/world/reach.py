@@ -69,7 +69,8 @@ def disable_distant_pairs(models: list[Model]) -> None:
     for model in models:
         if model.main_model is not model:
             _disable_own_contacts(model)
-        # If there are more models than groups, Bullet tests the links of the others in vain.
+        # If there are more models than groups, the last models get no group. Bullet then tests the
+        # pairs of their own links without need.
         group = next(own, 0)
         reach = compute_reach(model) if model.fixed_base else None
         others = [other for other in fixed if other is not model]

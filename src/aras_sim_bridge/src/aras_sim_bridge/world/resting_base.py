@@ -35,8 +35,8 @@ _CONTACT_DISTANCE = 1e-4
 # The ground supports a base if the tangential load is at most this fraction of the friction limit,
 # and the centre of pressure is inside the support polygon scaled by this factor about its middle.
 _LOAD_LIMIT = 0.9
-# Smallest motion of a contact point along the normal, per motion of a joint, for which the joint is
-# able to move it. See _is_blocked.
+# Smallest speed of a contact point along the contact normal, per speed of a joint (for a rotation,
+# per speed at the lever's end), with which the joint is able to move the point. See _is_blocked.
 _SMALLEST_LEVER = 0.05
 # Smallest ratio of the mass of a fixed base to the mass of any free body. A body that hits the base
 # rebounds as from a wall for one step; the relative error is the inverse of this ratio.
@@ -72,12 +72,12 @@ def is_supported(
         previous_speeds (n,): joint velocities before the step.
         gravity (3,): gravity vector, m/s².
         ground (11,): mass of the base, centre of mass of the base, normal of the ground, a point of
-    the ground, friction coefficient.
+            the ground, friction coefficient.
         corners (m, 6): corners of the support polygon. A row is the corner relative to the point of
-    the ground, followed by the outward normal of the edge that starts at the corner.
+            the ground, followed by the outward normal of the edge that starts at the corner.
         contact_wrench (6,): torque and force on the model of contacts other than with the ground.
         ground_wrench (6,): the required torque and force of the ground and of the base's weight
-    together are written to this array.
+            together are written to this array.
         dt: time step, s.
     """
     for k in range(6):
@@ -133,9 +133,9 @@ def is_supported(
         + (my - (rz * sx - rx * sz)) * ny
         + (mz - (rx * sy - ry * sx)) * nz
     )
-    # Let a be the distance of the nearest corner and b that of the farthest; the variables contain
-    # the squares. The pressure can be distributed such that friction resists rotation with a lever
-    # of at least a² / b.
+    # Let a and b be the distances of the nearest and of the farthest corner from the centre of
+    # pressure; `nearest` is a² and `farthest` is b². The pressure can be distributed such that
+    # friction resists rotation with a lever of at least a² / b.
     return slide + twist * np.sqrt(farthest) / nearest <= _LOAD_LIMIT * friction * pressure
 
 
@@ -145,7 +145,7 @@ def _add_contact_wrenches(contacts, root, contact_wrench):
 
     Args:
         contacts (m, 15 or more): contacts in world coordinates: the contact point, then three
-    forces, each as magnitude and direction.
+            forces, each as magnitude and direction.
         root (3, 4): world_T_root.
         contact_wrench (6,): torque about the root's origin and force, in the root's axes.
     """
@@ -343,7 +343,8 @@ class RestingBases:
         for model in free:
             model.is_disturbed = False
         if resting and not self._fix_resting(free):
-            self._countdown = 4 * CHECK_EVERY  # Bullet may still find corners
+            # Check again soon, because Bullet may find further contacts of the base's corners.
+            self._countdown = 4 * CHECK_EVERY
 
     def _fix_resting(self, free: list[Model]) -> bool:
         """Fix the bases that are at rest; return False if there are none."""

@@ -199,10 +199,10 @@ class World:
                 named 'world' or marked as `<kinematic>`, or if the model is `<static>`. A root
                 without mass is always fixed.
 
-            Raises:
-                WorldError: the name is taken or empty, or a pose, position, joint or mass is
-            invalid; the world is not changed.
-                DescriptionError: a mesh file is damaged; the world is not changed.
+        Raises:
+            WorldError: the name is taken or empty, or a pose, position, joint or mass is invalid;
+                the world is not changed.
+            DescriptionError: a mesh file is damaged; the world is not changed.
         """
         if not isinstance(name, str) or not name:
             raise WorldError("a model needs a name that is not empty")
@@ -528,7 +528,8 @@ def _compute_start_positions(
         if joint not in every:
             raise UnknownJointError(name, joint, every)
         if not math.isfinite(value):
-            raise WorldError(f"model '{name}', joint '{joint}': position {value} is not finite")
+            raise WorldError(f"model '{name}', joint '{joint}': position {value} is not finite; "
+                    "give a finite number")
     return [_compute_start(one, positions) for one in descriptions]
 
 

@@ -3,28 +3,11 @@
 from __future__ import annotations
 
 import sys
-import time
 
-from aras_visual_servo_base import compile_packages
+from aras_visual_servo_base.errors import CompilerError
 
 from ..errors import BenchError, find_program_name
 from .arguments import make_parser
-
-# Packages with compiled functions; an installation by pip compiles them at the first simulation.
-COMPILED_PACKAGES = ("aras_visual_servo_base", "aras_sim_bridge", "aras_visual_servo_camera",
-            "aras_visual_servo_controller", "aras_visual_servo_bench")  # fmt: skip
-
-SIMULATING_COMMANDS = ("run", "resume", "protocol", "dataset", "show", "tune", "analyze")
-
-
-def _compile_loops() -> None:
-    """Compile all functions that are not compiled yet, on all cores, and print messages."""
-    missing = compile_packages.find_missing(COMPILED_PACKAGES)
-    if missing:
-        start = time.monotonic()
-        print("first simulation: compiling for one or two minutes", file=sys.stderr, flush=True)
-        if compile_packages.main(missing) == 0:
-            print(f"compiled in {time.monotonic() - start:.0f} s", file=sys.stderr)
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -40,10 +23,8 @@ def main(argv: list[str] | None = None) -> int:
     if remaining:  # argparse does not assign positional arguments that follow an option
         options.overrides += overrides
     try:
-        if options.command in SIMULATING_COMMANDS and find_program_name() != "bench":
-            _compile_loops()
         return options.carry_out(options)
-    except BenchError as error:
+    except (BenchError, CompilerError) as error:
         print(f"{find_program_name()}: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:

@@ -13,6 +13,7 @@ from ..metrics import summary
 from ..metrics.formatting import make_printable
 from ..progress_bar import ProgressBar
 from ..recording.run import Run
+from . import compilation
 
 
 def analyze(options: argparse.Namespace) -> int:
@@ -25,6 +26,7 @@ def analyze(options: argparse.Namespace) -> int:
     if names and len(names) != len(options.runs):
         raise BenchError(f"--names has {len(names)} names for {len(options.runs)} runs: give as "
                          "many names as runs")
+    compilation.prepare_simulation()  # a run of a study is repeated
     bar = ProgressBar(sys.stderr)
     try:
         runs = []

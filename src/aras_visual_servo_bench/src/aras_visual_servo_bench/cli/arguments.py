@@ -8,6 +8,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from aras_visual_servo_base.program import fast_imports
 from aras_visual_servo_controller.check_defaults import STEP, TOLERANCE
 
 from ..errors import find_program_name, make_missing_library_error
@@ -65,7 +66,8 @@ def _set_function(parser: argparse.ArgumentParser, module: str, function: str) -
 
     def carry_out(options: argparse.Namespace) -> int:
         try:
-            imported = import_module(f"..{module}", __name__)
+            with fast_imports():
+                imported = import_module(f"..{module}", __name__)
         except ModuleNotFoundError as error:  # a library that the demo does not need is missing
             raise make_missing_library_error(error.name) from None
         run: Callable[[argparse.Namespace], int] = getattr(imported, function)

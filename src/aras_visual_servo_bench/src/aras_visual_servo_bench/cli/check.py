@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import traceback
 
+from aras_visual_servo_base.errors import CompilerError
 from aras_visual_servo_base.names import USER_FAULTS, format_error
 from aras_visual_servo_controller.errors import ServoError
 from aras_visual_servo_controller.features.interaction_check import check_interaction_matrix
@@ -26,6 +27,8 @@ def check_interaction(options: argparse.Namespace) -> int:
             raise BenchError(str(error)) from error
         print(check)
         return 1
+    except CompilerError:
+        raise
     except USER_FAULTS as error:  # the user's feature raised an error
         traceback.print_exc()
         raise BenchError(f"{options.feature} raised {format_error(error)}") from error

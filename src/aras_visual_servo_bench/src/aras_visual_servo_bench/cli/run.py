@@ -21,6 +21,7 @@ from ..studies.progress import format_duration
 from ..studies.results import Results
 from ..studies.study import Study
 from ..studies.study_folder import StudyFolder, count_stored_runs
+from . import compilation
 
 SCREEN_ROWS = 40  # a table with more rows is not printed
 SCREEN_METRICS = ("settled", "final_distance", "image_excursion")
@@ -57,6 +58,7 @@ def run_study(options: argparse.Namespace, changes: dict[str, Any]) -> int:
     if options.dry_run:
         if room:
             print(room)
+        compilation.prepare_simulation()  # the estimate of the time needs two runs
         for line in engine.dry_run(study, _read_workers(options)):
             print(line)
         return 0
@@ -139,7 +141,7 @@ def _read_workers(options: argparse.Namespace) -> int:
 
 
 def make_pool(options: argparse.Namespace) -> Pool:
-    """Create the workers that the options select.
+    """Create the workers that the options select, and compile functions if necessary.
 
     Raises:
         StudyError: the options are invalid or contradict each other.
@@ -148,6 +150,7 @@ def make_pool(options: argparse.Namespace) -> Pool:
         raise StudyError("--workers must be 0 or more, and --renew 1 or more")
     if bool(options.scheduler) + bool(options.cluster) + options.in_process > 1:
         raise StudyError("use only one of --in-process, --scheduler and --cluster")
+    compilation.prepare_simulation()
     if options.in_process:
         return InProcessPool()
     return DaskPool(options.workers, options.scheduler, options.cluster, options.renew)

@@ -15,7 +15,7 @@ from ..experiment.experiment import Experiment
 from ..experiment.experiment_keys import check_key
 from ..runner import loop
 from ..studies.study import Study
-from . import analyze
+from . import analyze, compilation
 
 
 def run_file(options: argparse.Namespace) -> int:
@@ -59,6 +59,7 @@ def _run_experiment(experiment: Experiment, options: argparse.Namespace) -> int:
             raise StudyError(f"--{name.replace('_', '-')} applies to studies, not to an experiment")
     name, source = ("demo", "") if options.study is None else (options.study.stem, options.study)
     out = None if options.no_report else options.out
+    compilation.prepare_simulation()
     if out is None:
         run = loop.run(experiment)
         run.name = name

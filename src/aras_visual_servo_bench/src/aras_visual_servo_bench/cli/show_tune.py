@@ -15,7 +15,7 @@ from ..studies import engine
 from ..studies.progress import Progress
 from ..studies.study import Study
 from ..studies.study_folder import StudyFolder
-from . import run
+from . import compilation, run
 
 
 def show(options: argparse.Namespace) -> int:
@@ -29,6 +29,7 @@ def show(options: argparse.Namespace) -> int:
 
     folder = StudyFolder.open(options.folder)
     out = options.out or options.folder / f"show-{options.run}"
+    compilation.prepare_simulation()
     try:
         run, changed = replay.replay(folder, options.run)
     except StudyError as error:

@@ -16,9 +16,10 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
+from aras_visual_servo_base.errors import CompilerError
 from aras_visual_servo_base.memory import release_freed_memory
 
-from ..errors import ExperimentError
+from ..errors import ExperimentError, StudyError
 from ..experiment.experiment import Experiment
 from ..metrics import metrics as known_metrics
 from ..recording.run import Run
@@ -69,6 +70,9 @@ def compute_row(study: Study, run: int, worker: str = "") -> Rows:
         study: settings of the study.
         run: number of the run.
         worker: name of this process, for the table of wall times.
+
+    Raises:
+        StudyError: Numba cannot be imported, so no run is possible.
     """
     wall_start, processor_start = time.perf_counter(), time.process_time()
     values = make_blank_row(study, run)
@@ -80,6 +84,8 @@ def compute_row(study: Study, run: int, worker: str = "") -> Rows:
     except RunTimeoutError:
         values |= describe_timeout(study)
         image_rows = []
+    except CompilerError as error:
+        raise StudyError(str(error)) from error
     except ExperimentError as error:
         values |= {"outcome": REFUSED, "reason": _to_line(error)}
     except Exception as error:  # a programming error in this project or in the user's code

@@ -95,7 +95,7 @@ class ControllerLister:
 def get_rosparam_controller_names(namespace: str = "/") -> list[str]:
     """Return the names of the controllers whose parameters are in `namespace`.
 
-    These are the names whose parameter `type` is a string.
+    A name is that of a controller if the parameter <namespace>/<name>/type is a string.
     """
     values = rospy.get_param(namespace or "/", {})
     values = values if isinstance(values, dict) else {}
@@ -116,28 +116,34 @@ def _filter(
 def filter_by_name(
     ctrl_list: Iterable[ControllerState], ctrl_name: str, match_substring: bool = False
 ) -> list[ControllerState]:
-    """Return the controllers with a given name."""
+    """Return the controllers whose name is, or with `match_substring` contains, `ctrl_name`."""
     return _filter(ctrl_list, lambda controller: controller.name, ctrl_name, match_substring)
 
 
 def filter_by_type(
     ctrl_list: Iterable[ControllerState], ctrl_type: str, match_substring: bool = False
 ) -> list[ControllerState]:
-    """Return the controllers of a given type."""
+    """Return the controllers whose type is, or with `match_substring` contains, `ctrl_type`."""
     return _filter(ctrl_list, lambda controller: controller.type, ctrl_type, match_substring)
 
 
 def filter_by_state(
     ctrl_list: Iterable[ControllerState], ctrl_state: str, match_substring: bool = False
 ) -> list[ControllerState]:
-    """Return the controllers in a given state, such as 'running' or 'stopped'."""
+    """Return the controllers in the state `ctrl_state`, such as 'running' or 'stopped'.
+
+    With `match_substring`, it is sufficient that the state contains `ctrl_state`.
+    """
     return _filter(ctrl_list, lambda controller: controller.state, ctrl_state, match_substring)
 
 
 def filter_by_hardware_interface(
     ctrl_list: Iterable[ControllerState], hardware_interface: str, match_substring: bool = False
 ) -> list[ControllerState]:
-    """Return the controllers that claim resources of a given hardware interface."""
+    """Return the controllers that claim resources of the interface `hardware_interface`.
+
+    With `match_substring`, it is sufficient that the interface's name contains this text.
+    """
     return [
         controller for controller in ctrl_list
         if any(hardware_interface == claim.hardware_interface

@@ -25,7 +25,7 @@ class Effect(ABC):
     Attributes:
         name: short name, for messages.
         is_random: whether `apply` uses its argument `random`. Random effects are not applied to the
-    image of the goal.
+            image of the goal.
     """
 
     name: ClassVar[str] = ""

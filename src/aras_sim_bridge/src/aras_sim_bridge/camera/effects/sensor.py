@@ -22,8 +22,8 @@ from .base import EFFECTS, Effect
 # 1.00003, the kurtosis 3.0005, and the largest value 4.7. The polynomial needs neither branches nor
 # tables, so the processor computes eight deviates at a time.
 _C1, _C3, _C5, _C7 = (np.float32(c) for c in (1.65999598, 0.09039413, -0.03567146, 0.01594779))
-# Numbers of independent random sequences, which each image has: for the loss of the frame, for its
-# noise, and, from _FURTHER on, for registered effects.
+# Each image has several independent random sequences, with these numbers: for the loss of the
+# frame, for its noise, and, from _FURTHER on, one for each registered effect.
 _DROP, _NOISE, _FURTHER = 0, 1, 16
 
 
@@ -35,7 +35,7 @@ class SensorModel:
 
     Attributes:
         gain: gain K, grey levels per electron. Light of g grey levels makes g / K electrons on
-    average, with a variance of g / K.
+            average, with a variance of g / K.
         full_well: largest number of electrons in a pixel, e-. More electrons are lost.
         read_noise: standard deviation of the number of electrons in the dark, e-.
         dark_current: electrons that are made per second of exposure without light, e-/s.
@@ -100,9 +100,9 @@ class Effects:
 
     Attributes:
         noise_mean, noise_stddev: mean and standard deviation of Gaussian noise, in grey levels from
-    0 to 255. The noise is independent in every channel.
+            0 to 255. The noise is independent in every channel.
         shot_noise: variance of the shot noise per grey level. It is 255 / N for a sensor with a
-    full-well capacity of N electrons.
+            full-well capacity of N electrons.
         exposure: factor by which the light is multiplied before the sensor.
         gain: factor by which the signal of the sensor is multiplied, including its shot noise.
         vignetting: fraction of the light that is lost in the corners of the image, 0..1.
@@ -112,10 +112,10 @@ class Effects:
         sensor: calibrated model of the sensor, instead of shot_noise.
         auto_exposure: auto exposure; None for a constant exposure.
         row_time: time between the exposures of two successive rows, from top to bottom, s; 0 for a
-    global shutter.
+            global shutter.
         rows_together: number of rows that are rendered for the same instant.
         further: parameters of further effects, by their registered names or 'package.module:Class'.
-    These effects act on the light before the exposure, in this order.
+            These effects act on the light before the exposure, in this order.
     """
 
     noise_mean: float = parameter(0.0, least=-255.0, most=255.0)
@@ -187,9 +187,10 @@ class EffectChain:
         return bool(p) and self._make_generator(stamp_ns, _DROP).random() < p
 
     def _compute_curve(self, factor: float) -> np.ndarray | None:
-        """Return the output level (256,) of each grey level of the light.
+        """Return the output level (256,) uint8 of each grey level of the light.
 
-        Return None if the levels are not changed.
+        The light is multiplied by `factor` and the exposure, then by the gain, and clipped to 255
+        after each. Return None if this changes no level.
         """
         exposure, gain = factor * self.effects.exposure, self.effects.gain
         if exposure == gain == 1.0:
@@ -208,16 +209,16 @@ class EffectChain:
         if self._shot:
             return self._apply_shot_noise(image, stamp_ns, factor)
         if self._shade is not None:
-            # Apply the gain in the same multiplication, because rounding between them would cause
-            # visible steps in smooth areas.
+            # Vignetting and gain are applied in one multiplication, because rounding between two
+            # multiplications would cause visible steps in smooth areas.
             image = cv2.multiply(image, self._shade, scale=factor * e.gain, dtype=cv2.CV_8U)
-            if e.gain < 1.0:  # limit saturated pixels, which are 255 before the gain
+            if e.gain < 1.0:  # the sensor saturates at 255 before the gain, so 255 * gain after it
                 image = np.minimum(image, np.uint8(round(255.0 * e.gain)))
         else:
             curve = self._curve if factor == 1.0 else self._compute_curve(factor)
             image = image if curve is None else cv2.LUT(image, curve)
         if e.noise_stddev or e.noise_mean:
-            image = np.ascontiguousarray(image)  # an effect may return a view
+            image = np.ascontiguousarray(image)  # a user's effect may return a strided view
             out = np.empty_like(image)
             # The variance is reduced by 1/12, which rounding to grey levels adds.
             stddev = math.sqrt(max(e.noise_stddev**2 - 1 / 12, (e.noise_stddev / 2)**2))
@@ -291,10 +292,10 @@ def _fill_with_noise(key, out):
 
 
 def _compute_vignette(shape: tuple[int, ...], loss: float, exposure: float) -> np.ndarray | None:
-    """Return the factors by which exposure and vignetting change the light, float32.
+    """Return the factor of each pixel by which exposure and vignetting change the light, float32.
 
-    The factors decrease with the square of the distance from the centre. Return None without
-    vignetting.
+    The array has the given `shape`. The factors decrease with the square of the distance from the
+    image centre, from `exposure` to (1 - loss) exposure in the corners. Return None if `loss` is 0.
     """
     if not loss:
         return None

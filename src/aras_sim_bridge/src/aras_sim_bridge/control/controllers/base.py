@@ -233,7 +233,8 @@ def check_number(value: object, controller: str, what: str = "command") -> float
         number = float(value)
     except (TypeError, ValueError):
         raise ControllerError(
-            f"controller '{controller}': {what} {value!r} is not a number") from None
+            f"controller '{controller}': {what} {value!r} is not a number; send a finite number"
+        ) from None
     if not isfinite(number):
         raise ControllerError(
             f"controller '{controller}': {what} {number} is not finite; "

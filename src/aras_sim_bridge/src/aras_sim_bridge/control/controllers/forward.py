@@ -104,12 +104,13 @@ class CommandedController(Controller):
             given = list(value)
         except TypeError:
             raise ControllerError(
-                f"controller '{name}': command {value!r} is not a list of numbers"
+                f"controller '{name}': command {value!r} is not a list of numbers; send one number "
+                "for each joint"
             ) from None
         if len(given) != len(joints):
             raise ControllerError(
                 f"controller '{name}': command has {len(given)} values for {len(joints)} "
-                f"joints ({', '.join(joints)}); the command is ignored"
+                f"joints ({', '.join(joints)}); the command is ignored; send one value for each"
             )
         self.slot.append([
             check_number(number, name, f"command for {joint}")
@@ -130,7 +131,7 @@ class CommandedController(Controller):
 
     @property
     def is_compilable(self) -> bool:
-        """Whether the class uses this `update` instead of overriding it."""
+        """Whether the class inherits `update` from CommandedController, so it can be compiled."""
         return type(self).update is CommandedController.update
 
     def update(self, time_ns: int, period: float) -> None:

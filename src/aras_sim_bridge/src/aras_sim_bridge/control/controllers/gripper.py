@@ -146,7 +146,8 @@ class GripperActionController(Controller):
         if not self._running:
             refused = "is not running; start it first"
         elif not (isfinite(goal.position) and isfinite(goal.max_effort)):
-            refused = f"position {goal.position} or effort {goal.max_effort} is not finite"
+            refused = (f"position {goal.position} or effort {goal.max_effort} of the goal is not "
+                       "finite; send finite numbers")
         if refused:
             text = f"controller '{self.context.name}': {refused}"
             handle.finish(REJECTED, GripperResult(text=text))
@@ -157,7 +158,7 @@ class GripperActionController(Controller):
         return handle
 
     def cancel_goal(self, handle: GoalHandle) -> bool:
-        """Hold the current position if `handle` is the active goal; return whether it is active."""
+        """Hold the current position if `handle` is the active goal; return whether it was."""
         if self._goal is not handle:
             return False
         ended = self._end_goal(PREEMPTED, GripperResult())

@@ -1,9 +1,8 @@
 """Interpolation of set points between commands that arrive at 30 or 100 Hz.
 
-Each step of the set point excites a stiff joint with little damping: without interpolation, the
-speed of joint J5 of the ARAS arm (gains p = 3500, d = 0) reaches 41 times the commanded speed at 30
-commands per second, and 12 times at 100. "Peak" in the comments below is the largest joint speed
-divided by the commanded speed.
+Each step of the set point makes a stiff joint with little damping oscillate. Without
+interpolation, the speed of joint J5 of the ARAS arm (gains p = 3500, d = 0) reaches 41 times the
+commanded speed at 30 commands per second, and 12 times at 100 commands per second.
 """
 
 from math import inf, isnan, nan, pi
@@ -14,32 +13,38 @@ from aras_sim_bridge.angles import angular_distance_within_limits
 from aras_sim_bridge.control.joints import JointHandle
 from aras_visual_servo_base.compiled import column, jit
 
-USUAL_INTERVAL = 1.0 / 30.0  # s, the camera's period; used until two commands have arrived
-SHORTEST_INTERVAL = 0.002  # s; a shorter interval enters the mean with this value
-LONGEST_INTERVAL = 0.1  # s; a longer interval is a pause of the stream
-# Weight of the newest interval in the mean interval. If one command of a 100 Hz stream arrives 1 ms
-# early or late, the peak of J5 is 1.3; with a weight of 1 it would be 1.6.
+# Interval between commands, s, that is assumed until two commands have arrived: the period of a
+# 30 Hz camera.
+USUAL_INTERVAL = 1.0 / 30.0
+SHORTEST_INTERVAL = 0.002  # s; a shorter interval enters the mean interval with this value
+LONGEST_INTERVAL = 0.1  # s; a longer interval is a pause and does not enter the mean interval
+# Weight of the newest interval in the mean interval between commands. If one command of a 100 Hz
+# stream arrives 1 ms early or late, joint J5 reaches 1.3 times the commanded speed. With a weight
+# of 1, it would reach 1.6 times.
 NEWEST_SHARE = 0.2
-# Time constant, s, of the lag that smooths the corners of the line. The lag reduces the peak of J5,
-# whose oscillation has a period of 6 ms, from 1.55 to 1.05, and the peak of J3 from 1.4 to 1.3.
+# Time constant, s, of the first-order lag that smooths the speed steps between successive lines.
+# The lag reduces the largest speed of J5, which oscillates with a period of 6 ms, from 1.55 to 1.05
+# times the commanded speed, and that of J3 from 1.4 to 1.3 times.
 LAG_TIME = 0.003
-# A line takes longer than the mean interval, so that the set point still moves when the next
-# command is late. The additional time is this factor times the mean change from one interval to the
-# next. Changes are limited to half an interval, because longer changes are pauses. If commands at
-# 100 Hz arrive up to 2 ms early or late, the peak of J3 is below 1.5; without the additional time
-# it is 1.7. In a regular stream, the additional time is zero from the second interval on.
+# The set point takes longer than the mean interval to reach a command, so that it still moves when
+# the next command is late. The additional time is this factor times the mean change from one
+# interval to the next. Changes are limited to half an interval, because longer changes are pauses.
+# If commands at 100 Hz arrive up to 2 ms early or late, J3 reaches less than 1.5 times the
+# commanded speed; without the additional time, it reaches 1.7 times. In a regular stream, the
+# additional time is zero from the second interval on.
 JITTER_FACTOR = 2.2
-ARRIVAL_TOLERANCE = 1e-9  # rad or m
+# Distance, rad or m, at which the set point is moved to the command and stops.
+ARRIVAL_TOLERANCE = 1e-9
 
 # Columns of an interpolator's row.
 (
     (
         IS_MOVING,  # whether the set point moves
-        _TIME_LEFT,  # s, remaining time of the line
-        _LINE,  # current position on the line
+        _TIME_LEFT,  # s, time until the end of the line is reached
+        _LINE,  # current position on the line, without the lag
         _VALUE,  # set point
         _END,  # end of the line, which is the last command
-        _RATE,  # speed along the line
+        _RATE,  # velocity along the line
         _INTERVAL,  # s, mean interval between commands
         _JITTER,  # s, mean change from one interval to the next
         _LAST_INTERVAL,  # s; NaN before the second command
@@ -56,14 +61,14 @@ ARRIVAL_TOLERANCE = 1e-9  # rad or m
 class CommandInterpolator:
     """Set point that approaches each command on a straight line over the mean command interval.
 
-    The line is longer if commands arrive irregularly or if it would exceed the joint's velocity
-    limit. A first-order lag smooths its corners. An angular joint rotates in the shorter direction
-    that its limits allow.
+    The line takes longer if commands arrive irregularly or if the joint would exceed its velocity
+    limit. A first-order lag smooths the change from one line to the next. An angular joint rotates
+    in the shorter direction that its limits allow.
 
-    The set point lags the commands of a regular stream by one interval and 3 ms. On average, this
-    is half an interval more than without interpolation. Extrapolation would reduce the lag but make
-    the joint oscillate: over a full interval as much as without interpolation, and over half an
-    interval up to 2.5 times the commanded speed.
+    If commands arrive regularly, the set point lags them by one interval and 3 ms. On average, this
+    is half an interval more than without interpolation. Extrapolating the commands would reduce the
+    lag but make the joint oscillate: if extrapolated over a full interval, as much as without
+    interpolation; over half an interval, with up to 2.5 times the commanded speed.
     """
 
     __slots__ = ("row",)
@@ -97,10 +102,10 @@ class CommandInterpolator:
 
 @jit("f8[::1], f8, f8", allocates=False)
 def set_interpolation_target(row, command, time_ns):
-    """Start a line to a command; see CommandInterpolator.set_target."""
+    """Start a line in an interpolator's row towards a command that arrived at `time_ns`."""
     if not isnan(row[_ARRIVAL]):
         interval = (time_ns - row[_ARRIVAL]) / 1e9
-        # Times across a pause or a reset of the clock are not intervals of the stream.
+        # A time that contains a pause or a reset of the clock does not enter the mean interval.
         if 0.0 < interval <= LONGEST_INTERVAL:
             interval = max(interval, SHORTEST_INTERVAL)
             row[_INTERVAL] += NEWEST_SHARE * (interval - row[_INTERVAL])
@@ -121,7 +126,7 @@ def set_interpolation_target(row, command, time_ns):
 
 @jit("f8[::1], f8", allocates=False)
 def advance_interpolation(row, period):
-    """Advance the set point; see CommandInterpolator.advance."""
+    """Advance the set point in an interpolator's row by `period` s, and return it."""
     row[_TIME_LEFT] -= period
     value = row[_VALUE]
     if row[_TIME_LEFT] > 0.0:

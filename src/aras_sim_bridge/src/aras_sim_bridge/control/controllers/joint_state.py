@@ -50,7 +50,7 @@ class JointStateController(Controller):
         if "joints" in parameters:
             names = list(read_joint_names(parameters, "joints", where))
         else:
-            # In UTF-8, sorting by code point is sorting by byte.
+            # ros_controllers sorts the UTF-8 bytes of the names, which gives the same order.
             names = sorted(hardware.interfaces[STATE])
         known = list(hardware.handles)
         self._order = [known.index(self.take_handle(hardware, name).name) for name in names]
@@ -79,7 +79,7 @@ class JointStateController(Controller):
 
     @property
     def is_read_only(self) -> bool:
-        """Whether the class uses this `update` instead of overriding it."""
+        """Whether the class inherits `update` from this class; it then only reads the joints."""
         return type(self).update is JointStateController.update
 
     def idle_until(self, time_ns: int) -> float:

@@ -26,10 +26,10 @@ BUILT_IN = Registry(
 
 
 def register(type_name: str, **attributes: str) -> Callable[[type[Controller]], type[Controller]]:
-    """Return a class decorator that registers a class as `type_name`; it can be used repeatedly.
+    """Return a class decorator that registers a class as `type_name`.
 
-    `attributes` are class attributes for this type name. With a different `interface` for each
-    name, one class serves several interfaces.
+    A class can be registered under several names. `attributes` are set as class attributes for
+    this name only, so that one class serves several interfaces with a different `interface` each.
 
     Raises:
         ControllerError: another class is already registered under this name.

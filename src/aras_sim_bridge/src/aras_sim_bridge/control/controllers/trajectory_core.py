@@ -309,7 +309,7 @@ class JointTrajectoryController(Controller):
         if dropped and not (silent and trajectory.points[0].time_from_start_ns == 0):
             self.context.warn(
                 f"controller '{name}': {dropped} of {len(trajectory.points)} trajectory points "
-                f"are in the past and were dropped"
+                f"are in the past and were dropped; check the header stamp and time_from_start"
             )
         self._follow(segments)
 
@@ -334,10 +334,11 @@ class JointTrajectoryController(Controller):
         self._follow(result)
 
     def _plan_braking(self, now_ns: int, position: float, velocity: float) -> Segment:
-        """Plan a stop from the current desired motion within stop_trajectory_duration.
+        """Return a segment that brings one joint to rest within stop_trajectory_duration.
 
-        The plan is a spline that returns to the same position with the opposite velocity after
-        twice that time. By symmetry, it is at rest after half of its duration.
+        It is the first half of a spline that starts at the desired `position` and `velocity`, and
+        returns to this position with the opposite velocity after twice stop_trajectory_duration.
+        By symmetry, the joint is at rest in the middle.
         """
         begin = Waypoint(position, velocity, 0.0)
         mirror = Waypoint(position, -velocity, 0.0)

@@ -62,8 +62,8 @@ class Tolerances:
                 if override.name not in joints:
                     raise TrajectoryError(
                         ErrorCode.INVALID_GOAL,
-                        f"tolerance for joint '{override.name}', which is not one of "
-                        f"{', '.join(joints)}",
+                        f"tolerance for joint '{override.name}', which is not a joint of the "
+                        f"controller; use one of {', '.join(joints)}",
                     )
                 k = joints.index(override.name)
                 tolerances[k] = _override_tolerance(tolerances[k], override)
@@ -89,7 +89,7 @@ def _override_tolerance(default: Tolerance, override: JointTolerance) -> Toleran
         if not isfinite(tolerance):
             raise TrajectoryError(
                 ErrorCode.INVALID_GOAL,
-                f"{field} tolerance of joint '{override.name}' is not finite",
+                f"{field} tolerance of joint '{override.name}' is not finite; set a number",
             )
         values.append(getattr(default, field) if tolerance == 0.0 else max(tolerance, 0.0))
     return Tolerance(*values)
@@ -115,13 +115,14 @@ def find_joint_columns(
         what = f"unknown are {', '.join(map(repr, unknown))}" if unknown else "empty or repeated"
         raise TrajectoryError(
             ErrorCode.INVALID_JOINTS,
-            f"joints of the trajectory are wrong ({what}); the controller has {', '.join(joints)}",
+            f"joints of the trajectory are wrong ({what}); use those of the controller: "
+            f"{', '.join(joints)}",
         )
     if len(names) != len(joints) and not partial:
         raise TrajectoryError(
             ErrorCode.INVALID_JOINTS,
             f"trajectory has {len(names)} of {len(joints)} joints and "
-            f"allow_partial_joints_goal is false",
+            f"allow_partial_joints_goal is false; name all joints or set the parameter to true",
         )
     return [list(names).index(joint) if joint in names else None for joint in joints]
 
@@ -145,16 +146,19 @@ def check_points(trajectory: Trajectory) -> None:
             if len(values) != expected_count and (len(values) or field == "positions"):
                 raise TrajectoryError(
                     ErrorCode.INVALID_GOAL,
-                    f"trajectory point {k} has {len(values)} {field} for {size} joints",
+                    f"trajectory point {k} has {len(values)} {field} for {size} joints; give one "
+                    "for each joint",
                 )
             if not all(map(isfinite, values)):
                 raise TrajectoryError(
-                    ErrorCode.INVALID_GOAL, f"trajectory point {k} has {field} that are not finite"
+                    ErrorCode.INVALID_GOAL,
+                    f"trajectory point {k} has {field} that are not finite; correct them",
                 )
         if previous is not None and point.time_from_start_ns <= previous:
             raise TrajectoryError(
                 ErrorCode.INVALID_GOAL,
-                f"time_from_start must strictly increase, trajectory point {k} does not",
+                "time_from_start must strictly increase, but that of trajectory point "
+                f"{k} is not above that of the point before; correct it",
             )
         previous = point.time_from_start_ns
 
@@ -169,18 +173,26 @@ def plan_segments(
     goal: GoalHandle | None = None,
     tolerances: Tolerances | None = None,
 ) -> tuple[list[JointSegments], int]:
-    """Plan the segments of all joints from `next_ns`, the next control cycle, on.
+    """Plan the segments of all joints for a new trajectory.
 
     The joints follow the current trajectory until `start_ns`, when the new one starts. A connecting
     segment leads to the first new point that is not in the past. Joints that are not in the new
-    trajectory (column None) keep their current segments, which now belong to the new goal.
+    trajectory keep their current segments, which then belong to the new goal.
 
     Args:
+        trajectory: new trajectory.
+        columns: index of each joint of the controller in the trajectory's points; None if the
+            trajectory does not contain the joint.
+        current: current segments of each joint.
         wraps: whether each joint is continuous; the new points of a continuous joint are shifted by
             full turns so that the connecting segment rotates in the shorter direction.
+        next_ns: time of the next control cycle, ns; the plan starts there.
+        start_ns: time, ns, from which the points' time_from_start counts; may be in the past.
+        goal, tolerances: action goal of the new trajectory and its tolerances, or None.
 
     Returns:
-        The segments, and the number of points that are in the past and were dropped.
+        The segments of each joint, and the number of points that were dropped because they are in
+        the past.
 
     Raises:
         TrajectoryError: all points are in the past.
@@ -226,7 +238,11 @@ def _plan_joint(
     start_ns: int,
     bridge_ns: int,
 ) -> JointSegments:
-    """Plan the segments of one joint: from `start` to the first point, and between the points."""
+    """Return the segments of one joint: from `start` to the first point, and between the points.
+
+    The joint is at `start` at the time `bridge_ns`; the points' times count from `start_ns`.
+    `column` is the joint's index in the points, and `wraps` tells whether it is continuous.
+    """
     shift = _count_turns(start.position, points[0].positions[column]) if wraps else 0.0
     waypoints = [_make_waypoint(point, column, shift) for point in points]
     times = [start_ns + point.time_from_start_ns for point in points]
@@ -250,7 +266,7 @@ def _make_waypoint(point: TrajectoryPoint, column: int, shift: float) -> Waypoin
 def _count_turns(present: float, desired: float) -> float:
     """Return the multiple of 2π that, added to `desired`, brings it within π of `present`."""
     distance = angles.shortest_angular_distance(present, desired)
-    # If the distance is half a turn, rotate in the direction of the plain difference.
+    # If both directions are half a turn, rotate towards the side on which `desired` is numerically.
     if isclose(fabs(distance), pi, rel_tol=0.0, abs_tol=1e-9):
         distance = fabs(distance) if desired > present else -fabs(distance)
     return round((present + distance - desired) / (2.0 * pi)) * 2.0 * pi

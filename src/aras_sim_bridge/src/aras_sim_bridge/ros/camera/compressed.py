@@ -62,7 +62,7 @@ def encode(image: np.ndarray, encoding: str, settings: dict[str, Value]) -> tupl
     done, data = cv2.imencode(".jpg" if jpeg else ".png", image, options)
     if not done:
         raise CameraError(f"OpenCV cannot write a {image.shape} {encoding} image as "
-                          f"{settings['format']}")
+                          f"{settings['format']}; set the other format, jpeg or png")
     return f"{encoding}; {settings['format']} compressed {target}", data.tobytes()
 
 

@@ -13,7 +13,7 @@ from aras_sim_bridge.world.labels import list_links_by_label
 
 
 class LabelTopic(NonBlockingPublisher):
-    """Latched topic whose text (YAML) maps the numbers in the images to `model::link`."""
+    """Latched topic with a YAML text: the link `model::link` of each number in the images."""
 
     def __init__(self, topic: str, on_change: Callable[[], None]) -> None:
         """Advertise; any thread may call `on_change` when subscribers connect or leave."""

@@ -52,6 +52,6 @@ def check_unused_names(
         if name not in _reported_names:
             _reported_names.add(name)
             rospy.logwarn(
-                "the settings %s/%s belong to no camera; existing cameras: %s",
+                "the settings %s/%s belong to no camera; give them the name of an existing one: %s",
                 rospy.resolve_name("~cameras"), name, ", ".join(sorted(filter(None, names))),
             )  # fmt: skip

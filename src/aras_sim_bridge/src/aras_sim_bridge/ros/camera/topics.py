@@ -114,7 +114,7 @@ class CameraTopics:
         self._sensor_settings = rospy.Publisher(topic, String, latch=True, queue_size=1)
         self._sensor_settings.publish(String(format_sensor_yaml(config)))
         self._services.append(ServiceTable(self.namespace, self._thread, self.set_camera_info))
-        if config.camera_name:  # like gazebo_ros, only for cameras with a name
+        if config.camera_name:  # as in gazebo_ros, only cameras with a name have this server
             self._services.append(self._make_rate_server(self._thread.call(self._read_rate)))
         self._publishes_frame = frame_broadcaster.announce(
             self._mounted,

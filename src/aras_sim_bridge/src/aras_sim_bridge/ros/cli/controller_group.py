@@ -93,10 +93,12 @@ def main() -> int:
             return 0 if spawn(group) else 1
         others = {name for names in groups.values() for name in names} - set(group)
         switch(group, others)
-        # Like the original program, even if the switch failed; scripts read the printed text.
+        # As in the original program, the exit status is 0 even if the switch failed. Scripts read
+        # the printed text.
         return 0
     except rospy.ROSInterruptException:
         return 1
     except (rospy.ServiceException, rospy.ROSException) as error:
-        print(f"The controller manager did not answer: {error}", file=sys.stderr)
+        print(f"The controller manager did not answer: {error}; spawn the robot, and set __ns to "
+              "its namespace", file=sys.stderr)
         return 1

@@ -149,6 +149,7 @@ def main() -> int:
     except rospy.ROSInterruptException:
         return 1
     except (rospy.ServiceException, rospy.ROSException) as error:
-        print(f"The controller manager did not answer: {error}", file=sys.stderr)
+        print(f"The controller manager did not answer: {error}; spawn the robot, and set __ns to "
+              "its namespace", file=sys.stderr)
         return 1
     return 0 if ok else 1

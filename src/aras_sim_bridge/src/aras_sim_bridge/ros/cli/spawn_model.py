@@ -65,7 +65,7 @@ def parse(argv: list[str]) -> argparse.Namespace:
         default=[],
         dest="joints",
         metavar=("JOINT", "POSITION"),
-        help="initial joint position [rad or m]; repeatable",
+        help="initial joint position [rad or m]; may be given for several joints",
     )
     parser.add_argument("-package_to_model", action="store_true",
                         help="replace package:// by model:// in the description")

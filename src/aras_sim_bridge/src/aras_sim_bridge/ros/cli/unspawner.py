@@ -54,7 +54,8 @@ def main() -> int:
                 switch(SwitchControllerRequest(stop_controllers=to_stop, strictness=BEST_EFFORT))
                 stopped.extend(name for name in to_stop if name not in stopped)
         except rospy.ServiceException as error:
-            rospy.logwarn_once("the controller manager does not answer: %s", error)
+            rospy.logwarn_once("the controller manager does not answer: %s; spawn the robot, and "
+                               "set __ns to its namespace", error)
         waited = 0.0
         while waited < PERIOD and not rospy.is_shutdown():
             rospy.rostime.wallsleep(0.1)

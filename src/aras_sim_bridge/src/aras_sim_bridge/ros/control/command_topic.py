@@ -152,7 +152,8 @@ class _SharedSubscription:
         try:
             message = self._message().deserialize(body)
         except DeserializationError as error:
-            reason = f"a message of {len(body)} bytes is not a {self._message._type}: {error}"
+            reason = (f"a message of {len(body)} bytes is not a {self._message._type}: {error}; "
+                      "publish this type")
             self.command_topics[0].log_refusal(reason)
             return
         for command_topic in self.command_topics:

@@ -171,7 +171,7 @@ class ManagerServices:
         self._spawn_record.set_controllers(self._namespace, thread.call(self._manager.list))
 
     def _switch_without_update(self) -> None:
-        """Carry out pending switches if time is stopped, because no control update does it."""
+        """If simulated time is stopped, carry out the switches that wait for a control update."""
         if self._thread.is_time_stopped:
             now = self._thread.simulation.time_ns
             self._robot.hardware.read()

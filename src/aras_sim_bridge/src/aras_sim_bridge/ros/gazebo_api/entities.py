@@ -75,7 +75,8 @@ def find_frame(simulation: Simulation, name: str) -> tuple[Pose, Twist]:
         entity = simulation.world.models[name]
         root = entity.description.root
         return entity.link_pose(root), entity.link_twist(root)
-    if name in WORLD_ALIASES:  # has priority over a link that is called 'world', as in Gazebo
+    # As in Gazebo, the name 'world' means the world even if there is a link of this name.
+    if name in WORLD_ALIASES:
         return IDENTITY, Twist()
     try:
         entity, plain = find_link(simulation, name)

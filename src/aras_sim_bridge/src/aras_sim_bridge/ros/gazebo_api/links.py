@@ -30,8 +30,8 @@ JOINT_TYPES = {
     "fixed": GetJointPropertiesResponse.FIXED,
 }
 INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-# ODE's name of a joint property -> name of this simulator. In both, a joint motor with a desired
-# velocity of 0 acts as Coulomb friction.
+# Names of joint properties in this simulator, by their names in ODE. ODE's fmax corresponds to the
+# friction, because a joint motor with a desired velocity of 0 acts as Coulomb friction.
 JOINT_FIELDS = {"damping": "damping", "hiStop": "upper", "loStop": "lower", "fmax": "friction"}
 
 
@@ -135,7 +135,8 @@ def set_joint_properties(simulation: Simulation, request: SetJointProperties) ->
         values = getattr(config, name)
         if len(values) > 1:
             raise SimError(
-                f"{name} has {len(values)} numbers; joint '{request.joint_name}' has one axis"
+                f"{name} has {len(values)} numbers; joint '{request.joint_name}' has one axis: "
+                "give one number"
             )
         if values:
             properties[name] = values[0]
@@ -149,5 +150,5 @@ def set_joint_properties(simulation: Simulation, request: SetJointProperties) ->
     text = "SetJointProperties: properties set"
     ignored = [name for name in properties if name not in JOINT_FIELDS and name != "vel"]
     if ignored:
-        text += f"; ignored, because only ODE has them: {', '.join(ignored)}"
+        text += f"; these properties are ignored, because only ODE has them: {', '.join(ignored)}"
     return {"status_message": text}

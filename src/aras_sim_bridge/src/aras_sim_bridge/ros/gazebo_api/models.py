@@ -202,7 +202,8 @@ def set_model_configuration(simulation: Simulation, request: SetModelConfigurati
     text = "SetModelConfiguration: success"
     for name, position in reached.items():
         if position != desired[name]:
-            text += f"; {name} is at its limit of {position:g}, {desired[name]:g} is beyond it"
+            text += (f"; {name} is set to its limit {position:g}, because {desired[name]:g} is "
+                     "beyond it")
     return {"status_message": text}
 
 

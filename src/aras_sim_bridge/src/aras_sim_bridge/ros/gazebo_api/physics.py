@@ -95,7 +95,7 @@ class Physics:
         """Set all physics properties."""
         gravity = from_vector(request.gravity, "gravity")
         ode = {name: getattr(request.ode_config, name) for name in ODE_FIELDS}
-        # gazebo_ros does not set it, either.
+        # As in gazebo_ros, the service does not set this parameter.
         ode["sor_pgs_rms_error_tol"] = self._ode["sor_pgs_rms_error_tol"]
         values = self._apply(request.time_step, request.max_update_rate, gravity, ode)
         self._server.set_values(values)

@@ -24,8 +24,8 @@ from aras_sim_bridge.errors import SimError
 from aras_sim_bridge.ros.runtime.send_queue import QUEUE_FLUSHER, QueueFlusher
 
 _TIMEOUT_WARNING = (
-    "lockstep: simulated time waited %g s of wall time in vain for %s; it continues without "
-    "waiting until the next message"
+    "lockstep: simulated time waited %g s of wall time in vain for %s; it continues, and waits "
+    "again after the next message; check that these nodes run"
 )
 
 
@@ -129,7 +129,7 @@ class Lockstep:
             self.start_round()
 
     def start_round(self) -> None:
-        """Start a round, which ignores messages that arrived before."""
+        """Stop simulated time until a new message has arrived on every selected topic."""
         for topic in self.topics:
             self._subscribe(topic)
         with self._lock:

@@ -188,7 +188,7 @@ class _ShutdownHandler:
         self.node: GazeboNode | None = None
         # rospy calls this function before it closes the topics, so no step uses a closed topic.
         rospy.on_shutdown(self._on_shutdown)
-        if rospy.core.is_shutdown_requested():  # requested before the call above
+        if rospy.core.is_shutdown_requested():  # before on_shutdown was called
             self.shutdown_event.set()
 
     def _on_shutdown(self) -> None:

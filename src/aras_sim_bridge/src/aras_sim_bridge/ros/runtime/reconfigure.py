@@ -13,7 +13,8 @@ PID_FIELDS = (
 
 PHYSICS_FIELDS = (
     Field("time_step", "double", 0.001, 0.0, 10.0, "Simulation time step [s]"),
-    Field("max_update_rate", "double", 60.0, 0.0, 1000.0, "Steps per second of wall time; 0: free"),
+    Field("max_update_rate", "double", 60.0, 0.0, 1000.0,
+          "Steps per second of wall time; 0: as fast as possible"),
     Field("gravity_x", "double", 0.0, -100.0, 100.0, "Gravity along x [m/s^2]"),
     Field("gravity_y", "double", 0.0, -100.0, 100.0, "Gravity along y [m/s^2]"),
     Field("gravity_z", "double", -9.8, -100.0, 100.0, "Gravity along z [m/s^2]"),

@@ -29,9 +29,10 @@ log = logging.getLogger(__name__)
 
 SHUTTING_DOWN = "the simulator is shutting down"
 JOBS_BUDGET = 0.002  # s of wall time that jobs may use between two groups of steps
-# Simulated time after a command in which steps are made one by one, when they are due.
+# Simulated time, ns, for which steps are made one by one, when they are due, after a command.
 STREAM_NS = 5_000_000
-FLOOD = 3  # if so many messages per step and connection are skipped, steps are made in groups again
+# If so many messages per step and connection are skipped, steps are made in groups again.
+FLOOD = 3
 PAUSED_PERIOD = 0.004  # s of wall time between two reads of commands while paused
 # Number of commands of one connection that may wait for their steps in lockstep mode.
 LOCKSTEP_BACKLOG = 8
@@ -156,7 +157,7 @@ class SimulationThread:
                     f"the simulation did not answer within {timeout:g} s; try again when the "
                     "processor is less busy"
                 ) from None
-            return future.result()  # the job has just started; jobs are short
+            return future.result()  # the job started at the last moment; jobs are short
 
     def post(self, job: Callable[[], None]) -> None:
         """Run `job` between two steps without waiting for it; its exceptions are logged."""

@@ -1,0 +1,58 @@
+"""Preparation of commands that simulate: import of Numba, and compilation for pip."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+
+from aras_visual_servo_base.compiled import import_numba, warn_uncached
+from aras_visual_servo_base.program import fast_imports
+
+from ..errors import find_program_name
+from ..progress_bar import ProgressBar
+
+COMPILED_PACKAGES = ("aras_visual_servo_base", "aras_sim_bridge", "aras_visual_servo_camera",
+                     "aras_visual_servo_controller", "aras_visual_servo_bench")  # fmt: skip
+
+
+def prepare_simulation() -> None:
+    """Import Numba, and compile what an installation by pip has not compiled yet.
+
+    Commands call this before they simulate. The set-up of a workspace compiles all functions.
+
+    Raises:
+        CompilerError: Numba cannot be imported.
+    """
+    # Garbage collection among Numba's objects would take a tenth of the time of a short run.
+    with fast_imports():
+        import_numba()
+    if find_program_name() != "bench":
+        _compile_missing()
+
+
+def _compile_missing() -> None:
+    """Compile all functions that are not in the cache, on all cores and with a progress bar.
+
+    If this fails, the simulation compiles the functions that it calls.
+    """
+    from aras_visual_servo_base import compile_packages  # imports multiprocessing
+
+    missing = compile_packages.find_missing(COMPILED_PACKAGES)
+    if not missing:
+        return
+    start = time.monotonic()
+    print("first simulation: compiling for one or two minutes", file=sys.stderr, flush=True)
+    bar = ProgressBar(sys.stderr)
+    try:
+        faults, uncached = compile_packages.compile_packages(
+            missing, os.cpu_count() or 1, report=lambda fraction: bar.show(fraction, "compiling")
+        )
+    finally:
+        bar.close()
+    for fault in faults:
+        print(f"{find_program_name()}: {fault}", file=sys.stderr)
+    if uncached:
+        warn_uncached(uncached)
+    elif not faults:
+        print(f"compiled in {time.monotonic() - start:.0f} s", file=sys.stderr)

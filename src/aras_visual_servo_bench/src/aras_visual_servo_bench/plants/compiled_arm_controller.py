@@ -81,7 +81,7 @@ class CompiledArmController:
         """
         ends_ns, last_ns, n = time_ns + count * step_ns, self._last_ns(), len(self._joints)
         due = self._sampler.list_due_cycles(time_ns + step_ns, ends_ns, step_ns)
-        samples, commands = np.empty((len(due), 2, n)), np.empty((len(due), n))
+        samples = np.empty((len(due), 3, n))
         start_ns, stamps, end, bad = time_ns, [], ALL_MADE, -1
         columns = [self._joints.get(name, n) for name in self._robot.loop.joint_names]
         while time_ns < ends_ns:
@@ -93,19 +93,18 @@ class CompiledArmController:
             time_ns += made * step_ns
             if end != ALL_MADE or k == len(due) or time_ns > last_ns:
                 break
-            stamp, (q, v) = to_seconds(time_ns), handles.take(self._measured, out=samples[k])
+            stamp, (q, v) = to_seconds(time_ns), handles.take(self._measured, out=samples[k, :2])
             result = process_joint_state(q, v, stamp, *self._state)
             if result == NEEDS_PYTHON:
                 break
-            command = commands[k]
+            command = samples[k, 2]
             command[:] = self._command[:n] = self._updates.command
             stamps.append(stamp)
-            self._listener.on_command(command)
-            self._listener.on_joints(stamp, q, v)
             if result == NEW_COMMAND and time_ns < ends_ns:
                 self._robot.loop.set_commands(self._command.take(columns), time_ns + step_ns)
             elif result == NEW_COMMAND:
                 self._send(command)
         self._sampler.count_samples(len(stamps))
-        self._updates.apply_results(stamps, samples, commands)
+        self._updates.apply_results(stamps, samples[: len(stamps)])
+        self._listener.on_updates(stamps, samples[: len(stamps)])
         return (time_ns - start_ns) // step_ns, end, bad

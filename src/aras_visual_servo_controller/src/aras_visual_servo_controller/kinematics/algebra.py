@@ -125,6 +125,33 @@ def solve_least_squares(L, e, tolerance):
     return multiply_vector(vt.T, parts)
 
 
+@jit("f8[:,::1], f8[::1]", allocates=False)
+def solve_linear(matrix, values):
+    """Overwrite `values` (n,) with the solution x of matrix @ x = values.
+
+    The matrix (n, n) is regular; it is overwritten. The algorithm is Gaussian elimination with
+    partial pivoting.
+    """
+    count = len(values)
+    for i in range(count):
+        pivot = i
+        for k in range(i + 1, count):
+            if abs(matrix[k, i]) > abs(matrix[pivot, i]):
+                pivot = k
+        for j in range(i, count):
+            matrix[i, j], matrix[pivot, j] = matrix[pivot, j], matrix[i, j]
+        values[i], values[pivot] = values[pivot], values[i]
+        for k in range(i + 1, count):
+            factor = matrix[k, i] / matrix[i, i]
+            values[k] -= factor * values[i]
+            for j in range(i + 1, count):
+                matrix[k, j] -= factor * matrix[i, j]
+    for i in range(count - 1, -1, -1):
+        for j in range(i + 1, count):
+            values[i] -= matrix[i, j] * values[j]
+        values[i] /= matrix[i, i]
+
+
 @jit("f8[:,:], f8")
 def has_singular_values_above(a, bound):
     """Return whether all singular values of a (m, n) are greater than `bound`.

@@ -396,10 +396,10 @@ def solve_velocities(
     """Compute the solution of `DifferentialIK.solve`.
 
     Args:
-        order … tip_frames: fields of the Chain. For a chain without joints, `pose` and `jacobian`
-            are inputs.
+        order … tip_frames: fields of the Chain. For a chain without origins, `pose` and
+            `jacobian` are inputs.
         q: (n,) joint positions.
-        pose, jacobian: (4, 4) and (6, n) at q; written unless the chain has no joints.
+        pose, jacobian: (4, 4) and (6, n) at q; written unless the chain has no origins.
         goal: (4, 4) pose at which the directions that the task does not control are held.
         L, rate, modelled: (k, 6), (k,) and (6,) fields of the task.
         preferred: (n,) velocities of the secondary tasks, except the range tasks.
@@ -419,7 +419,7 @@ def solve_velocities(
         whether the velocities can be reused; the distances (n,) to the position limits.
     """
     length, reach, bent = settings[0], settings[6], jacobian
-    if len(order) > 0:
+    if len(origins) > 0:
         compute_pose_and_jacobian(
             order,
             parents,

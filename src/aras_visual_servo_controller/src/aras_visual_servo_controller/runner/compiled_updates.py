@@ -15,7 +15,7 @@ import numpy as np
 from aras_visual_servo_base.compiled import jit
 
 from ..kinematics.algebra import are_finite
-from ..kinematics.arm import Arm, find_implausible_joint
+from ..kinematics.arm import find_implausible_joint
 from ..kinematics.chain import CHAIN_SIGNATURE
 from ..kinematics.compiled_ik import REUSE_TIME, solve_velocities
 from ..kinematics.differential_ik import DifferentialIK
@@ -27,15 +27,14 @@ if TYPE_CHECKING:
     from .loop_runner import LoopRunner
 
 # Indices of the array `clock`, whose times are in s: last update, latest joint state, computation
-# of
-# the present velocities, time for which these are valid, last command. The last element is the
-# index
-# of the current task, 0 or 1.
+# of the present velocities, time for which these are valid, last command. The last element is the
+# index of the current task, 0 or 1.
 NOW, NEWEST, SOLVED_AT, VALID_FOR, SENT_AT, TASK = range(6)
-# Indices of the array `rows`, each row (n,): command, its velocity, present solution, command that
-# was sent last, positions and velocities of the latest joint state, whether a limit stopped each
-# joint.
-COMMAND, VELOCITY, SOLUTION, SENT_COMMAND, Q, V, STOPPED = range(7)
+# Indices of the array `rows`, each row (n,): integrated command, its velocity, present solution,
+# values that were sent last (one of the first two rows), positions and velocities of the latest
+# joint state, whether a limit stopped each joint.
+COMMAND, VELOCITY, SOLUTION, SENT_VALUES, Q, V, STOPPED = range(7)
+SENT_ROWS = {"position": COMMAND, "velocity": VELOCITY}  # row that is sent, by output of the loop
 # Indices of the array `settings`.
 (
     LONGEST_STEP,  # the first four: fields of ServoSettings
@@ -46,7 +45,8 @@ COMMAND, VELOCITY, SOLUTION, SENT_COMMAND, Q, V, STOPPED = range(7)
     ANSWER_LIFETIME,  # time for which its task may be executed, s
     SECOND_TASK_TIME,  # time at which the second task starts, s
     THIRD_TASK_TIME,  # time at which a third task starts, s
-) = range(8)
+    SENT_ROW,  # index of the row that is sent
+) = range(9)
 NEEDS_PYTHON = 0  # result of an update: Python has to process the joint state
 SAME_COMMAND = 1  # result of an update: the command has not changed
 NEW_COMMAND = 2  # result of an update: there is a new command
@@ -142,15 +142,15 @@ def process_joint_state(
     if late.any() or not are_finite(after, after, after):
         return NEEDS_PYTHON
     clock[NOW] = clock[NEWEST] = stamp
-    same = True
+    sent_row, same = int(settings[SENT_ROW]), True
     for i in range(len(q)):
         rows[COMMAND, i], rows[VELOCITY, i], rows[STOPPED, i] = after[i], speeds[i], stopped[i]
         rows[Q, i], rows[V, i] = q[i], v[i]
-        same &= rows[SENT_COMMAND, i] == after[i]
-    if same:
-        return SAME_COMMAND
+        same &= rows[SENT_VALUES, i] == rows[sent_row, i]
+    if same and sent_row == COMMAND:
+        return SAME_COMMAND  # the controller holds a position, but velocities are always sent
     for i in range(len(q)):
-        rows[SENT_COMMAND, i] = after[i]
+        rows[SENT_VALUES, i] = rows[sent_row, i]
     clock[SENT_AT] = t
     return NEW_COMMAND
 
@@ -158,14 +158,20 @@ def process_joint_state(
 class CompiledUpdates:
     """Conversion of a runner's state to the arguments of `process_joint_state`, and back."""
 
-    def __init__(self, runner: LoopRunner) -> None:
+    def __init__(self, runner: LoopRunner, outputs: Sequence[str] = ("position",)) -> None:
+        """Prepare the updates.
+
+        Args:
+            outputs: outputs of the loop that can be sent without Python: position, velocity.
+        """
         self._runner = runner
         servo, ik = runner.servo, runner.servo.differential_ik
         arm, settings = servo.arm, servo.settings
         # User-defined inverse kinematics, tasks and arms can be called only from Python.
         self._is_possible = (
-            type(arm) is Arm and type(ik) is DifferentialIK and not ik.other_tasks
-            and settings.output == "position"
+            getattr(arm, "is_compiled", False) and type(ik) is DifferentialIK
+            and not ik.other_tasks
+            and settings.output in outputs
             and not (runner.settings.lockstep or runner.settings.dry)
         )  # fmt: skip
         if self._is_possible:
@@ -201,7 +207,7 @@ class CompiledUpdates:
         due = [pending[k][0] if len(pending) > k else inf for k in range(2)]
         numbers = np.array([
             settings.longest_step, settings.watchdog, settings.lag, settings.resolve_period,
-            *servo.answer_timing, *due,
+            *servo.answer_timing, *due, SENT_ROWS[settings.output],
         ])  # fmt: skip
         both = task, following
         return (
@@ -213,37 +219,31 @@ class CompiledUpdates:
 
     @property
     def command(self) -> np.ndarray:
-        """Present command (n,)."""
-        return self._rows[COMMAND]
+        """Values (n,) that were sent last."""
+        return self._rows[SENT_VALUES]
 
-    def apply_results(
-        self, stamps: Sequence[float], samples: np.ndarray, commands: np.ndarray
-    ) -> None:
+    def apply_results(self, stamps: Sequence[float], samples: np.ndarray) -> None:
         """Apply the results of `process_joint_state` to the runner.
 
         Args:
-            stamps: stamps of the processed joint states, s.
-            samples: joint states (m, 2, n), of which the first len(stamps) were processed.
-            commands: commands (m, n).
+            stamps: (m,) stamps of the processed joint states, s.
+            samples: (m, 3, n) their positions and velocities, and the resulting commands.
         """
         runner, clock, rows = self._runner, self._clock, self._rows
         servo = runner.servo
-        executor, names = servo.executor, servo.arm.names
+        executor, integrator = servo.executor, servo.integrator
         if clock[TASK]:
             executor.task = executor.pending_tasks.popleft()[1]
         executor.cached_velocities = (
             clock.item(SOLVED_AT), rows[SOLUTION], clock.item(VALID_FOR), "",
         )  # fmt: skip
-        if not stamps:
+        if not len(stamps):
             return
-        for array in (samples, commands):
-            array.setflags(write=False)
-        processed = [
-            JointSample(stamp, names, *sample)
-            for stamp, sample in zip(stamps, samples, strict=False)
-        ]
-        servo.integrator.set_command(rows[COMMAND], rows[VELOCITY])
+        samples.setflags(write=False)
+        integrator.set_command(rows[COMMAND], rows[VELOCITY])
+        stopped = np.flatnonzero(rows[STOPPED])
         servo.apply_updates(
-            processed[-1], servo.integrator.describe_stops(np.flatnonzero(rows[STOPPED]))
+            JointSample(stamps[-1], servo.arm.names, samples[-1, 0], samples[-1, 1]),
+            integrator.describe_stops(stopped) if len(stopped) else "",
         )
-        runner.apply_updates(processed, commands, rows[SENT_COMMAND], clock.item(SENT_AT))
+        runner.apply_updates(stamps, samples, rows[SENT_VALUES], clock.item(SENT_AT))

@@ -372,12 +372,13 @@ def is_in_view(outline: np.ndarray, camera: CameraModel, margin: float = 2.0) ->
         outline: corners (n, 2) in normalised coordinates.
         margin: minimum distance of the outline from the image border, px.
     """
-    u, v = camera.project(*subdivide(outline).T)
+    edges = subdivide(outline) if camera.is_distorted else outline  # distorted edges are bent
+    u, v = camera.project(*edges.T)
     return bool(
-        (u >= margin).all()
-        and (u <= camera.width - 1 - margin).all()
-        and (v >= margin).all()
-        and (v <= camera.height - 1 - margin).all()
+        u.min() >= margin
+        and u.max() <= camera.width - 1 - margin
+        and v.min() >= margin
+        and v.max() <= camera.height - 1 - margin
     )
 
 

@@ -200,7 +200,7 @@ class ImagingSettings:
 
     def to_pixels(self, points: np.ndarray | None) -> np.ndarray | None:
         """Convert normalised points (n, 2) to pixels."""
-        return None if points is None else np.column_stack(self.camera.project(*points.T))
+        return None if points is None else self.camera.project_points(points)
 
     def _draw_outline(
         self, outline: np.ndarray | None, target_T_camera: np.ndarray, is_occluded: bool

@@ -16,6 +16,7 @@ import numpy as np
 
 Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
+_EYE = np.eye(4)
 LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}  # m, by the name of the unit in files
 
 
@@ -271,7 +272,7 @@ def matrix_from_xyz_rpy(xyz: Sequence[float], rpy: Sequence[float]) -> np.ndarra
 
 def inverse(a_T_b: np.ndarray) -> np.ndarray:
     """Return the inverse `b_T_a` (4, 4) of a rigid pose."""
-    b_T_a = np.eye(4)
+    b_T_a = _EYE.copy()
     b_T_a[:3, :3] = a_T_b[:3, :3].T
     b_T_a[:3, 3] = -a_T_b[:3, :3].T @ a_T_b[:3, 3]
     return b_T_a
@@ -280,7 +281,7 @@ def inverse(a_T_b: np.ndarray) -> np.ndarray:
 def relative_pose(a_T_b: np.ndarray, a_T_c: np.ndarray) -> np.ndarray:
     """Return the relative pose `b_T_c` (4, 4) of two rigid poses."""
     b_R_a = a_T_b[:3, :3].T
-    b_T_c = np.eye(4)
+    b_T_c = _EYE.copy()
     b_T_c[:3, :3] = b_R_a @ a_T_c[:3, :3]
     b_T_c[:3, 3] = b_R_a @ (a_T_c[:3, 3] - a_T_b[:3, 3])
     return b_T_c

@@ -373,13 +373,12 @@ def is_in_view(outline: np.ndarray, camera: CameraModel, margin: float = 2.0) ->
         margin: minimum distance of the outline from the image border, px.
     """
     edges = subdivide(outline) if camera.is_distorted else outline  # distorted edges are bent
-    u, v = camera.project(*edges.T)
-    return bool(
-        u.min() >= margin
-        and u.max() <= camera.width - 1 - margin
-        and v.min() >= margin
-        and v.max() <= camera.height - 1 - margin
-    )
+    pixels = camera.project_points(edges)
+    (left, top), (right, bottom) = pixels.min(axis=0).tolist(), pixels.max(axis=0).tolist()
+    return (
+        left >= margin and right <= camera.width - 1 - margin
+        and top >= margin and bottom <= camera.height - 1 - margin
+    )  # fmt: skip
 
 
 def draw_outline(outline: np.ndarray | None, camera: CameraModel) -> np.ndarray:

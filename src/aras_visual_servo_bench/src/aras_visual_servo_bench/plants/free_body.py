@@ -38,6 +38,8 @@ class FreeBody:
         """
         self.origin, self.mounting = np.array(origin, float), mounting
         self.chain = Chain.from_free_body(self.origin, mounting)
+        # Latest coordinates that were passed to `pose_and_jacobian`, and its result for them.
+        self._cache: tuple[bytes, tuple[np.ndarray, np.ndarray]] = (b"", ())
         self.upper = np.full(6, np.inf)
         self.lower = -self.upper
         self.velocity = self.effort = self.upper
@@ -74,8 +76,15 @@ class FreeBody:
         return self.pose_and_jacobian(q)[1]
 
     def pose_and_jacobian(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return `pose(q)` and `jacobian(q)`."""
-        return self.chain.compute_pose_and_jacobian(np.asarray(q, float))
+        """Return `pose(q)` and `jacobian(q)`; the arrays are read-only."""
+        q = np.asarray(q, float)
+        key, (cached_key, found) = q.tobytes(), self._cache
+        if key != cached_key:  # several parts of the loop need the same result for one image
+            found = self.chain.compute_pose_and_jacobian(q)
+            for array in found:
+                array.setflags(write=False)
+            self._cache = key, found
+        return found
 
     def inverse_kinematics(
         self, world_T_camera: np.ndarray, q0: np.ndarray | None = None, tolerance: float = 0.0

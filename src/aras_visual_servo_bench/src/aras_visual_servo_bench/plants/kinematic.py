@@ -79,7 +79,9 @@ class KinematicPlant(Plant):
         self._chain, still = tuple(arm.chain), np.zeros(len(q))
         self._state = np.array([q, still, q, arm.lower, arm.upper, still, still], float)
         self._has_velocity_commands = False
-        self._joint_period, self._samples = NS / joint_rate, 0
+        self._joint_period = NS / joint_rate
+        # Number of the next joint state, and its stamp, ns.
+        self._samples, self._joints_ns = 0, JOINT_PHASE_NS
         self._updates: CompiledUpdates | None = None
 
     def attach_loop(
@@ -92,16 +94,16 @@ class KinematicPlant(Plant):
 
     def advance(self, until_ns: int) -> list[Reading]:
         """Advance to the next measurement, but not beyond `until_ns`; see Plant.advance."""
-        joints_ns = self._find_joints_time(self._samples)
-        if self._updates is not None and joints_ns <= min(self._image_ns, until_ns):
-            joints_ns = self._update_loop(min(self._image_ns, until_ns))
+        if self._updates is not None and self._joints_ns <= min(self._image_ns, until_ns):
+            self._update_loop(min(self._image_ns, until_ns))
+        joints_ns = self._joints_ns
         time_ns = min(joints_ns, self._image_ns, until_ns)
         if time_ns > self.time_ns:
             self._move((time_ns - self.time_ns) / NS)
             self.time_ns = time_ns
         readings: list[Reading] = []
         if joints_ns == time_ns:
-            self._samples += 1
+            self._count_samples(1)
             q, speed = self.read_joints()
             readings.append(JointReading(time_ns, self.joint_names, q.tolist(), speed.tolist()))
         if self._image_ns == time_ns:
@@ -111,7 +113,7 @@ class KinematicPlant(Plant):
                     and (frame := exposure.expose(self.read_rest_pose())) is not None
                 ):
                     readings.append(frame)
-            self._image_ns = min(exposure.due_ns for exposure in self._exposures)
+            self._image_ns = min([exposure.due_ns for exposure in self._exposures])
         return readings
 
     def command(self, kind: str, values: Sequence[float]) -> None:
@@ -129,7 +131,7 @@ class KinematicPlant(Plant):
 
     def read_rest_pose(self) -> np.ndarray:
         """Return world_T_camera (4, 4) of the control camera, without vibration."""
-        return self.arm.pose(self._state[Q])
+        return self.arm.pose(self._state[Q]).copy()
 
     def compute_rest_poses(self, positions: np.ndarray) -> np.ndarray:
         """Compute world_T_camera (m, 4, 4) for m joint states (m, n)."""
@@ -160,23 +162,23 @@ class KinematicPlant(Plant):
             convert_to_motion(self._chain, state, values, state[MOTION_COMMAND])
         self._has_velocity_commands = kind == "velocity"
 
-    def _find_joints_time(self, number: int) -> int:
-        """Return the stamp of the joint state with this number, ns."""
-        return JOINT_PHASE_NS + round(number * self._joint_period)
+    def _count_samples(self, count: int) -> None:
+        """Note that joint states have been measured."""
+        self._samples += count
+        self._joints_ns = JOINT_PHASE_NS + round(self._samples * self._joint_period)
 
-    def _update_loop(self, until_ns: int) -> int:
+    def _update_loop(self, until_ns: int) -> None:
         """Advance from joint state to joint state up to `until_ns`, and update the loop with each.
-
-        Return the stamp of the next joint state, ns, which the loop has not processed.
         """
-        due, number = [], self._samples
+        due, number, joints_ns = [], self._samples, self._joints_ns
         end_ns = min(until_ns, self._read_end_ns())
-        while (joints_ns := self._find_joints_time(number)) <= end_ns:
+        while joints_ns <= end_ns:
             due.append(joints_ns)
             number += 1
+            joints_ns = JOINT_PHASE_NS + round(number * self._joint_period)
         arguments = self._updates.make_arguments() if due else None
         if arguments is None:
-            return self._find_joints_time(self._samples)
+            return
         stamps, samples = np.empty(len(due)), np.empty((len(due), 3, len(self.joint_names)))
         count, reached = update_loop(
             np.array(due), self.time_ns, self._lag, self._has_velocity_commands, self._chain,
@@ -184,11 +186,10 @@ class KinematicPlant(Plant):
         )
         if reached:
             self.time_ns = due[reached - 1]
-        self._samples += count
+        self._count_samples(count)
         stamps, samples = stamps[:count].tolist(), samples[:count]
         self._updates.apply_results(stamps, samples)
         self._listener.on_updates(stamps, samples)
-        return self._find_joints_time(self._samples)
 
     def _move(self, dt: float) -> None:
         """Advance the coordinates by dt (s) with the exact solution of the first-order lag."""

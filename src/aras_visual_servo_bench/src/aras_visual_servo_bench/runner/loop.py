@@ -135,10 +135,10 @@ class Loop:
             from .run_termination import RunTermination
 
             self._termination = RunTermination(experiment, parts)
-        # The wall clock is constant, so computing time does not count as a delay.
+        # The wall clock is constant (float() is 0.0), so computing time does not count as a delay.
         self._driver = LoopRunner(
             parts.servo, parts.rig, parts.settings, self,
-            clock=lambda: to_seconds(self.plant.time_ns), wall_clock=lambda: 0.0,
+            clock=lambda: to_seconds(self.plant.time_ns), wall_clock=float,
         )  # fmt: skip
         self._on_frame = on_frame
         self._has_new_state = False

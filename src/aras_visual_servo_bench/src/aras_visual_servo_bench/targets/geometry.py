@@ -335,7 +335,15 @@ class PlacedTarget:
 
     def target_T_camera(self, world_T_camera: np.ndarray, time: float = 0.0) -> np.ndarray:
         """Return the pose target_T_camera (4, 4) of a camera in the target frame at `time` (s)."""
+        if self._static_target_T_world is not None:
+            return self._static_target_T_world @ world_T_camera
         return inverse(self.world_T_target(time)) @ world_T_camera
+
+    @cached_property
+    def _static_target_T_world(self) -> np.ndarray | None:
+        """Pose (4, 4) of the world in the frame of a target that never moves; None if it moves."""
+        is_static = self.pose_history is None and self.motion.is_static
+        return inverse(self.pose) if is_static else None
 
     def project(
         self,

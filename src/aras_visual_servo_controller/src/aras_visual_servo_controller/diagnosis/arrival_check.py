@@ -241,18 +241,23 @@ class ArrivalCheck:
             self._offsets.clear()
             return
         pose = observation.world_T_camera
-        pose_values = np.full(16, np.nan) if pose is None else np.ravel(pose)
-        self._offsets.add(observation.stamp, np.concatenate([offset, pose_values]))
-        self._offsets.drop_oldest(max(len(self._offsets) - MAX_WINDOW, 0))
+        row = np.empty(22)
+        row[:6], row[6:] = offset, np.nan if pose is None else pose.reshape(16)
+        self._offsets.add(observation.stamp, row)
+        if len(self._offsets) > MAX_WINDOW:
+            self._offsets.drop_oldest(len(self._offsets) - MAX_WINDOW)
 
     def _has_settled(self, stamp: float, tolerances: np.ndarray) -> bool:
         """Return whether the mean error of the last `hold` seconds is within `tolerances` (k,)."""
         recent = self._errors
         # Keep one image from the start of the window or before, to know that the window is full.
-        old_count = int(np.searchsorted(recent.stamps, stamp - self.hold + ROUNDING, "right"))
+        stamps = recent.stamps
+        old_count = int(stamps.searchsorted(stamp - self.hold + ROUNDING, "right"))
         min_count = MIN_IMAGES if self.hold > 0.0 else 1
-        recent.drop_oldest(max(min(old_count - 1, len(recent) - min_count), 0))
-        if len(recent) < min_count or stamp - recent.stamps[0] < self.hold - ROUNDING:
+        if (dropped := min(old_count - 1, len(stamps) - min_count)) > 0:
+            recent.drop_oldest(dropped)
+            stamps = stamps[dropped:]
+        if len(stamps) < min_count or stamp - stamps[0] < self.hold - ROUNDING:
             return False
         limit = tolerances * (HYSTERESIS if self._is_reached else 1.0)
         if not _is_within(recent.errors, limit):
@@ -373,7 +378,7 @@ def compute_offset(
     """
     L = scheme_output.L
     error = scheme_output.error if scheme_output.residual is None else scheme_output.residual
-    if L is None or free is None or np.shape(L) != (len(error), 6):
+    if L is None or free is None or L.shape != (len(error), 6):
         return None
     L, error = np.asarray(L, float), np.asarray(error, float)
     if not is_task_finite(L, error):

@@ -125,6 +125,45 @@ def solve_least_squares(L, e, tolerance):
     return multiply_vector(vt.T, parts)
 
 
+@jit("f8[:,:], f8")
+def is_well_conditioned(squares, ratio):
+    """Return whether the smallest eigenvalue is above `ratio` times the largest one.
+
+    `squares` (n, n) is a matrix A^T A, whose singular values are its eigenvalues.
+    """
+    s = svd(squares)[1]
+    return s[-1] > ratio * s[0]
+
+
+@jit("f8[:,::1], i8", allocates=False)
+def triangularise(rows, columns):
+    """Reduce the first `columns` columns of a matrix (m, n), m > columns, to a triangle, in place.
+
+    The matrix is multiplied by orthogonal reflections (A. Householder, Unitary triangularization
+    of a nonsymmetric matrix, 1958), so the least-squares solutions of its first `columns` rows are
+    those of all rows.
+    """
+    for j in range(columns):
+        square = 0.0
+        for i in range(j, len(rows)):
+            square += rows[i, j] * rows[i, j]
+        if square == rows[j, j] * rows[j, j]:
+            continue  # the column is already reduced
+        head = -np.copysign(np.sqrt(square), rows[j, j])
+        pivot = rows[j, j] - head  # first element of the reflection's normal
+        for k in range(j + 1, rows.shape[1]):
+            total = pivot * rows[j, k]
+            for i in range(j + 1, len(rows)):
+                total += rows[i, j] * rows[i, k]
+            total /= -head * pivot
+            rows[j, k] -= total * pivot
+            for i in range(j + 1, len(rows)):
+                rows[i, k] -= total * rows[i, j]
+        rows[j, j] = head
+        for i in range(j + 1, len(rows)):
+            rows[i, j] = 0.0
+
+
 @jit("f8[:,::1], f8[::1]", allocates=False)
 def solve_linear(matrix, values):
     """Overwrite `values` (n,) with the solution x of matrix @ x = values.

@@ -77,6 +77,11 @@ class SampleBuffer:
         return self._stamps[-1] if self._stamps else None
 
     @property
+    def newest_row(self) -> np.ndarray:
+        """Return positions and velocities (2, n) of the latest sample, of which there is one."""
+        return self._rows[-1]
+
+    @property
     def newest(self) -> JointSample | None:
         """Return the latest sample; None if there is none."""
         return self._make_sample(-1) if self._stamps else None

@@ -17,7 +17,7 @@ from aras_visual_servo_base.compiled import jit
 from ..kinematics.algebra import are_finite
 from ..kinematics.arm import find_implausible_joint
 from ..kinematics.chain import CHAIN_SIGNATURE
-from ..kinematics.compiled_ik import REUSE_TIME, solve_velocities
+from ..kinematics.compiled_ik import PRIMARY, REUSE_TIME, VELOCITIES, solve_velocities
 from ..kinematics.differential_ik import DifferentialIK
 from ..kinematics.joint_sample import JointSample
 from ..loop.command_integrator import has_jumped, integrate_command
@@ -112,22 +112,20 @@ def process_joint_state(
     task, period = 1 if settings[SECOND_TASK_TIME] <= t + ROUNDING else 0, settings[SOLVE_PERIOD]
     valid_for = max(clock[VALID_FOR], period) - 1e-9
     if task != clock[TASK] or not t - clock[SOLVED_AT] < valid_for:
+        joints = np.empty((4, len(q)))
         found = solve_velocities(
             *chain, q, np.empty((4, 4)), np.empty((6, len(q))), goal, L[task], desired_rates[task],
             modelled[task], np.zeros(len(q)), range_tasks, elbows, limits, max(dt, period),
             has_acceleration_limits,
-            rows[VELOCITY], last_velocities, setting_values,
+            rows[VELOCITY], last_velocities, setting_values, joints, np.empty((3, 6)),
         )  # fmt: skip
-        if not are_finite(found[0], found[0], found[0]):
+        if not are_finite(joints[VELOCITIES], joints[VELOCITIES], joints[VELOCITIES]):
             return NEEDS_PYTHON
-        velocities, primary = found[0], found[1]
         for i in range(len(q)):
-            rows[SOLUTION, i], last_velocities[0, i], last_velocities[1, i] = (
-                velocities[i],
-                velocities[i],
-                primary[i],
-            )
-        clock[SOLVED_AT], clock[VALID_FOR], clock[TASK] = t, REUSE_TIME if found[10] else 0.0, task
+            rows[SOLUTION, i] = last_velocities[0, i] = joints[VELOCITIES, i]
+            last_velocities[1, i] = joints[PRIMARY, i]
+        reuse_time = REUSE_TIME if found[4] else 0.0
+        clock[SOLVED_AT], clock[VALID_FOR], clock[TASK] = t, reuse_time, task
     after, speeds, stopped, late = integrate_command(
         rows[COMMAND],
         rows[VELOCITY],
@@ -175,6 +173,7 @@ class CompiledUpdates:
             and not (runner.settings.lockstep or runner.settings.dry)
         )  # fmt: skip
         if self._is_possible:
+            self._chain = tuple(arm.chain)
             self._constant_arguments = (
                 ik.range_tasks, ik.elbow_rows, ik.limit_rows, ik.has_acceleration_limits,
             )  # fmt: skip
@@ -185,7 +184,7 @@ class CompiledUpdates:
         Return None if Python has to process the next joint state.
         """
         runner = self._runner
-        servo, newest = runner.servo, runner.history.newest
+        servo, newest = runner.servo, runner.history.newest_stamp
         executor, integrator, ik = servo.executor, servo.integrator, servo.differential_ik
         task, pending = executor.task, executor.pending_tasks
         if (
@@ -199,22 +198,22 @@ class CompiledUpdates:
             return None
         settings = servo.settings
         cached = executor.cached_velocities or (-inf, np.zeros(len(integrator.names)), 0.0, "")
-        self._clock = np.array([runner.update_time, newest.stamp, cached[0], cached[2], -inf, 0.0])
+        self._clock = np.array([runner.update_time, newest, cached[0], cached[2], -inf, 0.0])
         self._rows = np.array([
             integrator.command, integrator.velocity, cached[1], runner.sent_values,
-            newest.positions, newest.velocities, np.zeros(len(integrator.names)),
+            *runner.history.newest_row, np.zeros(len(integrator.names)),
         ])  # fmt: skip
-        due = [pending[k][0] if len(pending) > k else inf for k in range(2)]
+        due = pending[0][0] if pending else inf, pending[1][0] if len(pending) > 1 else inf
         numbers = np.array([
             settings.longest_step, settings.watchdog, settings.lag, settings.resolve_period,
             *servo.answer_timing, *due, SENT_ROWS[settings.output],
         ])  # fmt: skip
-        both = task, following
         return (
-            tuple(servo.arm.chain), self._clock, self._rows, ik.last_velocities,
+            self._chain, self._clock, self._rows, ik.last_velocities,
             servo.arm.plausible_bounds, integrator.lead, numbers, ik.setting_values,
-            ik.goal, np.array([t.L for t in both]), np.array([t.desired_rate for t in both]),
-            np.array([t.modelled for t in both]), *self._constant_arguments,
+            ik.goal, np.array((task.L, following.L)),
+            np.array((task.desired_rate, following.desired_rate)),
+            np.array((task.modelled, following.modelled)), *self._constant_arguments,
         )  # fmt: skip
 
     @property
@@ -241,9 +240,9 @@ class CompiledUpdates:
             return
         samples.setflags(write=False)
         integrator.set_command(rows[COMMAND], rows[VELOCITY])
-        stopped = np.flatnonzero(rows[STOPPED])
+        stopped = rows[STOPPED]
         servo.apply_updates(
             JointSample(stamps[-1], servo.arm.names, samples[-1, 0], samples[-1, 1]),
-            integrator.describe_stops(stopped) if len(stopped) else "",
+            integrator.describe_stops(np.flatnonzero(stopped)) if stopped.any() else "",
         )
         runner.apply_updates(stamps, samples, rows[SENT_VALUES], clock.item(SENT_AT))

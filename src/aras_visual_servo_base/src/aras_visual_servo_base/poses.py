@@ -155,7 +155,7 @@ def quaternion_from_z_to(direction: Vector3) -> Quaternion:
 
 def quaternion_from_matrix(rotation: Sequence[Sequence[float]]) -> Quaternion:
     """Return the unit quaternion of a rotation matrix (3, 3), by Shepperd's method (1978)."""
-    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = ([float(v) for v in row] for row in rotation)
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = np.asarray(rotation, float).tolist()
     squares = (1.0 + xx - yy - zz, 1.0 - xx + yy - zz, 1.0 - xx - yy + zz, 1.0 + xx + yy + zz)
     rows = (
         (squares[0], xy + yx, xz + zx, zy - yz),

@@ -111,7 +111,8 @@ class ControlLoop:
                 until_ns = time_ns + (int(until_ns - time_ns) // step_ns + 1) * step_ns
             idle_ns = min(idle_ns, until_ns)
         for pid in self._pids:
-            pid.apply_gains()
+            if pid.has_new_gains:
+                pid.apply_gains()
         for controller in self._compiled_controllers:
             if controller.slot:
                 self._apply_pending_commands(time_ns)

@@ -8,6 +8,7 @@ import numpy as np
 
 from aras_visual_servo_base.poses import inverse, logarithm, relative_pose
 from aras_visual_servo_controller.errors import MeasurementError
+from aras_visual_servo_controller.kinematics.algebra import are_finite
 from aras_visual_servo_controller.kinematics.chain import Chain
 from aras_visual_servo_controller.kinematics.joint_sample import JointSample
 
@@ -106,9 +107,9 @@ class FreeBody:
         Raises:
             MeasurementError: a value is not finite.
         """
-        for values in (q, velocities):
-            if values is not None and not np.isfinite(values).all():
-                raise MeasurementError("a coordinate of the free camera is not finite")
+        speeds = q if velocities is None else velocities
+        if not are_finite(q, speeds, speeds):
+            raise MeasurementError("a coordinate of the free camera is not finite")
 
     def read_joints(
         self,

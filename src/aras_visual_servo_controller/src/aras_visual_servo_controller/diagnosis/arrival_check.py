@@ -69,6 +69,7 @@ MAX_ROWS = 64  # for more rows of L than this, the normal equations are solved
 VIEW_PERIOD = 8
 ALIKE_REASON = "several camera poses give the same image points as the goal"
 OTHER_VIEW_REASON = "every feature is at its goal, but the image differs from the goal's"
+NO_LIMIT = np.full(2, np.inf)
 ROUNDING = 1e-9  # numerical tolerance of times (s), angles (rad), and lengths (m at DEFAULT_DEPTH)
 
 
@@ -117,7 +118,7 @@ class ArrivalCheck:
                 move the camera. None for a free camera.
         """
         error, tolerances = scheme_output.error, np.asarray(scheme.tolerances, float)
-        if len(self._errors) and self._errors.errors.shape[1] != len(error):
+        if len(self._errors) and self._errors.width != len(error):
             self.clear()
         self._errors.add(observation.stamp, error)
         free = None if scheme_output.task is None else split_directions(
@@ -297,7 +298,7 @@ def compute_mean_offset(
         mean, scatter, count = latest, np.diag(noise**2), 1
     off = _compute_lengths(mean.tolist())
     # Rounding errors can make a variance negative.
-    deviations = np.sqrt(np.maximum(np.diag(scatter), 0.0) / count)
+    deviations = np.sqrt(np.maximum(scatter.diagonal(), 0.0) / count)
     unknown = _compute_lengths((KNOWN_DEVIATIONS * deviations).tolist())
     offsets = PoseOffsets(mean, scatter, count, compute_speed(stamps, rows))
     if not (enough or was_reached) and len(rows) < MAX_WINDOW:
@@ -328,8 +329,9 @@ def _estimate_offset(
     While the camera still approaches its goal, the offsets scatter more. Then the mean of the
     latest images may be more accurate.
     """
-    mean, scatter, count, _ = _average_offsets(rows, observable, settled_images, np.full(2, np.inf))
-    by_latest, by_all = np.diag(offsets.scatter) / offsets.count, np.diag(scatter) / count
+    mean, scatter, count, _ = _average_offsets(rows, observable, settled_images, NO_LIMIT)
+    by_latest = offsets.scatter.diagonal() / offsets.count
+    by_all = scatter.diagonal() / count
     if count <= offsets.count or (np.abs(rows[-1,
         :6] - mean) > OUTLIER_DEVIATIONS * noise).any() or not all(
         by_all[part].sum() < by_latest[part].sum() for part in (slice(0, 3), slice(3, 6))
@@ -352,8 +354,9 @@ def compute_speed(stamps: np.ndarray, rows: np.ndarray) -> tuple[float, float]:
     by_images = _compute_lengths((rows[-1, :6] - rows[-2, :6]).tolist())
     # The result is NaN if poses are unknown.
     by_kinematics = _compute_lengths(_compute_motion_since(rows, len(rows) - 2).tolist())
-    dt = stamps[-1] - stamps[-2]
-    return tuple(float(np.fmin(*pair)) / dt for pair in zip(by_images, by_kinematics, strict=True))
+    dt = float(stamps[-1] - stamps[-2])
+    speeds = np.fmin(by_images, by_kinematics) / dt
+    return float(speeds[0]), float(speeds[1])
 
 
 def _estimate_noise(offsets: np.ndarray, depth: float = DEFAULT_DEPTH) -> np.ndarray:
@@ -363,9 +366,12 @@ def _estimate_noise(offsets: np.ndarray, depth: float = DEFAULT_DEPTH) -> np.nda
     them.
     """
     order = 2 if len(offsets) > 2 else 1
-    steps = np.diff(offsets, n=order, axis=0)
+    steps = offsets[1:] - offsets[:-1]
+    if order == 2:
+        steps = steps[1:] - steps[:-1]
     variance = (steps**2).sum(axis=0) / max(len(steps), 1) / (2.0, 6.0)[order - 1]
-    return np.sqrt(variance) + ROUNDING * np.repeat((depth / DEFAULT_DEPTH, 1.0), 3)
+    length = ROUNDING * depth / DEFAULT_DEPTH
+    return np.sqrt(variance) + np.array((length, length, length, ROUNDING, ROUNDING, ROUNDING))
 
 
 def compute_offset(
@@ -393,7 +399,7 @@ def compute_offset(
 def _compute_observable(scheme_output: SchemeOutput, free: np.ndarray, depth: float) -> np.ndarray:
     """Return the matrix L^+ L (6, 6), which maps a camera motion to the change of the offset L^+ e.
     """
-    scale = np.repeat((1.0, depth), 3)
+    scale = np.array((1.0, 1.0, 1.0, depth, depth, depth))
     L = np.asarray(scheme_output.L, float) / scale
     L_free, tolerance = L @ free.T, RANK_TOLERANCE
     if len(L) > MAX_ROWS:

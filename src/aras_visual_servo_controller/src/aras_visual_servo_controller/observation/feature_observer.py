@@ -255,7 +255,7 @@ class FeatureObserver:
     ) -> Observation:
         stamp = float(stamp)
         pose = self._find_pose(joints, world_T_camera)
-        if pose is not None:
+        if pose is not None and (pose.flags.writeable or pose.dtype != float):
             pose = make_read_only_copy(pose)
         is_measured = plane is not None
         if plane is None and depth is None and pose is not None and self.compute_plane is not None:

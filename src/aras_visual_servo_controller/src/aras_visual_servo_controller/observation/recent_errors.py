@@ -21,6 +21,11 @@ class RecentErrors:
         return self._end - self._start
 
     @property
+    def width(self) -> int:
+        """Return the length k of the rows."""
+        return self._rows.shape[1]
+
+    @property
     def stamps(self) -> np.ndarray:
         """Return the increasing stamps (m,), s.
 

@@ -63,6 +63,8 @@ class PointFeature(Feature):
     """
 
     is_ordered: ClassVar[bool] = True
+    # Latest goal, and its points, which are the same for all images.
+    _goal_points: tuple[Goal | None, np.ndarray] = (None, np.zeros(0))
 
     def __init__(self, count: int = 4) -> None:
         self._set_count(count)
@@ -97,6 +99,8 @@ class PointFeature(Feature):
         Raises:
             ConfigurationError: the goal contains no points of this feature.
         """
+        if self._goal_points[0] is goal:
+            return self._goal_points[1]
         taught = goal.features.get(self.name or type(self).__name__, {}).get("points")
         try:
             points = np.array(taught, float)
@@ -109,6 +113,8 @@ class PointFeature(Feature):
             )
         if not np.isfinite(points).all():
             raise ConfigurationError(f"{goal.name}: a point is not finite")
+        points.setflags(write=False)
+        self._goal_points = goal, points
         return points
 
     def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:

@@ -125,14 +125,36 @@ def solve_least_squares(L, e, tolerance):
     return multiply_vector(vt.T, parts)
 
 
-@jit("f8[:,:], f8")
-def is_well_conditioned(squares, ratio):
-    """Return whether the smallest eigenvalue is above `ratio` times the largest one.
+@jit("f8[:,:], b1[:], f8, f8")
+def is_well_conditioned(L, modelled, distance, ratio):
+    """Return whether the smallest singular value of L is above `ratio` times the largest one.
 
-    `squares` (n, n) is a matrix A^T A, whose singular values are its eigenvalues.
+    To make rows of different units comparable, the rows are scaled to length 1.
+
+    Args:
+        L: (k, 6) interaction matrix.
+        modelled: (6,) columns that are used.
+        distance: distance in whose units lengths are measured, m.
     """
-    s = svd(squares)[1]
-    return s[-1] > ratio * s[0]
+    count = 0
+    for j in range(6):
+        count += modelled[j]
+    rows, n = np.zeros((len(L), count)), 0
+    for j in range(6):
+        if modelled[j]:
+            for i in range(len(L)):
+                rows[i, n] = L[i, j] * (distance if j < 3 else 1.0)
+            n += 1
+    for i in range(len(L)):
+        square = 0.0
+        for j in range(count):
+            square += rows[i, j] * rows[i, j]
+        if square > 0.0:
+            length = np.sqrt(square)
+            for j in range(count):
+                rows[i, j] /= length
+    s = svd(multiply(rows.T, rows) if len(rows) > count else multiply(rows, rows.T))[1]
+    return s[-1] > ratio * ratio * s[0]
 
 
 @jit("f8[:,::1], i8", allocates=False)

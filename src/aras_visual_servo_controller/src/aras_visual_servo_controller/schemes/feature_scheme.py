@@ -157,15 +157,8 @@ class FeatureScheme(FeatureSchemeBase):
         self, L: np.ndarray, observation: Observation, goal: Goal
     ) -> dict[str, Any]:
         """Return the argument `accuracy` or `rank_tolerance` of the Task, if L is ill-conditioned.
-
-        To make rows of different units comparable, the rows of L (k, 6) are scaled to length 1,
-        with lengths relative to the distance at the goal.
         """
-        scaled = (L * _make_scale(goal))[:, self._modelled]
-        lengths = np.sqrt((scaled * scaled).sum(axis=1, keepdims=True))
-        rows = np.divide(scaled, lengths, out=np.zeros(scaled.shape), where=lengths > 0.0)
-        squares = rows.T @ rows if len(rows) > rows.shape[1] else rows @ rows.T
-        if is_well_conditioned(squares, WELL_CONDITIONED**2):
+        if is_well_conditioned(L, self._modelled, goal.distance, WELL_CONDITIONED):
             return {}
         accuracy = self.accuracy(observation.with_noise(), goal)
         if accuracy is not None:

@@ -324,7 +324,8 @@ def read_preset(
             return read_camera(_resolve_file(camera, packages))
         folder = packages.resolve(f"package://{robot}/package.xml").parent / PRESET_FOLDER
         known = sorted(path.stem for path in folder.glob("*.yaml"))
-        require(camera in known, f"camera '{camera}' is no preset: {suggest(camera, known)}")
+        if camera not in known:
+            raise ExperimentError(f"camera '{camera}' is no preset: {suggest(camera, known)}")
         return read_camera(folder / f"{camera}.yaml")
     except CameraError as error:
         raise ExperimentError(str(error)) from None

@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property, lru_cache
-from math import isfinite
+from math import isfinite, nan
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -203,14 +203,9 @@ class Moments:
             MomentsError: a polygon has fewer than three vertices, edges that cross, no area, or a
                 coordinate that is not finite.
         """
-        outline = _check_vertices(vertices, "polygon")
-        x0, y0 = (outline.sum(axis=0) / len(outline)).tolist()
-        table = _compute_polygon_moments(outline, x0, y0, order, "polygon")
+        table, x0, y0 = _compute_polygon_moments(vertices, order, "polygon")
         for number, hole in enumerate(holes):
-            label = f"hole {number}"
-            table = table - _compute_polygon_moments(
-                _check_vertices(hole, label), x0, y0, order, label
-            )
+            table = table - _compute_polygon_moments(hole, order, f"hole {number}", x0, y0)[0]
         return cls._from_table(table, x0, y0, order, DENSE)
 
     @classmethod
@@ -438,13 +433,15 @@ def _check_vertices(points: ArrayLike, label: str) -> Array:
 
 
 def _compute_polygon_moments(
-    vertices: Array, x0: float, y0: float, order: int, label: str
-) -> Array:
+    vertices: ArrayLike, order: int, label: str, x0: float = nan, y0: float = nan
+) -> tuple[Array, float, float]:
     """Compute the moments (order+1, order+1) of a polygon (n, 2) about the point (x0, y0).
 
-    Their sign is such that the area is positive. `label` names the polygon in messages.
+    Return the moments and this point, which by default is the mean of the vertices. The sign of the
+    moments is such that the area is positive. `label` names the polygon in messages.
     """
-    table, is_empty, first, second = _integrate_polygon(vertices, x0, y0, order)
+    vertices = _check_vertices(vertices, label)
+    table, x0, y0, is_empty, first, second = _integrate_polygon(vertices, x0, y0, order)
     if first >= 0:
         raise MomentsError(
             f"edges {first} and {second} of the {label} cross: sort its vertices so that the "
@@ -452,21 +449,28 @@ def _compute_polygon_moments(
         )
     if is_empty:
         raise MomentsError(f"the {label} has no area: its vertices lie on one line")
-    return table
+    return table, x0, y0
 
 
 @jit("f8[:,:], f8, f8, i8")
 def _integrate_polygon(vertices, x0, y0, order):
     """Integrate x^i y^j over a polygon (n, 2), relative to the point (x0, y0).
 
+    If x0 is NaN, the point is the mean of the vertices.
+
     Returns:
-        The moments (order+1, order+1) with a positive area; whether the area is zero; the indices
-        of the first two edges that cross, or -1 twice.
+        The moments (order+1, order+1) with a positive area; the point; whether the area is zero;
+        the indices of the first two edges that cross, or -1 twice.
     """
     table, count = np.zeros((order + 1, order + 1)), len(vertices)
+    if np.isnan(x0):
+        x0 = y0 = 0.0
+        for k in range(count):
+            x0, y0 = x0 + vertices[k, 0], y0 + vertices[k, 1]
+        x0, y0 = x0 / count, y0 / count
     first, second = find_crossing_edges(vertices)
     if first >= 0:
-        return table, False, first, second
+        return table, x0, y0, False, first, second
     extent, power_x, power_y = 0.0, np.empty(order + 1), np.empty(order + 1)
     for k in range(count):
         after = k + 1 if k < count - 1 else 0
@@ -486,4 +490,4 @@ def _integrate_polygon(vertices, x0, y0, order):
     for i in range(order + 1):
         for j in range(order + 1 - i):
             table[i, j] *= sign / (i + j + 2.0)
-    return table, table[0, 0] <= 1e-14 * extent**2, -1, -1
+    return table, x0, y0, table[0, 0] <= 1e-14 * extent**2, -1, -1

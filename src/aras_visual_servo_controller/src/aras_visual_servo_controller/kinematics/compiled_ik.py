@@ -422,7 +422,7 @@ def solve_velocities(
     Returns:
         The scale of the task; the index of the joint that limits the speed, or -1; whether an elbow
         would become straight; whether the infeasible twist is large enough to be reported; whether
-        the velocities can be reused.
+        the velocities can be reused; the number of joints that are stopped at a limit.
     """
     length, reach, bent = settings[0], settings[6], jacobian
     if len(origins) > 0:
@@ -509,4 +509,4 @@ def solve_velocities(
             reusable &= not (
                 moving[int(elbow[0])] and _passes_straight(q, elbow, velocities, reach, REUSE_TIME)
             )
-    return part, slowest, straight, is_reported, reusable
+    return part, slowest, straight, is_reported, reusable, len(stopped)

@@ -198,14 +198,14 @@ class DifferentialIK:
         if chain is None:
             chain, view = NO_JOINTS, tuple(map(np.array, self.arm.pose_and_jacobian(q)))
         joints, twists = np.empty((4, len(q))), np.empty((3, 6))
-        scale, slowest, straight, is_reported, reusable = solve_velocities(
+        scale, slowest, straight, is_reported, reusable, stop_count = solve_velocities(
             *chain, q, *view, *inputs, joints, twists
         )
         velocities, primary, margins, stopped = joints
         desired, achieved, infeasible = twists
         self.last_velocities[:] = joints[: PRIMARY + 1]
         names, reasons, limiting = (), [], ""
-        if stopped.any():
+        if stop_count:
             names = tuple(self.arm.names[joint] for joint in np.flatnonzero(stopped))
             reasons = [f"{name} stopped at its limit" for name in names]
         if is_reported:

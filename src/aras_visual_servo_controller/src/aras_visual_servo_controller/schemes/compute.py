@@ -56,7 +56,9 @@ def compute(
     count = len(tuple(output.names))
     arrays = {}
     for field in ("features", "desired", "error"):
-        array = to_float_array(getattr(output, field))
+        array = getattr(output, field)
+        if type(array) is not np.ndarray or array.dtype != float:
+            array = to_float_array(array)
         if array is None or array.shape != (count,):
             shape = "no numbers" if array is None else f"shape {array.shape}"
             raise SchemeError(

@@ -13,7 +13,7 @@ from aras_visual_servo_base.names import format_error
 
 from ..errors import ConfigurationError, SchemeError
 from ..features.base import Feature, FeatureMeasurement
-from ..kinematics.algebra import are_finite, is_task_finite
+from ..kinematics.algebra import is_measurement_finite
 from .base import JointController, Scheme
 from .time_limit import call_user_code
 
@@ -88,8 +88,7 @@ def _is_valid(measurement: FeatureMeasurement, count: int) -> bool:
         and measurement.error_summary is None
         and type(measurement.error_drift) is float and math.isfinite(measurement.error_drift)
         and type(measurement.notes) is tuple and type(measurement.ambiguity) is str
-        and are_finite(measurement.s, measurement.desired, measurement.error)
-        and is_task_finite(L, measurement.error)
+        and is_measurement_finite(measurement.s, measurement.desired, measurement.error, L)
     )  # fmt: skip
 
 

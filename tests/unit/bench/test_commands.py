@@ -198,8 +198,8 @@ USAGES = {
                 f"[--start START] [--mix] {WORKERS} NAME",
     "dataset": f"--out OUT [--views] [--depth] {WORKERS} FILE|NAME [key=value ...]",
     "table": "[--format md|csv|tex] [--out FILE] [--by KEYS] [--metrics NAMES] DIR [DIR ...]",
-    "plot": "[--format png,svg,pdf] [--out DIR] [--metrics NAMES] DIR [DIR ...]",
-    "diff": "[--all] [--by KEYS] [--metrics NAMES] DIR DIR",
+    "plot": "[--format png,svg,pdf] [--paper] [--out DIR] [--metrics NAMES] DIR [DIR ...]",
+    "diff": "[--between KEY] [--all] [--by KEYS] [--metrics NAMES] DIR [DIR ...]",
     "browse": "[--port N] [--address IP] [--no-open] DIR [DIR ...]",
     "show": "[--out DIR] DIR|BAG [run]",
     "tune": "[--over key=low:high] [--metric METRIC] [--evaluations N] [--success PART] --out OUT "

@@ -37,13 +37,15 @@ def answers():
     for modelled, q in (((1, 1, 0, 1, 1, 0), [0.1, 0.2, 0.6, -0.9, 0.4, 0.5]),
                         ((1, 1, 1, 0, 0, 1), [1.4999, 0.0, 0.1, 1e-3, 0.0, 0.0])):  # fmt: skip
         task = Task.from_twist([0.1, 0.0, -0.05, 0.1, 0.0, 0.2], modelled)
-        found.append(compiled_ik.solve_velocities(
+        joints, twists = np.empty((4, 6)), np.empty((3, 6))
+        numbers = compiled_ik.solve_velocities(
             *arm.chain, np.array(q), np.empty((4, 4)), np.empty((6, 6)), resolver.goal, task.L,
             task.desired_rate, task.modelled, np.full(6, 0.1), resolver.range_tasks,
             resolver.elbow_rows,
             resolver.limit_rows, 0.01, True, np.full(6, 0.01), resolver.last_velocities,
-            resolver.setting_values,
-        ))  # fmt: skip
+            resolver.setting_values, joints, twists,
+        )  # fmt: skip
+        found.append((joints, twists, *numbers))
     return found
 
 

@@ -6,6 +6,7 @@ import pytest
 from aras_visual_servo_bench.experiment.experiment import Experiment, TargetSpec
 from aras_visual_servo_bench.plants.base import Plant
 from aras_visual_servo_bench.plants.dynamic_arm import DynamicArm
+from aras_visual_servo_bench.plants.kinematic import KinematicPlant
 from aras_visual_servo_bench.runner.loop import run
 
 ODD = {
@@ -26,6 +27,45 @@ ODD = {
 }
 
 
+ODD_MOTIONS = {
+    "arm": {"plant": "chain"},
+    "arm at a limit": {"plant": "chain", "start": "2015", "gain": 12.0},
+    "arm with velocities": {"plant": "chain", "controller_parameters": {"output": "velocity"}},
+    "two tasks under way": {"plant": "chain", "delay": 0.06},
+    "late joints": {"plant": "chain", "controller_parameters": {"lead": 0.002, "lag": 0.001}},
+    "free camera": {"plant": "free"},
+    "free camera with positions": {"plant": "free", "controller_parameters": {
+        "output": "position"}},
+    "free camera, wrongly mounted": {"plant": "free", "calibration_offset": {
+        "xyz": [0.01, 0.0, 0.02], "rpy": [0.05, 0.0, 0.1]}},
+    "it ends on the way": {"plant": "free", "duration": 4.0, "time_after_convergence": 0.1,
+                           "controller_parameters": {"hold": 0.2}},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("options", ODD_MOTIONS.values(), ids=ODD_MOTIONS)
+def test_a_run_without_physics_is_the_same_whoever_updates_the_loop(options, monkeypatch):
+    """The compiled updates of a plant without physics do what the loop does in Python, to the bit.
+    """
+    experiment = Experiment(**{"duration": 0.8, "time_after_convergence": None, **options})
+    joined = run(experiment)
+    monkeypatch.setattr(KinematicPlant, "attach_loop", Plant.attach_loop)
+    single = run(experiment)
+    assert_same(joined, single)
+
+
+def assert_same(joined, single):
+    for name in ("joint_stamp", "measured_positions", "measured_velocities", "joint_commands",
+                 "pose", "true_pose"):  # fmt: skip
+        np.testing.assert_array_equal(getattr(joined, name), getattr(single, name), name)
+    for one, other in zip(joined.states, single.states, strict=True):
+        assert (one.stamp, one.phase, one.reason, one.outcome) == (
+            other.stamp, other.phase, other.reason, other.outcome
+        )  # fmt: skip
+        np.testing.assert_array_equal(one.command, other.command)
+    assert (joined.outcome, joined.reason) == (single.outcome, single.reason)
+
+
 @pytest.mark.parametrize("options", ODD.values(), ids=ODD)
 def test_a_run_is_the_same_whoever_answers_the_joint_states(options, monkeypatch):
     """To the bit: what is measured, sent, and seen."""
@@ -37,21 +77,7 @@ def test_a_run_is_the_same_whoever_answers_the_joint_states(options, monkeypatch
                         lambda arm, state: (heard.append(state), listen(arm, state)))
     single = run(experiment)
     assert len(heard) == len(joined.joint_stamp) > 60
-    for name in (
-        "joint_stamp",
-        "measured_positions",
-        "measured_velocities",
-        "joint_commands",
-        "pose",
-        "true_pose",
-    ):
-        np.testing.assert_array_equal(getattr(joined, name), getattr(single, name), name)
-    for one, other in zip(joined.states, single.states, strict=True):
-        assert (one.stamp, one.phase, one.reason, one.outcome) == (
-            other.stamp, other.phase, other.reason, other.outcome
-        )  # fmt: skip
-        np.testing.assert_array_equal(one.command, other.command)
-    assert (joined.outcome, joined.reason) == (single.outcome, single.reason)
+    assert_same(joined, single)
 
 
 def test_most_joint_states_are_answered_between_two_images(monkeypatch):

@@ -112,7 +112,7 @@ def pip(monkeypatch):
         assert processes >= 1
         report(1.0)
         compiled.extend(packages)
-        return compile_packages.Outcome([], "")
+        return compile_packages.CompilationResult([], "")
 
     monkeypatch.setattr(compile_packages, "compile_packages", compile_some)
     return compiled

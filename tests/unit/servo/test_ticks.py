@@ -26,11 +26,11 @@ class Joined(Bench):
         q, v = np.array(positions), np.array(velocities)
         if state is None or (became := process_joint_state(q, v, stamp, *state)) == NEEDS_PYTHON:
             if state is not None:
-                self.ticks.apply_results([], np.empty((0, 2, 6)), np.empty((0, 6)))
+                self.ticks.apply_results([], np.empty((0, 3, 6)))
             self.one_by_one(names, positions, velocities, stamp)
             return
         command = self.ticks.command.copy()
-        self.ticks.apply_results([stamp], np.array([[q, v]]), command[None])
+        self.ticks.apply_results([stamp], np.array([[q, v, command]]))
         self.answered += 1
         if became == NEW_COMMAND:
             self.send(Command(stamp, names, command))

@@ -666,7 +666,7 @@ def test_figures_for_a_paper_have_its_column_and_font(tmp_path, capsys):
         assert all(axis.get_window_extent().height > 60 for axis in figure.axes if axis.lines)
 
 
-@pytest.mark.filterwarnings("error")
+@pytest.mark.filterwarnings("error:constrained_layout not applied")
 @pytest.mark.parametrize("is_paper", [False, True])
 def test_long_names_leave_space_for_the_axes(is_paper, tmp_path):
     names = ("image moments with a decoupled rotation about the axis",

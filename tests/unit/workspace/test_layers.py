@@ -63,7 +63,7 @@ FLOORS = {
         {"node"},
     ),
     "aras_visual_servo_controller": (
-        {"errors"},
+        {"check_defaults", "errors"},
         {"laws"},
         {"kinematics"},
         {"observation", "teleop"},

@@ -22,6 +22,8 @@ from aras_sim_bridge.world.resting_base import BASE_TYPES, is_supported
 from aras_visual_servo_base.compiled import jit
 
 CYCLE_TYPES = "f8[:,::1], f8[:,::1], f8[:,::1]"
+# Arguments of run_cycles after the drives.
+PHYSICS_TYPES = f"{STEP_TYPES}, b1, {BASE_TYPES}"
 # Reasons why run_cycles returns.
 ALL_MADE = 0  # all cycles are done
 WARNING = 1  # the last cycle produced a warning
@@ -50,7 +52,7 @@ def _apply_outputs(drives, state, joints):
 
 
 @jit(
-    f"i8, i8, i8, {CYCLE_TYPES}, {STEP_TYPES}, b1, {BASE_TYPES}",
+    f"i8, i8, i8, {CYCLE_TYPES}, {PHYSICS_TYPES}",
     allocates=False,
 )
 def run_cycles(count, time_ns, step_ns, loops, handles, drives,

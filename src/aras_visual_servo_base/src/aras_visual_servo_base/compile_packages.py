@@ -145,8 +145,8 @@ def main(argv: list[str] | None = None) -> int:
     return int(bool(faults or uncached))
 
 
-class Outcome(NamedTuple):
-    """What a compilation did not achieve.
+class CompilationResult(NamedTuple):
+    """Faults of a compilation.
 
     Attributes:
         faults: lines of text: packages that are missing, processes that failed.
@@ -161,7 +161,7 @@ class Outcome(NamedTuple):
 def compile_packages(
     packages: Sequence[str], processes: int, folder: Path | None = None,
     report: Callable[[float], None] = lambda fraction: None,
-) -> Outcome:  # fmt: skip
+) -> CompilationResult:  # fmt: skip
     """Compile or load from the cache all functions of packages in parallel processes.
 
     Args:
@@ -173,7 +173,7 @@ def compile_packages(
         import_numba()  # forked processes share the modules that are already imported
         missing = {package: _import_modules(package, folder) for package in packages}
     except CompilerError as error:
-        return Outcome([str(error)], "")
+        return CompilationResult([str(error)], "")
     faults = [fault for fault in missing.values() if fault]
     found = [package for package, fault in missing.items() if not fault]
     count = sum(len(list_functions(package)) for package in found)
@@ -201,7 +201,7 @@ def compile_packages(
     finally:
         for process, _ in running.values():  # there are some only after an exception
             process.terminate()
-    return Outcome(faults, uncached)
+    return CompilationResult(faults, uncached)
 
 
 def _describe_failure(status: int, packages: Sequence[str]) -> str:

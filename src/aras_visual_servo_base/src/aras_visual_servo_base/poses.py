@@ -16,6 +16,7 @@ import numpy as np
 
 Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
+_EYE = np.eye(4)
 LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}  # length of each unit in m
 
 
@@ -154,7 +155,7 @@ def quaternion_from_z_to(direction: Vector3) -> Quaternion:
 
 def quaternion_from_matrix(rotation: Sequence[Sequence[float]]) -> Quaternion:
     """Return the unit quaternion of a rotation matrix (3, 3), by Shepperd's method (1978)."""
-    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = ([float(v) for v in row] for row in rotation)
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = np.asarray(rotation, float).tolist()
     squares = (1.0 + xx - yy - zz, 1.0 - xx + yy - zz, 1.0 - xx - yy + zz, 1.0 + xx + yy + zz)
     rows = (
         (squares[0], xy + yx, xz + zx, zy - yz),
@@ -271,7 +272,7 @@ def matrix_from_xyz_rpy(xyz: Sequence[float], rpy: Sequence[float]) -> np.ndarra
 
 def inverse(a_T_b: np.ndarray) -> np.ndarray:
     """Return the inverse `b_T_a` (4, 4) of a rigid pose."""
-    b_T_a = np.eye(4)
+    b_T_a = _EYE.copy()
     b_T_a[:3, :3] = a_T_b[:3, :3].T
     b_T_a[:3, 3] = -a_T_b[:3, :3].T @ a_T_b[:3, 3]
     return b_T_a
@@ -280,7 +281,7 @@ def inverse(a_T_b: np.ndarray) -> np.ndarray:
 def relative_pose(a_T_b: np.ndarray, a_T_c: np.ndarray) -> np.ndarray:
     """Return the relative pose `b_T_c` (4, 4) of two rigid poses."""
     b_R_a = a_T_b[:3, :3].T
-    b_T_c = np.eye(4)
+    b_T_c = _EYE.copy()
     b_T_c[:3, :3] = b_R_a @ a_T_c[:3, :3]
     b_T_c[:3, 3] = b_R_a @ (a_T_c[:3, 3] - a_T_b[:3, 3])
     return b_T_c
@@ -309,21 +310,8 @@ def pose_difference(a_T_b: np.ndarray, a_T_c: np.ndarray) -> tuple[float, float]
 
 def rotation_vector(R: np.ndarray) -> np.ndarray:
     """Return the rotation vector (3,) of a rotation matrix (3, 3), rad; its norm is in [0, pi]."""
-    # Use the antisymmetric part of R, because arccos of the trace is inaccurate for small angles.
-    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = R.tolist()
-    x, y, z = zy - yz, xz - zx, yx - xy
-    sine, cosine = 0.5 * math.hypot(x, y, z), 0.5 * (xx + yy + zz - 1.0)
-    angle = math.atan2(sine, cosine)
-    if sine > 1e-4 or cosine > 0.0:
-        factor = 0.5 * angle / sine if sine > 1e-6 else 0.5
-        return np.array([factor * x, factor * y, factor * z])
-    # Near half a turn, the symmetric part is accurate: with the axis u, (R + R^T) / 2 - cosine I =
-    # (1 - cosine) u u^T.
-    outer = 0.5 * (R + R.T) - cosine * np.eye(3)
-    axis = outer[:, int(np.argmax(np.diag(outer)))]
-    if axis @ (x, y, z) < 0.0:
-        axis = -axis
-    return angle * axis / np.linalg.norm(axis)
+    rows = R.tolist()
+    return np.array(compute_logarithm(*rows[0], 0.0, *rows[1], 0.0, *rows[2], 0.0)[3:])
 
 
 def rotation_vector_rate(rotation: np.ndarray) -> np.ndarray:
@@ -333,8 +321,11 @@ def rotation_vector_rate(rotation: np.ndarray) -> np.ndarray:
     angular velocity of b relative to a in the axes of b. If omega is in the axes of a, use the
     transpose of J. J is the inverse right Jacobian of SO(3).
     """
-    K = skew(rotation)
-    return np.eye(3) + 0.5 * K + _half_cotangent(float(np.linalg.norm(rotation))) * K @ K
+    K, angle = skew(rotation), float(np.linalg.norm(rotation))
+    factor = 1.0 / 12.0
+    if angle > 1e-4:
+        factor = (1.0 - 0.5 * angle / math.tan(0.5 * angle)) / angle**2
+    return np.eye(3) + 0.5 * K + factor * K @ K
 
 
 def skew(v: Sequence[float]) -> np.ndarray:
@@ -360,7 +351,14 @@ def exponential(twist: Sequence[float]) -> np.ndarray:
 
     `twist` (6,) is the twist of b in the axes of b.
     """
-    vx, vy, vz, x, y, z = (float(rate) for rate in twist)
+    rows = compute_exponential(*np.asarray(twist, float).tolist())
+    return np.array((*rows, 0.0, 0.0, 0.0, 1.0)).reshape(4, 4)
+
+
+def compute_exponential(
+    vx: float, vy: float, vz: float, x: float, y: float, z: float
+) -> tuple[float, ...]:
+    """Return the first three rows (12,) of `exponential`; compiled functions use it, too."""
     square = x * x + y * y + z * z
     angle = math.sqrt(square)
     if angle > 1e-8:
@@ -370,15 +368,14 @@ def exponential(twist: Sequence[float]) -> np.ndarray:
     else:
         first, second, third = 1.0, 0.5, 1.0 / 6.0
     along = third * (x * vx + y * vy + z * vz)
-    return np.array([
-        [1.0 - second * (y * y + z * z), second * x * y - first * z, second * x * z + first * y,
-         first * vx + second * (y * vz - z * vy) + along * x],
-        [second * x * y + first * z, 1.0 - second * (x * x + z * z), second * y * z - first * x,
-         first * vy + second * (z * vx - x * vz) + along * y],
-        [second * x * z - first * y, second * y * z + first * x, 1.0 - second * (x * x + y * y),
-         first * vz + second * (x * vy - y * vx) + along * z],
-        [0.0, 0.0, 0.0, 1.0],
-    ])  # fmt: skip
+    return (
+        1.0 - second * (y * y + z * z), second * x * y - first * z, second * x * z + first * y,
+        first * vx + second * (y * vz - z * vy) + along * x,
+        second * x * y + first * z, 1.0 - second * (x * x + z * z), second * y * z - first * x,
+        first * vy + second * (z * vx - x * vz) + along * y,
+        second * x * z - first * y, second * y * z + first * x, 1.0 - second * (x * x + y * y),
+        first * vz + second * (x * vy - y * vx) + along * z,
+    )  # fmt: skip
 
 
 def logarithm(a_T_b: np.ndarray) -> np.ndarray:
@@ -386,20 +383,45 @@ def logarithm(a_T_b: np.ndarray) -> np.ndarray:
 
     It is the inverse of `exponential` for rotations up to pi.
     """
-    a, b, c = rotation_vector(a_T_b[:3, :3]).tolist()
-    x, y, z = a_T_b[:3, 3].tolist()
+    return np.array(compute_logarithm(*a_T_b[:3].ravel().tolist()))
+
+
+def compute_logarithm(
+    xx: float, xy: float, xz: float, x: float,
+    yx: float, yy: float, yz: float, y: float,
+    zx: float, zy: float, zz: float, z: float,
+) -> tuple[float, ...]:
+    """Return `logarithm` (6,) of a pose's first three rows; compiled functions use it, too."""
+    # Use the antisymmetric part of the rotation, because arccos of the trace is inaccurate for
+    # small angles.
+    a, b, c = zy - yz, xz - zx, yx - xy
+    sine, cosine = 0.5 * math.sqrt(a * a + b * b + c * c), 0.5 * (xx + yy + zz - 1.0)
+    angle = math.atan2(sine, cosine)
+    if sine > 1e-4 or cosine > 0.0:
+        factor = 0.5 * angle / sine if sine > 1e-6 else 0.5
+        a, b, c = factor * a, factor * b, factor * c
+    else:
+        # Near half a turn, the symmetric part is accurate: with the axis u, (R + R^T) / 2 -
+        # cosine I = (1 - cosine) u u^T. The column with the largest diagonal element is parallel
+        # to u.
+        if xx >= yy and xx >= zz:
+            u, v, w = xx - cosine, 0.5 * (xy + yx), 0.5 * (xz + zx)
+        elif yy >= zz:
+            u, v, w = 0.5 * (xy + yx), yy - cosine, 0.5 * (yz + zy)
+        else:
+            u, v, w = 0.5 * (xz + zx), 0.5 * (yz + zy), zz - cosine
+        factor = angle / math.sqrt(u * u + v * v + w * w)
+        if u * a + v * b + w * c < 0.0:
+            factor = -factor
+        a, b, c = factor * u, factor * v, factor * w
     along, square = a * x + b * y + c * z, a * a + b * b + c * c
-    factor = _half_cotangent(math.sqrt(square))
+    angle = math.sqrt(square)
+    # (1 - angle/2 cot(angle/2)) / angle^2
+    factor = (1.0 - 0.5 * angle / math.tan(0.5 * angle)) / square if angle > 1e-4 else 1.0 / 12.0
     # The linear part is p - w x p / 2 + factor w x (w x p), with w = (a, b, c) and p = (x, y, z).
-    return np.array([
+    return (
         x - 0.5 * (b * z - c * y) + factor * (a * along - x * square),
         y - 0.5 * (c * x - a * z) + factor * (b * along - y * square),
         z - 0.5 * (a * y - b * x) + factor * (c * along - z * square),
         a, b, c,
-    ])  # fmt: skip
-
-
-def _half_cotangent(angle: float) -> float:
-    """Return (1 - angle/2 cot(angle/2)) / angle^2, a factor in inverses of the exponential."""
-    half = 0.5 * angle
-    return (1.0 - half / math.tan(half)) / angle**2 if angle > 1e-4 else 1.0 / 12.0
+    )  # fmt: skip

@@ -23,6 +23,7 @@ _TYPE_NAMES = {
 }  # fmt: skip
 # Numbers such as 1e1 and -.5, which are numbers in YAML 1.2 but texts in YAML 1.1.
 _TEXT_NUMBER = re.compile(r"[-+]?(\.\d+([eE][-+]?\d+)?|\d+(\.\d*)?[eE][-+]?\d+)", re.ASCII)
+_PLAIN_TYPES = {float, int, str, bool, type(None)}  # types of the numbers and texts in files
 LONGEST_VALUE = 200  # largest number of characters of a value in a message
 
 
@@ -41,6 +42,10 @@ def as_number(value: Any, infinite: bool = False) -> float | None:
 
 def convert_to_file_types(value: Any) -> Any:
     """Convert a Python value to the lists, numbers and texts that represent it in a file."""
+    if type(value) in _PLAIN_TYPES:
+        return value
+    if isinstance(value, list | tuple) and set(map(type, value)) <= _PLAIN_TYPES:
+        return value
     if isinstance(value, Mapping):
         return {key: convert_to_file_types(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

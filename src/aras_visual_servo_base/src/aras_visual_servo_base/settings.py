@@ -24,6 +24,7 @@ import contextlib
 import copyreg
 import dataclasses
 import functools
+import math
 import numbers
 import types
 import typing
@@ -267,6 +268,8 @@ def convert(
 def _convert(
     value: Any, hint: Any, where: str, fault: Fault, rules: Mapping[str, Any] = NO_RULES
 ) -> Any:
+    if type(value) is hint and (hint in (str, bool) or hint is float and math.isfinite(value)):
+        return value  # this is the usual case
     origin = typing.get_origin(hint) or hint
     if origin in (typing.Union, types.UnionType):
         return _convert_union(value, hint, where, fault, rules)
@@ -306,9 +309,11 @@ def _convert_union(
         # Choose the class with the most matching keys, because the user probably means this class.
         classes = [kind for kind in kinds if dataclasses.is_dataclass(kind)]
         if classes:
-            return build(
-                max(classes, key=lambda cls: _count_known_keys(value, cls)), value, where, fault
+            known = [cls for cls in classes if value.keys() <= _list_fields(cls).keys()]
+            chosen = known[0] if known else max(
+                classes, key=lambda cls: _count_known_keys(value, cls)
             )
+            return build(chosen, value, where, fault)
     expected_kind = Mapping if isinstance(value, Mapping) else tuple
     alike = [kind for kind in kinds if _is_kind(kind, expected_kind)]
     # If only one type of the union fits, the errors of its items are reported.
@@ -347,10 +352,12 @@ def _convert_tuple(
             f"{where} is {format_value(value)}, must be "
             f"{rules.get('expected') or describe_hint(hint)}"
         )
-    return tuple(
+    if set(parts) == set(map(type, items)) == {float} and all(map(math.isfinite, items)):
+        return tuple(items)
+    return tuple([
         _convert(item, part, f"{where}[{i}]", fault)
         for i, (item, part) in enumerate(zip(items, parts, strict=True))
-    )
+    ])  # fmt: skip
 
 
 def _convert_mapping(value: Any, hint: Any, where: str, fault: Fault) -> Mapping[str, Any]:

@@ -189,6 +189,16 @@ def parse_tree(xml: str | Element) -> UrdfTree:
         DescriptionError: an element is invalid; the message names the element, the problem and how
             to fix it.
     """
+    return _parse_tree_text(xml) if isinstance(xml, str) else _build_tree(xml)
+
+
+@lru_cache(maxsize=8)
+def _parse_tree_text(xml: str) -> UrdfTree:
+    """Read the tree of a text; the runs of a study read the same few texts."""
+    return _build_tree(xml)
+
+
+def _build_tree(xml: str | Element) -> UrdfTree:
     robot, name = _parse_robot(xml)
     links: dict[str, Element] = {}
     for element in robot.findall("link"):

@@ -190,12 +190,14 @@ class _Plan(NamedTuple):
         centred_order: highest order of the centred moments whose rows are needed.
         raw_order: highest order of the raw moments whose rows are needed; -1 if none is needed.
         row_indices: index of each leaf's row in the array that `_compute_leaf_rows` builds.
+        checked_names: features that can be undefined.
     """
 
     leaves: tuple[str, ...]
     centred_order: int
     raw_order: int
     row_indices: NDArray[np.intp]
+    checked_names: tuple[str, ...]
 
 
 @lru_cache(maxsize=256)
@@ -215,9 +217,11 @@ def _make_plan(names: tuple[str, ...], kind: str) -> _Plan:
             return index + (first_raw if table == "m" else 4)
         return {"a": 0, "xg": 1, "yg": 2}.get(leaf, 3)
 
+    checked = tuple(n for n in names if _make_node(n).denominators or n == "alpha_full")
     return _Plan(
-        tuple(leaves), centred_order, raw_order, np.array([find_position(n) for n in leaves])
-    )
+        tuple(leaves), centred_order, raw_order, np.array([find_position(n) for n in leaves]),
+        checked,
+    )  # fmt: skip
 
 
 @lru_cache(maxsize=256)
@@ -225,6 +229,22 @@ def _compile_plan(names: tuple[str, ...], leaves: tuple[str, ...]) -> CompiledFo
     return CompiledFormulas(
         names, lambda name: _make_node(name).formula, leaves, {"alpha_full": "alpha"}
     )
+
+
+@lru_cache(maxsize=256)
+def _list_leaf_indices(
+    names: tuple[str, ...], leaves: tuple[str, ...]
+) -> tuple[tuple[str, tuple[int, int] | None], ...]:
+    """Return the leaves that affect the features, '' for the others.
+
+    For a centred moment mu_ij, also return (i, j).
+    """
+    used, found = _compile_plan(names, leaves).used_leaves, []
+    for name in leaves:
+        moment = _parse_moment(name)
+        indices = moment[1:] if moment is not None and moment[0] == "mu" else None
+        found.append((name, indices) if name in used else ("", None))
+    return tuple(found)
 
 
 def compute_required_order(names: Iterable[str], kind: str = DENSE) -> int:
@@ -334,6 +354,9 @@ class _View:
         self.reference = reference
         self.tolerance = tolerance
         self._mu = moments.centred.tolist()
+        self._leaves = {"a": moments.area, "xg": moments.xg, "yg": moments.yg, "": 0.0}
+        if reference is not None:
+            self._leaves |= {"a_star": reference.area, "Z_star": reference.depth}
 
     def evaluate_defined(
         self, names: tuple[str, ...], plan: _Plan
@@ -353,8 +376,10 @@ class _View:
                 f"{', '.join(names)} need moments up to order {needed} for the interaction matrix, "
                 f"got order {order}; increase the order of the moments"
             )
-        reasons = ((name, self.explain_undefined(name)) for name in names)
-        degenerate = {name: reason for name, reason in reasons if reason is not None}
+        degenerate = {}
+        for name in plan.checked_names:
+            if (reason := self.explain_undefined(name)) is not None:
+                degenerate[name] = reason
         defined = tuple(n for n in names if n not in degenerate) if degenerate else names
         try:
             values, rows = self.evaluate(defined, plan.leaves)
@@ -400,26 +425,26 @@ class _View:
         Raises:
             ZeroDivisionError: a feature divides by zero.
         """
-        program = _compile_plan(names, leaves)
-        used = program.used_leaves
-        return program.evaluate(*(self._get_leaf(n) if n in used else 0.0 for n in leaves))
+        values = []
+        for name, indices in _list_leaf_indices(names, leaves):
+            if indices is not None:
+                values.append(self._mu[indices[0]][indices[1]])
+            elif name in self._leaves:
+                values.append(self._leaves[name])
+            else:
+                values.append(self._get_leaf(name))
+        return _compile_plan(names, leaves).evaluate(*values)
 
     def _get_value(self, name: str) -> float:
         return self.evaluate((name,), tuple(sorted(_make_node(name).leaves)))[0][0]
 
     def _get_leaf(self, name: str) -> float:
+        """Return a raw moment, or alpha_full, which needs the reference."""
         moments = self.moments
         if moment := _parse_moment(name):
-            table, i, j = moment
-            return moments.m(i, j) if table == "m" else self._mu[i][j]
-        if name == "a":
-            return moments.area
-        if name in ("xg", "yg"):
-            return moments.xg if name == "xg" else moments.yg
-        reference = self._get_reference(name)
-        if name == "alpha_full":
-            return full_alpha(moments, self._get_value("alpha"), self.plane, reference.orientation)
-        return reference.area if name == "a_star" else reference.depth
+            return moments.m(*moment[1:])
+        orientation = self._get_reference(name).orientation
+        return full_alpha(moments, self._get_value("alpha"), self.plane, orientation)
 
     def _get_reference(self, name: str) -> Reference:
         if self.reference is None:

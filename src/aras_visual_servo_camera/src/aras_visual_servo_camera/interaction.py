@@ -89,15 +89,22 @@ def point_interaction(points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarr
     Returns:
         (2n, 6) with the rows of x_0, y_0, x_1, ...
     """
-    x, y = np.asarray(points, float).T
-    w = np.asarray(inverse_depth, float)
-    L = np.zeros((len(x), 2, 6))
-    L[:, 0, 0] = L[:, 1, 1] = -w
-    L[:, 0, 2], L[:, 1, 2] = x * w, y * w
-    L[:, 0, 3], L[:, 1, 3] = x * y, 1.0 + y * y
-    L[:, 0, 4], L[:, 1, 4] = -1.0 - x * x, -x * y
-    L[:, 0, 5], L[:, 1, 5] = y, -x
-    return L.reshape(-1, 6)
+    points, inverse_depth = np.asarray(points, float), np.asarray(inverse_depth, float)
+    L = np.zeros((2 * len(points), 6))
+    _write_point_interaction(points, np.broadcast_to(inverse_depth, len(points)), L)
+    return L
+
+
+@jit("f8[:,:], f8[:], f8[:,::1]", allocates=False)
+def _write_point_interaction(points, inverse_depth, L):
+    """Write the interaction matrix of points (n, 2) into L (2n, 6), whose elements are 0."""
+    for k in range(len(points)):
+        x, y, w = points[k, 0], points[k, 1], inverse_depth[k]
+        L[2 * k, 0] = L[2 * k + 1, 1] = -w
+        L[2 * k, 2], L[2 * k + 1, 2] = x * w, y * w
+        L[2 * k, 3], L[2 * k + 1, 3] = x * y, 1.0 + y * y
+        L[2 * k, 4], L[2 * k + 1, 4] = -1.0 - x * x, -x * y
+        L[2 * k, 5], L[2 * k + 1, 5] = y, -x
 
 
 @jit("f8, f8, f8, f8, f8")

@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property, lru_cache
-from math import isfinite
+from math import isfinite, nan
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,7 +28,7 @@ from aras_visual_servo_base.compiled import jit
 
 from .edge_pixels import compute_edge_moments
 from .errors import MomentsError
-from .polygons import Array, cross, find_crossing, next_vertices
+from .polygons import Array, find_crossing_edges
 
 MAX_ORDER = 6
 DENSE = "dense"
@@ -207,15 +207,10 @@ class Moments:
             MomentsError: a polygon has fewer than three vertices, edges that cross, no area, or a
                 coordinate that is not finite.
         """
-        outline = _check_vertices(vertices, "polygon")
-        centre = outline.mean(axis=0)
-        table = _compute_polygon_moments(outline - centre, order, "polygon")
+        table, x0, y0 = _compute_polygon_moments(vertices, order, "polygon")
         for number, hole in enumerate(holes):
-            label = f"hole {number}"
-            table = table - _compute_polygon_moments(
-                _check_vertices(hole, label) - centre, order, label
-            )
-        return cls._from_table(table, float(centre[0]), float(centre[1]), order, DENSE)
+            table = table - _compute_polygon_moments(hole, order, f"hole {number}", x0, y0)[0]
+        return cls._from_table(table, x0, y0, order, DENSE)
 
     @classmethod
     def from_points(cls, points: ArrayLike, order: int = MAX_ORDER) -> Moments:
@@ -446,27 +441,64 @@ def _check_vertices(points: ArrayLike, label: str) -> Array:
     return points
 
 
-def _compute_polygon_moments(p: Array, order: int, label: str) -> Array:
-    """Compute the moments (order+1, order+1) of the polygon p (n, 2) about the origin.
+def _compute_polygon_moments(
+    vertices: ArrayLike, order: int, label: str, x0: float = nan, y0: float = nan
+) -> tuple[Array, float, float]:
+    """Compute the moments (order+1, order+1) of a polygon (n, 2) about the point (x0, y0).
 
-    Their sign is such that the area is positive. `label` names the polygon in messages.
+    Return the moments and this point, which by default is the mean of the vertices. The sign of the
+    moments is such that the area is positive. `label` names the polygon in messages.
     """
-    crossing = find_crossing(p)
-    if crossing is not None:
+    vertices = _check_vertices(vertices, label)
+    table, x0, y0, is_empty, first, second = _integrate_polygon(vertices, x0, y0, order)
+    if first >= 0:
         raise MomentsError(
-            f"edges {crossing[0]} and {crossing[1]} of the {label} cross: sort its vertices so "
-            "that the outline is simple"
+            f"edges {first} and {second} of the {label} cross: sort its vertices so that the "
+            "outline is simple"
         )
-    q = next_vertices(p)
-    doubled = cross(p, q)
-    nodes = p[:, None, :] + _NODES[None, :, None] * (q - p)[:, None, :]
-    k = np.arange(order + 1)
-    px, py = (np.reshape(nodes[..., axis, None] ** k, (-1, order + 1)) for axis in (0, 1))
-    table = (np.outer(doubled, _WEIGHTS).reshape(-1, 1) * px).T @ py
-    table /= k[:, None] + k[None, :] + 2.0
-    extent = float(np.abs(p).max())
-    if abs(table[0, 0]) <= 1e-14 * extent**2:
+    if is_empty:
         raise MomentsError(
             f"the {label} has no area: its vertices lie on one line; add a vertex beside this line"
         )
-    return _select_triangle(table if table[0, 0] > 0.0 else -table, order)
+    return table, x0, y0
+
+
+@jit("f8[:,:], f8, f8, i8")
+def _integrate_polygon(vertices, x0, y0, order):
+    """Integrate x^i y^j over a polygon (n, 2), relative to the point (x0, y0).
+
+    If x0 is NaN, the point is the mean of the vertices.
+
+    Returns:
+        The moments (order+1, order+1) with a positive area; the point; whether the area is zero;
+        the indices of the first two edges that cross, or -1 twice.
+    """
+    table, count = np.zeros((order + 1, order + 1)), len(vertices)
+    if np.isnan(x0):
+        x0 = y0 = 0.0
+        for k in range(count):
+            x0, y0 = x0 + vertices[k, 0], y0 + vertices[k, 1]
+        x0, y0 = x0 / count, y0 / count
+    first, second = find_crossing_edges(vertices)
+    if first >= 0:
+        return table, x0, y0, False, first, second
+    extent, power_x, power_y = 0.0, np.empty(order + 1), np.empty(order + 1)
+    for k in range(count):
+        after = k + 1 if k < count - 1 else 0
+        px, py = vertices[k, 0] - x0, vertices[k, 1] - y0
+        qx, qy = vertices[after, 0] - x0, vertices[after, 1] - y0
+        extent = max(extent, abs(px), abs(py))
+        doubled = px * qy - py * qx
+        for n in range(len(_NODES)):
+            power_x[0], power_y[0] = doubled * _WEIGHTS[n], 1.0
+            x, y = px + _NODES[n] * (qx - px), py + _NODES[n] * (qy - py)
+            for i in range(order):
+                power_x[i + 1], power_y[i + 1] = power_x[i] * x, power_y[i] * y
+            for i in range(order + 1):
+                for j in range(order + 1 - i):
+                    table[i, j] += power_x[i] * power_y[j]
+    sign = 1.0 if table[0, 0] > 0.0 else -1.0
+    for i in range(order + 1):
+        for j in range(order + 1 - i):
+            table[i, j] *= sign / (i + j + 2.0)
+    return table, x0, y0, table[0, 0] <= 1e-14 * extent**2, -1, -1

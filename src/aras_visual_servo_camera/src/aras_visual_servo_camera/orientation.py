@@ -76,7 +76,7 @@ def full_alpha(moments: Moments, alpha: float, plane: Plane, reference: Orientat
     Returns:
         alpha, or alpha +- pi. For a shape that half a turn does not change, the result is alpha.
     """
-    if reference.is_symmetric or not _is_opposite(*_pack_view(moments, plane), alpha, *reference):
+    if not _is_opposite(*_pack_view(moments, plane), alpha, *reference):
         return alpha
     return alpha + (pi if alpha <= 0.0 else -pi)
 
@@ -243,6 +243,8 @@ def _is_opposite(centred, A, B, C, xg, yg, shrinking, alpha, of_alpha, of_uprigh
         alpha: orientation of the main axis of the view, rad.
         of_alpha, of_upright_alpha, of_third: Orientation of the desired view.
     """
+    if np.sqrt(compute_third_product(of_third, of_third)) < SYMMETRY_TOLERANCE:
+        return False
     known, _, upright_alpha, third = _compute_orientation(centred, A, B, C, xg, yg, shrinking)
     if not known or np.sqrt(compute_third_product(third, third)) < SYMMETRY_TOLERANCE:
         return False

@@ -8,6 +8,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from aras_visual_servo_base.compiled import jit
+
 Array = NDArray[np.float64]
 
 
@@ -39,16 +41,27 @@ def find_crossing(vertices: Array) -> tuple[int, int] | None:
 
     Return None if no edges cross. Edges that only touch at an end do not cross.
     """
-    p = np.asarray(vertices, dtype=float)
-    q = next_vertices(p)
-    edge = q - p
-    # The signs of start[k, l] and end[k, l] are the sides of edge k on which edge l starts and
-    # ends.
-    start = cross(edge[:, None, :], p[None, :, :] - p[:, None, :])
-    end = cross(edge[:, None, :], q[None, :, :] - p[:, None, :])
-    separated = start * end < 0.0
-    both = separated & separated.T
-    if not both.any():
-        return None
-    crossing = np.argwhere(np.triu(both, 2))
-    return None if len(crossing) == 0 else (int(crossing[0, 0]), int(crossing[0, 1]))
+    first, second = find_crossing_edges(np.asarray(vertices, dtype=float))
+    return None if first < 0 else (first, second)
+
+
+@jit("f8[:,:]", allocates=False)
+def find_crossing_edges(p):
+    """Return the result of `find_crossing` for vertices p (n, 2); (-1, -1) if no edges cross."""
+    count = len(p)
+    for k in range(count):
+        for other in range(k + 2, count):
+            if _is_separated(p, k, other) and _is_separated(p, other, k):
+                return k, other
+    return -1, -1
+
+
+@jit("f8[:,:], i8, i8", allocates=False)
+def _is_separated(p, k, other):
+    """Return whether the ends of edge `other` are on different sides of the line of edge k."""
+    last = len(p) - 1
+    after, end = k + 1 if k < last else 0, other + 1 if other < last else 0
+    ux, uy = p[after, 0] - p[k, 0], p[after, 1] - p[k, 1]
+    one = ux * (p[other, 1] - p[k, 1]) - uy * (p[other, 0] - p[k, 0])
+    two = ux * (p[end, 1] - p[k, 1]) - uy * (p[end, 0] - p[k, 0])
+    return one * two < 0.0

@@ -193,6 +193,19 @@ class CameraModel:
         camera = self.pinhole
         return camera.fx * x + camera.cx, camera.fy * y + camera.cy
 
+    def project_points(self, points: Array) -> Array:
+        """Convert normalised points (n, 2) to pixels (n, 2)."""
+        if self.is_distorted:
+            return np.column_stack(self.project(*points.T))
+        scale, centre = self._scale_and_centre
+        return scale * points + centre
+
+    @cached_property
+    def _scale_and_centre(self) -> tuple[Array, Array]:
+        """Focal lengths (2,) and principal point (2,), px."""
+        camera = self.pinhole
+        return np.array([camera.fx, camera.fy]), np.array([camera.cx, camera.cy])
+
 
 def normalise_pixels(
     pixels: Array, camera: CameraModel, assumed: CameraModel, is_closed: bool = False
@@ -212,6 +225,9 @@ def normalise_pixels(
     if is_closed and camera != assumed and (camera.is_distorted or assumed.is_distorted):
         x, y, _ = camera.normalise(*pixels.T)
         pixels = np.column_stack(camera.project(*subdivide(np.column_stack([x, y])).T))
+    if not assumed.is_distorted:
+        scale, centre = assumed._scale_and_centre
+        return (pixels - centre) / scale
     x, y, valid = assumed.normalise(*pixels.T)
     return np.column_stack([np.where(valid, x, np.nan), np.where(valid, y, np.nan)])
 

@@ -5,11 +5,13 @@ The settings come from the camera's <sensor> in the URDF and from a preset file.
 
 from __future__ import annotations
 
+import json
 import math
 import re
 import zlib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
+from functools import lru_cache
 
 import numpy as np
 
@@ -339,7 +341,12 @@ class CameraConfig:
             CameraError: the message names the wrong key.
         """
         where = f"camera '{values.get('name', 'camera')}': "
-        return build(cls, cls.check_keys(apply_calibration(values), where), where, CameraError)
+        values = apply_calibration(values)
+        try:
+            text = json.dumps(values)
+        except (TypeError, ValueError):  # a value is not one of the types of a file, or too long
+            return build(cls, cls.check_keys(values, where), where, CameraError)
+        return _build_config(cls, text, where)
 
     @classmethod
     def check_keys(cls, values: Mapping[str, object], where: str) -> dict[str, object]:
@@ -368,6 +375,15 @@ class CameraConfig:
         """Absolute names that no other camera may have: topic_root, image topic and info topic."""
         topics = (self.resolve_topic(name) for name in (self.image_topic, self.info_topic))
         return frozenset((self.topic_root, *topics))
+
+
+@lru_cache(maxsize=64)
+def _build_config(cls: type[CameraConfig], text: str, where: str) -> CameraConfig:
+    """Return the configuration of a camera from its settings in JSON.
+
+    The runs of a study have the same few cameras.
+    """
+    return build(cls, cls.check_keys(json.loads(text), where), where, CameraError)
 
 
 def derive_seed(seed: int, name: str) -> int:

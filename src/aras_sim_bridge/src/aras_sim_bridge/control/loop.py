@@ -111,7 +111,8 @@ class ControlLoop:
                 until_ns = time_ns + (int(until_ns - time_ns) // step_ns + 1) * step_ns
             idle_ns = min(idle_ns, until_ns)
         for pid in self._pids:
-            pid.apply_gains()
+            if pid.has_new_gains:
+                pid.apply_gains()
         for controller in self._compiled_controllers:
             if controller.slot:
                 self._apply_pending_commands(time_ns)
@@ -133,10 +134,14 @@ class ControlLoop:
     def set_commands(self, commands: np.ndarray, time_ns: int) -> None:
         """Set the commands (m,) of all loops in the cycle at `time_ns`; NaN means no command."""
         if set_loop_commands(self._loops, commands, time_ns):
-            loops = chain.from_iterable(c.loops for c in self._compiled_controllers)
-            for loop, command in zip(loops, commands.tolist(), strict=True):
-                if command == command:
-                    loop.warn_beyond_limits(command, time_ns)
+            self.warn_beyond_limits(commands, time_ns)
+
+    def warn_beyond_limits(self, commands: np.ndarray, time_ns: int) -> None:
+        """Log the commands (m,) of the cycle at `time_ns` that are beyond the limits of a joint."""
+        loops = chain.from_iterable(c.loops for c in self._compiled_controllers)
+        for loop, command in zip(loops, commands.tolist(), strict=True):
+            if command == command:
+                loop.warn_beyond_limits(command, time_ns)
 
     def _gather_loops(self, running: tuple[LoadedController, ...]) -> None:
         """Store the state of all running loops in one array, for compiled cycles."""

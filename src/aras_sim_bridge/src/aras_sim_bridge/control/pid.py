@@ -84,7 +84,7 @@ class Pid:
     one. `on_state`, if set, is called with a PidState after each computation.
     """
 
-    __slots__ = ("gains", "publish_state", "on_state", "row", "_active_gains")
+    __slots__ = ("gains", "publish_state", "on_state", "row", "has_new_gains", "_active_gains")
 
     # `integral` is ∫e dt, not multiplied by i.
     integral, command = column(_INTEGRAL), column(_COMMAND)
@@ -154,12 +154,13 @@ class Pid:
                 "raise i_clamp_max"
             )
         self.gains = Gains(*map(float, gains[:5]), bool(gains.antiwindup))
+        self.has_new_gains = True
 
     def apply_gains(self) -> None:
         """Copy new gains into the row; call this between two computations."""
-        gains = self.gains
-        if gains is not self._active_gains:
-            self._active_gains = gains
+        if self.has_new_gains:
+            self.has_new_gains = False
+            gains = self._active_gains = self.gains
             self.row[:_LAST_ERROR] = gains
 
     def bind(self, row: np.ndarray) -> None:

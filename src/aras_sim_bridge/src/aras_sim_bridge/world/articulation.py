@@ -18,6 +18,7 @@ from aras_sim_bridge.world.joint_dynamics import (
 )
 from aras_visual_servo_base.poses import IDENTITY, Pose
 
+UPPER_TRIANGLE = np.triu_indices(3)
 _BODY = 50  # number of columns of Articulation.bodies
 # Speed at which a joint without a velocity limit returns into its position limits, rad/s or m/s.
 _RETURN_SPEED = 1.0
@@ -105,7 +106,7 @@ def _add_mass(row: np.ndarray, inertial: Inertial, pose: Pose, gravity: bool) ->
     )
     row[33] += inertial.mass
     row[34:37] += inertial.mass * centre
-    row[37:43] += second[np.triu_indices(3)]
+    row[37:43] += second[UPPER_TRIANGLE]
     if gravity:
         row[43] += inertial.mass
         row[44:47] += inertial.mass * centre

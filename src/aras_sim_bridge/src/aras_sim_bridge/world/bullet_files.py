@@ -169,7 +169,7 @@ class BulletFiles:
 
 
 def _format_numbers(values: Sequence[float]) -> str:
-    return '"' + " ".join(repr(float(v)) for v in values) + '"'
+    return '"' + " ".join(map(repr, map(float, values))) + '"'
 
 
 def _format_origin(xyz: Vector3, rpy: Vector3) -> str:

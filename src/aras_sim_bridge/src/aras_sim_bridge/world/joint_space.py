@@ -155,4 +155,7 @@ def _spatial_inertia(mass: float, first: np.ndarray, second: np.ndarray) -> np.n
     """Return the spatial inertia (6, 6), angular part first, from mass and moments of mass."""
     x, y, z = first
     cross_first = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.block([[inertia_tensor(second), cross_first], [-cross_first, mass * np.eye(3)]])
+    inertia = np.diag([mass] * 6)
+    inertia[:3, :3], inertia[:3, 3:] = inertia_tensor(second), cross_first
+    inertia[3:, :3] = -cross_first
+    return inertia

@@ -38,19 +38,28 @@ class LinkPoses:
         self._tree = np.array(tree, np.int64)
         self._offsets = np.array([(*pose.xyz, *pose.quat) for pose in offsets])
         self._axes = np.array(axes, float)
+        # Joint positions of the latest call of `compute_poses`, and its result.
+        self._cache: tuple[bytes, tuple[np.ndarray, np.ndarray]] = (b"", ())
         self._cached_rows: tuple[tuple[str, ...], np.ndarray] = ((), np.zeros(0, np.int64))
 
     def set_root(self, root: Pose) -> None:
         """Set the pose of the root, world_T_root."""
         self._offsets[0] = (*root.xyz, *root.quat)
+        self._cache = b"", ()
 
     def compute_poses(self, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Compute the poses of all link frames in the world from joint positions (n,), rad or m.
 
         Returns:
-            Origins (links, 3), m, and unit quaternions (x, y, z, w), (links, 4).
+            Origins (links, 3), m, and unit quaternions (x, y, z, w), (links, 4); read-only.
         """
-        return _compute_poses(self._tree, self._offsets, self._axes, positions)
+        key, (cached_key, found) = positions.tobytes(), self._cache
+        if key != cached_key or not found:  # cameras and listeners read the poses of one instant
+            found = _compute_poses(self._tree, self._offsets, self._axes, positions)
+            for array in found:
+                array.setflags(write=False)
+            self._cache = key, found
+        return found
 
     def find_rows(self, names: tuple[str, ...]) -> np.ndarray:
         """Return the rows of these links. The result is cached until other links are given."""

@@ -35,15 +35,15 @@ class Box(NamedTuple):
 
     def grow(self, margin: float) -> "Box":
         """Return the box enlarged by `margin` on every side."""
-        return Box(*(tuple(v + side for v in corner)
-                     for corner, side in zip(self, (-margin, margin), strict=True)))
+        (a, b, c), (d, e, f) = self
+        return Box((a - margin, b - margin, c - margin), (d + margin, e + margin, f + margin))
 
     def gap(self, other: "Box") -> float:
         """Return the largest of the distances between two boxes along the axes, m.
 
         The result is negative if the boxes overlap.
         """
-        return max(max(c - b, a - d) for a, b, c, d in zip(*self, *other, strict=True))
+        return max([max(c - b, a - d) for a, b, c, d in zip(*self, *other, strict=True)])
 
 
 class HalfSpace(NamedTuple):

@@ -326,7 +326,8 @@ def read_preset(
             return read_camera(_resolve_file(camera, packages))
         folder = packages.resolve(f"package://{robot}/package.xml").parent / PRESET_FOLDER
         known = sorted(path.stem for path in folder.glob("*.yaml"))
-        require(camera in known, f"camera '{camera}' is no preset: {suggest(camera, known)}")
+        if camera not in known:
+            raise ExperimentError(f"camera '{camera}' is no preset: {suggest(camera, known)}")
         return read_camera(folder / f"{camera}.yaml")
     except CameraError as error:
         raise ExperimentError(str(error)) from None
@@ -374,13 +375,13 @@ def is_in_view(outline: np.ndarray, camera: CameraModel, margin: float = 2.0) ->
         outline: corners (n, 2) in normalised coordinates.
         margin: minimum distance of the outline from the image border, px.
     """
-    u, v = camera.project(*subdivide(outline).T)
-    return bool(
-        (u >= margin).all()
-        and (u <= camera.width - 1 - margin).all()
-        and (v >= margin).all()
-        and (v <= camera.height - 1 - margin).all()
-    )
+    edges = subdivide(outline) if camera.is_distorted else outline  # distorted edges are bent
+    pixels = camera.project_points(edges)
+    (left, top), (right, bottom) = pixels.min(axis=0).tolist(), pixels.max(axis=0).tolist()
+    return (
+        left >= margin and right <= camera.width - 1 - margin
+        and top >= margin and bottom <= camera.height - 1 - margin
+    )  # fmt: skip
 
 
 def draw_outline(outline: np.ndarray | None, camera: CameraModel) -> np.ndarray:

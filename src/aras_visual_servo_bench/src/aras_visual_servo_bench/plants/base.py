@@ -83,15 +83,15 @@ class CameraPlacement:
 
 
 class JointListener(Protocol):
-    """Receiver of the joint states and joint commands of a plant."""
+    """Receiver of the joint states with which a plant has updated the loop."""
 
-    def on_command(self, values: np.ndarray) -> None:
-        """Receive a joint command (n,)."""
+    def on_updates(self, stamps: Sequence[float], samples: np.ndarray) -> None:
+        """Receive m joint states.
 
-    def on_joints(self, stamp: float, positions: np.ndarray, velocities: np.ndarray) -> None:
-        """Receive the positions (n,) and velocities (n,) of the joints.
-
-        If this joint state leads to a command, `on_command` is called before."""
+        Args:
+            stamps: (m,) stamps of the joint states, s.
+            samples: (m, 3, n) positions, velocities, and the resulting commands.
+        """
 
 
 class Plant(ABC):
@@ -195,7 +195,7 @@ class Plant(ABC):
 
         Args:
             driver: control loop that the plant updates with each joint state.
-            listener: object that receives these joint states and the resulting commands.
+            listener: receiver of these joint states and the resulting commands.
             read_end_ns: function that returns the time (ns) until which the plant may update the
                 loop.
         """

@@ -8,12 +8,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from aras_sim_bridge.control.controllers.joint_loops import set_loop_commands
 from aras_sim_bridge.control.joints import HANDLE_COLUMNS, Q, V
-from aras_sim_bridge.cycle import ALL_MADE, run_cycles
-from aras_visual_servo_controller.observation.frame import to_seconds
+from aras_sim_bridge.cycle import ALL_MADE, CYCLE_TYPES, PHYSICS_TYPES, run_cycles
+from aras_visual_servo_base.compiled import jit
 from aras_visual_servo_controller.runner.compiled_updates import (
     NEEDS_PYTHON,
     NEW_COMMAND,
+    SENT_VALUES,
+    UPDATE_SIGNATURE,
     CompiledUpdates,
     process_joint_state,
 )
@@ -24,6 +27,101 @@ if TYPE_CHECKING:
     from aras_visual_servo_controller.runner.loop_runner import LoopRunner
 
     from .base import JointListener
+
+NANOSECONDS = 1_000_000_000
+
+
+@jit(f"i8, i8, i8, f8, i8[::1], i8, i8[:,::1], i8[::1], f8[::1], f8[::1], f8[:,:,::1], "
+     f"{CYCLE_TYPES}, Tuple(({PHYSICS_TYPES})), {UPDATE_SIGNATURE}")
+def run_cycles_with_loop(
+    time_ns,
+    ends_ns,
+    step_ns,
+    last_ns,
+    due,
+    taken,
+    measured,
+    columns,
+    commands,
+    stamps,
+    samples,
+    loops,
+    handles,
+    drives,
+    physics,
+    chain,
+    clock,
+    rows,
+    last_velocities,
+    bounds,
+    lead,
+    settings,
+    setting_values,
+    goal,
+    L,
+    desired_rates,
+    modelled,
+    range_tasks,
+    elbows,
+    limits,
+    has_acceleration_limits,
+):
+    """Run control cycles, and update the control loop with each joint state.
+
+    Stop at a joint state that Python has to process, and after a command beyond a joint's limits.
+
+    Args:
+        time_ns, ends_ns, step_ns: present time, time of the last cycle, and period of the cycles,
+            ns.
+        last_ns: end of the run, after which the loop is not updated, ns.
+        due: (m,) times of the joint states, ns.
+        taken: number of joint states that have been processed.
+        measured: (2, n) indices of the joints' positions and velocities in the flat `handles`.
+        columns: (k,) index of the joint of each row of `loops` among the loop's joints; n if it is
+            none of them.
+        commands: (k,) output, the latest commands of the rows of `loops`; NaN for none.
+        stamps, samples: (m,) and (m, 3, n) outputs: stamps (s) of the joint states, their positions
+            and velocities, and the resulting commands.
+        loops, handles, drives, physics: see `run_cycles`.
+        chain and the following: see `process_joint_state`.
+
+    Returns:
+        The time, ns; the number of processed joint states; the second and the third result of
+        `run_cycles`; whether a command exceeds the limits; whether the last command has not been
+        set, because it follows the last cycle.
+    """
+    flat, n = handles.reshape(handles.size), samples.shape[2]
+    while time_ns < ends_ns:
+        next_ns = due[taken] if taken < len(due) else ends_ns
+        made, end, bad = run_cycles(
+            (next_ns - time_ns) // step_ns, time_ns, step_ns, loops, handles, drives, *physics
+        )
+        time_ns += made * step_ns
+        if end != ALL_MADE or taken == len(due) or time_ns > last_ns:
+            return time_ns, taken, end, bad, False, False
+        sample = samples[taken]
+        for i in range(n):
+            sample[0, i], sample[1, i] = flat[measured[0, i]], flat[measured[1, i]]
+        stamps[taken] = float(time_ns // NANOSECONDS) + (time_ns % NANOSECONDS) / 1e9
+        result = process_joint_state(
+            sample[0], sample[1], stamps[taken], chain, clock, rows, last_velocities, bounds, lead,
+            settings, setting_values, goal, L, desired_rates, modelled, range_tasks, elbows, limits,
+            has_acceleration_limits,
+        )  # fmt: skip
+        if result == NEEDS_PYTHON:
+            return time_ns, taken, ALL_MADE, -1, False, False
+        taken += 1
+        for i in range(n):
+            sample[2, i] = rows[SENT_VALUES, i]
+        if result == NEW_COMMAND and time_ns == ends_ns:
+            return time_ns, taken, ALL_MADE, -1, False, True
+        if result == NEW_COMMAND:
+            for k in range(len(columns)):
+                if columns[k] < n:
+                    commands[k] = sample[2, columns[k]]
+            if set_loop_commands(loops, commands, time_ns + step_ns):
+                return time_ns, taken, ALL_MADE, -1, True, False
+    return time_ns, taken, ALL_MADE, -1, False, False
 
 
 class CompiledArmController:
@@ -59,7 +157,7 @@ class CompiledArmController:
         handles = list(robot.hardware.handles)
         offsets = np.array([handles.index(name) for name in joints]) * HANDLE_COLUMNS
         self._measured = np.array([offsets + Q, offsets + V])
-        self._command = np.full(len(joints) + 1, nan)
+        self._count = len(joints)
         self._joints = {name: k for k, name in enumerate(joints)}
 
     def start_cycles(self, time_ns: int, until_ns: int) -> JointStateController | None:
@@ -73,39 +171,29 @@ class CompiledArmController:
 
     def run_cycles(
         self, count: int, time_ns: int, step_ns: int, loops: np.ndarray, handles: np.ndarray,
-        drives: np.ndarray, *physics: np.ndarray | float,
+        drives: np.ndarray, *physics: np.ndarray | float | bool,
     ) -> tuple[int, int, int]:
         """Run up to `count` control cycles, and update the loop at each joint state.
 
         The arguments and the result are those of `cycle.run_cycles`.
         """
-        ends_ns, last_ns, n = time_ns + count * step_ns, self._last_ns(), len(self._joints)
-        due = self._sampler.list_due_cycles(time_ns + step_ns, ends_ns, step_ns)
-        samples, commands = np.empty((len(due), 2, n)), np.empty((len(due), n))
-        start_ns, stamps, end, bad = time_ns, [], ALL_MADE, -1
-        columns = [self._joints.get(name, n) for name in self._robot.loop.joint_names]
-        while time_ns < ends_ns:
-            k = len(stamps)
-            next_ns = due[k] if k < len(due) else ends_ns
-            made, end, bad = run_cycles(
-                (next_ns - time_ns) // step_ns, time_ns, step_ns, loops, handles, drives, *physics
-            )
-            time_ns += made * step_ns
-            if end != ALL_MADE or k == len(due) or time_ns > last_ns:
-                break
-            stamp, (q, v) = to_seconds(time_ns), handles.take(self._measured, out=samples[k])
-            result = process_joint_state(q, v, stamp, *self._state)
-            if result == NEEDS_PYTHON:
-                break
-            command = commands[k]
-            command[:] = self._command[:n] = self._updates.command
-            stamps.append(stamp)
-            self._listener.on_command(command)
-            self._listener.on_joints(stamp, q, v)
-            if result == NEW_COMMAND and time_ns < ends_ns:
-                self._robot.loop.set_commands(self._command.take(columns), time_ns + step_ns)
-            elif result == NEW_COMMAND:
-                self._send(command)
-        self._sampler.count_samples(len(stamps))
-        self._updates.apply_results(stamps, samples, commands)
+        ends_ns, last_ns, n = time_ns + count * step_ns, self._last_ns(), self._count
+        due = np.array(self._sampler.list_due_cycles(time_ns + step_ns, ends_ns, step_ns), int)
+        stamps, samples = np.empty(len(due)), np.empty((len(due), 3, n))
+        columns = np.array([self._joints.get(name, n) for name in self._robot.loop.joint_names])
+        commands = np.full(len(columns), nan)
+        start_ns, taken, end, bad, is_beyond = time_ns, 0, ALL_MADE, -1, True
+        while is_beyond:
+            time_ns, taken, end, bad, is_beyond, is_pending = run_cycles_with_loop(
+                time_ns, ends_ns, step_ns, last_ns, due, taken, self._measured, columns, commands,
+                stamps, samples, loops, handles, drives, physics, *self._state,
+            )  # fmt: skip
+            if is_beyond:
+                self._robot.loop.warn_beyond_limits(commands, time_ns + step_ns)
+        if is_pending:
+            self._send(samples[taken - 1, 2])
+        stamps, samples = stamps[:taken].tolist(), samples[:taken]
+        self._sampler.count_samples(taken)
+        self._updates.apply_results(stamps, samples)
+        self._listener.on_updates(stamps, samples)
         return (time_ns - start_ns) // step_ns, end, bad

@@ -6,9 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from aras_visual_servo_base.compiled import jit
-from aras_visual_servo_base.poses import exponential, inverse, logarithm, relative_pose, skew
+from aras_visual_servo_base.poses import inverse, logarithm, relative_pose
 from aras_visual_servo_controller.errors import MeasurementError
+from aras_visual_servo_controller.kinematics.algebra import are_finite
+from aras_visual_servo_controller.kinematics.chain import Chain
 from aras_visual_servo_controller.kinematics.joint_sample import JointSample
 
 COORDINATE_NAMES = ("x", "y", "z", "rx", "ry", "rz")
@@ -37,19 +38,32 @@ class FreeBody:
                 the camera.
         """
         self.origin, self.mounting = np.array(origin, float), mounting
+        self.chain = Chain.from_free_body(self.origin, mounting)
+        # Latest coordinates that were passed to `pose_and_jacobian`, and its result for them.
+        self._cache: tuple[bytes, tuple[np.ndarray, np.ndarray]] = (b"", ())
         self.upper = np.full(6, np.inf)
         self.lower = -self.upper
         self.velocity = self.effort = self.upper
         self.is_prismatic = np.array([True] * 3 + [False] * 3)
+        largest = np.full(6, np.finfo(float).max)  # every finite coordinate is plausible
+        self.plausible_bounds = np.array([-largest, largest, largest])
 
     def __len__(self) -> int:
         """Return the number of coordinates."""
         return 6
 
+    @property
+    def is_compiled(self) -> bool:
+        """Return whether compiled code may replace the methods, which a subclass may override."""
+        return type(self) is FreeBody
+
     def pose(self, q: np.ndarray) -> np.ndarray:
         """Return world_T_camera (4, 4) at coordinates q (6,)."""
-        body = self.origin @ exponential(q)
-        return body if self.mounting is None else body @ self.mounting
+        return self.pose_and_jacobian(q)[0]
+
+    def poses(self, positions: np.ndarray) -> np.ndarray:
+        """Return world_T_camera (m, 4, 4) at m coordinates (m, 6)."""
+        return self.chain.compute_poses(positions)
 
     def coordinates(self, world_T_camera: np.ndarray) -> np.ndarray:
         """Return the coordinates q (6,) of a camera pose (4, 4)."""
@@ -60,16 +74,18 @@ class FreeBody:
 
     def jacobian(self, q: np.ndarray) -> np.ndarray:
         """Return J (6, 6) such that J @ q_dot is the camera's twist, in the camera frame."""
-        rates = _compute_right_jacobian(np.asarray(q, float))
-        if self.mounting is None:
-            return rates
-        camera_R_body, position = self.mounting[:3, :3].T, self.mounting[:3, 3]
-        rates[:3] -= skew(position) @ rates[3:]
-        return np.vstack([camera_R_body @ rates[:3], camera_R_body @ rates[3:]])
+        return self.pose_and_jacobian(q)[1]
 
     def pose_and_jacobian(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return `pose(q)` and `jacobian(q)`."""
-        return self.pose(q), self.jacobian(q)
+        """Return `pose(q)` and `jacobian(q)`; the arrays are read-only."""
+        q = np.asarray(q, float)
+        key, (cached_key, found) = q.tobytes(), self._cache
+        if key != cached_key:  # several parts of the loop need the same result for one image
+            found = self.chain.compute_pose_and_jacobian(q)
+            for array in found:
+                array.setflags(write=False)
+            self._cache = key, found
+        return found
 
     def inverse_kinematics(
         self, world_T_camera: np.ndarray, q0: np.ndarray | None = None, tolerance: float = 0.0
@@ -91,9 +107,9 @@ class FreeBody:
         Raises:
             MeasurementError: a value is not finite.
         """
-        for values in (q, velocities):
-            if values is not None and not np.isfinite(values).all():
-                raise MeasurementError("a coordinate of the free camera is not finite")
+        speeds = q if velocities is None else velocities
+        if not are_finite(q, speeds, speeds):
+            raise MeasurementError("a coordinate of the free camera is not finite")
 
     def read_joints(
         self,
@@ -107,45 +123,3 @@ class FreeBody:
         speed = np.array(velocities, float) if len(velocities) else np.zeros(6)
         self.check(q, speed)
         return JointSample(stamp, self.names, q, speed)
-
-
-@jit("f8[:]")
-def _compute_right_jacobian(twist):
-    """Compute the right Jacobian J (6, 6) of the exponential map of SE(3).
-
-    If a_T_b = exponential(twist), then J @ d(twist)/dt is the twist of b, in the frame of b. J is
-    the sum of (-ad(twist))^k / (k + 1)! over k >= 0, to machine precision.
-    """
-    vx, vy, vz, x, y, z = twist
-    turn, move = np.zeros((3, 3)), np.zeros((3, 3))
-    turn[0, 1], turn[0, 2], turn[1, 0], turn[1, 2], turn[2, 0], turn[2, 1] = -z, y, z, -x, -y, x
-    move[0, 1], move[0, 2], move[1, 0], move[1, 2], move[2, 0], move[2, 1] = (
-        -vz, vy, vz, -vx, -vy, vx
-    )  # fmt: skip
-    # Only the upper three rows of J are summed. Its lower right block equals its upper left block,
-    # and its lower left block is zero.
-    rate, term, following, k = np.zeros((3, 6)), np.zeros((3, 6)), np.empty((3, 6)), 1
-    for i in range(3):
-        rate[i, i] = term[i, i] = 1.0
-    largest = 1.0
-    while largest > 1e-17:
-        k, largest = k + 1, 0.0
-        for i in range(3):
-            for j in range(6):
-                total = 0.0
-                for m in range(3):
-                    total -= turn[i, m] * term[m, j]
-                    if j > 2:
-                        total -= move[i, m] * term[m, j - 3]
-                following[i, j] = total / k
-                largest = max(largest, abs(following[i, j]))
-        term, following = following, term
-        for i in range(3):
-            for j in range(6):
-                rate[i, j] += term[i, j]
-    whole = np.zeros((6, 6))
-    for i in range(3):
-        for j in range(3):
-            whole[i, j] = whole[3 + i, 3 + j] = rate[i, j]
-            whole[i, 3 + j] = rate[i, 3 + j]
-    return whole

@@ -50,6 +50,7 @@ class IdealCamera(FreeCamera):
             seed: seed of the noise.
         """
         super().__init__(arm, q, imaging, seed=seed)
+        self._pose = arm.pose(q)
         self._calibrated_body, self._twist = calibrated_body, ZERO_TWIST
         self._exposures = [ExposureSchedule(imaging, self._random, first=0)]
 
@@ -71,6 +72,10 @@ class IdealCamera(FreeCamera):
             JointReading(time_ns, self.joint_names, q.tolist(), speed.tolist()),
             *([] if image is None else [image]),
         ]
+
+    def read_rest_pose(self) -> np.ndarray:
+        """Return world_T_camera (4, 4) of the camera, without vibration."""
+        return self._pose.copy()
 
     def read_joints(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the coordinates (6,) and their rates (6,)."""

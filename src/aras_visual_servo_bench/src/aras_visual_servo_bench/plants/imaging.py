@@ -200,7 +200,7 @@ class ImagingSettings:
 
     def to_pixels(self, points: np.ndarray | None) -> np.ndarray | None:
         """Convert normalised points (n, 2) to pixels."""
-        return None if points is None else np.column_stack(self.camera.project(*points.T))
+        return None if points is None else self.camera.project_points(points)
 
     def _draw_outline(
         self, outline: np.ndarray | None, target_T_camera: np.ndarray, is_occluded: bool
@@ -273,7 +273,9 @@ def capture(
         The frame; exact features are missing if the target is not in view.
     """
     bands = imaging.exposure_bands
-    poses = [world_T_camera] * len(bands) if np.ndim(world_T_camera) == 2 else world_T_camera
+    poses = world_T_camera
+    if isinstance(poses, np.ndarray) and poses.ndim == 2:
+        poses = [poses] * len(bands)
     random = np.random.default_rng(0) if random is None else random
     if imaging.has_images or len(bands) > 1:
         pipeline = imaging.make_pipeline() if pipeline is None else pipeline

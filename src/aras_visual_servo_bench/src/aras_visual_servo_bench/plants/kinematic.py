@@ -5,18 +5,34 @@ The motion between two measurements is computed exactly, in a single step.
 
 from __future__ import annotations
 
-from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from aras_visual_servo_base.poses import exponential
 from aras_visual_servo_controller.kinematics import Arm
+from aras_visual_servo_controller.runner.compiled_updates import CompiledUpdates
 
 from ..errors import ExperimentError
 from .base import JointReading, Plant, Reading
 from .free_body import FreeBody
 from .imaging import NS, ImagingSettings, collect_vibrations, make_exposure_schedules
+from .kinematic_motion import (
+    COMMAND,
+    MOTION,
+    MOTION_COMMAND,
+    Q,
+    V,
+    convert_to_motion,
+    follow_position,
+    follow_velocity,
+    update_loop,
+)
+
+if TYPE_CHECKING:
+    from aras_visual_servo_controller.runner.loop_runner import LoopRunner
+
+    from .base import JointListener
 
 # Time from the start of each joint state period to the stamp of its joint state, ns. It is that of
 # the simulation with physics.
@@ -61,21 +77,34 @@ class KinematicPlant(Plant):
         self._image_ns = min(exposure.due_ns for exposure in self._exposures)
         self._lag = lag
         self.time_ns = 0
-        self._q = np.array(q, float)
-        self._speed = np.zeros_like(self._q)
-        self._kind, self._command = "position", self._q.copy()
-        self._joint_period, self._samples = NS / joint_rate, 0
+        self._chain, still = tuple(arm.chain), np.zeros(len(q))
+        self._state = np.array([q, still, q, arm.lower, arm.upper, still, still], float)
+        self._has_velocity_commands = False
+        self._joint_period = NS / joint_rate
+        # Number of the next joint state, and its stamp, ns.
+        self._samples, self._joints_ns = 0, JOINT_PHASE_NS
+        self._updates: CompiledUpdates | None = None
+
+    def attach_loop(
+        self, driver: LoopRunner, listener: JointListener, read_end_ns: Callable[[], float]
+    ) -> None:
+        """Process joint states in compiled code; see Plant.attach_loop."""
+        if driver.servo.arm.names == self.joint_names:
+            self._updates = CompiledUpdates(driver, ("position", "velocity"))
+        self._listener, self._read_end_ns = listener, read_end_ns
 
     def advance(self, until_ns: int) -> list[Reading]:
         """Advance to the next measurement, but not beyond `until_ns`; see Plant.advance."""
-        joints_ns = JOINT_PHASE_NS + round(self._samples * self._joint_period)
+        if self._updates is not None and self._joints_ns <= min(self._image_ns, until_ns):
+            self._update_loop(min(self._image_ns, until_ns))
+        joints_ns = self._joints_ns
         time_ns = min(joints_ns, self._image_ns, until_ns)
         if time_ns > self.time_ns:
             self._move((time_ns - self.time_ns) / NS)
             self.time_ns = time_ns
         readings: list[Reading] = []
         if joints_ns == time_ns:
-            self._samples += 1
+            self._count_samples(1)
             q, speed = self.read_joints()
             readings.append(JointReading(time_ns, self.joint_names, q.tolist(), speed.tolist()))
         if self._image_ns == time_ns:
@@ -85,7 +114,7 @@ class KinematicPlant(Plant):
                     and (frame := exposure.expose(self.read_rest_pose())) is not None
                 ):
                     readings.append(frame)
-            self._image_ns = min(exposure.due_ns for exposure in self._exposures)
+            self._image_ns = min([exposure.due_ns for exposure in self._exposures])
         return readings
 
     def command(self, kind: str, values: Sequence[float]) -> None:
@@ -95,19 +124,19 @@ class KinematicPlant(Plant):
             raise ExperimentError(
                 f"this plant accepts {' or '.join(sorted(self.outputs))} commands, not {kind}"
             )
-        if values.shape != self._q.shape or not np.isfinite(values).all():
+        if values.shape != self._state[Q].shape or not np.isfinite(values).all():
             raise ExperimentError(
-                f"a command must be {len(self._q)} finite numbers, got {values}"
+                f"a command must be {len(self.joint_names)} finite numbers, got {values}"
             )
         self._set_command(kind, values)
 
     def read_rest_pose(self) -> np.ndarray:
         """Return world_T_camera (4, 4) of the control camera, without vibration."""
-        return self.arm.pose(self._q)
+        return self.arm.pose(self._state[Q]).copy()
 
     def compute_rest_poses(self, positions: np.ndarray) -> np.ndarray:
         """Compute world_T_camera (m, 4, 4) for m joint states (m, n)."""
-        return np.array([self.arm.pose(q) for q in positions]).reshape(-1, 4, 4)
+        return self.arm.poses(positions)
 
     def joint_origins(self, positions: np.ndarray) -> np.ndarray:
         """Compute the origins of the arm's joint frames; see Plant.joint_origins."""
@@ -120,55 +149,61 @@ class KinematicPlant(Plant):
 
     def read_joints(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the current positions (n,) and velocities (n,)."""
-        return self._q.copy(), self._speed.copy()
+        q, speed = self._state[: V + 1].copy()
+        return q, speed
 
     def _set_command(self, kind: str, values: np.ndarray) -> None:
         """Store the command (n,) that the coordinates follow."""
-        self._kind, self._command = kind, values if kind == "position" else self._to_motion(values)
+        state = self._state
+        if kind == "position":
+            state[COMMAND] = values
+        else:
+            if not self._has_velocity_commands:
+                convert_to_motion(self._chain, state, state[V], state[MOTION])
+            convert_to_motion(self._chain, state, values, state[MOTION_COMMAND])
+        self._has_velocity_commands = kind == "velocity"
+
+    def _count_samples(self, count: int) -> None:
+        """Note that joint states have been measured."""
+        self._samples += count
+        self._joints_ns = JOINT_PHASE_NS + round(self._samples * self._joint_period)
+
+    def _update_loop(self, until_ns: int) -> None:
+        """Advance from joint state to joint state up to `until_ns`, and update the loop with each.
+        """
+        due, number, joints_ns = [], self._samples, self._joints_ns
+        end_ns = min(until_ns, self._read_end_ns())
+        while joints_ns <= end_ns:
+            due.append(joints_ns)
+            number += 1
+            joints_ns = JOINT_PHASE_NS + round(number * self._joint_period)
+        arguments = self._updates.make_arguments() if due else None
+        if arguments is None:
+            return
+        stamps, samples = np.empty(len(due)), np.empty((len(due), 3, len(self.joint_names)))
+        count, reached = update_loop(
+            np.array(due), self.time_ns, self._lag, self._has_velocity_commands, self._chain,
+            self._state, stamps, samples, *arguments,
+        )
+        if reached:
+            self.time_ns = due[reached - 1]
+        self._count_samples(count)
+        stamps, samples = stamps[:count].tolist(), samples[:count]
+        self._updates.apply_results(stamps, samples)
+        self._listener.on_updates(stamps, samples)
 
     def _move(self, dt: float) -> None:
         """Advance the coordinates by dt (s) with the exact solution of the first-order lag."""
-        decay = np.exp(-dt / self._lag) if self._lag > 0.0 else 0.0
-        before = self._q
-        if self._kind == "position":
-            self._q = self._clamp(self._command + decay * (before - self._command))
-            self._speed = self._to_motion((self._q - before) / dt)
-            return
-        motion = self._command * dt + (self._speed - self._command) * self._lag * (1.0 - decay)
-        self._speed = self._command + decay * (self._speed - self._command)
-        self._displace(motion)
-
-    def _to_motion(self, rates: np.ndarray) -> np.ndarray:
-        """Convert the rates (n,) of the coordinates into the velocity that lags behind commands.
-
-        This velocity consists of the joint velocities of an arm, or is the twist of a free camera.
-        """
-        return rates
-
-    @abstractmethod
-    def _clamp(self, q: np.ndarray) -> np.ndarray:
-        """Clip the coordinates q (n,) to the range that the plant can reach."""
-
-    @abstractmethod
-    def _displace(self, motion: np.ndarray) -> None:
-        """Change the coordinates by a motion (n,), the time integral of a joint velocity or twist.
-
-        Coordinates are clipped to the range that the plant can reach.
-        """
+        if self._has_velocity_commands:
+            follow_velocity(self._chain, self._state, self._lag, dt)
+        else:
+            follow_position(self._state, self._lag, dt)
 
 
 class KinematicArm(KinematicPlant):
     """Arm without dynamics; each joint lags behind its command and stays within its limits."""
 
     arm: Arm
-
-    def _clamp(self, q: np.ndarray) -> np.ndarray:
-        return np.clip(q, self.arm.lower, self.arm.upper)
-
-    def _displace(self, motion: np.ndarray) -> None:
-        free = self._q + motion
-        self._q = self._clamp(free)
-        self._speed = np.where(self._q == free, self._speed, 0.0)
 
 
 class FreeCamera(KinematicPlant):
@@ -178,31 +213,3 @@ class FreeCamera(KinematicPlant):
     """
 
     arm: FreeBody
-
-    def __init__(
-        self, arm: FreeBody, q: np.ndarray, imaging: ImagingSettings, **further: float | int
-    ) -> None:
-        """Place the camera at coordinates q (6,).
-
-        `further`: other arguments of KinematicPlant."""
-        super().__init__(arm, q, imaging, **further)
-        self._pose = arm.pose(self._q)
-
-    def read_rest_pose(self) -> np.ndarray:
-        """Return world_T_camera (4, 4) of the control camera, without vibration."""
-        return self._pose.copy()
-
-    def read_joints(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the current coordinates (6,) and their rates (6,)."""
-        return self._q.copy(), np.linalg.solve(self.arm.jacobian(self._q), self._speed)
-
-    def _to_motion(self, rates: np.ndarray) -> np.ndarray:
-        return self.arm.jacobian(self._q) @ rates
-
-    def _clamp(self, q: np.ndarray) -> np.ndarray:
-        self._pose = self.arm.pose(q)
-        return q
-
-    def _displace(self, motion: np.ndarray) -> None:
-        self._pose = self._pose @ exponential(motion)
-        self._q = self.arm.coordinates(self._pose)

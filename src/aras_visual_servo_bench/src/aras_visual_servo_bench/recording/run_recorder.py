@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -38,7 +38,8 @@ class RunRecorder:
         self._states: list[ServoState] = []
         self._poses: list[np.ndarray] = []
         self._stamps: list[float] = []
-        self._joints: list[tuple[np.ndarray, ...]] = []
+        # Joint states (m, 3, n): positions, velocities, and the latest command.
+        self._joints: list[np.ndarray] = []
         self._count, self._command = joint_count, np.full(joint_count, np.nan)
         self._shot: Callable[[Frame, CameraModel], bytes] | None = None
         if records_films:
@@ -70,14 +71,21 @@ class RunRecorder:
     def on_joints(self, stamp: float, positions: np.ndarray, velocities: np.ndarray) -> None:
         """Add a joint state: positions (n,), velocities (n,), and the latest command."""
         self._stamps.append(stamp)
-        self._joints.append((positions, velocities, self._command))
+        self._joints.append(np.array([[positions, velocities, self._command]]))
+
+    def on_updates(self, stamps: Sequence[float], samples: np.ndarray) -> None:
+        """Add m joint states (m, 3, n) with their commands; see JointListener."""
+        self._stamps.extend(stamps)
+        self._joints.append(samples)
+        if len(stamps):
+            self._command = samples[-1, 2]
 
     def make_run(self, plant: Plant, experiment: Experiment, parts: Assembly, **end: Any) -> Run:
         """Make the record of the run; the plant computes the camera poses.
 
         end: other fields of the Run, such as outcome and verdict.
         """
-        columns = np.array(self._joints).reshape(len(self._joints), 3, self._count)
+        columns = np.concatenate([np.empty((0, 3, self._count)), *self._joints])
         positions, velocities, commands = columns.swapaxes(0, 1)
         scheme: Scheme | JointController = parts.servo.scheme
         arm = parts.servo.arm

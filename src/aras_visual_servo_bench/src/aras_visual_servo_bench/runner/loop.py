@@ -135,10 +135,10 @@ class Loop:
             from .run_termination import RunTermination
 
             self._termination = RunTermination(experiment, parts)
-        # The wall clock is constant, so computing time does not count as a delay.
+        # The wall clock is constant (float() is 0.0), so computing time does not count as a delay.
         self._driver = LoopRunner(
             parts.servo, parts.rig, parts.settings, self,
-            clock=lambda: to_seconds(self.plant.time_ns), wall_clock=lambda: 0.0,
+            clock=lambda: to_seconds(self.plant.time_ns), wall_clock=float,
         )  # fmt: skip
         self._on_frame = on_frame
         self._has_new_state = False
@@ -149,7 +149,7 @@ class Loop:
         self._start_ns: int | None = None
         self._convergence_ns: int | None = None
         self._collision: tuple[str, str] | None = None
-        self.plant.attach_loop(self._driver, self._recorder, lambda: self._last_ns)
+        self.plant.attach_loop(self._driver, self._recorder, self._find_end)
 
     # -- LoopListener ----------------------------------------------------------------------
 
@@ -199,11 +199,10 @@ class Loop:
         """True after the end of the run."""
         if self._termination is not None and self._termination.is_over:
             return True
-        return self.plant.time_ns > self._last_ns
+        return self.plant.time_ns > self._find_end()
 
-    @property
-    def _last_ns(self) -> float:
-        """Currently expected end of the run, ns of simulated time; it can change on convergence."""
+    def _find_end(self) -> float:
+        """Return the currently expected end of the run, ns; it can change on convergence."""
         time_after_convergence = self.experiment.time_after_convergence
         if self._start_ns is None:
             return FIRST_IMAGE_TIMEOUT_NS - 1
@@ -232,7 +231,7 @@ class Loop:
         """
         driver, observe = self._driver, self.parts.observe
         self._has_new_state = False
-        while not (self.is_over or self._has_new_state):
+        while not (self._has_new_state or self.is_over):
             for reading in self._advance_plant():
                 if isinstance(reading, JointReading):
                     stamp = reading.stamp

@@ -227,10 +227,8 @@ def make_arms(context: SetupContext, pose: np.ndarray) -> tuple[Arm | FreeBody, 
         return context.arm, context.robot.make_calibrated_arm(
             offset.xyz, offset.rpy, context.control_camera.name
         )
-    body = FreeBody(pose)
-    if not offset.is_moved:
-        return body, body
-    return body, FreeBody(pose, matrix_from_xyz_rpy(offset.xyz, offset.rpy))
+    moved = matrix_from_xyz_rpy(offset.xyz, offset.rpy) if offset.is_moved else None
+    return FreeBody(pose), FreeBody(pose, moved)
 
 
 def make_calibrated_kinematics(

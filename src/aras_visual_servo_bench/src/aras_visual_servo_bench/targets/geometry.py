@@ -15,6 +15,7 @@ from functools import cached_property
 
 import numpy as np
 
+from aras_visual_servo_base.compiled import jit
 from aras_visual_servo_base.poses import exponential, inverse, matrix_from_xyz_rpy, rotation_vector
 from aras_visual_servo_base.settings import check, parameter
 from aras_visual_servo_camera.interaction import Plane
@@ -145,7 +146,13 @@ class PolygonTarget(Target):
 
     def vertices(self) -> np.ndarray:
         """Return the corners (n, 3), at z = 0."""
-        return np.array([(x, y, 0.0) for x, y in self.corners])
+        return self._vertices
+
+    @cached_property
+    def _vertices(self) -> np.ndarray:
+        vertices = np.array([(x, y, 0.0) for x, y in self.corners])
+        vertices.setflags(write=False)
+        return vertices
 
 
 @dataclass(frozen=True)
@@ -328,7 +335,15 @@ class PlacedTarget:
 
     def target_T_camera(self, world_T_camera: np.ndarray, time: float = 0.0) -> np.ndarray:
         """Return the pose target_T_camera (4, 4) of a camera in the target frame at `time` (s)."""
+        if self._static_target_T_world is not None:
+            return self._static_target_T_world @ world_T_camera
         return inverse(self.world_T_target(time)) @ world_T_camera
+
+    @cached_property
+    def _static_target_T_world(self) -> np.ndarray | None:
+        """Pose (4, 4) of the world in the frame of a target that never moves; None if it moves."""
+        is_static = self.pose_history is None and self.motion.is_static
+        return inverse(self.pose) if is_static else None
 
     def project(
         self,
@@ -355,13 +370,23 @@ class PlacedTarget:
             return None
 
 
-def project(points: np.ndarray, frame_T_camera: np.ndarray) -> np.ndarray:
+@jit("f8[:,:], f8[:,:]")
+def project(points, frame_T_camera):
     """Project points (n, 3) in a frame to normalised image coordinates (n, 2).
 
     Raises:
         ViewError: a point is behind the camera or closer than MIN_DEPTH.
     """
-    in_camera = (points - frame_T_camera[:3, 3]) @ frame_T_camera[:3, :3]
-    if (in_camera[:, 2] < MIN_DEPTH).any():
-        raise ViewError("the target is behind the camera, so it cannot be projected")
-    return in_camera[:, :2] / in_camera[:, 2:]
+    projected = np.empty((len(points), 2))
+    for k in range(len(points)):
+        x = points[k, 0] - frame_T_camera[0, 3]
+        y = points[k, 1] - frame_T_camera[1, 3]
+        z = points[k, 2] - frame_T_camera[2, 3]
+        depth = x * frame_T_camera[0, 2] + y * frame_T_camera[1, 2] + z * frame_T_camera[2, 2]
+        if depth < MIN_DEPTH:
+            raise ViewError("the target is behind the camera, so it cannot be projected")
+        for i in range(2):
+            projected[k, i] = (
+                x * frame_T_camera[0, i] + y * frame_T_camera[1, i] + z * frame_T_camera[2, i]
+            ) / depth
+    return projected

@@ -71,6 +71,7 @@ MAX_ROWS = 64
 VIEW_PERIOD = 8
 ALIKE_REASON = "several camera poses give the same image points as the goal"
 OTHER_VIEW_REASON = "every feature is at its goal, but the image differs from the goal's"
+NO_LIMIT = np.full(2, np.inf)
 ROUNDING = 1e-9  # numerical tolerance of times (s), angles (rad), and lengths (m at DEFAULT_DEPTH)
 
 
@@ -119,7 +120,7 @@ class ArrivalCheck:
                 move the camera. None for a free camera.
         """
         error, tolerances = scheme_output.error, np.asarray(scheme.tolerances, float)
-        if len(self._errors) and self._errors.errors.shape[1] != len(error):
+        if len(self._errors) and self._errors.width != len(error):
             self.clear()
         self._errors.add(observation.stamp, error)
         free = None if scheme_output.task is None else split_directions(
@@ -249,19 +250,24 @@ class ArrivalCheck:
             self._offsets.clear()
             return
         pose = observation.world_T_camera
-        pose_values = np.full(16, np.nan) if pose is None else np.ravel(pose)
-        self._offsets.add(observation.stamp, np.concatenate([offset, pose_values]))
-        self._offsets.drop_oldest(max(len(self._offsets) - MAX_WINDOW, 0))
+        row = np.empty(22)
+        row[:6], row[6:] = offset, np.nan if pose is None else pose.reshape(16)
+        self._offsets.add(observation.stamp, row)
+        if len(self._offsets) > MAX_WINDOW:
+            self._offsets.drop_oldest(len(self._offsets) - MAX_WINDOW)
 
     def _has_settled(self, stamp: float, tolerances: np.ndarray) -> bool:
         """Return whether the mean error of the last `hold` seconds is within `tolerances` (k,)."""
         recent = self._errors
         # Keep one image from before the last `hold` seconds, which shows that images cover all of
         # them.
-        old_count = int(np.searchsorted(recent.stamps, stamp - self.hold + ROUNDING, "right"))
+        stamps = recent.stamps
+        old_count = int(stamps.searchsorted(stamp - self.hold + ROUNDING, "right"))
         min_count = MIN_IMAGES if self.hold > 0.0 else 1
-        recent.drop_oldest(max(min(old_count - 1, len(recent) - min_count), 0))
-        if len(recent) < min_count or stamp - recent.stamps[0] < self.hold - ROUNDING:
+        if (dropped := min(old_count - 1, len(stamps) - min_count)) > 0:
+            recent.drop_oldest(dropped)
+            stamps = stamps[dropped:]
+        if len(stamps) < min_count or stamp - stamps[0] < self.hold - ROUNDING:
             return False
         limit = tolerances * (HYSTERESIS if self._is_reached else 1.0)
         if not _is_within(recent.errors, limit):
@@ -301,7 +307,7 @@ def compute_mean_offset(
         mean, scatter, count = latest, np.diag(noise**2), 1
     off = _compute_lengths(mean.tolist())
     # Rounding errors can make a variance negative.
-    deviations = np.sqrt(np.maximum(np.diag(scatter), 0.0) / count)
+    deviations = np.sqrt(np.maximum(scatter.diagonal(), 0.0) / count)
     unknown = _compute_lengths((KNOWN_DEVIATIONS * deviations).tolist())
     offsets = PoseOffsets(mean, scatter, count, compute_speed(stamps, rows))
     if not (enough or was_reached) and len(rows) < MAX_WINDOW:
@@ -337,8 +343,9 @@ def _estimate_offset(
         rows, observable, settled_images: see `compute_mean_offset`.
         noise: (6,) standard deviation of the offset of one image, m and rad.
     """
-    mean, scatter, count, _ = _average_offsets(rows, observable, settled_images, np.full(2, np.inf))
-    by_latest, by_all = np.diag(offsets.scatter) / offsets.count, np.diag(scatter) / count
+    mean, scatter, count, _ = _average_offsets(rows, observable, settled_images, NO_LIMIT)
+    by_latest = offsets.scatter.diagonal() / offsets.count
+    by_all = scatter.diagonal() / count
     if count <= offsets.count or (np.abs(rows[-1,
         :6] - mean) > OUTLIER_DEVIATIONS * noise).any() or not all(
         by_all[part].sum() < by_latest[part].sum() for part in (slice(0, 3), slice(3, 6))
@@ -361,8 +368,9 @@ def compute_speed(stamps: np.ndarray, rows: np.ndarray) -> tuple[float, float]:
     by_images = _compute_lengths((rows[-1, :6] - rows[-2, :6]).tolist())
     # NaN if the poses are unknown; fmin then returns the estimate from the images.
     by_kinematics = _compute_lengths(_compute_motion_since(rows, len(rows) - 2).tolist())
-    dt = stamps[-1] - stamps[-2]
-    return tuple(float(np.fmin(*pair)) / dt for pair in zip(by_images, by_kinematics, strict=True))
+    dt = float(stamps[-1] - stamps[-2])
+    speeds = np.fmin(by_images, by_kinematics) / dt
+    return float(speeds[0]), float(speeds[1])
 
 
 def _estimate_noise(offsets: np.ndarray, depth: float = DEFAULT_DEPTH) -> np.ndarray:
@@ -372,9 +380,12 @@ def _estimate_noise(offsets: np.ndarray, depth: float = DEFAULT_DEPTH) -> np.nda
     them.
     """
     order = 2 if len(offsets) > 2 else 1
-    steps = np.diff(offsets, n=order, axis=0)
+    steps = offsets[1:] - offsets[:-1]
+    if order == 2:
+        steps = steps[1:] - steps[:-1]
     variance = (steps**2).sum(axis=0) / max(len(steps), 1) / (2.0, 6.0)[order - 1]
-    return np.sqrt(variance) + ROUNDING * np.repeat((depth / DEFAULT_DEPTH, 1.0), 3)
+    length = ROUNDING * depth / DEFAULT_DEPTH
+    return np.sqrt(variance) + np.array((length, length, length, ROUNDING, ROUNDING, ROUNDING))
 
 
 def compute_offset(
@@ -387,7 +398,7 @@ def compute_offset(
     """
     L = scheme_output.L
     error = scheme_output.error if scheme_output.residual is None else scheme_output.residual
-    if L is None or free is None or np.shape(L) != (len(error), 6):
+    if L is None or free is None or L.shape != (len(error), 6):
         return None
     L, error = np.asarray(L, float), np.asarray(error, float)
     if not is_task_finite(L, error):
@@ -402,7 +413,7 @@ def compute_offset(
 def _compute_observable(scheme_output: SchemeOutput, free: np.ndarray, depth: float) -> np.ndarray:
     """Return the matrix L^+ L (6, 6), which maps a camera motion to the change of the offset L^+ e.
     """
-    scale = np.repeat((1.0, depth), 3)
+    scale = np.array((1.0, 1.0, 1.0, depth, depth, depth))
     L = np.asarray(scheme_output.L, float) / scale
     L_free, tolerance = L @ free.T, RANK_TOLERANCE
     if len(L) > MAX_ROWS:

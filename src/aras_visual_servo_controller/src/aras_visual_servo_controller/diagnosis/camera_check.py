@@ -122,7 +122,7 @@ class CameraCheck:
         L, error = scheme_output.L, scheme_output.error
         before, self._last_measurement = self._last_measurement, None
         joints, self._joints = self._joints, observation.joints
-        if L is None or np.shape(L) != (len(error), 6):
+        if L is None or L.shape != (len(error), 6):
             return
         self._last_measurement = (
             error,

@@ -69,7 +69,7 @@ class JointCheck:
         self._new_images += 1
         if self._new_images >= self.CHECK_PERIOD:
             self._new_images = 0
-            samples.drop_oldest(int(np.searchsorted(samples.stamps, stamp - self.SPAN)))
+            samples.drop_before(stamp - self.SPAN)
             self._judge(stamp - samples.stamps[0])
 
     def _judge(self, span: float) -> None:
@@ -84,16 +84,19 @@ class JointCheck:
             & (speed_error > self.MIN_SPEED_ERROR**2)
             & (speed_error > self.SPEED_ERROR_FACTOR**2 * commanded)
         )
-        self.joints = self._format_names(oscillates if oscillates.any() else lags)
-        self.is_slow = not oscillates.any() and bool((max_speed[lags] > self.SLOW_SPEED).all())
-        self.reason = ""
-        if oscillates.any():
+        self.joints, self.is_slow, self.reason = "", True, ""
+        is_oscillating = oscillates.any()
+        if not is_oscillating and not lags.any():
+            return
+        self.joints = self._format_names(oscillates if is_oscillating else lags)
+        self.is_slow = not is_oscillating and bool((max_speed[lags] > self.SLOW_SPEED).all())
+        if is_oscillating:
             fastest = max_speed[oscillates].max()
             self.reason = (
                 f"the motion of {self.joints} oscillates without a command, at up to "
                 f"{fastest:.1f} rad/s or m/s"
             )
-        elif lags.any():
+        else:
             self.reason = f"the motion of {self.joints} does not follow the command"
 
     def _format_names(self, joints: np.ndarray) -> str:

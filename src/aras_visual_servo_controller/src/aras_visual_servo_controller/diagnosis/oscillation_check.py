@@ -40,14 +40,13 @@ class OscillationCheck:
         """
         recent = self._errors
         recent.add(stamp, error)
-        recent.drop_oldest(int(np.searchsorted(recent.stamps, stamp - self.SPANS[-1])))
+        recent.drop_before(stamp - self.SPANS[-1])
         self._new_images += 1
         for span, period in zip(self.SPANS, self.CHECK_PERIODS, strict=True):
             if self._new_images % period:
                 continue
-            first = int(np.searchsorted(recent.stamps, stamp - span))
             frequency = _find_frequency(
-                recent.stamps[first:], recent.errors[first:], self.MIN_HEIGHT, self.MIN_REVERSALS
+                *recent.since(stamp - span), self.MIN_HEIGHT, self.MIN_REVERSALS
             )
             if frequency > 0.0:
                 return frequency

@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import hypot
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -36,6 +37,7 @@ FULL_SPEED = 0.99  # a joint limits the motion if the velocities are scaled by l
 # The run needs more time if a joint limits the motion in more than this fraction of its images.
 MIN_SLOWED_PART = 0.3
 MIN_SPEED = 1e-3  # smallest commanded camera speed that is evaluated, in target depths per second
+MAX_LOST_PART = 0.3  # a motion is infeasible if the arm loses more than this part of the twist
 ROTATION_WEIGHT = 0.5  # translation that counts as much as 1 rad/s, in target depths per second
 # The camera is in a local minimum if, according to L, no camera motion reduces the error by at
 # least this fraction.
@@ -59,12 +61,8 @@ class _ServoedImage:
     error: np.ndarray
     tolerances: np.ndarray
     depth: float
+    ik_solution: IKSolution | None
     is_stretched: bool = False
-
-    @property
-    def ik_solution(self) -> IKSolution | None:
-        """Return the joint velocities of the state's task."""
-        return self.state.ik_solution
 
     # The following properties are cached, because each image is evaluated many times.
     @cached_property
@@ -74,12 +72,14 @@ class _ServoedImage:
 
     @cached_property
     def is_infeasible(self) -> bool:
-        """Return whether the arm loses more than 30 % of the desired camera twist."""
+        """Return whether the arm loses too large a part of the desired camera twist."""
         if self.ik_solution is None:
             return False
-        desired = _compute_speed(self.state.desired_twist, self.depth)
         lost = _compute_speed(np.asarray(self.ik_solution.infeasible_twist), self.depth)
-        return desired >= MIN_SPEED and lost > 0.3 * desired
+        if lost <= MAX_LOST_PART * MIN_SPEED:
+            return False
+        desired = _compute_speed(self.state.desired_twist, self.depth)
+        return desired >= MIN_SPEED and lost > MAX_LOST_PART * desired
 
     @cached_property
     def explained_part(self) -> float:
@@ -131,8 +131,7 @@ class ProgressCheck:
         modelled = 6 if output.task is None else int(output.task.modelled.sum())
         self._window.append(
             _ServoedImage(state.stamp, size, state, min(modelled, len(error)), error, tolerances,
-                depth,
-                  is_stretched)
+                          depth, state.ik_solution, is_stretched)
         )  # fmt: skip
         self._image_count += 1
         self._first = self._first or (state.stamp, size)
@@ -153,7 +152,8 @@ class ProgressCheck:
         half = len(images) // 2
         if half == 0:
             return True
-        before, after = (max(s.error_size for s in part) for part in (images[:half], images[half:]))
+        before = max([s.error_size for s in images[:half]])
+        after = max([s.error_size for s in images[half:]])
         return after < 1.0 or after < MIN_PROGRESS * before or _is_within_tolerances(images[half:])
 
     @property
@@ -283,7 +283,8 @@ def _compute_speed(twist: np.ndarray, depth: float) -> float:
 
     The argument `depth` is in m.
     """
-    return float(np.linalg.norm(twist[:3]) / depth + ROTATION_WEIGHT * np.linalg.norm(twist[3:]))
+    vx, vy, vz, wx, wy, wz = twist.tolist()
+    return hypot(vx, vy, vz) / depth + ROTATION_WEIGHT * hypot(wx, wy, wz)
 
 
 def _estimate_noise(images: Sequence[_ServoedImage]) -> float:
@@ -325,8 +326,10 @@ def _describe_accuracy(images: Sequence[_ServoedImage]) -> str:
 
 
 def _find_limit(images: Sequence[_ServoedImage]) -> Outcome | None:
-    stopped = [s.ik_solution.stopped_joints for s in images if s.ik_solution is not None]
-    if not images or sum(bool(names) for names in stopped) < MIN_IMAGE_PART * len(images):
+    # Lists are made instead of generators, because a call for each image takes too long.
+    stopped = [s.ik_solution.stopped_joints for s in images
+               if s.ik_solution is not None and s.ik_solution.stopped_joints]  # fmt: skip
+    if not images or len(stopped) < MIN_IMAGE_PART * len(images):
         return None
     joints = ", ".join(sorted({name for names in stopped for name in names}))
     return make_outcome(
@@ -335,7 +338,7 @@ def _find_limit(images: Sequence[_ServoedImage]) -> Outcome | None:
 
 
 def _find_rank_loss(images: Sequence[_ServoedImage]) -> Outcome | None:
-    if not images or sum(s.rank < s.full_rank for s in images) < MIN_IMAGE_PART * len(images):
+    if not images or sum([s.rank < s.full_rank for s in images]) < MIN_IMAGE_PART * len(images):
         return None
     text = f"L has rank {images[-1].rank} of {images[-1].full_rank}"
     if (dropped := images[-1].state.dropped_reason):
@@ -347,7 +350,7 @@ def _find_rank_loss(images: Sequence[_ServoedImage]) -> Outcome | None:
 
 
 def _find_minimum(images: Sequence[_ServoedImage]) -> Outcome | None:
-    if not all(s.explained_part < MIN_EXPLAINED_PART for s in images[len(images) // 2 :]):
+    if not all([s.explained_part < MIN_EXPLAINED_PART for s in images[len(images) // 2 :]]):
         return None
     text = ""
     solution = images[-1].ik_solution
@@ -363,11 +366,11 @@ def _find_minimum(images: Sequence[_ServoedImage]) -> Outcome | None:
 
 
 def _find_infeasibility(images: Sequence[_ServoedImage]) -> Outcome | None:
-    if not images or sum(s.is_infeasible for s in images) < MIN_IMAGE_PART * len(images):
+    if not images or sum([s.is_infeasible for s in images]) < MIN_IMAGE_PART * len(images):
         return None
     solution = images[-1].ik_solution
     missing = np.round(np.asarray(solution.infeasible_twist), 4).tolist()
-    if sum(s.is_stretched for s in images) > MIN_IMAGE_PART * len(images):
+    if sum([s.is_stretched for s in images]) > MIN_IMAGE_PART * len(images):
         return make_outcome(
             "out_of_reach", "the arm is stretched and the goal lies beyond its reach; the arm "
             f"loses this part of the desired twist (m/s, rad/s): {missing}",
@@ -389,4 +392,6 @@ def _find_saturation(images: Sequence[_ServoedImage]) -> Outcome | None:
 def _is_within_tolerances(images: Sequence[_ServoedImage]) -> bool:
     """Return whether each mean error is within its tolerance, so that only noise remains."""
     errors = [s.error for s in images]
-    return len({len(e) for e in errors}) == 1 and bool((np.abs(np.mean(errors, axis=0)) < 1).all())
+    if len({len(e) for e in errors}) != 1:
+        return False
+    return bool((np.abs(np.array(errors).sum(axis=0)) < len(errors)).all())

@@ -9,6 +9,8 @@ from math import hypot, sqrt
 import numpy as np
 
 from aras_visual_servo_base.compiled import jit
+from aras_visual_servo_camera.interaction import Plane
+from aras_visual_servo_camera.moments import Moments
 
 from ..goals.goal import Goal
 from ..observation.observation import Observation
@@ -144,7 +146,9 @@ class StepCheck:
         """
         if not self._steps:
             return 0.0
-        whole, rest, predicted = (sum(part) for part in zip(*self._steps, strict=True))
+        whole = rest = predicted = 0.0
+        for step in self._steps:
+            whole, rest, predicted = whole + step[0], rest + step[1], predicted + step[2]
         # Any mounting error could explain a smaller motion of the features by the camera's motion.
         return rest / whole if whole > max(self.MIN_JUMP, self.JUMP_FACTOR * predicted) else 0.0
 
@@ -222,7 +226,7 @@ class StepCheck:
         """
         L, error = scheme_output.L, np.asarray(scheme_output.error, float)
         before, self._last_measurement = self._last_measurement, None
-        if L is None or np.shape(L) != (len(error), 6):
+        if L is None or L.shape != (len(error), 6):
             return
         now = error, np.asarray(L, float), np.array(scheme_output.error_drift, float, ndmin=1)
         self._last_measurement, self.names = now, scheme_output.names
@@ -277,7 +281,7 @@ class StepCheck:
         """
         images, square, sums = self._rest_sums
         images, square, sums = self._rest_sums = images + 1, square + moved, sums + step
-        length = float(np.linalg.norm(sums))
+        length = sqrt(float(sums @ sums))
         is_steady = length**2 > self.MIN_DRIFT_PART * images * square
         self.has_drift = (
             self.has_drift
@@ -348,11 +352,14 @@ def predict_area(observation: Observation, goal: Goal) -> float:
     measured, desired, plane = observation.moments, goal.moments, observation.plane
     if plane is None or goal.plane is None:
         return predict_distance(observation.world_T_camera, goal) ** -2
-    here, there = (
-        max(one.inverse_depth(m.xg, m.yg), 1e-9) ** 3 / hypot(one.A, one.B, one.C)
-        for one, m in ((plane, measured), (goal.plane, desired))
-    )
+    here, there = _compute_patch_area(plane, measured), _compute_patch_area(goal.plane, desired)
     return max(here / there, 1e-9)
+
+
+def _compute_patch_area(plane: Plane, moments: Moments) -> float:
+    """Return d / Z^3 of a plane at the target's centre; see `predict_area`."""
+    A, B, C = plane
+    return max(A * moments.xg + B * moments.yg + C, 1e-9) ** 3 / hypot(A, B, C)
 
 
 def predict_distance(world_T_camera: np.ndarray | None, goal: Goal) -> float:

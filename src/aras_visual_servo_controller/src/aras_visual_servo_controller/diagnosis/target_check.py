@@ -227,7 +227,7 @@ class TargetCheck:
             is_angle: (k,) whether each component is an angle, which may wrap; None if all may wrap.
         """
         error, L, rate = scheme_output.error, scheme_output.L, scheme_output.error_drift
-        if not is_current_interaction or np.shape(L) != (len(error), 6):
+        if not is_current_interaction or L is None or L.shape != (len(error), 6):
             error, L, rate = compute_centre(observation, goal)
             tolerances, is_angle = np.full(len(error), self.CENTRE_TOLERANCE), None
         is_angle = np.ones(len(error), bool) if is_angle is None else is_angle

@@ -8,6 +8,7 @@ do not measure, this motion is not a fault: it adds to the uncertainty of the ar
 from __future__ import annotations
 
 from collections import deque
+from math import log
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -155,7 +156,8 @@ class ViewCheck:
         Their noise (c, 10) is returned as well.
         """
         rows = self._views.errors
-        mean, deviation = rows.mean(axis=0), rows.std(axis=0) / np.sqrt(len(rows))
+        mean = rows.sum(axis=0) / len(rows)
+        deviation = np.sqrt(((rows - mean) ** 2).sum(axis=0)) / len(rows)
         numbers = SHAPE_NUMBERS + len(PLACE_FEATURES)
         return mean.reshape(-1, numbers), NOISE_DEVIATIONS * deviation.reshape(-1, numbers)
 
@@ -220,29 +222,26 @@ def _compute_difference(measured: Moments | None, desired: Moments | None) -> np
     """
     if measured is None or desired is None or measured.kind != desired.kind or desired.m00 <= 0.0:
         return np.zeros(SHAPE_NUMBERS + len(PLACE_FEATURES))
-    second, third = (
-        _normalise_moments(measured, order) - _normalise_moments(desired, order) for order in (2, 3)
-    )
+    desired_second = _normalise_moments(desired, 2)
+    second = _normalise_moments(measured, 2) - desired_second
+    third = _normalise_moments(measured, 3) - _normalise_moments(desired, 3)
     place = (
         measured.xg - desired.xg,
         measured.yg - desired.yg,
-        0.5 * np.log(measured.area / desired.area),
+        0.5 * log(measured.area / desired.area),
     )
     # All second-order moments are divided by the largest one, because the mixed moment can be
     # small.
-    return np.concatenate(
-        [
-            second / (SECOND_ORDER_TOLERANCE * _normalise_moments(desired, 2).max()),
-            third / THIRD_ORDER_TOLERANCE,
-            place,
-        ]
-    )
+    second /= SECOND_ORDER_TOLERANCE * max(desired_second.tolist())
+    return np.concatenate((second, third / THIRD_ORDER_TOLERANCE, place))
 
 
 def _normalise_moments(moments: Moments, order: int) -> np.ndarray:
     """Return the scale-free central moments (order + 1,) of one order."""
+    moments.mu(order, 0)  # raises an error if the order of the moments is too low
     scale = moments.m00 ** (1.0 + 0.5 * order)
-    return np.array([moments.mu(order - j, j) for j in range(order + 1)]) / scale
+    # The elements (order, 0), (order - 1, 1), ... are on a diagonal of the flipped table.
+    return moments.centred[order::-1, : order + 1].diagonal() / scale
 
 
 def _compute_place_interaction(goal: Goal) -> np.ndarray:

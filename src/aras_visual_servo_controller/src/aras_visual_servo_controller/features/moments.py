@@ -73,6 +73,7 @@ class _GoalMoments:
             orientation = self.reference.orientation
             self._has_direction = orientation is not None and not orientation.is_symmetric
             self._formulas = formulas
+            self._full_formulas = tuple(FULL_ALPHA if n == ALPHA else n for n in formulas)
             found = camera_features.compute_moment_features(
                 goal.moments,
                 self.select_formulas(goal.moments),
@@ -124,7 +125,7 @@ class _GoalMoments:
         """Return the formulas, with alpha over the full turn if shape and moments allow it."""
         if not self._has_direction or moments.order < FULL_ALPHA_ORDER:
             return self._formulas
-        return tuple(FULL_ALPHA if name == ALPHA else name for name in self._formulas)
+        return self._full_formulas
 
 
 class MomentFeature(Feature):

@@ -19,11 +19,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from aras_visual_servo_base.compiled import jit
 from aras_visual_servo_camera.contour import match_corners
 from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.interaction import Plane, point_interaction
 from aras_visual_servo_camera.line_fits import compute_rms_deviation
-from aras_visual_servo_camera.polygons import signed_area
 
 from ..errors import POINT_BEHIND_CAMERA, ConfigurationError, MeasurementError
 from ..goals.goal import Goal
@@ -60,6 +60,8 @@ class PointFeature(Feature):
     """
 
     is_ordered: ClassVar[bool] = True
+    # Latest goal, and its points, which are the same for all images.
+    _goal_points: tuple[Goal | None, np.ndarray] = (None, np.zeros(0))
 
     def __init__(self, count: int = 4) -> None:
         self._set_count(count)
@@ -94,6 +96,8 @@ class PointFeature(Feature):
         Raises:
             ConfigurationError: the goal contains no points of this feature.
         """
+        if self._goal_points[0] is goal:
+            return self._goal_points[1]
         taught = goal.features.get(self.name or type(self).__name__, {}).get("points")
         try:
             points = np.array(taught, float)
@@ -106,6 +110,8 @@ class PointFeature(Feature):
             )
         if not np.isfinite(points).all():
             raise ConfigurationError(f"{goal.name}: a point is not finite; teach the goal again")
+        points.setflags(write=False)
+        self._goal_points = goal, points
         return points
 
     def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
@@ -190,20 +196,9 @@ class PointFeature(Feature):
         about as well as the best one. Of these, the one whose rotation is nearest to that of the
         previous image is used.
         """
-        z, g = (p[:, 0] + 1j * p[:, 1] for p in (points, desired))
-        z, g = z - z.mean(), g - g.mean()
-        if signed_area(points) * signed_area(desired) < 0.0:
-            points, z = points[::-1], z[::-1]
-        size = float(np.vdot(z, z).real)
-        round_twice = np.concatenate((z, z))
-        fits = np.array([np.vdot(g, round_twice[k : k + len(z)]) for k in range(len(z))])
-        residual = size - np.abs(fits) ** 2 / float(np.vdot(g, g).real)
-        good = np.flatnonzero(residual <= residual.min() + 0.02 * size)
-        turns = np.angle(fits[good])
-        chosen = int(np.argmin(np.abs(np.angle(np.exp(1j * (turns - self._match_rotation))))))
-        self._match_rotation = float(turns[chosen])
-        ambiguity = "" if len(good) == 1 else f"{360 / len(good):.0f}°"
-        return np.roll(points, -int(good[chosen]), axis=0), ambiguity
+        matched = np.empty(points.shape)
+        count, self._match_rotation = match_outline(points, desired, self._match_rotation, matched)
+        return matched, "" if count == 1 else f"{360 / count:.0f}°"
 
 
 @FEATURES.register("points")
@@ -218,6 +213,62 @@ class Points(PointFeature):
         if observation.corners is None:
             raise MeasurementError("this observation has no corners: use a polygon as the target")
         return observation.corners
+
+
+@jit("f8[:,:], f8[:,:], f8, f8[:,::1]")
+def match_outline(points, desired, last_rotation, matched):
+    """Match the corners of an outline to those of the goal up to a cyclic shift.
+
+    Args:
+        points, desired: (n, 2) corners of the outline and of the goal, in order around them.
+        last_rotation: rotation of the previous match, rad.
+        matched: (n, 2) output, the points in the order of the goal's points.
+
+    Returns:
+        The number of shifts that fit about as well as the best one; the rotation, rad.
+    """
+    count = len(points)
+    p, g = np.empty((count, 2)), np.empty((count, 2))
+    for i in range(2):
+        p_mean = g_mean = 0.0
+        for k in range(count):
+            p_mean, g_mean = p_mean + points[k, i], g_mean + desired[k, i]
+        for k in range(count):
+            p[k, i], g[k, i] = points[k, i] - p_mean / count, desired[k, i] - g_mean / count
+    area = goal_area = size = goal_size = 0.0
+    for k in range(count):
+        after = k + 1 if k < count - 1 else 0
+        area += p[k, 0] * p[after, 1] - p[k, 1] * p[after, 0]
+        goal_area += g[k, 0] * g[after, 1] - g[k, 1] * g[after, 0]
+        size += p[k, 0] ** 2 + p[k, 1] ** 2
+        goal_size += g[k, 0] ** 2 + g[k, 1] ** 2
+    is_reversed = area * goal_area < 0.0
+    # The similarity transform z = a g of complex numbers is found for each shift of the points z.
+    residuals, rotations = np.empty(count), np.empty(count)
+    for shift in range(count):
+        real = imaginary = 0.0
+        for k in range(count):
+            at = (k + shift) % count
+            if is_reversed:
+                at = count - 1 - at
+            real += g[k, 0] * p[at, 0] + g[k, 1] * p[at, 1]
+            imaginary += g[k, 0] * p[at, 1] - g[k, 1] * p[at, 0]
+        residuals[shift] = size - (real * real + imaginary * imaginary) / goal_size
+        rotations[shift] = np.arctan2(imaginary, real)
+    limit, best, least, found = residuals.min() + 0.02 * size, 0, np.inf, 0
+    for shift in range(count):
+        if residuals[shift] <= limit:
+            found += 1
+            change = rotations[shift] - last_rotation
+            change = abs(np.arctan2(np.sin(change), np.cos(change)))
+            if change < least:
+                best, least = shift, change
+    for k in range(count):
+        at = (k + best) % count
+        if is_reversed:
+            at = count - 1 - at
+        matched[k, 0], matched[k, 1] = points[at, 0], points[at, 1]
+    return found, rotations[best]
 
 
 def compute_inverse_depth(plane: Plane, points: np.ndarray) -> np.ndarray:

@@ -25,7 +25,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -33,7 +33,7 @@ import numpy as np
 import yaml
 
 from aras_visual_servo_base.poses import pose_difference
-from aras_visual_servo_base.yaml_files import read_yaml
+from aras_visual_servo_base.yaml_files import parse_yaml, read_text
 from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.moments import MAX_ORDER, Moments, Pinhole
@@ -411,7 +411,8 @@ class Goal:
             ConfigurationError: the file cannot be read, is too large or is not YAML, or a key is
                 wrong.
         """
-        return cls.from_mapping(read_yaml(path, ConfigurationError, "the goal"), Path(path).name)
+        text = read_text(path, ConfigurationError, "the goal")
+        return _parse_goal(text, str(Path(path).expanduser()), Path(path).name)
 
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any], name: str = "goal") -> Goal:
@@ -454,3 +455,9 @@ class Goal:
             "cameras": {name: yaml.safe_load(goal.to_yaml()) for name,
                 goal in self.other_cameras.items()},
         }, heading)  # fmt: skip
+
+
+@lru_cache(maxsize=8)
+def _parse_goal(text: str, where: str, name: str) -> Goal:
+    """Read a goal from the text of its file; the runs of a study read the same few texts."""
+    return Goal.from_mapping(parse_yaml(text, where, ConfigurationError), name)

@@ -126,6 +126,94 @@ def solve_least_squares(L, e, tolerance):
     return multiply_vector(vt.T, parts)
 
 
+@jit("f8[:,:], b1[:], f8, f8")
+def is_well_conditioned(L, modelled, distance, ratio):
+    """Return whether the smallest singular value of L is above `ratio` times the largest one.
+
+    To make rows of different units comparable, the rows are scaled to length 1.
+
+    Args:
+        L: (k, 6) interaction matrix.
+        modelled: (6,) columns that are used.
+        distance: distance in whose units lengths are measured, m.
+    """
+    count = 0
+    for j in range(6):
+        count += modelled[j]
+    rows, n = np.zeros((len(L), count)), 0
+    for j in range(6):
+        if modelled[j]:
+            for i in range(len(L)):
+                rows[i, n] = L[i, j] * (distance if j < 3 else 1.0)
+            n += 1
+    for i in range(len(L)):
+        square = 0.0
+        for j in range(count):
+            square += rows[i, j] * rows[i, j]
+        if square > 0.0:
+            length = np.sqrt(square)
+            for j in range(count):
+                rows[i, j] /= length
+    s = svd(multiply(rows.T, rows) if len(rows) > count else multiply(rows, rows.T))[1]
+    return s[-1] > ratio * ratio * s[0]
+
+
+@jit("f8[:,::1], i8", allocates=False)
+def triangularise(rows, columns):
+    """Reduce the first `columns` columns of a matrix (m, n), m > columns, to a triangle, in place.
+
+    The matrix is multiplied by orthogonal reflections (A. Householder, Unitary triangularization
+    of a nonsymmetric matrix, 1958), so the least-squares solutions of its first `columns` rows are
+    those of all rows.
+    """
+    for j in range(columns):
+        square = 0.0
+        for i in range(j, len(rows)):
+            square += rows[i, j] * rows[i, j]
+        if square == rows[j, j] * rows[j, j]:
+            continue  # the column is already reduced
+        head = -np.copysign(np.sqrt(square), rows[j, j])
+        pivot = rows[j, j] - head  # first element of the reflection's normal
+        for k in range(j + 1, rows.shape[1]):
+            total = pivot * rows[j, k]
+            for i in range(j + 1, len(rows)):
+                total += rows[i, j] * rows[i, k]
+            total /= -head * pivot
+            rows[j, k] -= total * pivot
+            for i in range(j + 1, len(rows)):
+                rows[i, k] -= total * rows[i, j]
+        rows[j, j] = head
+        for i in range(j + 1, len(rows)):
+            rows[i, j] = 0.0
+
+
+@jit("f8[:,::1], f8[::1]", allocates=False)
+def solve_linear(matrix, values):
+    """Overwrite `values` (n,) with the solution x of matrix @ x = values.
+
+    The matrix (n, n) is regular; it is overwritten. The algorithm is Gaussian elimination with
+    partial pivoting.
+    """
+    count = len(values)
+    for i in range(count):
+        pivot = i
+        for k in range(i + 1, count):
+            if abs(matrix[k, i]) > abs(matrix[pivot, i]):
+                pivot = k
+        for j in range(i, count):
+            matrix[i, j], matrix[pivot, j] = matrix[pivot, j], matrix[i, j]
+        values[i], values[pivot] = values[pivot], values[i]
+        for k in range(i + 1, count):
+            factor = matrix[k, i] / matrix[i, i]
+            values[k] -= factor * values[i]
+            for j in range(i + 1, count):
+                matrix[k, j] -= factor * matrix[i, j]
+    for i in range(count - 1, -1, -1):
+        for j in range(i + 1, count):
+            values[i] -= matrix[i, j] * values[j]
+        values[i] /= matrix[i, i]
+
+
 @jit("f8[:,:], f8")
 def has_singular_values_above(a, bound):
     """Return whether all singular values of a (m, n) are greater than `bound`.
@@ -158,6 +246,17 @@ def are_finite(a, b, c):
     for array in (a, b, c):
         for value in array:
             total += 0.0 * value
+    return total == 0.0
+
+
+@jit("f8[:], f8[:], f8[:], f8[:,:]", allocates=False)
+def is_measurement_finite(s, desired, error, L):
+    """Return whether s, s*, the error (k,) and L (k, 6) are finite."""
+    total = 0.0
+    for i in range(len(s)):
+        total += 0.0 * s[i] + 0.0 * desired[i] + 0.0 * error[i]
+        for j in range(6):
+            total += 0.0 * L[i, j]
     return total == 0.0
 
 

@@ -155,6 +155,11 @@ class Arm:
         """Return the number of joints."""
         return len(self.names)
 
+    @property
+    def is_compiled(self) -> bool:
+        """Return whether compiled code may replace the methods, which a subclass may override."""
+        return type(self) is Arm
+
     def pose(self, q: np.ndarray) -> np.ndarray:
         """Compute `world_T_camera` (4, 4) for joints q (n,); the array is read-only.
 

@@ -13,11 +13,15 @@ from aras_visual_servo_base.compiled import jit
 from aras_visual_servo_base.poses import exponential, matrix_from_xyz_rpy
 from aras_visual_servo_base.urdf import Joint
 
+from .free_joint import compute_free_pose_and_jacobian
+
 CHAIN_SIGNATURE = "i8[::1], i8[::1], b1[::1], f8[::1], f8[:,:,::1], f8[:,::1], i8[::1], f8[:,:,::1]"
 
 
 class Chain(NamedTuple):
     """Joints between a base and a camera, and to a target that the arm moves.
+
+    A camera that six coordinates move freely has no joints, but one origin; see `from_free_body`.
 
     Attributes:
         order: (n,) indices of the joints, each after its parent.
@@ -80,6 +84,19 @@ class Chain(NamedTuple):
         chain.order[:] = order
         return chain
 
+    @classmethod
+    def from_free_body(cls, origin: np.ndarray, mounting: np.ndarray | None = None) -> "Chain":
+        """Construct the chain of a camera whose pose is origin @ exponential(q) @ mounting.
+
+        Args:
+            origin: world_T_body (4, 4) at q (6,) = 0.
+            mounting: body_T_camera (4, 4); None if the body is the camera.
+        """
+        tip = np.eye(4) if mounting is None else mounting
+        return NO_JOINTS._replace(
+            origins=np.array([origin], float), tip_frames=np.array([tip, np.eye(4)], float)
+        )
+
     def compute_frames(self, q: np.ndarray) -> np.ndarray:
         """Compute rotation, origin and axis of each joint in the base frame, as an array (n, 15).
         """
@@ -95,8 +112,8 @@ class Chain(NamedTuple):
 
     def compute_poses(self, positions: np.ndarray) -> np.ndarray:
         """Compute `target_T_camera` for joint positions (m, n); return an array (m, 4, 4)."""
-        poses = np.empty((len(positions), 4, 4))
-        _compute_poses(*self, np.asarray(positions, float), poses, np.empty((6, len(self.order))))
+        positions, poses = np.asarray(positions, float), np.empty((len(positions), 4, 4))
+        _compute_poses(*self, positions, poses, np.empty((6, positions.shape[1])))
         return poses
 
 
@@ -154,6 +171,9 @@ def compute_pose_and_jacobian(
     order, parents, is_prismatic, signs, origins, axes, end_joints, tip_frames, q, pose, jacobian
 ):
     """Write target_T_camera (4, 4) and its Jacobian (6, n) into `pose` and `jacobian`."""
+    if len(order) == 0:
+        compute_free_pose_and_jacobian(origins[0], tip_frames[0], q, pose, jacobian)
+        return
     frames, base = np.empty((len(order), 15)), np.zeros(15)
     base[0] = base[4] = base[8] = 1.0
     _compute_frames(order, parents, is_prismatic, origins, axes, q, frames)

@@ -364,8 +364,11 @@ def _bend_elbows(q, elbows, reach_bend):
 
 SOLVER_SIGNATURE = (
     "f8[:,:], f8[:,:], f8[:], b1[:], f8[:], f8[:,:,:], f8[:,:], f8[:,:], f8, b1, f8[:], "
-    "f8[:,:], f8[:]"
+    "f8[:,:], f8[:], f8[:,::1], f8[:,::1]"
 )
+# Rows of the outputs of `solve_velocities`: of `joints`, each (n,), and of `twists`, each (6,).
+VELOCITIES, PRIMARY, MARGINS, STOPPED = range(4)
+DESIRED, ACHIEVED, INFEASIBLE = range(3)
 
 
 @jit(f"{CHAIN_SIGNATURE}, f8[:], f8[:,::1], f8[:,::1], {SOLVER_SIGNATURE}")
@@ -394,14 +397,16 @@ def solve_velocities(
     previous,
     last,
     settings,
+    joints,
+    twists,
 ):
     """Compute the solution of `DifferentialIK.solve`.
 
     Args:
-        order … tip_frames: fields of the Chain. For a chain without joints, `pose` and `jacobian`
-            are inputs.
+        order … tip_frames: fields of the Chain. For a chain without origins, `pose` and
+            `jacobian` are inputs.
         q: (n,) joint positions.
-        pose, jacobian: (4, 4) and (6, n) at q; written unless the chain has no joints.
+        pose, jacobian: (4, 4) and (6, n) at q; written unless the chain has no origins.
         goal: (4, 4) pose at which the directions that the task does not control are held.
         L, rate, modelled: (k, 6), (k,) and (6,) fields of the task.
         preferred: (n,) velocities of the secondary tasks, except the range tasks.
@@ -412,16 +417,17 @@ def solve_velocities(
         dt, is_limited, previous: see `_limit_velocities`.
         last: (2, n) last velocities, and their part for the task.
         settings: fields of IKSettings.
+        joints: (4, n) output: the velocities, their part for the task, the distances to the
+            position limits, and whether each joint is stopped at a limit.
+        twists: (3, 6) output: the desired, the achieved and the infeasible twist, in SI units.
 
     Returns:
-        The velocities (n,) and their part (n,) for the task; the desired, the achieved and the
-        infeasible twist (6,), in SI units; the scale of the task; the index of the joint that
-        limits the speed, or -1; the indices of the joints that are stopped at a limit; whether an
-        elbow would become straight; whether the infeasible twist is large enough to be reported;
-        whether the velocities can be reused; the distances (n,) to the position limits.
+        The scale of the task; the index of the joint that limits the speed, or -1; whether an elbow
+        would become straight; whether the infeasible twist is large enough to be reported; whether
+        the velocities can be reused; the number of joints that are stopped at a limit.
     """
     length, reach, bent = settings[0], settings[6], jacobian
-    if len(order) > 0:
+    if len(origins) > 0:
         compute_pose_and_jacobian(
             order,
             parents,
@@ -475,17 +481,25 @@ def solve_velocities(
         solution, spare, low, high, limits, dt, is_limited, previous, last[0], last[1]
     )
     short = multiply_vector(basis, multiply_vector(scaled, solution))
-    fast, margins = 0.0, np.empty(len(q))
     for i in range(len(short)):
         short[i] = desired[i] - short[i]
     twist, missing = multiply_vector(basis.T, desired), multiply_vector(basis.T, short)
     bound = max(settings[7], settings[8] * _norm(twist))
     is_reported = _norm(missing) > bound
-    for i in range(3, 6):
-        twist[i], missing[i] = twist[i] / length, missing[i] / length
+    achieved = multiply_vector(jacobian, velocities)
+    for i in range(6):
+        unit = length if i > 2 else 1.0
+        twists[DESIRED, i], twists[INFEASIBLE, i] = twist[i] / unit, missing[i] / unit
+        twists[ACHIEVED, i] = achieved[i]
+    fast = 0.0
     for i in range(len(q)):
         fast = max(fast, abs(velocities[i]) / limits[4, i])
-        margins[i] = min(q[i] - limits[0, i], limits[1, i] - q[i])
+        joints[VELOCITIES, i], joints[PRIMARY, i], joints[STOPPED, i] = (
+            velocities[i], primary[i], 0.0,
+        )  # fmt: skip
+        joints[MARGINS, i] = min(q[i] - limits[0, i], limits[1, i] - q[i])
+    for joint in stopped:
+        joints[STOPPED, joint] = 1.0
     reusable = (
         len(stopped) == 0 and not straight and slowest < 0 and fast * REUSE_TIME <= SMALL_MOTION
     )
@@ -497,8 +511,4 @@ def solve_velocities(
             reusable &= not (
                 moving[int(elbow[0])] and _passes_straight(q, elbow, velocities, reach, REUSE_TIME)
             )
-    return (
-        velocities, primary, twist, multiply_vector(jacobian, velocities), missing, part, slowest,
-        stopped,
-        straight, is_reported, reusable, margins,
-    )  # fmt: skip
+    return part, slowest, straight, is_reported, reusable, len(stopped)

@@ -42,7 +42,7 @@ from ..errors import ServoError
 from .algebra import are_finite
 from .arm import Arm
 from .chain import NO_JOINTS
-from .compiled_ik import REUSE_TIME, solve_velocities
+from .compiled_ik import PRIMARY, REUSE_TIME, solve_velocities
 from .elbow import Elbow, find_elbows
 from .ik_solution import IKSolution
 from .limits import Limits
@@ -197,19 +197,24 @@ class DifferentialIK:
         chain, view = getattr(self.arm, "chain", None), (np.empty((4, 4)), np.empty((6, len(q))))
         if chain is None:
             chain, view = NO_JOINTS, tuple(map(np.array, self.arm.pose_and_jacobian(q)))
-        found = solve_velocities(*chain, q, *view, *inputs)
-        velocities, primary, desired, achieved, infeasible, scale = found[:6]
-        slowest, stopped, straight, is_reported, reusable, margins = found[6:]
-        self.last_velocities[:] = velocities, primary
-        names = [self.arm.names[joint] for joint in stopped]
-        reasons = [f"{name} stopped at its limit" for name in names]
+        joints, twists = np.empty((4, len(q))), np.empty((3, 6))
+        scale, slowest, straight, is_reported, reusable, stop_count = solve_velocities(
+            *chain, q, *view, *inputs, joints, twists
+        )
+        velocities, primary, margins, stopped = joints
+        desired, achieved, infeasible = twists
+        self.last_velocities[:] = joints[: PRIMARY + 1]
+        names, reasons, limiting = (), [], ""
+        if stop_count:
+            names = tuple(self.arm.names[joint] for joint in np.flatnonzero(stopped))
+            reasons = [f"{name} stopped at its limit" for name in names]
         if is_reported:
             reasons += self._explain_infeasible(infeasible, bool(names), straight)
-        limiting = "" if slowest < 0 else self.arm.names[slowest]
-        if limiting:
+        if slowest >= 0:
+            limiting = self.arm.names[slowest]
             reasons.append(f"velocity scaled to {100.0 * scale:.0f} % (limit of {limiting})")
         return IKSolution(
-            velocities, primary, desired, achieved, infeasible, scale, margins, tuple(names),
+            velocities, primary, desired, achieved, infeasible, scale, margins, names,
             limiting, tuple(reasons), task.L, view[1], task.modelled,
             REUSE_TIME if reusable else 0.0,
         )  # fmt: skip

@@ -9,7 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import TaskError
-from .algebra import ROUNDING_TOLERANCE, is_task_finite, solve_least_squares, svd
+from .algebra import (
+    ROUNDING_TOLERANCE,
+    is_task_finite,
+    solve_least_squares,
+    svd,
+    triangularise,
+)
 
 ALL_DIRECTIONS = (True,) * 6
 DIRECTIONS = ("vx", "vy", "vz", "wx", "wy", "wz")
@@ -69,7 +75,7 @@ class Task:
         if not is_task_finite(L, rate):
             raise TaskError("the interaction matrix or the desired rate is not finite")
         accuracy = self.accuracy
-        if np.ndim(accuracy):
+        if type(accuracy) is not float and np.ndim(accuracy):
             accuracy = _read_array(accuracy)
             if accuracy.ndim != 2 or len(accuracy) != len(L) or not np.isfinite(accuracy).all():
                 raise TaskError(
@@ -150,7 +156,7 @@ class Task:
     @property
     def _scale(self) -> np.ndarray:
         """Units (6,) of a twist whose lengths are measured in depths."""
-        return np.array([self.depth] * 3 + [1.0] * 3)
+        return np.array((self.depth, self.depth, self.depth, 1.0, 1.0, 1.0))
 
     @cached_property
     def uncertainty(self) -> np.ndarray:
@@ -177,7 +183,9 @@ class Task:
 
         If there are no such directions, or if the features are exact, it is the task itself.
         """
-        if not np.any(self.accuracy) and self.rank_tolerance == ROUNDING_TOLERANCE:
+        accuracy = self.accuracy
+        is_exact = accuracy == 0.0 if type(accuracy) is float else not np.any(accuracy)
+        if is_exact and self.rank_tolerance == ROUNDING_TOLERANCE:
             return self
         is_certain = self.uncertainty <= MAX_UNCERTAINTY
         if is_certain.all():
@@ -238,10 +246,17 @@ def _reduce_rows(
     to 512 rows is reduced by a QR decomposition instead, which keeps full precision. An accuracy
     that is one number is not changed.
     """
-    apart = np.ndim(accuracy) == 2
+    apart = type(accuracy) is np.ndarray
     if len(L) <= 512:
-        Q, R = np.linalg.qr(L)
-        return R, Q.T @ desired_rate, Q.T @ accuracy if apart else accuracy
+        rows = np.empty((len(L), 7 + (accuracy.shape[1] if apart else 0)))
+        rows[:, :6], rows[:, 6] = L, desired_rate
+        if apart:
+            rows[:, 7:] = accuracy
+        triangularise(rows, 6)
+        return (
+            np.ascontiguousarray(rows[:6, :6]), rows[:6, 6].copy(),
+            rows[:6, 7:].copy() if apart else accuracy,
+        )  # fmt: skip
     squares, V = np.linalg.eigh(L.T @ L)
     kept = squares > 1e-13 * max(squares[-1], 0.0)
     s = np.sqrt(np.where(kept, squares, 0.0))

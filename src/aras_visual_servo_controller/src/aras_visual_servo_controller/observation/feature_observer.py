@@ -219,7 +219,10 @@ class FeatureObserver:
             corners = make_read_only_copy(points)
         if contour is None and points is None:
             valid, reason = False, "the target is not in view"
-        elif not all(np.isfinite(a).all() for a in (contour, corners) if a is not None):
+        elif not (
+            np.isfinite(corners).all()
+            and (contour is None or moments is not None or np.isfinite(contour).all())
+        ):
             valid, reason = False, "a coordinate of the target's outline or corners is not finite"
         return self._make_observation(
             stamp, valid, reason, camera, joints, world_T_camera, commands,
@@ -252,7 +255,7 @@ class FeatureObserver:
     ) -> Observation:
         stamp = float(stamp)
         pose = self._find_pose(joints, world_T_camera)
-        if pose is not None:
+        if pose is not None and (pose.flags.writeable or pose.dtype != float):
             pose = make_read_only_copy(pose)
         is_measured = plane is not None
         if plane is None and depth is None and pose is not None and self.compute_plane is not None:

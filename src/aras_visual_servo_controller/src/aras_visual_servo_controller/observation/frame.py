@@ -6,6 +6,7 @@ A frame contains an image, exact features, or the moments that a camera node mea
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -82,7 +83,7 @@ class Frame:
     camera: CameraModel | None = None
     target: MeasuredTarget | None = None
 
-    @property
+    @cached_property
     def stamp(self) -> float:
         """Return `stamp_ns` in s."""
         return to_seconds(self.stamp_ns)

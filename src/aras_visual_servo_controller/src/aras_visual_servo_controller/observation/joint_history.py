@@ -9,7 +9,8 @@ samples up to its exposure have arrived, and later samples are not used.
 from __future__ import annotations
 
 from collections import deque
-from itertools import islice, pairwise
+from collections.abc import Sequence
+from operator import sub
 from statistics import median
 
 import numpy as np
@@ -27,28 +28,76 @@ MEDIAN_PERIODS = 8
 ROUNDING = 1e-6
 
 
-class JointHistory:
-    """The latest joint samples in the order of their stamps.
-
-    Attributes:
-        newest: latest sample; None if there is none.
-    """
+class SampleBuffer:
+    """The latest samples of the joints, or commands to them, as arrays in the order of arrival."""
 
     def __init__(self, length: int = 64) -> None:
-        """Create the history.
+        """Create the buffer.
 
         Args:
             length: number of samples to store.
         """
-        self._samples: deque[JointSample] = deque(maxlen=length)
-        self.newest: JointSample | None = None
+        self._names: tuple[str, ...] = ()
+        self._stamps: deque[float] = deque(maxlen=length)
+        self._rows: deque[np.ndarray] = deque(maxlen=length)  # (2, n): positions, velocities
+
+    def append(self, sample: JointSample) -> None:
+        """Append one sample."""
+        self._names = sample.names
+        self._stamps.append(sample.stamp)
+        self._rows.append(np.array((sample.positions, sample.velocities)))
+
+    def extend(self, names: tuple[str, ...], stamps: Sequence[float], rows: np.ndarray) -> None:
+        """Append m samples.
+
+        Args:
+            names: names of the n joints.
+            stamps: (m,) times of the samples, s, in ascending order.
+            rows: (m, 2, n) positions and velocities.
+        """
+        self._names = names
+        self._stamps.extend(stamps)
+        self._rows.extend(rows)
+
+    def clear(self) -> None:
+        """Remove all samples, for example after a reset of the clock."""
+        self._stamps.clear()
+        self._rows.clear()
+
+    def since(self, stamp: float) -> tuple[JointSample, ...]:
+        """Return the samples from `stamp` (s) on."""
+        first = len(self._stamps)
+        while first and self._stamps[first - 1] >= stamp:
+            first -= 1
+        return tuple(self._make_sample(k) for k in range(first, len(self._stamps)))
+
+    @property
+    def newest_stamp(self) -> float | None:
+        """Return the stamp of the latest sample, s; None if there is none."""
+        return self._stamps[-1] if self._stamps else None
+
+    @property
+    def newest_row(self) -> np.ndarray:
+        """Return positions and velocities (2, n) of the latest sample, of which there is one."""
+        return self._rows[-1]
+
+    @property
+    def newest(self) -> JointSample | None:
+        """Return the latest sample; None if there is none."""
+        return self._make_sample(-1) if self._stamps else None
+
+    def _make_sample(self, k: int) -> JointSample:
+        return _make_joint_sample(self._stamps[k], self._names, self._rows[k])
+
+
+class JointHistory(SampleBuffer):
+    """The latest joint samples in the order of their stamps."""
 
     def add(self, sample: JointSample) -> bool:
         """Add a sample; return False and skip it if it is not newer than the last one."""
-        if self._samples and sample.stamp <= self._samples[-1].stamp:
+        if self._stamps and sample.stamp <= self._stamps[-1]:
             return False
-        self._samples.append(sample)
-        self.newest = sample
+        self.append(sample)
         return True
 
     def estimate_velocities(self, sample: JointSample) -> JointSample:
@@ -67,19 +116,14 @@ class JointHistory:
             displacement / (sample.stamp - newest.stamp),
         )
 
-    def clear(self) -> None:
-        """Remove all samples, for example after a reset of the clock."""
-        self._samples.clear()
-        self.newest = None
-
     def is_complete_to(self, stamp: float) -> bool:
         """Return whether all samples up to `stamp` have arrived, according to the sample period.
 
         Return False if there are fewer than two samples, because their period is unknown.
         """
-        if len(self._samples) < 2:
+        if len(self._stamps) < 2:
             return False
-        newest = self._samples[-1].stamp
+        newest = self._stamps[-1]
         return newest == stamp or newest + self._estimate_period() > stamp + ROUNDING
 
     def interpolate(self, stamp: float, earlier_only: bool = False) -> JointSample | None:
@@ -90,37 +134,30 @@ class JointHistory:
             earlier_only: whether to ignore later samples and extrapolate from the last sample at or
                 before the stamp.
         """
-        before = after = None
-        for sample in reversed(self._samples):
-            if sample.stamp <= stamp:
-                before = sample
-                break
-            after = sample
-        if earlier_only:
-            after = None
-        if before is None:
-            is_near = after is not None and after.stamp - stamp <= MAX_AGE
-            return self._extrapolate(after, stamp) if is_near else None
-        if before.stamp == stamp:
-            return before
-        if after is None:
-            return self._extrapolate(before, stamp) if stamp - before.stamp <= MAX_AGE else None
-        part = (stamp - before.stamp) / (after.stamp - before.stamp)
-        return JointSample.from_values(
-            stamp,
-            before.names,
-            before.positions + part * (after.positions - before.positions),
-            before.velocities + part * (after.velocities - before.velocities),
-            self._is_far(min(stamp - before.stamp, after.stamp - stamp)),
-        )
+        stamps, rows = self._stamps, self._rows
+        before = len(stamps) - 1
+        while before >= 0 and stamps[before] > stamp:
+            before -= 1
+        after = before + 1
+        has_after = after < len(stamps) and not earlier_only
+        if before < 0:
+            return self._extrapolate(after, stamp) if has_after else None
+        if stamps[before] == stamp:
+            return self._make_sample(before)
+        if not has_after:
+            return self._extrapolate(before, stamp)
+        since, until = stamp - stamps[before], stamps[after] - stamp
+        part = since / (stamps[after] - stamps[before])
+        row = rows[before] + part * (rows[after] - rows[before])
+        return _make_joint_sample(stamp, self._names, row, self._is_far(min(since, until)))
 
-    def _extrapolate(self, sample: JointSample, stamp: float) -> JointSample:
-        """Extrapolate a sample with its velocities."""
-        dt = stamp - sample.stamp
-        positions = sample.positions + dt * np.asarray(sample.velocities)
-        return JointSample.from_values(
-            stamp, sample.names, positions, sample.velocities, self._is_far(abs(dt))
-        )
+    def _extrapolate(self, k: int, stamp: float) -> JointSample | None:
+        """Extrapolate sample k with its velocities; return None if it is too old or too new."""
+        dt, (positions, velocities) = stamp - self._stamps[k], self._rows[k]
+        if abs(dt) > MAX_AGE:
+            return None
+        row = np.array((positions + dt * velocities, velocities))
+        return _make_joint_sample(stamp, self._names, row, self._is_far(abs(dt)))
 
     def _is_far(self, distance: float) -> bool:
         """Return whether a time difference (s) to a sample is too large to extrapolate.
@@ -128,10 +165,19 @@ class JointHistory:
         Return False if there is only one sample, because the period is unknown.
         """
         return (
-            len(self._samples) > 1 and distance > MAX_PERIODS * self._estimate_period() + ROUNDING
+            len(self._stamps) > 1 and distance > MAX_PERIODS * self._estimate_period() + ROUNDING
         )
 
     def _estimate_period(self) -> float:
         """Return the median period of the latest samples, s; needs at least two samples."""
-        latest = [sample.stamp for sample in islice(reversed(self._samples), MEDIAN_PERIODS + 1)]
-        return median(later - earlier for later, earlier in pairwise(latest))
+        latest = list(self._stamps)[-MEDIAN_PERIODS - 1 :]
+        return median(map(sub, latest[1:], latest))
+
+
+def _make_joint_sample(
+    stamp: float, names: tuple[str, ...], row: np.ndarray, is_uncertain: bool = False
+) -> JointSample:
+    """Make a sample of positions and velocities (2, n), whose arrays become read-only."""
+    row.setflags(write=False)
+    positions, velocities = row
+    return JointSample(float(stamp), names, positions, velocities, is_uncertain)

@@ -148,9 +148,9 @@ class Observation:
 
     def without_pixels(self) -> Observation:
         """Return the observation without images and depth images, for the record of a run."""
-        others = {name: view.without_pixels() for name, view in self.other_cameras.items()}
-        if self.image is None and self.depth is None and not others:
+        if self.image is None and self.depth is None and not self.other_cameras:
             return self
+        others = {name: view.without_pixels() for name, view in self.other_cameras.items()}
         return replace(self, image=None, depth=None, other_cameras=others)
 
     def with_noise(self) -> Observation:

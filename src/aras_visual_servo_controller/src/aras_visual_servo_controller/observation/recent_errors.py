@@ -21,6 +21,11 @@ class RecentErrors:
         return self._end - self._start
 
     @property
+    def width(self) -> int:
+        """Return the length k of the rows."""
+        return self._rows.shape[1]
+
+    @property
     def stamps(self) -> np.ndarray:
         """Return the increasing stamps (m,), s.
 
@@ -45,6 +50,15 @@ class RecentErrors:
             self._make_room()
         self._stamps[self._end], self._rows[self._end] = stamp, error
         self._end += 1
+
+    def drop_before(self, stamp: float) -> None:
+        """Remove the rows with an earlier stamp (s)."""
+        self._start += int(self._stamps[self._start : self._end].searchsorted(stamp))
+
+    def since(self, stamp: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return the stamps (m,) and rows (m, k) from `stamp` (s) on, as views; see `stamps`."""
+        first = self._start + int(self._stamps[self._start : self._end].searchsorted(stamp))
+        return self._stamps[first : self._end], self._rows[first : self._end]
 
     def drop_oldest(self, count: int) -> None:
         """Remove the `count` oldest rows."""

@@ -8,16 +8,15 @@ experiments.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from aras_visual_servo_base.compiled import jit
 from aras_visual_servo_base.settings import build, parameter
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.moments import Moments
-from aras_visual_servo_camera.polygons import next_vertices
 
 from ..errors import ConfigurationError, ServoError
 
@@ -119,78 +118,152 @@ class TargetGeometry:
             ServoError: a box is not in front of the camera, or the boxes do not overlap in the
                 image.
         """
-        parts = [self._compute_silhouette(low, high, world_T_camera) for low, high in self.boxes]
-        return parts[0] if len(parts) == 1 else unite_star_shapes(*parts)
+        return compute_silhouette(self.boxes, self.ground, world_T_camera)
 
-    def _compute_silhouette(
-        self, low: np.ndarray, high: np.ndarray, world_T_camera: np.ndarray
-    ) -> np.ndarray:
-        """Return the convex outline of the part of a box above the ground."""
-        heights = (max(low[2], self.ground), high[2])
-        corners = np.array(
-            [(x, y, z) for x in (low[0], high[0]) for y in (low[1], high[1]) for z in heights]
-        )
-        points = (corners - world_T_camera[:3, 3]) @ world_T_camera[:3, :3]
-        if (points[:, 2] <= 0.0).any():
+
+@jit("f8[:,:,:], f8, f8[:,:]")
+def compute_silhouette(boxes, ground, world_T_camera):
+    """Return the common outline (n, 2) of one or two boxes; see TargetGeometry.compute_outline.
+
+    Only the parts above the height `ground` are visible.
+    """
+    one = _compute_box_outline(boxes[0, 0], boxes[0, 1], ground, world_T_camera)
+    if len(boxes) == 1:
+        return one
+    other = _compute_box_outline(boxes[1, 0], boxes[1, 1], ground, world_T_camera)
+    return unite_star_shapes(one, other)
+
+
+@jit("f8[:], f8[:], f8, f8[:,:]")
+def _compute_box_outline(low, high, ground, world_T_camera):
+    """Return the convex outline of the part of a box above the ground."""
+    points = np.empty((8, 2))
+    for k in range(8):
+        x = high[0] if k & 4 else low[0]
+        y = high[1] if k & 2 else low[1]
+        z = high[2] if k & 1 else max(low[2], ground)
+        x, y, z = x - world_T_camera[0, 3], y - world_T_camera[1, 3], z - world_T_camera[2, 3]
+        depth = x * world_T_camera[0, 2] + y * world_T_camera[1, 2] + z * world_T_camera[2, 2]
+        if depth <= 0.0:
             raise ServoError(
                 "the target is behind the camera and has no image: point the camera at the target"
             )
-        return convex_hull(points[:, :2] / points[:, 2:])
+        for i in range(2):
+            points[k, i] = (
+                x * world_T_camera[0, i] + y * world_T_camera[1, i] + z * world_T_camera[2, i]
+            ) / depth
+    return convex_hull(points)
 
 
-def _cross(o: Sequence[float], a: Sequence[float], b: Sequence[float]) -> float:
-    return (a[0] - o[0]) * (b[1] - o[1]) - (a[1] - o[1]) * (b[0] - o[0])
-
-
-def convex_hull(points: np.ndarray) -> np.ndarray:
-    """Return the convex hull (n, 2) of points, in counterclockwise order.
+@jit("f8[:,:]")
+def convex_hull(points):
+    """Return the convex hull (n, 2) of points (m, 2), in counterclockwise order.
 
     The algorithm is Andrew's monotone chain.
     """
-    ordered = sorted(map(tuple, points))
-    hull: list[tuple] = []
-    for chain in (ordered, ordered[::-1]):
-        start = len(hull)
-        for point in chain:
-            while len(hull) - start >= 2 and _cross(hull[-2], hull[-1], point) <= 0.0:
-                hull.pop()
-            hull.append(point)
-        hull.pop()
-    return np.array(hull)
+    count = len(points)
+    order = np.empty(count, np.int64)  # of the points by x, then by y
+    for k in range(count):
+        place = k
+        while place > 0:
+            before = points[order[place - 1]]
+            if before[0] < points[k, 0] or (
+                before[0] == points[k, 0] and before[1] <= points[k, 1]
+            ):
+                break
+            order[place] = order[place - 1]
+            place -= 1
+        order[place] = k
+    hull, size = np.empty((2 * count, 2)), 0
+    for chain in range(2):
+        start = size
+        for k in range(count):
+            x, y = points[order[k if chain == 0 else count - 1 - k]]
+            while size - start >= 2:
+                ox, oy = hull[size - 2]
+                ax, ay = hull[size - 1]
+                if (ax - ox) * (y - oy) - (ay - oy) * (x - ox) > 0.0:
+                    break
+                size -= 1
+            hull[size, 0], hull[size, 1] = x, y
+            size += 1
+        size -= 1
+    return hull[:size].copy()
 
 
-def _are_inside(points: np.ndarray, polygon: np.ndarray) -> np.ndarray:
-    """Return whether each of the points (n, 2) is inside a convex polygon (k, 2)."""
-    x, y = (points[:, None] - polygon).transpose(2, 0, 1)
-    u, v = (next_vertices(polygon) - polygon).T
-    return (u * y - v * x > 0.0).all(axis=1)
+@jit("f8, f8, f8[:,:]", allocates=False)
+def _is_inside(x, y, polygon):
+    """Return whether a point is inside a convex polygon (k, 2)."""
+    count = len(polygon)
+    for k in range(count):
+        after = k + 1 if k < count - 1 else 0
+        u, v = polygon[after, 0] - polygon[k, 0], polygon[after, 1] - polygon[k, 1]
+        if not u * (y - polygon[k, 1]) - v * (x - polygon[k, 0]) > 0.0:
+            return False
+    return True
 
 
-def _find_crossings(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Return the points (n, 2) in which edges of two polygons cross."""
-    along = next_vertices(one) - one
-    (ux, uy), (vx, vy) = along.T[..., None], (other - next_vertices(other)).T
-    wx, wy = (other - one[:, None]).transpose(2, 0, 1)
-    turn = ux * vy - vx * uy
-    divisor = np.where(np.abs(turn) < 1e-15, np.nan, turn)  # parallel edges do not cross
-    s, t = (wx * vy - vx * wy) / divisor, (ux * wy - uy * wx) / divisor
-    edge, across = np.nonzero((s >= 0.0) & (s <= 1.0) & (t >= 0.0) & (t <= 1.0))
-    return one[edge] + s[edge, across, None] * along[edge]
+@jit("f8[:,:], f8[:,:], f8[:,::1]")
+def _find_crossings(one, other, crossings):
+    """Write the points in which edges of two polygons cross into an array; return their number."""
+    found = 0
+    for i in range(len(one)):
+        p, q = one[i], one[i + 1 if i < len(one) - 1 else 0]
+        ux, uy = q[0] - p[0], q[1] - p[1]
+        for j in range(len(other)):
+            a, b = other[j], other[j + 1 if j < len(other) - 1 else 0]
+            vx, vy, wx, wy = a[0] - b[0], a[1] - b[1], a[0] - p[0], a[1] - p[1]
+            turn = ux * vy - vx * uy
+            if abs(turn) < 1e-15:
+                continue  # parallel edges do not cross
+            s, t = (wx * vy - vx * wy) / turn, (ux * wy - uy * wx) / turn
+            if 0.0 <= s <= 1.0 and 0.0 <= t <= 1.0:
+                crossings[found, 0], crossings[found, 1] = p[0] + s * ux, p[1] + s * uy
+                found += 1
+    return found
 
 
-def unite_star_shapes(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Return the outline of two overlapping convex polygons.
+@jit("f8[:,:], f8[:,:]")
+def unite_star_shapes(one, other):
+    """Return the outline (n, 2) of two overlapping convex polygons (k, 2) and (m, 2).
 
     The outline is star-shaped about a point that is common to both.
+
+    Raises:
+        ServoError: the polygons do not overlap.
     """
-    crossings = _find_crossings(one, other)
-    if len(crossings) < 2:
+    size = len(one) * len(other)
+    crossings, points = np.empty((size, 2)), np.empty((size + len(one) + len(other), 2))
+    found = _find_crossings(one, other, crossings)
+    if found < 2:
         raise ServoError("the two boxes of the target do not overlap in the image")
-    in_other, in_one = _are_inside(one, other), _are_inside(other, one)
-    middle = np.vstack([crossings, one[in_other], other[in_one]]).mean(axis=0)
-    points = np.vstack([one[~in_other], other[~in_one], crossings])
-    angles = np.arctan2(points[:, 1] - middle[1], points[:, 0] - middle[0])
-    return points[np.argsort(angles)]
+    x = y = 0.0
+    inside = found
+    for k in range(found):
+        x, y = x + crossings[k, 0], y + crossings[k, 1]
+    count = 0
+    for polygon, further in ((one, other), (other, one)):
+        for point in polygon:
+            if _is_inside(point[0], point[1], further):
+                x, y, inside = x + point[0], y + point[1], inside + 1
+            else:
+                points[count, 0], points[count, 1] = point[0], point[1]
+                count += 1
+    for k in range(found):
+        points[count, 0], points[count, 1] = crossings[k, 0], crossings[k, 1]
+        count += 1
+    x, y = x / inside, y / inside
+    angles, outline = np.empty(count), np.empty((count, 2))
+    for k in range(count):  # sort the points by their angles
+        angle = np.arctan2(points[k, 1] - y, points[k, 0] - x)
+        place = k
+        while place > 0 and angles[place - 1] > angle:
+            angles[place] = angles[place - 1]
+            outline[place, 0], outline[place, 1] = outline[place - 1, 0], outline[place - 1, 1]
+            place -= 1
+        angles[place] = angle
+        outline[place, 0], outline[place, 1] = points[k, 0], points[k, 1]
+    return outline
 
 
 def ellipse_of(moments: Moments) -> np.ndarray:

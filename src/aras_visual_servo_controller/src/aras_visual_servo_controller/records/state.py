@@ -214,6 +214,10 @@ class ServoState:
         if run_outcome.reason and not run_outcome.is_open:
             is_other = reason and reason not in run_outcome.reason
             reason = f"{run_outcome.reason}; now: {reason}" if is_other else run_outcome.reason
+        if (run_outcome.kind, reason, run_outcome.remedy) == (
+            self.outcome, self.reason, self.remedy
+        ):  # fmt: skip
+            return self
         return replace(self, outcome=run_outcome.kind, reason=reason, remedy=run_outcome.remedy)
 
     @property

@@ -16,9 +16,9 @@ import numpy as np
 from aras_visual_servo_base.compiled import jit
 
 from ..kinematics.algebra import are_finite
-from ..kinematics.arm import Arm, find_implausible_joint
+from ..kinematics.arm import find_implausible_joint
 from ..kinematics.chain import CHAIN_SIGNATURE
-from ..kinematics.compiled_ik import REUSE_TIME, solve_velocities
+from ..kinematics.compiled_ik import PRIMARY, REUSE_TIME, VELOCITIES, solve_velocities
 from ..kinematics.differential_ik import DifferentialIK
 from ..kinematics.joint_sample import JointSample
 from ..loop.command_integrator import has_jumped, integrate_command
@@ -31,10 +31,11 @@ if TYPE_CHECKING:
 # of the present velocities, time for which these are valid, last command. The last element is the
 # index of the current task, 0 or 1.
 NOW, NEWEST, SOLVED_AT, VALID_FOR, SENT_AT, TASK = range(6)
-# Indices of the array `rows`, each row (n,): command, its velocity, present solution, command that
-# was sent last, positions and velocities of the latest joint state, whether a limit stopped each
-# joint.
-COMMAND, VELOCITY, SOLUTION, SENT_COMMAND, Q, V, STOPPED = range(7)
+# Indices of the array `rows`, each row (n,): command, its velocity, present solution, values that
+# were sent last (one of the first two rows), positions and velocities of the latest joint state,
+# whether a limit stopped each joint.
+COMMAND, VELOCITY, SOLUTION, SENT_VALUES, Q, V, STOPPED = range(7)
+SENT_ROWS = {"position": COMMAND, "velocity": VELOCITY}  # row that is sent, by output of the loop
 # Indices of the array `settings` of `process_joint_state`.
 (
     LONGEST_STEP,  # this and the next three are fields of ServoSettings
@@ -45,7 +46,8 @@ COMMAND, VELOCITY, SOLUTION, SENT_COMMAND, Q, V, STOPPED = range(7)
     ANSWER_LIFETIME,  # time for which the task of the last processed image may be executed, s
     SECOND_TASK_TIME,  # time at which the second task starts, s
     THIRD_TASK_TIME,  # time at which a third task starts, s
-) = range(8)
+    SENT_ROW,  # index of the row that is sent
+) = range(9)
 NEEDS_PYTHON = 0  # result of an update: Python has to process the joint state
 SAME_COMMAND = 1  # result of an update: the command has not changed
 NEW_COMMAND = 2  # result of an update: there is a new command
@@ -111,22 +113,20 @@ def process_joint_state(
     task, period = 1 if settings[SECOND_TASK_TIME] <= t + ROUNDING else 0, settings[SOLVE_PERIOD]
     valid_for = max(clock[VALID_FOR], period) - 1e-9
     if task != clock[TASK] or not t - clock[SOLVED_AT] < valid_for:
+        joints = np.empty((4, len(q)))
         found = solve_velocities(
             *chain, q, np.empty((4, 4)), np.empty((6, len(q))), goal, L[task], desired_rates[task],
             modelled[task], np.zeros(len(q)), range_tasks, elbows, limits, max(dt, period),
             has_acceleration_limits,
-            rows[VELOCITY], last_velocities, setting_values,
+            rows[VELOCITY], last_velocities, setting_values, joints, np.empty((3, 6)),
         )  # fmt: skip
-        if not are_finite(found[0], found[0], found[0]):
+        if not are_finite(joints[VELOCITIES], joints[VELOCITIES], joints[VELOCITIES]):
             return NEEDS_PYTHON
-        velocities, primary = found[0], found[1]
         for i in range(len(q)):
-            rows[SOLUTION, i], last_velocities[0, i], last_velocities[1, i] = (
-                velocities[i],
-                velocities[i],
-                primary[i],
-            )
-        clock[SOLVED_AT], clock[VALID_FOR], clock[TASK] = t, REUSE_TIME if found[10] else 0.0, task
+            rows[SOLUTION, i] = last_velocities[0, i] = joints[VELOCITIES, i]
+            last_velocities[1, i] = joints[PRIMARY, i]
+        reuse_time = REUSE_TIME if found[4] else 0.0
+        clock[SOLVED_AT], clock[VALID_FOR], clock[TASK] = t, reuse_time, task
     after, speeds, stopped, late = integrate_command(
         rows[COMMAND],
         rows[VELOCITY],
@@ -141,15 +141,15 @@ def process_joint_state(
     if late.any() or not are_finite(after, after, after):
         return NEEDS_PYTHON
     clock[NOW] = clock[NEWEST] = stamp
-    same = True
+    sent_row, same = int(settings[SENT_ROW]), True
     for i in range(len(q)):
         rows[COMMAND, i], rows[VELOCITY, i], rows[STOPPED, i] = after[i], speeds[i], stopped[i]
         rows[Q, i], rows[V, i] = q[i], v[i]
-        same &= rows[SENT_COMMAND, i] == after[i]
-    if same:
-        return SAME_COMMAND
+        same &= rows[SENT_VALUES, i] == rows[sent_row, i]
+    if same and sent_row == COMMAND:
+        return SAME_COMMAND  # the controller holds a position, but velocities are always sent
     for i in range(len(q)):
-        rows[SENT_COMMAND, i] = after[i]
+        rows[SENT_VALUES, i] = rows[sent_row, i]
     clock[SENT_AT] = t
     return NEW_COMMAND
 
@@ -157,17 +157,24 @@ def process_joint_state(
 class CompiledUpdates:
     """Conversion of a runner's state to the arguments of `process_joint_state`, and back."""
 
-    def __init__(self, runner: LoopRunner) -> None:
+    def __init__(self, runner: LoopRunner, outputs: Sequence[str] = ("position",)) -> None:
+        """Prepare the updates.
+
+        Args:
+            outputs: outputs of the loop that can be sent without Python: position, velocity.
+        """
         self._runner = runner
         servo, ik = runner.servo, runner.servo.differential_ik
         arm, settings = servo.arm, servo.settings
         # User-defined inverse kinematics, tasks and arms can be called only from Python.
         self._is_possible = (
-            type(arm) is Arm and type(ik) is DifferentialIK and not ik.other_tasks
-            and settings.output == "position"
+            getattr(arm, "is_compiled", False) and type(ik) is DifferentialIK
+            and not ik.other_tasks
+            and settings.output in outputs
             and not (runner.settings.lockstep or runner.settings.dry)
         )  # fmt: skip
         if self._is_possible:
+            self._chain = tuple(arm.chain)
             self._constant_arguments = (
                 ik.range_tasks, ik.elbow_rows, ik.limit_rows, ik.has_acceleration_limits,
             )  # fmt: skip
@@ -178,7 +185,7 @@ class CompiledUpdates:
         Return None if Python has to process the next joint state.
         """
         runner = self._runner
-        servo, newest = runner.servo, runner.history.newest
+        servo, newest = runner.servo, runner.history.newest_stamp
         executor, integrator, ik = servo.executor, servo.integrator, servo.differential_ik
         task, pending = executor.task, executor.pending_tasks
         if (
@@ -192,57 +199,51 @@ class CompiledUpdates:
             return None
         settings = servo.settings
         cached = executor.cached_velocities or (-inf, np.zeros(len(integrator.names)), 0.0, "")
-        self._clock = np.array([runner.update_time, newest.stamp, cached[0], cached[2], -inf, 0.0])
+        self._clock = np.array([runner.update_time, newest, cached[0], cached[2], -inf, 0.0])
         self._rows = np.array([
             integrator.command, integrator.velocity, cached[1], runner.sent_values,
-            newest.positions, newest.velocities, np.zeros(len(integrator.names)),
+            *runner.history.newest_row, np.zeros(len(integrator.names)),
         ])  # fmt: skip
-        due = [pending[k][0] if len(pending) > k else inf for k in range(2)]
+        due = pending[0][0] if pending else inf, pending[1][0] if len(pending) > 1 else inf
         numbers = np.array([
             settings.longest_step, settings.watchdog, settings.lag, settings.resolve_period,
-            *servo.answer_timing, *due,
+            *servo.answer_timing, *due, SENT_ROWS[settings.output],
         ])  # fmt: skip
-        both = task, following
         return (
-            tuple(servo.arm.chain), self._clock, self._rows, ik.last_velocities,
+            self._chain, self._clock, self._rows, ik.last_velocities,
             servo.arm.plausible_bounds, integrator.lead, numbers, ik.setting_values,
-            ik.goal, np.array([t.L for t in both]), np.array([t.desired_rate for t in both]),
-            np.array([t.modelled for t in both]), *self._constant_arguments,
+            ik.goal, np.array((task.L, following.L)),
+            np.array((task.desired_rate, following.desired_rate)),
+            np.array((task.modelled, following.modelled)), *self._constant_arguments,
         )  # fmt: skip
 
     @property
     def command(self) -> np.ndarray:
-        """Present command (n,)."""
-        return self._rows[COMMAND]
+        """Values (n,) that were sent last."""
+        return self._rows[SENT_VALUES]
 
-    def apply_results(
-        self, stamps: Sequence[float], samples: np.ndarray, commands: np.ndarray
-    ) -> None:
+    def apply_results(self, stamps: Sequence[float], samples: np.ndarray) -> None:
         """Apply the results of `process_joint_state` to the runner.
 
         Args:
-            stamps: stamps of the processed joint states, s.
-            samples: joint states (m, 2, n), of which the first len(stamps) were processed.
-            commands: commands (m, n).
+            stamps: (m,) stamps of the processed joint states, s.
+            samples: (m, 3, n) their positions and velocities, and the resulting commands.
         """
         runner, clock, rows = self._runner, self._clock, self._rows
         servo = runner.servo
-        executor, names = servo.executor, servo.arm.names
+        executor, integrator = servo.executor, servo.integrator
         if clock[TASK]:
             executor.task = executor.pending_tasks.popleft()[1]
         executor.cached_velocities = (
             clock.item(SOLVED_AT), rows[SOLUTION], clock.item(VALID_FOR), "",
         )  # fmt: skip
-        if not stamps:
+        if not len(stamps):
             return
-        for array in (samples, commands):
-            array.setflags(write=False)
-        processed = [
-            JointSample(stamp, names, *sample)
-            for stamp, sample in zip(stamps, samples, strict=False)
-        ]
-        servo.integrator.set_command(rows[COMMAND], rows[VELOCITY])
+        samples.setflags(write=False)
+        integrator.set_command(rows[COMMAND], rows[VELOCITY])
+        stopped = rows[STOPPED]
         servo.apply_updates(
-            processed[-1], servo.integrator.describe_stops(np.flatnonzero(rows[STOPPED]))
+            JointSample(stamps[-1], servo.arm.names, samples[-1, 0], samples[-1, 1]),
+            integrator.describe_stops(np.flatnonzero(stopped)) if stopped.any() else "",
         )
-        runner.apply_updates(processed, commands, rows[SENT_COMMAND], clock.item(SENT_AT))
+        runner.apply_updates(stamps, samples, rows[SENT_VALUES], clock.item(SENT_AT))

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import threading
 import time
-from collections import deque
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Protocol
@@ -27,7 +26,7 @@ from ..kinematics.joint_sample import JointSample
 from ..loop.command_integrator import has_jumped
 from ..loop.servo import Servo
 from ..observation.camera_rig import CameraRig, ObserveFrame
-from ..observation.joint_history import MAX_AGE, JointHistory
+from ..observation.joint_history import MAX_AGE, JointHistory, SampleBuffer
 from ..records.outcomes import Outcome, make_outcome
 from ..records.state import (
     APPROACHING,
@@ -97,7 +96,7 @@ class LoopRunner:
         self.history = JointHistory()
         self._foreign_watch = ForeignWatch(servo, self.history, settings, foreign)
         camera_rig.find_joints = partial(self.history.interpolate, earlier_only=settings.lockstep)
-        self.commands: deque[JointSample] = deque(maxlen=256)
+        self.commands = SampleBuffer(256)
         self._joints_time = self._answer_time = wall_clock()
         self._image_times = dict.fromkeys(camera_rig.observers, wall_clock())
         self._silence_report_time = -np.inf
@@ -192,8 +191,8 @@ class LoopRunner:
             if self._is_starved:
                 self._is_starved = False
                 self.servo.start()
-            newest = self.history.newest
-            silent = 0.0 if newest is None else stamp - newest.stamp
+            newest = self.history.newest_stamp
+            silent = 0.0 if newest is None else stamp - newest
             if silent > max(self.settings.watchdog, SILENT_TIME):
                 self._stop_without_joints(stamp, f"no joint states for {silent:.2f} s")
             self._process_image(stamp, observe_frame)
@@ -204,15 +203,12 @@ class LoopRunner:
         if lockstep and not self.history.is_complete_to(stamp):
             self._pending_image = stamp, observe_frame
             return
-        joints, newest = self.history.interpolate(stamp, earlier_only=lockstep), self.history.newest
-        if newest is not None and stamp - newest.stamp > MAX_AGE:
+        joints = self.history.interpolate(stamp, earlier_only=lockstep)
+        newest = self.history.newest_stamp
+        if newest is not None and stamp - newest > MAX_AGE:
             return  # the joints at the exposure are unknown
-        since: list[JointSample] = []  # commands that were sent since the exposure
-        for command in reversed(self.commands):
-            if command.stamp < stamp:
-                break
-            since.append(command)
-        state = self.servo.process_image(observe_frame(joints, tuple(reversed(since))))
+        # The observation contains the commands that were sent since the exposure.
+        state = self.servo.process_image(observe_frame(joints, self.commands.since(stamp)))
         if not state.has_processed_image:
             return  # the image is late or was already processed
         if state.fault:
@@ -378,26 +374,24 @@ class LoopRunner:
         return allowed and command.stamp - self._sent_stamp >= REPEAT_PERIOD - 1e-9
 
     def apply_updates(
-        self,
-        samples: Sequence[JointSample],
-        commands: np.ndarray,
-        sent: np.ndarray,
-        sent_stamp: float,
+        self, stamps: Sequence[float], samples: np.ndarray, sent: np.ndarray, sent_stamp: float
     ) -> None:
         """Apply the results of compiled updates.
 
         Args:
-            samples: processed joint states.
-            commands: commands (m, n).
+            stamps: (m,) stamps of the processed joint states, s.
+            samples: (m, 3, n) their positions and velocities, and the resulting commands.
             sent: command (n,) that was sent last.
             sent_stamp: time when it was sent, s.
         """
-        still = np.zeros(len(sent))
-        for sample, command in zip(samples, commands, strict=False):
-            self.history.add(sample)
-            self.commands.append(JointSample(sample.stamp, sample.names, command, still))
+        names = self.servo.arm.names
+        self.history.extend(names, stamps, samples[:, :2])
+        if self.settings.output == "position":
+            commands = np.zeros((len(samples), 2, len(names)))
+            commands[:, 0] = samples[:, 2]
+            self.commands.extend(names, stamps, commands)
         self._joints_time = self._clock_moved_time = self._wall_clock()
-        self._stamp = self._joints_arrival = self.update_time = self._now = samples[-1].stamp
+        self._stamp = self._joints_arrival = self.update_time = self._now = stamps[-1]
         if sent_stamp > self._sent_stamp:
             self.sent_values, self._sent_stamp = sent, sent_stamp
             self._foreign_watch.reset()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from math import inf
 
 import numpy as np
@@ -55,7 +56,9 @@ def compute(
     count = len(tuple(output.names))
     arrays = {}
     for field in ("features", "desired", "error"):
-        array = to_float_array(getattr(output, field))
+        array = getattr(output, field)
+        if type(array) is not np.ndarray or array.dtype != float:
+            array = to_float_array(array)
         if array is None or array.shape != (count,):
             shape = "no numbers" if array is None else f"shape {array.shape}"
             raise SchemeError(
@@ -70,25 +73,29 @@ def compute(
                     f"scheme {name} returned {field} that are not finite: {array.tolist()}"
                 )
     tolerances = to_float_array(getattr(scheme, "tolerances", None))
-    if tolerances is None or tolerances.shape != (count,) or not all(
-        tolerance > 0.0 for tolerance in tolerances.tolist()
-    ):
+    if tolerances is None or tolerances.shape != (count,) or not (tolerances > 0.0).all():
         raise SchemeError(
             f"scheme {name} has tolerances {getattr(scheme, 'tolerances', None)}: {count} numbers "
             "above 0 are needed, one for each name"
         )
-    rate = to_float_array(output.error_drift)
-    if rate is None or rate.shape not in ((), (count,)) or not np.isfinite(rate).all():
-        raise SchemeError(
-            f"scheme {name} returned the error_drift {output.error_drift}: one finite number for "
-            "each name is needed"
-        )
+    if type(output.error_drift) is not float or not math.isfinite(output.error_drift):
+        rate = to_float_array(output.error_drift)
+        if rate is None or rate.shape not in ((), (count,)) or not np.isfinite(rate).all():
+            raise SchemeError(
+                f"scheme {name} returned the error_drift {output.error_drift}: one finite number "
+                "for each name is needed"
+            )
+    if output.L is not None and type(output.L) is not np.ndarray:
+        arrays["L"] = to_float_array(output.L)
     if is_controller:
         return dataclasses.replace(output, task=None, **arrays)
     if not isinstance(output.task, Task):
         raise SchemeError(
             f"scheme {name} returned the task {type(output.task).__name__} instead of a Task"
         )
-    if all(arrays[field] is getattr(output, field) for field in arrays):
+    for field, array in arrays.items():
+        if array is not getattr(output, field):
+            break
+    else:
         return output  # the usual case: no array had to be converted
     return dataclasses.replace(output, **arrays)

@@ -12,7 +12,7 @@ from aras_visual_servo_base.names import describe_unknown
 from ..errors import ConfigurationError
 from ..features.base import Feature, FeatureMeasurement, Stack
 from ..goals.goal import Goal
-from ..kinematics.algebra import ROUNDING_TOLERANCE, solve_least_squares
+from ..kinematics.algebra import ROUNDING_TOLERANCE, is_well_conditioned, solve_least_squares
 from ..kinematics.task import Task
 from ..laws import Law
 from ..observation.observation import Observation
@@ -117,7 +117,7 @@ class FeatureScheme(FeatureSchemeBase):
         filtered = measured.error
         if self.smoothing > 0.0:
             filtered = self._filter_error(filtered, observation.stamp)
-        scale = np.repeat((goal.distance, 1.0), 3)
+        scale = _make_scale(goal)
         camera_error = scale * _compute_pseudo_inverse_error(
             modelled * scale, filtered, self.feature.weights
         )
@@ -163,11 +163,7 @@ class FeatureScheme(FeatureSchemeBase):
         rows of different units comparable, the rows of L (k, 6) are scaled to length 1, with
         lengths relative to the distance at the goal.
         """
-        scaled = L[:, self._modelled] * np.repeat((goal.distance, 1.0), 3)[self._modelled]
-        lengths = np.linalg.norm(scaled, axis=1, keepdims=True)
-        rows = np.divide(scaled, lengths, out=np.zeros_like(scaled), where=lengths > 0.0)
-        weak = np.linalg.eigvalsh(rows.T @ rows if len(rows) > len(rows.T) else rows @ rows.T)
-        if weak[0] > WELL_CONDITIONED**2 * weak[-1]:
+        if is_well_conditioned(L, self._modelled, goal.distance, WELL_CONDITIONED):
             return {}
         accuracy = self.accuracy(observation.with_noise(), goal)
         if accuracy is not None:
@@ -201,6 +197,12 @@ class FeatureScheme(FeatureSchemeBase):
                 error = value + (1.0 - np.exp(-dt / self.smoothing)) * (error - value)
         self._filter_state = (stamp, error)
         return error
+
+
+def _make_scale(goal: Goal) -> np.ndarray:
+    """Return the units (6,) of a twist whose lengths are measured in distances of the goal."""
+    distance = goal.distance
+    return np.array((distance, distance, distance, 1.0, 1.0, 1.0))
 
 
 def _compute_pseudo_inverse_error(

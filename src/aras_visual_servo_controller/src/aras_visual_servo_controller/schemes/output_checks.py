@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from typing import Any, TypeVar
 
@@ -12,6 +13,7 @@ from aras_visual_servo_base.names import format_error
 
 from ..errors import ConfigurationError, SchemeError
 from ..features.base import Feature, FeatureMeasurement
+from ..kinematics.algebra import is_measurement_finite
 from .base import JointController, Scheme
 from .time_limit import call_user_code
 
@@ -46,6 +48,8 @@ def check_measurement(feature: Feature, measurement: object) -> FeatureMeasureme
         SchemeError: the measurement is not valid; the message names the class, the value that it
             returned and what is needed.
     """
+    if type(measurement) is FeatureMeasurement and _is_valid(measurement, len(feature.names)):
+        return measurement  # this is the usual case, in which no array has to be converted
     where = f"{type(feature).__name__}.measure returned"
     if not isinstance(measurement, FeatureMeasurement):
         if not all(hasattr(measurement, field) for field in ("s", "desired", "error", "L")):
@@ -70,9 +74,22 @@ def check_measurement(feature: Feature, measurement: object) -> FeatureMeasureme
         arrays["notes"] = (measurement.notes,)
     if not isinstance(measurement.ambiguity, str):
         raise SchemeError(f"{where} ambiguity {_describe(measurement.ambiguity)}: a text is needed")
-    if all(value is getattr(measurement, field) for field, value in arrays.items()):
-        return measurement  # the usual case: no array had to be converted
     return dataclasses.replace(measurement, **arrays)
+
+
+def _is_valid(measurement: FeatureMeasurement, count: int) -> bool:
+    """Return whether a measurement without summary has valid arrays for `count` features."""
+    L = measurement.L
+    for array in (measurement.s, measurement.desired, measurement.error):
+        if type(array) is not np.ndarray or array.dtype != float or array.shape != (count,):
+            return False
+    return (
+        type(L) is np.ndarray and L.dtype == float and L.shape == (count, 6)
+        and measurement.error_summary is None
+        and type(measurement.error_drift) is float and math.isfinite(measurement.error_drift)
+        and type(measurement.notes) is tuple and type(measurement.ambiguity) is str
+        and is_measurement_finite(measurement.s, measurement.desired, measurement.error, L)
+    )  # fmt: skip
 
 
 def check_array(
@@ -84,6 +101,10 @@ def check_array(
         SchemeError: the value is not valid; the message names the class, the method, the value and
             what is needed.
     """
+    if type(value) is np.ndarray and value.dtype == float and value.shape == shape and (
+        np.isfinite(value).all()
+    ):
+        return value  # this is the usual case
     return _read_shaped(f"{type(owner).__name__}.{method} returned", "", value, shape)
 
 
@@ -131,6 +152,8 @@ def _read_shaped(where: str, field: str, value: object, shape: tuple[int, ...]) 
         SchemeError: the value is not valid.
     """
     array, field = to_float_array(value), f"{field} " if field else ""
+    if array is not None and array.shape == shape and np.isfinite(array).all():
+        return array
     needed = f"{shape} finite numbers are needed" if shape else "a finite number is needed"
     if array is not None and array.shape != shape and (
         tuple(n for n in array.shape if n != 1) == tuple(n for n in shape if n != 1)

@@ -6,6 +6,7 @@ from math import atan2, hypot
 
 from aras_visual_servo_camera.degeneracy import anisotropy, gyration_radius
 from aras_visual_servo_camera.interaction import Plane
+from aras_visual_servo_camera.moments import Moments
 
 from ...goals.goal import Goal
 from ...observation.observation import Observation
@@ -74,6 +75,8 @@ class ShapeCheck:
 
     def __init__(self) -> None:
         self._mismatch_count = 0
+        # Moments of the goal, with their squared spread relative to the area and their elongation.
+        self._desired: tuple[Moments | None, float, float] = (None, 0.0, 0.0)
 
     def add(self, observation: Observation, goal: Goal) -> str:
         """Add one image and describe why the object cannot be the target; empty text if it can be.
@@ -84,9 +87,11 @@ class ShapeCheck:
         if self._is_tilted(observation, goal):
             self._mismatch_count = 0
             return ""
-        ratio = (gyration_radius(measured) / gyration_radius(desired)) ** 2
-        ratio = ratio * desired.m00 / measured.m00
-        elongation_difference = abs(anisotropy(measured) - anisotropy(desired))
+        if self._desired[0] is not desired:
+            spread = gyration_radius(desired) ** 2 / desired.m00
+            self._desired = desired, spread, anisotropy(desired)
+        ratio = gyration_radius(measured) ** 2 / measured.m00 / self._desired[1]
+        elongation_difference = abs(anisotropy(measured) - self._desired[2])
         is_different = not 1.0 / self.MAX_COMPACTNESS_RATIO < ratio < self.MAX_COMPACTNESS_RATIO
         is_different |= elongation_difference > self.MAX_ANISOTROPY_DIFFERENCE
         self._mismatch_count = self._mismatch_count + 1 if is_different else 0

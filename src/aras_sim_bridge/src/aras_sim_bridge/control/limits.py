@@ -41,17 +41,17 @@ _NEEDS = {
     VELOCITY_SATURATION: ("velocity saturation", "max_velocity"),
     VELOCITY_SOFT: ("soft velocity limit", "max_velocity"),
 }
-# Columns of a LimitRule's row. Positions are in rad or m.
+# Columns of a LimitRule's row.
 (
     (
         _KIND,  # kind of the limit rule, such as POSITION_SOFT
-        _LOWER,  # lower position limit of the joint
-        _UPPER,  # upper position limit of the joint
+        _LOWER,  # lower position limit of the joint, rad or m
+        _UPPER,  # upper position limit of the joint, rad or m
         _SPEED,  # largest speed of the joint, rad/s or m/s; NaN without a limit
         _ACCELERATION,  # largest acceleration of the joint, rad/s² or m/s²; NaN without a limit
         _EFFORT,  # largest effort of the joint, N m or N; NaN without a limit
-        _SOFT_LOWER,  # lower soft position limit of the joint
-        _SOFT_UPPER,  # upper soft position limit of the joint
+        _SOFT_LOWER,  # lower soft position limit of the joint, rad or m
+        _SOFT_UPPER,  # upper soft position limit of the joint, rad or m
         _K_POSITION,  # gain of the soft position limits (k_position of <safety_controller>), 1/s
         _K_VELOCITY,  # gain of the soft velocity limits (k_velocity of <safety_controller>)
         _PREVIOUS,  # previous command, limited by the rule; NaN before the first command

@@ -170,8 +170,8 @@ def visible_area(shape, sizes, i, count, line, lines):
                     end += 1
                 if size < 3:
                     break
-            # The piece `now` is hidden. Replace it by the last unchecked piece, and that one by the
-            # last of all pieces.
+            # The piece `now` is hidden. Replace it by the last unchecked piece, and fill the gap
+            # with the last of all pieces.
             last -= 1
             end -= 1
             for move in range(2):

@@ -260,7 +260,6 @@ def resolve_fragments(
             convex = own_hull if convex == -2 else convex
             one_part = one_part and (own_hull == convex and own_hull >= 0 or left == 1)
         one_part = one_part and (best < 0 or last >= 0)
-        # Compute the visible area of each triangle in the pixel.
         total, visible_count, is_sampled, many = 0.0, 0.0, False, left > DENSE
         if not many and not one_part:
             for n in range(left):

@@ -236,7 +236,6 @@ def _sample(tile, start, member, full, corner, side, cut, opaque, matrices, inve
             c, v, u = n * cells * cells + cell, cell // cells * size, cell % cells * size
             for row in range(v, v + size):
                 for column in range(u, u + size):
-                    # Compute the pixel's ray and its length along the tile's axis.
                     xc, yc = column - u + at, row - v + at
                     x = matrices[c, 0, 0] * xc + matrices[c, 0, 1] * yc + matrices[c, 0, 2]
                     y = matrices[c, 1, 0] * xc + matrices[c, 1, 1] * yc + matrices[c, 1, 2]

@@ -170,8 +170,8 @@ def _is_beam_in_box(T, r, centre, half, n, point, radius, d, far, growth):
     wide = 0.0
     middle = 0.0
     for k in range(3):
-        # Distance of the box's centre from the point along the direction d, and squared size of the
-        # box.
+        # Add up over three axes: distance of the box's centre from the point along d, and square of
+        # half the box's diagonal.
         at = T[r, k, 0] * centre[n, 0] + T[r, k, 1] * centre[n, 1] + T[r, k, 2] * centre[n, 2]
         middle += (at + T[r, k, 3] - point[k]) * d[k]
         wide += half[n, k] * half[n, k]
@@ -417,8 +417,8 @@ def _illuminate(tile, pixel, edges, valid, matrices, cells, columns, side, norma
         for j in range(3):
             middle[j] = 0.5 * (low[j] + high[j])
             radius += (high[j] - low[j])**2
-        # Enlarge the radius of the tile's points, because a pixel on an inclined surface extends
-        # far beyond its centre.
+        # Enlarge the radius of the sphere around the tile's points, because a pixel on an inclined
+        # surface extends far beyond its centre.
         radius = 0.65 * np.sqrt(radius) + 2.0 * step
         for lamp in range(len(lamps)):
             candidate_count = 0

@@ -50,9 +50,9 @@ class DeepContacts:
         self.is_active = False
         # True from a jump of a model until the end of the next step
         self._has_unknown_depth = False
-        self._steps_since_move = 0  # number of steps since the last jump of a model
+        self._steps_since_move = 0
         self._largest_depth = 0.0  # largest penetration depth of all contacts, m
-        self._has_bounded_speed = False  # whether the separation speed is limited in this step
+        self._has_bounded_speed = False
         # present values of Bullet's contactERP and globalCFM
         self._parameters = (_DEFAULT_ERP, 0.0)
         self._reported_links: set[tuple[str, str]] = set()

@@ -168,7 +168,8 @@ class GraspFix:
                    if self._exists(thing)}
         self._finger_contacts = {}
         for name, grasped in list(self.grasped.items()):
-            if grasped.ends not in self._attachments:  # the model of the grasped object was deleted
+            # the model of the grasped object has been deleted
+            if grasped.ends not in self._attachments:
                 del self.grasped[name]
         gripped = [thing for thing, fingers in pressed.items()
                    if has_opposed_forces((one.force / one.steps for one in fingers.values()),

@@ -39,16 +39,15 @@ JITTER_FACTOR = 2.2
 # rad or m.
 ARRIVAL_TOLERANCE = 1e-9
 
-# Columns of a CommandInterpolator's row. The line is the straight line on which the set point moves
-# to the last command.
+# Columns of a CommandInterpolator's row.
 (
     (
         IS_MOVING,  # whether the set point is moving
-        _TIME_LEFT,  # time until the end of the line is reached, s
-        _LINE,  # current position on the line, before the lag is applied, rad or m
-        _VALUE,  # set point: the position on the line after the lag, rad or m
-        _END,  # end of the line: the last command, rad or m
-        _RATE,  # constant velocity along the line to the last command, rad/s or m/s
+        _TIME_LEFT,  # time until the set point's straight line reaches the last command, s
+        _LINE,  # position on the straight line to the last command, rad or m
+        _VALUE,  # set point: the position on the straight line after the first-order lag, rad or m
+        _END,  # end of the straight line: the last command, rad or m
+        _RATE,  # velocity along the straight line to the last command, rad/s or m/s
         _INTERVAL,  # running mean of the interval between commands, s
         _JITTER,  # running mean of the change from one interval between commands to the next, s
         _LAST_INTERVAL,  # last interval between two commands, s; NaN before the second command

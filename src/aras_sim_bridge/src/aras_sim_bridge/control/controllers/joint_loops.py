@@ -47,7 +47,7 @@ SPEED_PID = 2  # the command of the controller is the set point of a velocity PI
     _ERROR,
     _OUTPUT,
     _INTERPOLATES,  # whether the set point moves to each command gradually
-    _UPDATES,  # number of updates of the loop
+    _UPDATES,
     _INTERPOLATION,  # first column of the loop's CommandInterpolator
 ) = range(PID_COLUMNS, PID_COLUMNS + 13)
 LOOP_COLUMNS = _INTERPOLATION + INTERPOLATION_COLUMNS

@@ -95,7 +95,7 @@ class Physics:
         """Set all physics properties."""
         gravity = from_vector(request.gravity, "gravity")
         ode = {name: getattr(request.ode_config, name) for name in ODE_FIELDS}
-        # As in gazebo_ros, the service does not change sor_pgs_rms_error_tol.
+        # As in gazebo_ros, /gazebo/set_physics_properties does not change sor_pgs_rms_error_tol.
         ode["sor_pgs_rms_error_tol"] = self._ode["sor_pgs_rms_error_tol"]
         values = self._apply(request.time_step, request.max_update_rate, gravity, ode)
         self._server.set_values(values)

@@ -44,7 +44,7 @@ class SendQueue:
         self.descriptor = connection.fileno()
         self._on_broken = on_broken
         self._lock = threading.Lock()
-        self._unsent_rest: MessageParts = ()  # unsent rest of a message that has been sent in part
+        self._unsent_rest: MessageParts = ()
         self._messages: collections.deque[MessageParts] = collections.deque(maxlen=queue_size)
         self._is_broken = False
 

@@ -273,8 +273,8 @@ class SimulationThread:
         )  # fmt: skip
         while True:
             receiver.clear_wake()
-            # Check the stop request after clear_wake, so that a request with its wake-up is not
-            # lost.
+            # Check for a stop after clear_wake: the wake-up of a later stop request is then not
+            # cleared.
             if self._is_stopping:
                 return
             if jobs:

@@ -73,7 +73,8 @@ def _split_clusters(low, high, keys, order, bounds):
         half = count // 2
         cost, best = np.inf, group
         if count > 1:
-            # Try to split the triangles by their positions along each axis, and by their sizes.
+            # Sort the triangles by each key (positions along the three axes, and size), and split
+            # them in the middle.
             for k in range(len(keys)):
                 one = group[np.argsort(keys[k][group], kind="mergesort")]
                 split_cost = (BOX_TEST_COST + half) * _compute_surface(low, high, one[:half])

@@ -348,7 +348,7 @@ def _illuminate(tile, pixel, edges, valid, matrices, cells, columns, side, norma
     candidates = np.empty(len(order) + 1, np.int64)
     corner_of, corner_result = np.empty((9, 9), np.int64), np.empty((9, 9), np.int64)
     p, g, d, ray = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    e = np.zeros((2, 3))  # axes of a lamp's disc; hard shadows multiply them by 0
+    e = np.zeros((2, 3))  # axes of a lamp's disc; hard shadows multiply these axes by 0
     middle, low, high = np.empty(3), np.empty(3), np.empty(3)
     for n in range(tiles):
         if tile[n] == -2 or tile[n] == -1:

@@ -10,8 +10,8 @@ from aras_visual_servo_base.compiled import jit_inline
 # Smallest and largest side of a texture, px. Images are resized to a power of two within these
 # limits.
 SMALLEST, LARGEST = 512, 1024
-# Number of bits for each of red, green and blue in a texel, so that the sum of the three colours of
-# several texels can be computed with one integer.
+# Number of bits for each of red, green and blue in a texel. With this number, one integer can hold
+# the sums of the three colours of several texels.
 CHANNEL_BITS = 21
 
 # A pixel is shaded with the mean of the texture at several sample points. A pixel has four points

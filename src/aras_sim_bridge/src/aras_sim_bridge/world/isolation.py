@@ -24,7 +24,7 @@ _SPEED_MARGIN = 5.0
 # A model returns from Bullet to joint_dynamics.py when no contact is possible within this number of
 # steps.
 _RETURN_STEPS = 8
-_FAR = 1e9  # distance of bodies that cannot meet, m
+_FAR = 1e9  # gap between two models if one has no shapes, m
 # Assumed lever of another robot's joints, m. It converts joint speeds to m/s.
 _ARM_LENGTH = 2.0
 # Numbers of steps between two checks of a model: _OFTEN while Bullet steps the model; at most

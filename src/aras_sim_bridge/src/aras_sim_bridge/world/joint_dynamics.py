@@ -57,7 +57,7 @@ NO_LIMIT_FORCE = 1e18
 # Largest number of corrections of the joints' modes. If they do not suffice, up to _SWEEPS sweeps
 # of the projected Gauss-Seidel method follow.
 _GUESSES, _SWEEPS = 20, 4000
-_ROUNDING = 1e-12  # relative size of a rounding error of the speeds
+_ROUNDING = 1e-12  # relative rounding error of speeds and pivots
 
 # Rows of the array `rows`. BIAS are the bias efforts, PUSH the efforts of damping, springs and
 # stops. SPEED are the joint velocities after the step, BEFORE those before the step.

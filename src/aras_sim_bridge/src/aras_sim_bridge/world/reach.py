@@ -24,9 +24,9 @@ from aras_visual_servo_base.urdf import Joint
 # Margin of the boxes around a model's reach, m. It covers Bullet's collision margins and joint
 # stops that yield slightly.
 MARGIN = 0.1
-# Bullet's collision filter groups and mask of all groups
+# Bullet's default and static collision filter groups, and the mask of all groups
 _DEFAULT_GROUP, _STATIC_GROUP, _ALL = 1, 2, -1
-# collision filter groups that only one model each uses
+# collision filter groups, each for the links of one model
 _OWN_GROUPS = tuple(1 << bit for bit in range(6, 30))
 
 

@@ -149,7 +149,7 @@ class World:
             self._has_direct_solver = direct
             solver = (pybullet.CONSTRAINT_SOLVER_LCP_DANTZIG if direct
                       else pybullet.CONSTRAINT_SOLVER_LCP_SI)
-            with silence_output():  # switching makes Bullet print "switched solver"
+            with silence_output():  # switching the solver makes Bullet print "switched solver"
                 pybullet.setPhysicsEngineParameter(constraintSolverType=solver,
                                                    physicsClientId=self.client)
 

@@ -151,7 +151,7 @@ class QueueFlusher:
             if self._queues.get(queue.descriptor) is not queue:
                 return
             del self._queues[queue.descriptor]
-            # If the socket is closed, it is no longer registered.
+            # A closed socket is no longer registered.
             with contextlib.suppress(OSError):
                 self._poll.unregister(queue.descriptor)
 

@@ -13,7 +13,7 @@
 # rospack searches, too. The devel and install spaces of this workspace do not count.
 function(step_aside package)
   set(${package}_STEPS_ASIDE FALSE PARENT_SCOPE)
-  # catkin converts the environment variable to this list; in an isolated build it may still be unset.
+  # Read the environment variable, too: in an isolated build, catkin may not have set the list yet.
   string(REPLACE ":" ";" prefixes "${CMAKE_PREFIX_PATH};$ENV{CMAKE_PREFIX_PATH};/usr")
   foreach(prefix IN LISTS prefixes)
     if(prefix STREQUAL "" OR prefix STREQUAL "${CATKIN_DEVEL_PREFIX}"

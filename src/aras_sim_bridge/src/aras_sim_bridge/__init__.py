@@ -39,6 +39,7 @@ _FURTHER = {
 }
 FIRST_PROJECT = tuple(_FIRST)
 __all__ = [*_FIRST, *_FURTHER]
-# Type checkers do not see __getattr__, because it would make them accept any name.
+# Hide __getattr__ from type checkers, because they would accept any name of a module that defines
+# it.
 if not TYPE_CHECKING:
     __getattr__, __dir__ = lazy_exports(__name__, {**_FIRST, **_FURTHER})

@@ -22,7 +22,7 @@ def normalize_angle(angle):
 def shortest_angular_distance(start, goal):
     """Return the signed distance from `start` to `goal` along the shorter arc, in (-pi, pi]."""
     distance = goal - start
-    # In nearly every control cycle, the difference is already in the range.
+    # Fast path: in nearly every control cycle, the difference is already in (-pi, pi].
     if -pi < distance <= pi:
         return distance
     return normalize_angle(distance)

@@ -22,14 +22,14 @@ from aras_sim_bridge.world.resting_base import BASE_TYPES, is_supported
 from aras_visual_servo_base.compiled import jit
 
 CYCLE_TYPES = "f8[:,::1], f8[:,::1], f8[:,::1]"
-# Arguments of run_cycles after the drives.
+# Compiled types of the arguments of run_cycles that follow the drives.
 PHYSICS_TYPES = f"{STEP_TYPES}, b1, {BASE_TYPES}"
-# Reasons why run_cycles returns.
-ALL_MADE = 0  # all cycles are done
-WARNING = 1  # the last cycle produced a warning
-DIVERGED = 2  # a joint diverged in the last cycle
-BASE_UNSUPPORTED = 3  # after the last cycle, the ground can no longer support the base
-NOT_FINITE = 4  # an effort of the next cycle is not finite
+# Reasons why run_cycles returns:
+ALL_MADE = 0  # all requested cycles are done
+WARNING = 1  # a drive or controller produced a warning in the last cycle
+DIVERGED = 2  # the motion of a joint diverged in the last cycle
+BASE_UNSUPPORTED = 3  # the ground can no longer support a resting base after the last cycle
+NOT_FINITE = 4  # a commanded effort of the next cycle is not finite
 
 
 @jit("f8[:,::1], f8[:,::1], f8[:,::1]", allocates=False)

@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     from aras_sim_bridge.rendering.renderer import Renderer
     from aras_sim_bridge.world import GraspFix
 
-MOST_LIGHTS = 16  # largest number of lights that illuminate images
+MOST_LIGHTS = 16  # largest number of lights that illuminate camera images
 DARK = (0.0, 0.0, 0.0, 1.0)
 NO_LIGHT = Light("none", diffuse=DARK)
 log = logging.getLogger(__name__)
@@ -234,7 +234,8 @@ class Simulation:
                 seed = derive_seed(self.config.seed, f"{name} {sensor.kind} {sensor.topic}")
                 self.sensors.append(KINDS[sensor.kind](sensor, body, self.world, seed))
         if description.grasps:
-            from aras_sim_bridge.world import GraspFix  # needed by few robots
+            # imported late, because few robots have this plug-in
+            from aras_sim_bridge.world import GraspFix
 
             self.grasps += [GraspFix(grasp, model, self.world) for grasp in description.grasps]
         return model

@@ -38,7 +38,7 @@ which aras_sim_bridge does not contain; write it in Python, or build these packa
   endforeach()
 endfunction()
 
-# Deferred, because the targets are known only at the end of the caller's CMakeLists.txt.
+# Call report_stand_ins at the end of the caller's CMakeLists.txt, when all targets are known.
 get_property(report_stand_ins_due DIRECTORY PROPERTY report_stand_ins_due)
 if(NOT report_stand_ins_due)
   set_property(DIRECTORY PROPERTY report_stand_ins_due TRUE)

@@ -13,15 +13,17 @@ from aras_visual_servo_base.setting_values import format_value
 from ..errors import CameraError
 from .lens import COEFFICIENTS
 
-# Names of distortion models in CameraInfo, by their names in other programs.
+# Names of the distortion models of sensor_msgs/CameraInfo, by the names that calibration programs
+# write.
 MODELS = {
     "plumb_bob": "plumb_bob", "radtan": "plumb_bob", "rational_polynomial": "rational_polynomial",
     "equidistant": "equidistant", "fisheye": "equidistant", "none": "plumb_bob", "": "plumb_bob",
 }  # fmt: skip
-# Valid range of the principal point, as a fraction of the width or height. Real lenses are centred
-# to within some per cent. Outside this range, the matrix belongs to another resolution.
+# Valid range of the principal point, as a fraction of the image's width or height. Real lenses are
+# centred to within some per cent. If the point is outside this range, the camera matrix belongs to
+# another resolution.
 CENTRE_RANGE = (0.3, 0.7)
-LARGEST_ASPECT = 1.5  # largest aspect ratio of a pixel; that of analogue video is 1.46
+LARGEST_ASPECT = 1.5  # largest ratio of a pixel's sides; the pixels of analogue video have 1.46
 
 
 @dataclass(frozen=True)

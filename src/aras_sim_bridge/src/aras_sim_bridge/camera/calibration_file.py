@@ -26,7 +26,8 @@ if TYPE_CHECKING:
     from .calibration import Calibration
 
 CALIBRATION_KEY = "calibration"
-# Settings that a calibration determines. If they are also set to other values, this is an error.
+# Settings of a camera that its calibration determines. A setting with another value than in the
+# calibration is an error.
 LENS_KEYS = ("width", "height", "camera_matrix", "horizontal_fov", "lens", "distortion_model",
            "distortion_coefficients", "rectification_matrix", "projection_matrix")  # fmt: skip
 

@@ -26,22 +26,19 @@ from ..errors import CameraError, DescriptionError
 from .calibration import Calibration, check_finite, find_distortion_model
 
 CameraReaders = dict[str, Callable[[], Calibration]]
-NAME = "camera"  # name of the camera if a file contains only one
-# Names of the entries in OpenCV's files, in lower case and without underscores. The value is the
-# number of the camera of a stereo pair; '' for a single camera.
+NAME = "camera"  # name of the camera if the calibration file gives none
+# Names of the camera matrix and of the distortion in OpenCV's files, in lower case and without
+# underscores. Each value is the number of the camera in a stereo pair, or '' for a single camera.
 MATRICES = {"cameramatrix": "", "intrinsicmatrix": "", "intrinsics": "", "cameraintrinsic": "",
             "mtx": "", "k": "", "m1": "1", "m2": "2", "cameramatrix1": "1", "cameramatrix2": "2",
             "k1": "1", "k2": "2"}  # fmt: skip
 DISTORTIONS = {"distortioncoefficients": "", "distcoeffs": "", "distcoeff": "", "dist": "",
                "distortion": "", "distortioncoeffs": "", "d": "", "d1": "1", "d2": "2",
                "distcoeffs1": "1", "distcoeffs2": "2"}  # fmt: skip
-# Names of ViSP's camera models.
+# Names of the camera models in ViSP's files.
 VISP = "perspectiveProjWithoutDistortion"
 VISP_DISTORTED = "perspectiveProjWithDistortion"
 VISP_FISHEYE = "ProjWithKannalaBrandtDistortion"
-
-
-# -- ROS ---------------------------------------------------------------------------------------
 
 
 def read_ros(text: str, path: str) -> CameraReaders | None:
@@ -62,7 +59,7 @@ def read_ros(text: str, path: str) -> CameraReaders | None:
 def _read_ros_file(data: Mapping[str, Any], path: str, whole: bool) -> Calibration:
     size = [_read_size(data, key, path) for key in ("image_width", "image_height")]
     K = _read_ros_matrix(data, "camera_matrix", path, (3, 3))
-    model = data.get("distortion_model")  # missing in old files of ROS
+    model = data.get("distortion_model")  # missing in files of old ROS versions
     model = None if model is None else find_distortion_model(model, path)
     D = _read_ros_matrix(data, "distortion_coefficients", path, None)
     more = [key for key in ("rectification_matrix", "projection_matrix") if key in data]
@@ -136,9 +133,6 @@ def _read_ini_camera(size: str, body: str, path: str, name: str) -> Calibration:
     return Calibration(path, int(width), int(height), K, None, D, R, P)
 
 
-# -- OpenCV ------------------------------------------------------------------------------------
-
-
 def read_opencv(text: str, path: str) -> CameraReaders | None:
     """Read an OpenCV FileStorage, which may be YAML, XML or JSON."""
     if text.lstrip().startswith("<") and _parse_xml(text, path).tag != "opencv_storage":
@@ -182,9 +176,6 @@ def _read_opencv_camera(plain: Mapping[str, Any], key: str, of: str, path: str) 
     return Calibration(path, *sides, K, model, check_finite(D, f"{path}: distortion_coefficients"))
 
 
-# -- Kalibr ------------------------------------------------------------------------------------
-
-
 def read_kalibr(text: str, path: str) -> CameraReaders | None:
     """Read a camchain file of Kalibr, with the cameras cam0, cam1, ..."""
     data = _parse_mapping(text, path)
@@ -223,9 +214,6 @@ def _read_kalibr_camera(entry: Mapping[str, Any], where: str) -> Calibration:
             _read_entry(entry, "distortion_coeffs", where), f"{where}.distortion_coeffs", counts
         )
     return Calibration(where, width, height, (fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0), model, D)
-
-
-# -- ViSP --------------------------------------------------------------------------------------
 
 
 def read_visp(text: str, path: str) -> CameraReaders | None:
@@ -285,9 +273,6 @@ def _read_visp_camera(camera: Element, kind: str, model: Element, where: str) ->
                           "supported: calibrate with k1 to k4")  # fmt: skip
     name = "equidistant" if kind == VISP_FISHEYE else "plumb_bob"
     return Calibration(where, *sides, (fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0), name, D)
-
-
-# -- shared by all readers ---------------------------------------------------------------------
 
 
 def refuse_xml(text: str, path: str) -> CameraReaders:

@@ -39,9 +39,9 @@ from .lens import fit_fisheye as ideal_coefficients
 from .shutter import compute_duration
 from .vibration import Shake
 
-LARGEST_SIDE = 16384  # largest width and height of an image, px
-LARGEST_AREA = 1 << 25  # largest number of pixels; rendering such an image needs 0.5 GB
-_NAME = re.compile(r"[A-Za-z]\w*", re.ASCII)  # one part of a name in the ROS graph
+LARGEST_SIDE = 16384  # largest width and largest height of an image, px
+LARGEST_AREA = 1 << 25  # largest number of pixels of an image; rendering such an image needs 0.5 GB
+_NAME = re.compile(r"[A-Za-z]\w*", re.ASCII)  # a name in the ROS graph without slashes
 
 
 FloatTriple = tuple[float, float, float]
@@ -127,7 +127,7 @@ class CameraConfig:
     shake: Shake | None = None
     latency: float = parameter(0.0, "s", least=0.0)
     seed: int = parameter(0, least=0)
-    # Names that only the ROS layer uses.
+    # Names of the camera, its topics and its frames, which only the ROS layer uses:
     camera_name: str = ""
     robot_namespace: str = ""
     image_topic: str = "image_raw"
@@ -325,7 +325,7 @@ class CameraConfig:
 
         described, own = read_settings(camera), apply_calibration(overrides or {})
         if own.get("lens", described.get("lens")) != described.get("lens"):
-            # The preset replaces the lens of the description, to which this angle belongs.
+            # The cutoff angle of the description belongs to another lens than the settings select.
             described.pop("cutoff_angle", None)
         return cls.from_mapping(merge(described, own))
 
@@ -344,7 +344,8 @@ class CameraConfig:
         values = apply_calibration(values)
         try:
             text = json.dumps(values)
-        except (TypeError, ValueError):  # a value is not one of the types of a file, or too long
+        # JSON cannot represent a value of the settings.
+        except (TypeError, ValueError):
             return build(cls, cls.check_keys(values, where), where, CameraError)
         return _build_config(cls, text, where)
 

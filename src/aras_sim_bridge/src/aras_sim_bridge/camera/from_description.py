@@ -11,7 +11,7 @@ from .lens import LARGEST_ANGLE
 
 _log = logging.getLogger(__name__)
 
-# Names of lenses in CameraConfig, by their types in SDF.
+# Names of lenses in CameraConfig, by the lens types of SDF.
 _LENSES = {"gnomonical": "pinhole", "stereographic": "stereographic",
            "equidistant": "equidistant", "equisolid_angle": "equisolid",
            "orthographic": "orthographic"}
@@ -57,7 +57,7 @@ def read_settings(camera: CameraDescription) -> dict[str, object]:
     if camera.kind == "wideanglecamera":
         values |= _read_wide_lens(camera)
     elif camera.lens is not None and camera.lens.intrinsics is not None:
-        # In Gazebo, the origin of image coordinates is the corner of the image; here it is the
+        # Gazebo measures cx and cy from the image's corner; a camera matrix measures them from the
         # centre of the first pixel.
         fx, fy, cx, cy = camera.lens.intrinsics
         values["camera_matrix"] = (fx, fy, cx - 0.5, cy - 0.5)
@@ -70,7 +70,7 @@ def read_settings(camera: CameraDescription) -> dict[str, object]:
                          camera.name, camera.distortion_center)
     noise = camera.noise
     if noise.kind.startswith("gaussian") and (noise.mean or noise.stddev):
-        # In SDF, noise is given as a fraction of the full scale.
+        # SDF gives noise as a fraction of the largest value; CameraConfig gives it in grey levels.
         values["effects"] = {"noise_mean": 255.0 * noise.mean, "noise_stddev": 255.0 * noise.stddev}
     return values
 

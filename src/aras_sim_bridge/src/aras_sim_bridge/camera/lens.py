@@ -17,7 +17,8 @@ from aras_visual_servo_base.lenses import brown, fold_radius, kannala_brandt
 
 from ..errors import CameraError
 
-# Largest angle from the optical axis that each lens can image, rad. A pinhole does not reach it.
+# Largest angle between a ray and the optical axis for each lens, rad. A pinhole must stay below its
+# angle.
 LARGEST_ANGLE = {
     "pinhole": math.radians(90.0),
     "equidistant": math.radians(110.0),
@@ -25,7 +26,8 @@ LARGEST_ANGLE = {
     "equisolid": math.radians(110.0),
     "orthographic": math.radians(90.0),
 }
-# Radius in the image at unit focal length, as a function of the angle from the optical axis.
+# Distance of an image point from the principal point at unit focal length, as a function of the
+# angle between the ray and the optical axis, rad.
 RADIUS_FUNCTION: dict[str, Callable] = {
     "pinhole": np.tan,
     "equidistant": lambda theta: theta,
@@ -62,8 +64,8 @@ class BrownLens:
         x = np.array(points, dtype=float)
         good = np.ones(len(x), bool)
         if not flat:
-            # Solve for points at 25, 50, 75 and 100 % of the distance from the centre, so that
-            # Newton's method follows the right solution.
+            # Solve for points at 25, 50, 75 and 100 % of the distance from the image centre, so
+            # that Newton's method follows the right solution.
             x = np.zeros_like(x)
             for share, most in ((0.25, 2), (0.5, 2), (0.75, 2), (1.0, 20)):
                 x = x + 0.25 * points
@@ -134,17 +136,18 @@ class FisheyeLens:
         limit = float(self.radius(self.cutoff))
         inside = r <= limit
         target = np.where(inside, r, 0.0)
-        # Newton's method, bracketed by bisection. The radius is monotonic on [0, cutoff], as
-        # CameraConfig checks.
+        # Newton's method, bracketed by bisection: CameraConfig has checked that the radius
+        # increases with the angle on [0, cutoff].
         low, high = np.zeros_like(r), np.full_like(r, self.cutoff)
         theta = np.clip(target, 0.0, self.cutoff)
         for _ in range(60):
             error = self.radius(theta) - target
             high, low = np.where(error > 0, theta, high), np.where(error > 0, low, theta)
             new = theta - error / np.maximum(self.slope(theta), 1e-9)
-            # theta is now one end of the bracket [low, high]. A Newton step longer than half the
-            # bracket could jump between both ends forever, so bisection replaces it. The comparison
-            # is <=, so that an exact theta, whose step and bracket are 0, is not changed.
+            # `theta` is now one end of the bracket [low, high]. A Newton step longer than half the
+            # bracket could jump between both ends forever, so bisection replaces such a step. The
+            # comparison is <=, so that an exact `theta`, whose step and bracket are 0, is not
+            # changed.
             new = np.where(np.abs(new - theta) <= (high - low) / 2, new, (low + high) / 2)
             done = np.abs(new - theta).max(initial=0.0) < 1e-14
             theta = new
@@ -166,7 +169,7 @@ def fit_fisheye(lens: str, cutoff: float) -> tuple[float, float, float, float]:
     """
     if lens == "equidistant":
         return (0.0, 0.0, 0.0, 0.0)
-    # Fit at Chebyshev nodes, which keeps the largest error small.
+    # Fit at Chebyshev nodes, because this keeps the largest error of the polynomial small.
     t = cutoff * np.sin(np.linspace(0.0, np.pi / 2, 400)[1:])
     basis = np.stack([t**3, t**5, t**7, t**9], axis=1)
     fit, *_ = np.linalg.lstsq(basis, RADIUS_FUNCTION[lens](t) - t, rcond=None)

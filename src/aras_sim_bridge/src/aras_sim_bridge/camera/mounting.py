@@ -80,8 +80,8 @@ class MountedCamera:
 
     @enabled.setter
     def enabled(self, enabled: bool) -> None:
-        # Exposures that were due while the camera was disabled are skipped: images rendered now
-        # would not show the world at their stamps.
+        # Skip exposures that were due while the camera was disabled: images rendered now would not
+        # show the world at the times of these exposures.
         if enabled and not self._enabled:
             self._is_new = True
         self._enabled = enabled

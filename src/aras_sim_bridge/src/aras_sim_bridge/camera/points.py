@@ -10,8 +10,8 @@ from aras_visual_servo_base.compiled import jit
 
 from ..description import DepthTopics
 
-POINT_FLOATS = 8  # number of floats of a point in PCL: x, y, z, 1 unused, colour, 3 unused
-COLOUR = 4  # index of the colour in a point
+POINT_FLOATS = 8  # floats per point in PCL's layout: x, y, z, 1 unused, colour, 3 unused
+COLOUR = 4  # index of the colour among the floats of a point
 
 
 def clip_depth(depth: np.ndarray, topics: DepthTopics) -> np.ndarray:

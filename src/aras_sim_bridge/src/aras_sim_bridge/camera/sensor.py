@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from ..rendering.renderer import Renderer
 
 _log = logging.getLogger(__name__)
-NEVER = (1 << 63) - 1  # exposure time (ns) of a camera that waits for its trigger
+NEVER = (1 << 63) - 1  # time of the next exposure of a camera that waits for a trigger, ns
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ class CameraSensor:
         self._rate = config.update_rate
         self._latency_ns = round(config.latency * 1e9)
         self._first, self._has_warned_black, self._has_warned_missed = True, False, False
-        # The publisher disables these while they have no subscriber.
+        # The publisher switches depth and segmentation off while they have no subscriber.
         self.depth, self.segmentation = config.depth, config.segmentation
         self.reset()
 
@@ -355,7 +355,7 @@ class CameraSensor:
         surfaces are not drawn, so the link does not hide the view.
         """
         first, self._first = self._first, False
-        # Test one pixel first, because it is usually not black.
+        # Test a single pixel first: this is fast, and the pixel is usually not black.
         black = not (self._has_warned_black or image[0, 0, 0] or image[::8, ::8].any())
         if not first and not black:
             return

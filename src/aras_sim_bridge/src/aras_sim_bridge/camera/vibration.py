@@ -12,7 +12,8 @@ from aras_visual_servo_base.settings import check, parameter
 from ..errors import CameraError
 
 SINE_COUNT = 16  # number of sines that approximate noise within a band
-# It is part of the seed, so that the random numbers differ from those of the effects.
+# part of the seed, so that the random numbers of vibrations differ from those of the camera's
+# effects
 SEED_SEQUENCE = 3
 LINK_T_OPTICAL = optical_pose(np.eye(4))
 
@@ -60,7 +61,8 @@ class Vibration:
         self.shake = shake
         random = np.random.default_rng((seed, SEED_SEQUENCE))
         count = SINE_COUNT if shake.bandwidth else 1
-        # Draw one frequency in each of `count` parts of the band, so that no part is empty.
+        # Divide the band into `count` parts and draw one frequency in each, so that no part of the
+        # band is empty.
         share = (np.arange(count) + random.random((6, count))) / count - 0.5
         self._rates = 2.0 * np.pi * (shake.frequency + shake.bandwidth * share)
         self._phases = random.uniform(0.0, 2.0 * np.pi, (6, count))

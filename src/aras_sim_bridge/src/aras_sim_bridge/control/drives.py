@@ -36,13 +36,13 @@ from aras_sim_bridge.control.limits import (
 from aras_sim_bridge.control.pid import PID_COLUMNS, Pid, compute_pid
 from aras_visual_servo_base.compiled import jit
 
-# Kinds of drives.
-DRIVES_EFFORT = 0  # applies the commanded effort
-SETS_POSITION = 1  # sets the commanded position directly
-POSITION_BY_PID = 2  # applies the effort that a PID computes from the position error
-TURNS_MOTOR = 3  # sets the commanded velocity by a motor constraint
-VELOCITY_BY_PID = 4  # applies the effort that a PID computes from the velocity error
-# For each command interface, the kind of drive without PID gains and with PID gains.
+# Kinds of drives:
+DRIVES_EFFORT = 0  # a drive that applies the commanded effort
+SETS_POSITION = 1  # a drive that sets the joint's position to the commanded position
+POSITION_BY_PID = 2  # a drive that applies the effort of a PID for the position error
+TURNS_MOTOR = 3  # a drive that makes a motor constraint of Bullet keep the commanded velocity
+VELOCITY_BY_PID = 4  # a drive that applies the effort of a PID for the velocity error
+# For each command interface, the kind of drive without PID gains, and the kind with PID gains.
 _KINDS = {
     EFFORT: (DRIVES_EFFORT, DRIVES_EFFORT),
     POSITION: (SETS_POSITION, POSITION_BY_PID),
@@ -50,32 +50,34 @@ _KINDS = {
 }
 _COMMANDS = {EFFORT: TAU_COMMAND, POSITION: Q_COMMAND, VELOCITY: V_COMMAND}
 _QUANTITIES = {EFFORT: "effort", POSITION: "position", VELOCITY: "velocity"}
-# Duration, s, of a limit violation after which a warning is logged. Efforts and velocities saturate
-# briefly in each step response.
+# Time for which a command must exceed a limit before a warning is logged, s. Efforts and velocities
+# exceed their limits briefly in each step response.
 _PATIENCE = {EFFORT: 0.25, POSITION: 0.0, VELOCITY: 0.25}
-# Kinds of position errors.
-_PLAIN = 0  # difference of positions
-_SHORTEST = 1  # shortest angle
-_WITHIN = 2  # shortest angle within the position limits
+# Ways to compute the position error of a drive:
+_PLAIN = 0  # difference of the positions
+_SHORTEST = 1  # shortest rotation to the commanded angle
+_WITHIN = 2  # shortest rotation to the commanded angle that stays within the position limits
 
-# Columns of a drive's row. They follow the columns of its Pid and of its LimitRule, which are 0 if
-# the drive has none.
+# Columns of a Drive's row. The row starts with the columns of the drive's Pid and LimitRule, which
+# are 0 if the drive has none.
 _RULE = PID_COLUMNS
 (
-    JOINT,  # index of the joint in the model
-    _COMMAND,  # column of the handle that contains the command
-    KIND,  # kind of the drive
-    MAX_EFFORT,  # largest effort of a PID
-    _MAX_VELOCITY,  # velocity above which a PID does not accelerate the joint
-    _LOWER,  # lower position limit
-    _UPPER,  # upper position limit
-    _ERROR_KIND,  # kind of the position error
-    _STOP_POSITION,  # position during an emergency stop; NaN if there is no stop
-    _LAST_VALID,  # last finite command
+    JOINT,  # index of the driven joint in the model
+    _COMMAND,  # column of the JointHandle's row that contains the command
+    KIND,  # kind of the drive, such as DRIVES_EFFORT
+    MAX_EFFORT,  # largest effort that the drive's PID may apply, N m or N
+    # speed of the joint above which the drive's PID does not accelerate it, rad/s or m/s
+    _MAX_VELOCITY,
+    _LOWER,  # lower position limit of the joint, rad or m
+    _UPPER,  # upper position limit of the joint, rad or m
+    _ERROR_KIND,  # kind of the position error: _PLAIN, _SHORTEST or _WITHIN
+    # position that the joint holds during an emergency stop, rad or m; NaN without a stop
+    _STOP_POSITION,
+    _LAST_VALID,  # last command that was finite, in the unit of the command interface
     OUTPUT,
 ) = range(_RULE + RULE_COLUMNS, _RULE + RULE_COLUMNS + 11)
-# Pending warnings (1: command not finite, 2: command limited), the values for their messages, and
-# the states of their RateLimitedEvents.
+# Columns for warnings of the drive: pending warnings (1: command not finite, 2: command limited),
+# values for the messages, and states of two RateLimitedEvents.
 (_WARNINGS, _INVALID_COMMAND, _DESIRED, _APPLIED, _QUIET_NS, _PATIENCE_NS) = range(
     OUTPUT + 1, OUTPUT + 7
 )
@@ -212,8 +214,8 @@ def _limit_command(row, handle, time_ns, dt, stopped):
     if rule[0] != NO_RULE:
         beyond, given = enforce_limits(rule, handle, dt), handle[column]
         if column == Q_COMMAND:
-            # The velocity limit delays most position commands, which is normal. Therefore there is
-            # a warning only if the command is outside the position limits.
+            # The velocity limit delays most position commands, which is normal. Therefore only a
+            # command outside the position limits causes a warning.
             beyond = not row[_LOWER] <= desired <= row[_UPPER]
             given = row[_LOWER] if desired < row[_LOWER] else row[_UPPER]
         beyond = beyond and abs(desired - given) > COMMAND_ROUNDING
@@ -255,8 +257,8 @@ def compute_outputs(rows, handles, time_ns, dt, stopped):
             error = output - handle[V]
         if kind in (POSITION_BY_PID, VELOCITY_BY_PID):
             output = compute_pid(row[:PID_COLUMNS], error, 0.0, False, dt)
-            # Limit the effort, and do not accelerate a joint that already exceeds its velocity
-            # limit.
+            # Limit the effort. If the joint exceeds its velocity limit, the effort may only slow
+            # the joint down.
             low = 0.0 if handle[V] < -row[_MAX_VELOCITY] else -row[MAX_EFFORT]
             high = 0.0 if handle[V] > row[_MAX_VELOCITY] else row[MAX_EFFORT]
             output = low if output < low else high if output > high else output

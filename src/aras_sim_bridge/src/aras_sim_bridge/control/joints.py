@@ -23,13 +23,14 @@ COMMAND_INTERFACES = (EFFORT, POSITION, VELOCITY)
 
 _NS_PER_S = 1_000_000_000
 
-# Columns of a handle's row: measured position, velocity and effort; commanded position, velocity
-# and effort.
+# Columns of a JointHandle's row: measured position, velocity and effort; commanded position,
+# velocity and effort.
 (Q, V, TAU, Q_COMMAND, V_COMMAND, TAU_COMMAND), HANDLE_COLUMNS = range(6), 6
-# Columns of a RateLimitedEvent's row: time, ns, of the first and of the last occurrence (NaN before
-# the first occurrence), and whether the event was reported.
+# Columns of a RateLimitedEvent's row: times of the first and of the last occurrence of the event,
+# ns (NaN before the first one), and whether the event was reported.
 (_FIRST, _LAST, _REPORTED), OCCURRENCE_COLUMNS = range(3), 3
-# In the command's unit. If a command exceeds a limit by less than this, it is a rounding error.
+# A command that exceeds a limit by less than this, in the command's unit, is within the limit up to
+# rounding errors.
 COMMAND_ROUNDING = 1e-6
 
 
@@ -76,7 +77,7 @@ class JointHandle:
         limits = self.limits
         if self.kind not in ("revolute", "prismatic") or limits is None:
             return None
-        # In URDF, missing lower and upper attributes of <limit> are 0.
+        # A URDF <limit> without the attribute lower or upper has a limit of 0.
         return limits.lower or 0.0, limits.upper or 0.0
 
 

@@ -25,13 +25,14 @@ from aras_visual_servo_base.compiled import column, jit
 
 (NO_RULE, EFFORT_SATURATION, EFFORT_SOFT, POSITION_SATURATION, POSITION_SOFT, VELOCITY_SATURATION,
  VELOCITY_SOFT) = range(7)
-# For each interface, the rule without soft limits and the rule with soft limits.
+# For each command interface, the kind of limit rule without soft limits, and the kind with soft
+# limits.
 _KINDS = {
     EFFORT: (EFFORT_SATURATION, EFFORT_SOFT),
     POSITION: (POSITION_SATURATION, POSITION_SOFT),
     VELOCITY: (VELOCITY_SATURATION, VELOCITY_SOFT),
 }
-# For each rule, its name and the limits that it needs.
+# For each kind of limit rule, its name in messages and the limits that the rule needs.
 _NEEDS = {
     EFFORT_SATURATION: ("effort saturation", "max_velocity", "max_effort"),
     EFFORT_SOFT: ("soft effort limit", "max_velocity", "max_effort"),
@@ -40,20 +41,20 @@ _NEEDS = {
     VELOCITY_SATURATION: ("velocity saturation", "max_velocity"),
     VELOCITY_SOFT: ("soft velocity limit", "max_velocity"),
 }
-# Columns of a rule's row.
+# Columns of a LimitRule's row.
 (
     (
-        _KIND,  # kind of the rule
-        _LOWER,  # lower position limit
-        _UPPER,  # upper position limit
-        _SPEED,  # largest speed; NaN if not limited
-        _ACCELERATION,  # largest acceleration; NaN if not limited
-        _EFFORT,  # largest effort
-        _SOFT_LOWER,  # lower soft position limit
-        _SOFT_UPPER,  # upper soft position limit
-        _K_POSITION,  # gain of the soft position limits
-        _K_VELOCITY,  # gain of the soft velocity limits
-        _PREVIOUS,  # previous command; NaN if there is none
+        _KIND,  # kind of the limit rule, such as POSITION_SOFT
+        _LOWER,  # lower position limit of the joint, rad or m
+        _UPPER,  # upper position limit of the joint, rad or m
+        _SPEED,  # largest speed of the joint, rad/s or m/s; NaN without a limit
+        _ACCELERATION,  # largest acceleration of the joint, rad/s² or m/s²; NaN without a limit
+        _EFFORT,  # largest effort of the joint, N m or N; NaN without a limit
+        _SOFT_LOWER,  # lower soft position limit of the joint, rad or m
+        _SOFT_UPPER,  # upper soft position limit of the joint, rad or m
+        _K_POSITION,  # gain of the soft position limits (k_position of <safety_controller>), 1/s
+        _K_VELOCITY,  # gain of the soft velocity limits (k_velocity of <safety_controller>)
+        _PREVIOUS,  # previous command, limited by the rule; NaN before the first command
     ),
     RULE_COLUMNS,
 ) = range(11), 11
@@ -108,7 +109,8 @@ class LimitRule:
         soft = handle.soft_limits
         if soft is not None:
             row[_K_POSITION], row[_K_VELOCITY] = soft.k_position, soft.k_velocity
-            # A missing soft limit has no effect; urdfdom's default of 0 would lock the joint at 0.
+            # A missing soft position limit has no effect, whereas urdfdom's default of 0 would lock
+            # the joint at 0.
             if limits.has_position and soft.lower is not None:
                 row[_SOFT_LOWER] = soft.lower
             if limits.has_position and soft.upper is not None:
@@ -133,7 +135,7 @@ def make_rule(handle: JointHandle, limits: JointBounds | None,
 
 @jit("f8, f8, f8", allocates=False)
 def _saturate(value, low, high):
-    # If `low` exceeds `high`, return `high`, like min(max()) in joint_limits_interface.
+    # If `low` exceeds `high`, the result is `high`, as in joint_limits_interface.
     value = low if value < low else value
     return high if value > high else value
 

@@ -109,7 +109,8 @@ class ControllerManager:
             )
         try:
             controller = self.registry.find(type_name, self._list_classes())()
-            # A user's init may omit the call of the base class's init, which sets this.
+            # Set the context here, because a user's `init` may omit the call of the base class's
+            # `init`, which would set the context.
             controller.context = context = Context(
                 name, self.namespace, self.hardware.description, self.parameters, self._warn,
                 self._error,
@@ -268,8 +269,8 @@ class ControllerManager:
             if request.is_done:
                 continue
             try:
-                # Check the request again, because a controller may have been unloaded since it was
-                # made.
+                # Check the request again: after it was accepted, one of its controllers may have
+                # been unloaded.
                 stops, starts = plan_switch(request, self._entries, self._order)
             except ControllerError as error:
                 request.finish(str(error))

@@ -16,27 +16,27 @@ from aras_visual_servo_base.settings import read
 
 log = logging.getLogger(__name__)
 
-# Columns of a PID's row.
+# Columns of a Pid's row.
 (
     (
         _P,
         _I,
         _D,
-        _I_MAX,  # upper limit of the integral term
+        _I_MAX,  # upper limit of the integral term (i times the integral)
         _I_MIN,  # lower limit of the integral term
-        _ANTIWINDUP,  # whether the integral itself is limited, too
-        _LAST_ERROR,  # error from which the next derivative is computed
+        _ANTIWINDUP,  # whether the limits apply to the integral, too
+        _LAST_ERROR,  # last error for the numerical derivative of the error
         _ERROR,  # error of the last computation
-        _ERROR_DOT,  # derivative of the error in the last computation
-        _INTEGRAL,  # integral of the error
-        _COMMAND,  # result of the last computation
+        _ERROR_DOT,  # derivative of the error in the last computation, per s
+        _INTEGRAL,  # time integral of the error
+        _COMMAND,  # command of the last computation
         _I_TERM,  # integral term of the last computation
-        _IS_COMPUTED,  # whether the last computation was valid
+        _IS_COMPUTED,  # whether the last computation gave a valid command
     ),
     PID_COLUMNS,
 ) = range(13), 13
 
-# Parameter names of a PID.
+# Names of a PID's parameters on the parameter server.
 KEYS = ("p", "i", "d", "i_clamp", "i_clamp_min", "i_clamp_max", "antiwindup", "publish_state")
 
 
@@ -86,7 +86,7 @@ class Pid:
 
     __slots__ = ("gains", "publish_state", "on_state", "row", "has_new_gains", "_active_gains")
 
-    # `integral` is ∫e dt, not multiplied by i.
+    # `integral` is the time integral of the error, not multiplied by the gain i.
     integral, command = column(_INTEGRAL), column(_COMMAND)
 
     def __init__(

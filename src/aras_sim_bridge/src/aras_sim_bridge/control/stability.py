@@ -22,7 +22,8 @@ from aras_sim_bridge.control.switching import LoadedController
 
 STABILITY_BOUND = 4.0
 _HALVINGS = 60
-# The reported gain reductions contain this factor, so that they suffice when rounded to two digits.
+# Smallest factor of one gain reduction. The reported reductions are multiplied by this factor, too,
+# so that they still suffice when rounded to two digits.
 _MARGIN = 1.05
 
 

@@ -134,7 +134,8 @@ class _SpanningTrees:
         self.tree_of[root] = root
         pending, reached = [root], {root}
         while pending:
-            for link in pending:  # `pending` grows during this loop: a breadth-first search
+            # Breadth-first search: `pending` grows during this loop.
+            for link in pending:
                 for joint in self._below.get(link, ()):
                     if self._is_new(joint.child):
                         pending.append(self._add(joint, joint.child, root, False))
@@ -168,8 +169,8 @@ class _SpanningTrees:
 def _make_tree(root: str, is_main: bool, all_links: Mapping[str, Link], poses: Mapping[str, Pose],
           joints: Sequence[JointInModel], span: _SpanningTrees) -> KinematicTree:
     links = {name: link for name, link in all_links.items() if span.tree_of[name] == root}
-    # `frames` contains each link's frame relative to the model. The root of the first tree defines
-    # the model's frame, so its pose is the identity.
+    # Pose of each link in the model's frame. The root of the main tree defines the model's frame,
+    # so the pose of this root is the identity.
     frames = {**poses, root: Pose()} if is_main else poses
     found: dict[str, Joint] = {}
     loops: list[LoopJoint] = []
@@ -187,8 +188,8 @@ def _make_tree(root: str, is_main: bool, all_links: Mapping[str, Link], poses: M
         if span.edges[joint.name]:
             parent, child, axis = child, parent, tuple(-part for part in axis)
         if joint.is_movable and one.pose != poses[child]:
-            # Insert a massless link at the joint's frame; the joint moves this link, and the child
-            # is fixed to it.
+            # Insert a massless link at the joint's frame: the joint moves the massless link, and
+            # the child is fixed to the massless link.
             frame_link = f"{joint.name}_frame"
             links[frame_link] = Link(frame_link, None)
             found[frame_link] = Joint(frame_link, "fixed", frame_link, child).with_pose(

@@ -153,7 +153,7 @@ def _read_lens(
         warnings.append(f"{where}: a wideanglecamera has no <intrinsics>, so it is ignored; remove "
                         "it")
     elif given is not None:
-        defaults = {"fx": 277.0, "fy": 277.0, "cx": 160.0, "cy": 120.0}  # defaults of SDF
+        defaults = {"fx": 277.0, "fy": 277.0, "cx": 160.0, "cy": 120.0}  # SDF's defaults, px
         intrinsics = tuple(parse_number(find_text(given, key), f"{where}: intrinsics {key}", value)
                            for key, value in defaults.items())
         if min(intrinsics[:2]) <= 0.0:

@@ -227,7 +227,8 @@ def _read_link_flags(block: Element, name: str, tags: GazeboTags, warnings: list
         link,
         gravity=gravity,
         mu=friction,
-        # Gazebo applies the settings of this <collision> to the link's collisions.
+        # Gazebo applies the <bounce> of any <collision> in the <gazebo> block to the link's
+        # collisions.
         bounce=next(
             filter(None, (read_bounce(one, where) for one in block.findall("collision"))),
             link.bounce,

@@ -14,9 +14,10 @@ from aras_visual_servo_base.safe_xml import (
 )
 
 SHAPES = ("box", "cylinder", "sphere", "capsule", "plane", "mesh")
-# (mesh URI, name of the element in messages) -> path of the file.
+# Function that finds a mesh file: (mesh URI, name of the URDF or SDF element in messages) -> path
+# of the file.
 Resolve = Callable[[str, str], str]
-_SMALLEST_SIZE = 1e-4  # m; used instead of a size of zero, as in Gazebo
+_SMALLEST_SIZE = 1e-4  # size used for a shape whose size is zero, m; as in Gazebo
 
 
 def read_urdf_geometry(element: Element, where: str, resolve: Resolve, warnings: list[str]
@@ -130,7 +131,7 @@ def _read_geometry(shape: Element, where: str, resolve: Resolve, value: Callable
         )
     if kind == "sphere":
         return Geometry(kind, radius=read_positive("radius", 1)[0])
-    if kind == "plane":  # Bullet's extension of URDF: a shape <plane>
+    if kind == "plane":  # Bullet extends URDF by <plane>
         normal = parse_direction(value("normal"), f"{where}: plane normal", (0.0, 0.0, 1.0))
         return Geometry(kind, size=(*read_positive("size", 2, plane), 0.0), normal=normal)
     if kind == "mesh":

@@ -5,11 +5,11 @@ import numpy as np
 from aras_sim_bridge.description.types import Inertial, Vector3
 from aras_sim_bridge.errors import DescriptionError
 
-# The triangle inequality may be violated by this fraction of the trace without a warning: rounding
-# in CAD exports violates it by less.
+# Violation of the triangle inequality that causes no warning, as a fraction of the inertia tensor's
+# trace. Rounding in CAD exports causes smaller violations.
 _TRIANGLE_TOLERANCE = 1e-3
-# kg m²; smaller invalid tensors are not errors, because common robot models have some, for example
-# TIAGo's antennas with a mass of a milligram.
+# Largest moment of an invalid inertia tensor that is no error, kg m². Common robot models contain
+# some, for example TIAGo's antennas with a mass of a milligram.
 _NEGLIGIBLE = 1e-6
 
 

@@ -17,10 +17,11 @@ from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base.image_files import read_image_size
 from aras_visual_servo_base.safe_xml import find_text, shorten
 
-# (URI, name of the element in messages) -> path, which may not exist.
+# Function that finds a file: (URI, name of the SDF element in messages) -> path of the file, which
+# may not exist.
 Locate = Callable[[str, str], str]
 
-_LARGEST_FILE = 1_000_000  # bytes; larger script files are not read
+_LARGEST_FILE = 1_000_000  # size of the largest material script that is read, bytes
 _COMMENT = re.compile(r"//[^\n]*|/\*.*?\*/", re.DOTALL)
 _GAZEBO_MEDIA = "file://media/"
 

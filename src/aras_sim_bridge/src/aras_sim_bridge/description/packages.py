@@ -19,7 +19,7 @@ OWN_MODELS = "~/.gazebo/models"
 _PACKAGE_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_.\-]*\Z")
 _SKIPPED_DIRECTORIES = {"CMakeFiles", "__pycache__", "node_modules"}
 _LARGEST_DEPTH = 6
-# Directory of a package, by its name and the search paths.
+# Directories of the packages that were found, by package name and search paths.
 _cache: dict[tuple[str, str, str], str] = {}
 
 
@@ -40,7 +40,8 @@ def find_package(name: str) -> str:
     paths = tuple(os.environ.get(key, "") for key in ("ROS_PACKAGE_PATH", "CMAKE_PREFIX_PATH"))
     found = _cache.get((name, *paths))
     if found is None or not os.path.isdir(found):
-        # A missing package is not cached, because it may be built before the next call.
+        # Only a package that was found is cached, because a missing package may be built before the
+        # next call.
         found = _search(name, *paths)
     if found is None:
         raise UnsupportedPartError(
@@ -122,7 +123,7 @@ def _list_packages(root: str) -> Iterator[str]:
             names = {e.name for e in entries}
             if "package.xml" in names or "manifest.xml" in names:
                 yield directory
-                continue  # a package contains no other packages
+                continue  # a package's directory is not searched for further packages
             if names & {"CATKIN_IGNORE", "rospack_nosubdirs"}:
                 continue
             deeper += [

@@ -215,7 +215,8 @@ def _read_joint_states(plugin: Element, where: str) -> SensorDescription:
 
 
 def _read_grasp(plugin: Element, _where: str) -> GraspDescription:
-    from aras_sim_bridge.description import grasp_tags  # imported here because few robots need it
+    # imported late, because few robots have this plug-in
+    from aras_sim_bridge.description import grasp_tags
 
     return grasp_tags.read(plugin)
 

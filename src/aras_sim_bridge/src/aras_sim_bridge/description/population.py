@@ -22,7 +22,8 @@ from aras_visual_servo_base.safe_xml import (
 )
 from aras_visual_servo_base.urdf import ZERO
 
-LARGEST_POPULATION = 1000  # copies; each copy is simulated as a separate body
+# largest number of copies of one <population>; each is simulated separately
+LARGEST_POPULATION = 1000
 _LINES = ("linear-x", "linear-y", "linear-z")
 
 
@@ -88,15 +89,17 @@ def _compute_positions(population: Element, where: str) -> list[Vector3]:
             if radius <= 0.0 or length <= 0.0:
                 raise DescriptionError(f"{where}: radius and length must be positive")
             angle, share, height = random.random((3, count))
-            # As in Gazebo, the radius is uniformly distributed; positions are denser near the axis.
+            # The radius is uniformly distributed, as in Gazebo, so the positions are denser near
+            # the axis.
             out = radius * share
             inside = np.transpose([out * np.cos(2 * math.pi * angle),
                                    out * np.sin(2 * math.pi * angle), length * height]).tolist()
-            corner = ZERO  # as in Gazebo, the pose is that of the cylinder's base
+            corner = ZERO  # the pose of the region is that of the cylinder's base, as in Gazebo
         else:
             raise DescriptionError(f"{where}: distribution '{shorten(kind)}' is not supported in "
                                    "this region; use grid, random or linear-x, -y, -z in a box")
-    # As in Gazebo, `corner`, the offset to the region's centre, is not rotated with the region.
+    # As in Gazebo, `corner`, the offset from the region's corner to its centre, is not rotated with
+    # the region.
     moved = Pose(tuple(a - b for a, b in zip(pose.xyz, corner, strict=True)), pose.quat)
     return [moved.apply(tuple(one)) for one in inside]
 

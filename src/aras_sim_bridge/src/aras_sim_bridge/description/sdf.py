@@ -89,7 +89,8 @@ def read_sdf(
         DescriptionError: see `parse_sdf`. In a `<world>`, an invalid model or light is ignored
             instead, and `warnings` gets a sentence.
     """
-    root = copy.deepcopy(safe_xml.parse(xml, "SDF"))  # a copy, because the code below modifies it
+    # a copy, because the code below modifies the XML tree
+    root = copy.deepcopy(safe_xml.parse(xml, "SDF"))
     if root.tag not in ("sdf", "gazebo"):
         raise DescriptionError(f"SDF: the root element is <{shorten(root.tag)}>, not <sdf>; give "
                                "an SDF document")

@@ -70,7 +70,8 @@ def _unify_pose(pose: Element, where: str, warnings: list[str]) -> None:
         warnings.append(f"{where} '{' '.join(map(shorten, texts))}' has three numbers, read as a "
                         "position without rotation; write six: x y z roll pitch yaw")
         texts += ["0"] * 3
-    with contextlib.suppress(DescriptionError):  # the reader of the pose reports invalid numbers
+    # invalid numbers are reported when the pose is read
+    with contextlib.suppress(DescriptionError):
         if len(texts) == 7 and pose.get("rotation_format") == "quat_xyzw":
             given = parse_numbers(pose.text, 7, where)
             length = math.hypot(*given[3:]) or 1.0

@@ -42,7 +42,8 @@ class Frames(Mapping[str, Pose]):
     def __getitem__(self, name: str) -> Pose:
         if name not in self._cache:
             node = self._nodes[name]
-            self._cache[name] = None  # marks the frame as in progress, to detect cycles
+            # None marks a frame whose pose is being computed, to detect cycles
+            self._cache[name] = None
             try:
                 at = self[self.base_frame(name)] @ _read_pose(node)
             except BaseException:

@@ -21,7 +21,7 @@ from aras_visual_servo_base.urdf import Joint, JointLimits, Mimic
 _SINGLE = ("revolute", "continuous", "prismatic", "fixed")
 _TWO_AXIS_KINDS = ("universal", "revolute2")
 JOINT_KINDS = (*_SINGLE, *_TWO_AXIS_KINDS, "screw")
-NO_LIMIT = 1e16  # limit in SDF that means "no limit"
+NO_LIMIT = 1e16  # value of a joint's limit in SDF that means "no limit"
 
 
 def read_joints(element: Element, model: str, poses: Mapping[str, Pose]) -> list[JointInModel]:
@@ -104,7 +104,8 @@ def _set_axis(element: Element, tag: str, joint: Joint, pose: Pose, poses: Mappi
     effort = _read_bound(limit, "effort", f"{where}: effort", NO_LIMIT)
     velocity = _read_bound(limit, "velocity", f"{where}: velocity", NO_LIMIT)
     limits = JointLimits(None if free else lower, None if free else upper,
-                         effort if effort >= 0.0 else NO_LIMIT,  # in SDF, -1 means no limit
+                         # an effort of -1 means "no limit" in SDF
+                         effort if effort >= 0.0 else NO_LIMIT,
                          velocity if velocity >= 0.0 else NO_LIMIT)
     damping = parse_number(find_text(dynamics, "damping"), f"{where}: damping", 0.0)
     friction = parse_number(find_text(dynamics, "friction"), f"{where}: friction", 0.0)

@@ -215,7 +215,7 @@ def read_link(
     where = f"{model}, link '{name}'"
     inertial = None
     node = element.find("inertial")
-    # SDF's defaults: a mass of 1 kg and a unit tensor
+    # By SDF's defaults, a link has a mass of 1 kg and a unit inertia tensor.
     mass = parse_number(find_text(node, "mass"), f"{where}: mass", 1.0)
     pose = Pose() if node is None else read_pose(node, f"{where}: inertial")
     tensor = None if node is None else node.find("inertia")

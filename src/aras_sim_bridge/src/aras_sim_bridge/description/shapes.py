@@ -12,8 +12,8 @@ from aras_visual_servo_base.meshes import files as mesh_files
 from aras_visual_servo_base.meshes.mesh import Mesh, from_corners
 from aras_visual_servo_base.poses import quaternion_from_z_to, rotate
 
-_LARGEST_MESH = 50.0  # m
-ARC, SECTORS = 8, 32  # numbers of edges from pole to equator and around the axis of revolution
+_LARGEST_MESH = 50.0  # size of the largest mesh that causes no warning, m
+ARC, SECTORS = 8, 32  # edges of a round shape from pole to equator, and around its axis
 
 
 def make_meshes(geometry: Geometry) -> tuple[Mesh, ...]:
@@ -30,7 +30,7 @@ def make_meshes(geometry: Geometry) -> tuple[Mesh, ...]:
                  tuple(geometry.normal))
 
 
-@lru_cache(maxsize=32)  # a sphere needs 150 kB of memory
+@lru_cache(maxsize=32)  # only 32 meshes, because a sphere needs 150 kB of memory
 def _make_mesh(kind: str, size: Vector3, radius: float, length: float, normal: Vector3
           ) -> tuple[Mesh, ...]:
     """Return the mesh of a geometric primitive; all worlds of the process share the cached mesh."""

@@ -57,7 +57,7 @@ _SURFACE = {
         "ode": _CONTACT,
     },
 }
-_GEOMETRY = {  # read_urdf_geometry and read_sdf_geometry report unsupported shapes
+_GEOMETRY = {  # unsupported shapes are reported by read_urdf_geometry and read_sdf_geometry
     "box": _mark_supported_tags("size"),
     "sphere": _mark_supported_tags("radius"),
     "cylinder": _mark_supported_tags("radius", "length"),
@@ -154,12 +154,12 @@ _DEPTH_PLUGIN = {
     **_CAMERA_PLUGIN, **_mark_supported_tags("depthImageTopicName", "depthImageCameraInfoTopicName",
                              "pointCloudTopicName", "pointCloudCutoff", "useDepth16UC1Format"),
 }
-# The keys are file names of plug-ins without "lib" and ".so".
+# Supported elements of each plug-in, by the plug-in's file name without "lib" and ".so".
 _PLUGINS = {
     "gazebo_ros_control": {
         **_mark_supported_tags("robotNamespace", "controlPeriod", "eStopTopic"),
-        # These two have no effect: the model's own URDF is used, and its transmissions define the
-        # interfaces.
+        # Accepted without effect: the model's own URDF is used instead of robotParam, and the
+        # transmissions define the interfaces in either mode.
         **_mark_supported_tags("robotParam", "legacyModeNS"),
         "robotSimType": ("gazebo_ros_control/defaultrobothwsim",),
     },
@@ -198,11 +198,12 @@ _PLUGINS = {
     },
     "gazebo_ros_link_attacher": {},
 }
-# Bullet's solver and contacts have other parameters than ODE's. An ODE parameter therefore causes a
-# warning unless it has Gazebo's default value.
+# Bullet's solver and contacts have other parameters than ODE's. A parameter of ODE therefore causes
+# a warning unless its value is Gazebo's default.
 _PHYSICS = {
     **_mark_supported_tags("max_step_size", "real_time_update_rate", "gravity", "magnetic_field"),
-    # Has no effect: as in Gazebo, step size and update rate determine the real-time factor.
+    # Accepted without effect: as in Gazebo, max_step_size and real_time_update_rate determine the
+    # real-time factor.
     "real_time_factor": SUPPORTED,
     "max_contacts": (20.0,),
     "ode": {
@@ -213,12 +214,12 @@ _PHYSICS = {
         "constraints": {"cfm": (0.0,), "erp": (0.2,), "contact_max_correcting_vel": (100.0,),
                         "contact_surface_layer": (0.001,)},
     },
-    # Have no effect, because they are settings of other physics engines than Gazebo's default.
+    # Accepted without effect, because Gazebo's default physics engine is ODE.
     **_mark_supported_tags("bullet", "simbody", "dart"),
 }
 _SCENE = {
     **_mark_supported_tags("ambient", "background", "origin_visual"), "grid": SUPPORTED,
-    "shadows": SUPPORTED,  # lights.read_scene explains why it has no effect
+    "shadows": SUPPORTED,  # accepted without effect; lights.read_scene explains why
     "sky": {"time": (10.0,), "sunrise": (6.0,), "sunset": (20.0,),
             "clouds": {"speed": (0.6,), "direction": (0.0,), "humidity": (0.5,),
                        "mean_size": (0.5,), "ambient": (".8 .8 .8 1",)}},
@@ -237,7 +238,7 @@ BLOCKS: Mapping[str, Entry] = MappingProxyType(
             **_mark_supported_tags(
                 "model", "light", "gravity", "plugin", "state", "joint", "population", "include"
             ),
-            # These elements have no effect, because no window and no sensor uses them.
+            # Accepted without effect, because no window and no sensor uses these elements.
             **_mark_supported_tags(
                 "gui", "atmosphere", "magnetic_field", "spherical_coordinates", "audio"
             ),
@@ -275,7 +276,7 @@ BLOCKS: Mapping[str, Entry] = MappingProxyType(
                 "calibration",
             ),
         },
-        # <gazebo> tags without reference
+        # Elements of <gazebo> tags that have no attribute `reference`:
         "gazebo": {
             **_mark_supported_tags("static", "plugin", "allow_auto_disable"),
             "link": _SDF_LINK,
@@ -367,7 +368,7 @@ def _collect(element: Element, entry: Mapping[str, Entry], where: str,
             continue
         inside = entry.get(child.tag)
         if inside is _SENSORS:
-            # The reader reports unsupported types.
+            # The reader of sensors reports unsupported sensor types.
             inside = _SENSORS.get(child.get("type") or "", SUPPORTED)
         if inside is _SDF_JOINT:
             inside = _JOINTS.get(child.get("type") or "", _SDF_JOINT)

@@ -368,7 +368,7 @@ class Light(FramedElement):
     lit_intervals: tuple[tuple[float, float], ...] | None = None
 
 
-# The light of Gazebo's model `sun`.
+# The directional light of Gazebo's model `sun`.
 SUN = Light("sun", "directional", direction=(-0.5, 0.1, -0.9))
 SHADOWS = ("none", "hard", "soft")
 

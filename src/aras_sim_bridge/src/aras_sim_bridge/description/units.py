@@ -3,8 +3,8 @@
 import math
 from collections.abc import Sequence
 
-# Turns; a larger limit of a revolute joint is probably in degrees, because the cables of a real arm
-# do not allow so many turns.
+# Number of turns from which a limit of a revolute joint is probably in degrees: the cables of a
+# real arm do not allow so many turns.
 _FEWEST_TURNS = 3
 
 

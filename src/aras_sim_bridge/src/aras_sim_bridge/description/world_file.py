@@ -16,9 +16,11 @@ from aras_sim_bridge.errors import DescriptionError, SimError
 from aras_visual_servo_base import safe_xml
 from aras_visual_servo_base.poses import Pose, Vector3
 
-# If more warnings than this differ only in the part of the model that they name, they are merged.
+# Warnings that differ only in the part of the model that they name are merged if there are more
+# than this number.
 MOST_SIMILAR_WARNINGS = 3
-# Matches a warning; group 1 is the prefix that names a part of the model, group 2 the rest.
+# Matches a warning. Group 1 is the prefix that names a part of the model; group 2 is the text after
+# the prefix.
 _PART = re.compile(r"((?:model '[^']*'|link '[^']*'|visual '[^']*'|collision '[^']*')[,:] )+(.*)")
 
 

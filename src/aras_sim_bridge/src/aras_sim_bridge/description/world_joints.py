@@ -45,7 +45,8 @@ def _bolt(joint: Element, models: dict[str | None, Element]) -> None:
         if any(find_text(one, "child") == link for one in joints):
             raise DescriptionError(f"link '{shorten(link)}' is the child of another joint; use the "
                                    f"root link of '{shorten(name)}'")
-        models[name] = copy.copy(models[name])  # the caller's element stays unchanged
+        # copied, so that the caller's element is not changed
+        models[name] = copy.copy(models[name])
         bolt = ElementTree.SubElement(models[name], "joint", joint.attrib)
         for tag, text in (("parent", WORLD), ("child", link)):
             ElementTree.SubElement(bolt, tag).text = text

@@ -158,7 +158,9 @@ def _compute_joint_positions(
     for joint in model.joints.values():
         if joint.kind == "fixed" and links.get(joint.child) is None and links.get(joint.parent):
             links[joint.child] = links[joint.parent] @ joint.pose
-    for joint in reversed(model.joints.values()):  # children come before their parents
+    # Reversed, because the joints are stored from the root outwards, and poses now propagate from
+    # child to parent.
+    for joint in reversed(model.joints.values()):
         if joint.kind == "fixed" and links.get(joint.parent) is None and links.get(joint.child):
             links[joint.parent] = links[joint.child] @ joint.pose.inverse()
     positions = {}

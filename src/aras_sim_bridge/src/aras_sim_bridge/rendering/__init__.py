@@ -37,12 +37,14 @@ if TYPE_CHECKING:
 
 __all__ = ["EXPOSURES", "RENDERERS", "SHADOWS", "Lighting", "View", "create_renderer"]
 
-# All names select the same renderer. Launch files of earlier versions use 'opengl' and 'tiny'.
+# Valid values of the argument `name` of create_renderer. All of them select the same renderer;
+# launch files of earlier versions use 'opengl' and 'tiny'.
 RENDERERS = ("auto", "exact", "tiny", "opengl")
-# Valid values of Lighting.exposure, which converts light to grey levels.
+# Valid values of Lighting.exposure, the rule that converts light to grey levels.
 EXPOSURES = ("unclipped", "gazebo")
 
-# Default size of the cache for data of views, bytes: enough for 20 cameras of 1920 x 1200 px.
+# Default size of the cache for data of camera views, bytes: enough for 20 cameras of 1920 x 1200
+# px.
 CACHE_BYTES = 1 << 28
 
 

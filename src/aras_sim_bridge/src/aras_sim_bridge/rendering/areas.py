@@ -6,16 +6,16 @@ import numpy as np
 
 from aras_visual_servo_base.compiled import jit, jit_inline
 
-# Largest number of triangles in a pixel for which hidden areas are cut off exactly. The cost grows
-# with the square of this number. If a pixel has more triangles, their visibility is sampled.
+# Largest number of triangles in a pixel for which hidden areas are cut off exactly. The time grows
+# with the square of this number. If a pixel contains more triangles, their visibility is sampled.
 DENSE = 4
-# Relative difference in distance below which two triangles are treated as coplanar.
+# Relative difference of inverse distances below which two triangles are treated as coplanar.
 COPLANAR_TOLERANCE = 1e-8
-# Largest number of corners of a polygon, and of pieces of a polygon.
+# Largest number of corners of a polygon, and largest number of pieces into which a polygon is cut.
 CORNERS, PIECES = 24, 64
-# In the arrays `line`, a triangle has up to LINES rows for its sides and, in row PLANE, the inverse
-# distance of its plane. A row contains a, b and c of a + b x + c y, where x and y are relative to
-# the pixel centre. For a side, this is positive inside the triangle.
+# In the arrays `line`, a triangle has up to LINES rows for its sides and one row, PLANE, for the
+# inverse distance of its plane. A row contains a, b and c of a + b x + c y, where x and y are
+# relative to the pixel centre. The value of a side is positive inside the triangle.
 LINES, PLANE = 5, 5
 
 
@@ -24,7 +24,7 @@ def half_plane_area(a, b, c):
     """Return the area of the pixel where a + b x + c y > 0; b and c must not both be 0."""
     p, q = abs(b), abs(c)
     p, q = max(p, q), min(p, q)
-    q = max(q, 1e-7 * p)  # avoids a division by 0; the error of the area is below 1e-7
+    q = max(q, 1e-7 * p)  # avoids a division by 0; changes the area by less than 1e-7
     s = a + 0.5 * (p + q)
     s0, s1, s2, s3 = max(s, 0.0), max(s - p, 0.0), max(s - q, 0.0), max(s - p - q, 0.0)
     return (s0 * s0 - s1 * s1 - s2 * s2 + s3 * s3) / (2.0 * p * q)
@@ -124,7 +124,8 @@ def visible_area(shape, sizes, i, count, line, lines):
     for j in range(count):
         if j == i or sizes[j] == 0:
             continue
-        # a + b x + c y is positive where j is nearer than i.
+        # The function a + b x + c y is positive where triangle j is nearer to the camera than
+        # triangle i.
         a = line[j, PLANE, 0] - line[i, PLANE, 0]
         b, c = line[j, PLANE, 1] - line[i, PLANE, 1], line[j, PLANE, 2] - line[i, PLANE, 2]
         low, high = np.inf, -np.inf
@@ -137,7 +138,8 @@ def visible_area(shape, sizes, i, count, line, lines):
         crossing = low < -touching
         now, last = first, end
         while now < last:
-            # A piece of i is outside j if it is on the negative side of one of j's lines.
+            # A piece of triangle i is outside triangle j if the whole piece is on the negative side
+            # of one of j's lines.
             outside = False
             for n in range(lines[j]):
                 above = False
@@ -161,14 +163,15 @@ def visible_area(shape, sizes, i, count, line, lines):
                 goal = spare + n % 2
                 size, below = _cut(shape, source, size, an, bn, cn, goal, end)
                 source = goal
-                # Pieces beyond the capacity are dropped. No tested pixel has come near this limit.
+                # Pieces beyond the capacity PIECES are dropped. In tests, no pixel has needed
+                # nearly as many.
                 if below > 2 and end < first + PIECES - 1:
                     sizes[end] = below
                     end += 1
                 if size < 3:
                     break
-            # Remove the hidden piece, number `now`: move the last unchecked piece to its place, and
-            # fill the gap with the last of all pieces.
+            # The piece `now` is hidden. Replace it by the last unchecked piece, and fill the gap
+            # with the last of all pieces.
             last -= 1
             end -= 1
             for move in range(2):

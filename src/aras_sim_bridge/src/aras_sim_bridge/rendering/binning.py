@@ -152,7 +152,8 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
     root = levels[top, 0]
     one = np.int64(1)
     p = np.empty((3, 3))
-    # Position of the camera in the frame of each link, and whether the link is out of view.
+    # Position of the camera in the frame of each link, and whether all shapes of the link are
+    # outside the image.
     camera_origins, out_of_view = (
         np.empty((len(row_centre), 3)),
         np.empty(len(row_centre), np.bool_),
@@ -164,17 +165,18 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
         out_of_view[r] = row_half[r, 0] < 0.0 or is_box_outside(
             T, r, row_centre, row_half, r, nodes, root
         )
-    # Stack of the nodes still to be visited: level, row, column, bit mask of the cluster's
-    # triangles that may touch the node, and covering triangle.
+    # Stack of the tree's nodes still to be visited. A row contains level, row and column of a node,
+    # a bit mask of triangles, and the index of a triangle. The bits mark the cluster's triangles
+    # that may touch the node. The index is that of the nearest triangle that covers the node.
     stack = np.empty((15 * (top - 1) + 1, 5), np.int64)
     touched = np.empty(16, np.bool_)
-    # Sides of the cluster's triangles, and their squared lengths.
+    # Sides of the triangles in the current cluster, and the squared lengths of these sides.
     work = np.zeros((12, CLUSTER_SIZE // VECTOR_WIDTH, VECTOR_WIDTH))
     for c in range(len(first)):
         r = row[c]
         if out_of_view[r]:
             continue
-        # Skip the cluster if all its triangles are turned away from the camera.
+        # Skip the cluster if all its triangles face away from the camera.
         xe, ye, ze = camera_origins[r, 0], camera_origins[r, 1], camera_origins[r, 2]
         x, y, z = xe - centre[c, 0], ye - centre[c, 1], ze - centre[c, 2]
         distance = np.sqrt(x * x + y * y + z * z)
@@ -251,8 +253,8 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
             visible += 1
         if visible == first_visible:
             continue
-        # A tile inside the four outer sides of a quad is covered by its two triangles together. The
-        # first of them then represents both.
+        # A tile inside the four outer sides of a quad is covered by the quad's two triangles
+        # together. The first triangle then represents the whole quad.
         whole = (quad[c] and visible == first_visible + 2 and not out_cut[visible - 1]
                  and not out_cut[visible - 2])
         stack[0, 0], stack[0, 1], stack[0, 2] = top, 0, 0
@@ -271,13 +273,14 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
                     + yc * children[parent, 1, k]
                     + zc * children[parent, 2, k]
                 )
-                # The first condition is true if the sum of the cones' angles exceeds half a turn.
+                # The condition `... < 0.0` is true if the angles of the cluster's and the node's
+                # cones together exceed half a turn.
                 touched[k] = (cosine_n < 1.5) & (
                     (sine_n * cosine_c + cosine_n * sine_c < 0.0)
                     | (at >= cosine_c * cosine_n - sine_c * sine_n - 1e-12))
                 touched_count += touched[k]
-            # The triangles are not tested one by one if the cluster touches only one node or is
-            # small compared with the nodes, because most triangles would touch all these nodes.
+            # Do not test single triangles if the cluster touches only one node, or is small
+            # compared with the nodes: most triangles would touch the same nodes as the cluster.
             all_together = touched_count == 1 or (level > 1 and small_c < children[parent, 4, 0])
             level -= 1
             for child in range(16):
@@ -287,7 +290,7 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
                 node = levels[level, 0] + i * levels[level, 2] + j
                 own = cover[node] if cover[node] >= 0 else above
                 if own >= 0:
-                    # Skip the node if the whole cluster is behind the covering triangle.
+                    # Skip the node if the whole cluster is behind a triangle that covers the node.
                     x, y, z = planes[own, 0], planes[own, 1], planes[own, 2]
                     nearest = distance * (x * xc + y * yc + z * zc)
                     for k in range(3):
@@ -327,8 +330,8 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
                     stack[stack_size, 0], stack[stack_size, 1], stack[stack_size, 2] = level, i, j
                     stack[stack_size, 3], stack[stack_size, 4] = remaining, own
                     stack_size += 1
-    # Pass covering triangles down to the tiles. If two triangles cover a tile and neither is nearer
-    # everywhere, one of them is added to the tile's list instead.
+    # Pass covering triangles from each node of the tree down to its tiles. If two triangles cover a
+    # tile and neither is nearer in the whole tile, one of them is added to the tile's list.
     for level in range(top, 0, -1):
         span = 1 << (2 * level - 2)
         for i0 in range(levels[level, 1]):
@@ -371,7 +374,8 @@ def _sort_by_tile(tile, member, full, pairs, tiles):
     for n in range(pairs):
         at = place[tile[n]]
         place[tile[n]] = at + 1
-        # Covering triangles were appended last; move them to the position of their index.
+        # Covering triangles are at the end of the input. Insert them such that the triangles of
+        # each tile are sorted by index.
         while at > start[tile[n]] and out_member[at - 1] > member[n]:
             out_member[at], out_full[at] = out_member[at - 1], out_full[at - 1]
             at -= 1

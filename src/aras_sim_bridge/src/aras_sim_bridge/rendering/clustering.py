@@ -11,10 +11,10 @@ import numpy as np
 from aras_visual_servo_base.compiled import jit, jit_inline
 
 # Largest number of triangles in a cluster. With 32, a scene with 40 000 triangles is drawn as fast
-# as with 16 or 64, and the robot is drawn a tenth faster than with 128.
+# as with 16 or 64, and the ARAS robot is drawn a tenth faster than with 128.
 CLUSTER_SIZE = 32
-# A cluster with at most CLUSTER_SIZE triangles is split, too, if the cost of the two halves is less
-# than LARGEST_COST_RATIO of the cost of the cluster. The cost is the surface of the bounding box
+# A cluster with at most CLUSTER_SIZE triangles is split, too, if the cost of its two halves is less
+# than LARGEST_COST_RATIO times its own cost. The cost is the surface of the cluster's bounding box
 # times the number of triangles plus BOX_TEST_COST, which accounts for the test of the box.
 LARGEST_COST_RATIO, BOX_TEST_COST = 0.6, 1
 
@@ -73,7 +73,8 @@ def _split_clusters(low, high, keys, order, bounds):
         half = count // 2
         cost, best = np.inf, group
         if count > 1:
-            # Try to split by the position along each axis, and by the size.
+            # Sort the triangles by each key (positions along the three axes, and size), and split
+            # them in the middle.
             for k in range(len(keys)):
                 one = group[np.argsort(keys[k][group], kind="mergesort")]
                 split_cost = (BOX_TEST_COST + half) * _compute_surface(low, high, one[:half])

@@ -19,7 +19,7 @@ def is_cone_disjoint(x, y, z, cosine, sine, nodes, n):
     """Return whether the cone of node n does not overlap a cone around the unit vector x, y, z."""
     if nodes[n, 3] > 1.5:
         return True
-    if nodes[n, 4] * cosine + nodes[n, 3] * sine < 0.0:  # the sum of the angles is above pi
+    if nodes[n, 4] * cosine + nodes[n, 3] * sine < 0.0:  # the sum of both cones' angles exceeds pi
         return False
     between = x * nodes[n, 0] + y * nodes[n, 1] + z * nodes[n, 2]
     return between < cosine * nodes[n, 3] - sine * nodes[n, 4] - 1e-12
@@ -42,7 +42,7 @@ def is_box_outside(T, r, centre, half, n, nodes, root):
         ahead += half[n, k] * abs(T[r, 0, k] * x + T[r, 1, k] * y + T[r, 2, k] * z)
     if ahead <= 0.0:
         return True
-    # Test the box against the plane that touches the cone on the side of the box's centre.
+    # Test the box against the plane that touches the node's cone on the side of the box's centre.
     xa, ya, za = xp - along * x, yp - along * y, zp - along * z
     across = np.sqrt(xa * xa + ya * ya + za * za)
     share = cosine / max(across, 1e-12)

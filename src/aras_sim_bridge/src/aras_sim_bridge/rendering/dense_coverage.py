@@ -12,13 +12,14 @@ from aras_visual_servo_base.compiled import jit_inline, jit_inline_numba
 
 from .areas import COPLANAR_TOLERANCE, PLANE
 
-# Number of samples in pixels with more than areas.DENSE triangles.
+# Number of samples in a pixel that contains more than areas.DENSE triangles.
 FINE = 32
-# Widths are rounded to integer multiples of 1 / UNIT px, so that their sum does not depend on the
-# order of the summands.
+# The widths of a triangle in the rows of a pixel are rounded to multiples of 1 / UNIT px. Their sum
+# then does not depend on the order of the summands.
 UNIT = 1 << 20
-# Positions of the samples relative to the pixel centre, px. Each of FINE columns and rows contains
-# one sample. The number of the row is that of the column with reversed bits (Hammersley points).
+# Positions of the samples relative to the pixel centre, px. Each of the FINE columns and rows of
+# the pixel contains one sample. The number of the row is that of the column with reversed bits
+# (Hammersley points).
 SAMPLE_X = ((np.arange(FINE) + 0.5) / FINE - 0.5).astype(np.float32)
 SAMPLE_ROW = np.array([int(f"{n:05b}"[::-1], 2) for n in range(FINE)], np.int32)
 SAMPLE_Y = SAMPLE_X[SAMPLE_ROW]
@@ -41,11 +42,12 @@ def sample_pixel(triangles, line, lines, sliver, x0, y0, count, opaque_count, wo
     """
     zero, one = np.float32(0.0), np.float32(1.0)
     for i in range(FINE):
-        work[0, i], work[2, i] = zero, -one  # inverse distance and index of the nearest triangle
+        # inverse distance and index of a sample's nearest triangle
+        work[0, i], work[2, i] = zero, -one
     for n in range(count):
         k = triangles[n]
         counts[n, 0] = counts[n, 1] = 0.0
-        a0 = a1 = a2 = one  # a triangle without lines fills the pixel
+        a0 = a1 = a2 = one  # a triangle that no line bounds fills the pixel
         b0 = b1 = b2 = c0 = c1 = c2 = zero
         if sliver[k]:
             counts[n, 0] = -1.0

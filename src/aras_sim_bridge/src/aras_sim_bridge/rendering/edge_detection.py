@@ -19,9 +19,9 @@ from .binning import VisibleTriangles
 from .sampling import BACKGROUND, NOTHING, SEVERAL, PixelSamples
 from .tiles import TILE, Tiles
 
-# Smallest contrast of an edge, grey levels. Smaller differences are treated as smooth shading. An
-# edge below this contrast that is not found moves the contour of a target with a contrast of 100
-# levels by at most a thirtieth of a pixel.
+# Smallest contrast of an edge, grey levels. Smaller differences are treated as smooth shading. If
+# an edge with less contrast is not found, the contour of a target with a contrast of 100 levels
+# moves by at most a thirtieth of a pixel.
 THRESHOLD = 6
 
 
@@ -154,7 +154,7 @@ def _find_corner_edges(
     corners show several visuals.
     """
     size, side_of = TILE // cells, TILE + 1
-    # Smallest and largest light on each triangle.
+    # Smallest and largest light at the three corners of each triangle.
     dim = np.empty((len(light), 2))
     for m in range(len(light)):
         dim[m, 0] = min(light[m, 0], light[m, 1], light[m, 2])
@@ -207,7 +207,7 @@ def _find_corner_edges(
                     if other == NOTHING:
                         edge = True
                     elif m >= 0 and other >= 0 and smooth[m] == smooth[other] and smooth[m] >= 0:
-                        # Within a visual without texture, colours differ only by the light.
+                        # Within a visual that has no texture, colours differ only by the light.
                         if (max(dim[m, 1], dim[other, 1]) - min(dim[m, 0], dim[other, 0])
                                 <= THRESHOLD / 255.0):
                             continue
@@ -265,8 +265,8 @@ def _find_thin_edges(
     """
     size, one = TILE // cells, np.uint64(1)
     out = np.zeros(len(tile), np.uint64)
-    # Number of each triangle's colour. Triangles with the same uniform colour get the same number,
-    # as do triangles of a visual without texture.
+    # Number that identifies each triangle's colour. Triangles of the same uniform colour have the
+    # same number, as do the triangles of a visual without texture.
     colour = np.empty(len(uniform))
     for m in range(len(uniform)):
         own = smooth[m] if smooth[m] >= 0 else len(uniform) + m
@@ -274,9 +274,9 @@ def _find_thin_edges(
     longest = 1
     for n in range(len(tile)):
         longest = max(longest, start[n + 1] - start[n])
-    # For each triangle of a tile: a, b, c of its inverse distance a + b x + c y, and the largest
-    # change of this from a pixel's centre to a corner. `place` is the row of a triangle in
-    # `planes`.
+    # For each triangle of a tile: a, b and c of its inverse distance a + b x + c y, and the largest
+    # change of the inverse distance from a pixel's centre to a corner. `place` is the row of each
+    # triangle in `planes`.
     planes, place = np.empty((longest, 4)), np.empty(len(colour), np.int64)
     # For each pixel of a cell: inverse distance of the visible surface, and number of its colour.
     work = np.empty((2, TILE, TILE))
@@ -293,7 +293,8 @@ def _find_thin_edges(
         for cell in range(cells * cells):
             y0, x0 = cell // cells * size, cell % cells * size
             M = matrices[n * cells * cells + cell]
-            # Bit mask of the cell's pixels; each byte is a row of pixels.
+            # Bit mask of the pixels in the current cell of the tile. Each byte of the mask is a row
+            # of pixels.
             square = ((one << np.uint64(size)) - one) * (
                 np.uint64(0x0101010101010101) >> np.uint64(8 * (TILE - size)))
             square <<= np.uint64(y0 * TILE + x0)
@@ -320,8 +321,8 @@ def _find_thin_edges(
                     m = np.int64(pixel[v0 + i, u0 + j])
                     front, name = 0.0, float(sky) if m < 0 else colour[m]
                     if multi_part[n] & bit != 0:
-                        # A gap between visuals of the same colour shows the background if no
-                        # triangle is behind it.
+                        # Between two visuals of the same colour there may be a gap. If no triangle
+                        # is behind the gap, the background is visible.
                         if (
                             not has_backing
                             and m >= 0
@@ -350,8 +351,8 @@ def _find_thin_edges(
                 if (one_colour and last == name
                         or a + (size - 1) * (max(b, 0.0) + max(c, 0.0)) <= nearest):
                     continue
-                # Sides of the triangle as lines, relative to the cell's first pixel. They are moved
-                # outwards by half a pixel.
+                # Sides of the triangle as lines relative to the cell's first pixel. The sides are
+                # moved outwards by half a pixel.
                 for i in range(3):
                     for j in range(3):
                         line[i, j] = (side[m, i, 0] * M[0, j] + side[m, i, 1] * M[1, j]
@@ -386,7 +387,8 @@ def _find_thin_edges(
                         if name >= 0.0 and work[1, y, x] >= 0.0 and not _has_contrast(
                                 np.uint32(name), np.uint32(work[1, y, x])):
                             continue
-                        # Skip the triangle if it is beyond near or far in the whole pixel.
+                        # Skip the triangle if, in the whole pixel, it is nearer than `near` or
+                        # farther than `far`.
                         if cut[m]:
                             along = by = 0.0
                             for q in range(3):
@@ -396,7 +398,8 @@ def _find_thin_edges(
                                     or near * (w - 2.0 * planes[k, 3]) >= along + by):
                                 continue
                         if work[0, y, x] > 0.0:
-                            # Skip the triangle if it is nowhere in front in this pixel.
+                            # Skip the triangle if, in the whole pixel, it is behind the triangle
+                            # that the pixel shows.
                             q = place[np.int64(pixel[v0 + y0 + y, u0 + x0 + x])]
                             d, e = planes[k, 1] - planes[q, 1], planes[k, 2] - planes[q, 2]
                             if (

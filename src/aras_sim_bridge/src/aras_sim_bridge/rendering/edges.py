@@ -32,17 +32,18 @@ from .areas import (
 from .dense_coverage import FINE, compute_sample_mean, integrate_rows, is_hidden, sample_pixel
 from .tiles import TILE
 
-# A triangle that is narrower than about 1 / SLIVER pixels is a sliver. Slivers are not sampled, so
+# A sliver is a triangle that is narrower than about 1 / SLIVER pixels. Slivers are not sampled, so
 # they hide no other triangle at a sample. Each of the FINE samples represents 1 / FINE of the
 # pixel's area, which is more than a sliver covers.
 SLIVER = 64.0
-# Triangles that cover no sample are ignored if their area is smaller than this part of a pixel,
-# which changes a grey level by at most 0.1.
+# A triangle that covers no sample is ignored if its area is smaller than this part of a pixel. This
+# changes a grey level by at most 0.1.
 SMALLEST_SHARE = 4e-4
-CELL = TILE * TILE  # largest number of pixels in a cell
+CELL = TILE * TILE  # largest number of pixels in a cell of a tile
 # Rows of the array `work`, which has a column for each pixel of a cell. X and Y are the position of
-# the pixel. TOP is the inverse distance of the nearest triangle that fills the pixel, TOP_X and
-# TOP_Y are its changes per pixel, and BEST is the index of this triangle (-1 if there is none).
+# the pixel. TOP is the inverse distance of the nearest triangle that fills the pixel. TOP_X and
+# TOP_Y are the changes of this distance per pixel. BEST is the triangle's index, or -1 without a
+# triangle.
 X, Y, TOP, TOP_X, TOP_Y, BEST = range(6)
 
 
@@ -95,18 +96,21 @@ def resolve_fragments(
     longest = 1
     for n in range(len(start) - 1):
         longest = max(longest, start[n + 1] - start[n])
-    # For each triangle of a cell: lines and inverse distance, relative to the cell's first pixel.
+    # For each triangle of a cell: coefficients of its sides and inverse distance (see areas.LINES),
+    # relative to the cell's first pixel.
     line, lines = np.empty((longest, LINES + 1, 3)), np.empty(longest, np.int64)
     inside, sliver = np.empty((longest, CELL)), np.empty(longest, np.bool_)
-    # These values are rows of one array. The compiler knows that rows do not overlap, and can
-    # vectorise loops over them.
+    # One array for all values of the pixels: the compiler knows that its rows do not overlap, and
+    # can vectorise loops over them.
     work = np.empty((6, CELL))
     bit_of, one = np.empty(CELL, np.uint64), np.uint64(1)
-    # For each pixel of a cell: the triangles that reach into it.
+    # For each pixel of a cell: indices of the triangles that reach into the pixel, and their
+    # number.
     here_of, left_of = np.empty((CELL, longest + 1), np.int64), np.empty(CELL, np.int64)
     here = np.empty(longest + 1, np.int64)
-    # For each triangle of a pixel: lines and inverse distance. `shape` contains the clipped
-    # triangles, pieces of them, and two polygons of work space.
+    # For each triangle of a pixel: coefficients of its sides and inverse distance, relative to the
+    # pixel centre. `shape` contains the clipped triangles, pieces of them, and two polygons of work
+    # space.
     own, own_lines = np.empty((DENSE, LINES + 1, 3)), np.empty(DENSE, np.int64)
     shape = np.empty((DENSE + PIECES + 2, CORNERS, 2))
     sizes = np.empty(DENSE + PIECES + 2, np.int64)
@@ -118,7 +122,8 @@ def resolve_fragments(
     cell = group = end = first = 0
     for number in range(len(edge_pixels)):
         if number == end:
-            # Collect the pixels of the next cell, and the triangles in each of them.
+            # Collect the pixels of the next cell of the image's grid, and for each pixel the
+            # triangles that reach into it.
             group = number
             pixel_bits = np.uint64(0)
             while end < len(edge_pixels):
@@ -135,7 +140,7 @@ def resolve_fragments(
                 left_of[q] = 0
                 end += 1
             tile, pixels = cell // (cells * cells), end - group
-            length = 0.0  # squared length of a ray
+            length = 0.0  # squared length of the ray through the cell's first pixel
             for j in range(3):
                 length += matrices[cell, j, 2]**2
             for k in range(start[tile + 1] - first):
@@ -144,7 +149,8 @@ def resolve_fragments(
                 m = member[first + k]
                 lines[k] = 0 if full[first + k] else 5 if cut[m] else 3
                 for j in range(3):
-                    column = (j + 2) % 3  # columns are stored as constant, x, y
+                    # the columns of `line` are the constant and the factors of x and y
+                    column = (j + 2) % 3
                     x, y = matrices[cell, 0, column], matrices[cell, 1, column]
                     z = matrices[cell, 2, column]
                     for i in range(3):
@@ -154,8 +160,8 @@ def resolve_fragments(
                         along = axis[tile, 0] * x + axis[tile, 1] * y + axis[tile, 2] * z
                         line[k, 3, j] = along - near * line[k, PLANE, j]
                         line[k, 4, j] = far * line[k, PLANE, j] - along
-                # The width of the triangle is estimated from the change per pixel of its
-                # coefficients (see binning.py) at its nearest corner.
+                # Estimate the width of the triangle from the change of its coefficients per pixel
+                # (see binning.py) at its nearest corner.
                 steep, nearest = 0.0, np.inf
                 for i in range(3):
                     steep = max(steep, abs(line[k, i, 1]) + abs(line[k, i, 2]))
@@ -166,8 +172,9 @@ def resolve_fragments(
                     inside[k, q] = np.inf
                 for i in range(lines[k]):
                     a, b, c = line[k, i, 0], line[k, i, 1], line[k, i, 2]
-                    # Scale the line such that values <= -1 at its centre mean that the pixel is
-                    # outside, and values >= 1 that it is inside.
+                    # Scale the coefficients of the side, so that its value at the pixel centre
+                    # tells where the pixel is: outside the side if the value is <= -1, inside if
+                    # the value is >= 1.
                     scale = 2.0 / max(abs(b) + abs(c), 1e-300)
                     a, b, c = a * scale, b * scale, c * scale
                     for q in range(pixels):
@@ -189,8 +196,8 @@ def resolve_fragments(
                 a, b, c = line[k, PLANE, 0], line[k, PLANE, 1], line[k, PLANE, 2]
                 name = float(k)
                 for q in range(pixels):
-                    # Test whether the triangle reaches into the pixel in front of the triangle
-                    # that fills it.
+                    # Test whether a part of the triangle in this pixel is in front of the triangle
+                    # that fills the pixel.
                     ahead = a + b * work[X, q] + c * work[Y, q] - work[TOP, q] + 0.5 * (
                         abs(b - work[TOP_X, q]) + abs(c - work[TOP_Y, q]))
                     reaches = (inside[k, q] > -1.0) & ((ahead > COPLANAR_TOLERANCE * work[TOP, q])
@@ -202,8 +209,8 @@ def resolve_fragments(
         q = number - group
         xc, yc, left, best = work[X, q], work[Y, q], left_of[q], int(work[BEST, q])
         out_start[number] = count
-        # Find out whether the pixel has one colour, and move opaque triangles to the front of the
-        # list.
+        # Find out whether the whole pixel has one colour, and move the opaque triangles to the
+        # front of the pixel's list.
         colour = uniform[member[first + best]] if best >= 0 else np.uint32(0)
         same = best >= 0 and (left == 1 or colour != 0)
         solid, last = 0, -1
@@ -223,7 +230,6 @@ def resolve_fragments(
                 out_at[count, 0], out_at[count, 1] = xc, yc
             count += 1
             continue
-        # Sort transparent triangles from far to near.
         for n in range(solid + 1, left):
             for m in range(n, solid, -1):
                 k, other = here[m], here[m - 1]
@@ -231,8 +237,8 @@ def resolve_fragments(
                         <= line[k, PLANE, 0] + line[k, PLANE, 1] * xc + line[k, PLANE, 2] * yc):
                     break
                 here[m], here[m - 1] = other, k
-        # Test whether all triangles in front of the one that fills the pixel belong to one convex
-        # visual.
+        # Test whether all triangles in front of the one that fills the pixel belong to the same
+        # convex visual.
         one_part, convex, top = solid == left, np.int64(-2), work[TOP, q]
         for n in range(left):
             k = here[n]
@@ -244,8 +250,8 @@ def resolve_fragments(
                 b, c = line[k, PLANE, 1], line[k, PLANE, 2]
                 ahead = line[k, PLANE, 0] + b * xc + c * yc - top - 0.5 * (
                     abs(b - work[TOP_X, q]) + abs(c - work[TOP_Y, q]))
-                # Either the part of the triangle in this pixel or the whole triangle must be in
-                # front.
+                # Either the triangle's part in this pixel or the whole triangle must be in front of
+                # the triangle that fills the pixel.
                 if ahead < -COPLANAR_TOLERANCE * top and not _is_before(
                     corner, side, m, member[first + best]
                 ):
@@ -254,7 +260,6 @@ def resolve_fragments(
             convex = own_hull if convex == -2 else convex
             one_part = one_part and (own_hull == convex and own_hull >= 0 or left == 1)
         one_part = one_part and (best < 0 or last >= 0)
-        # Visible area of each triangle.
         total, visible_count, is_sampled, many = 0.0, 0.0, False, left > DENSE
         if not many and not one_part:
             for n in range(left):
@@ -274,7 +279,8 @@ def resolve_fragments(
                 )
                 for n in range(solid):
                     visible_count += counts[n, 1] if n != last else 0.0
-            # If one convex visual covers all samples, the samples give the areas of its triangles.
+            # If the triangles of one convex visual cover all samples, the numbers of samples give
+            # their areas.
             is_filled = one_part and visible_count == FINE
             for n in range(left):
                 if n == last:
@@ -296,8 +302,9 @@ def resolve_fragments(
                 elif crossing == 1:
                     a, b, c = own[0, 0, 0], own[0, 0, 1], own[0, 0, 2]
                     shares[n] = half_plane_area(a, b, c)
-                    # The line cuts off less than half of the pixel. The centre of this fragment is
-                    # midway between the line and the pixel's corner that is farthest inside.
+                    # With a < 0, the fragment covers less than half of the pixel. The fragment's
+                    # centre is then midway between the line and the pixel's corner that is farthest
+                    # inside the line.
                     if a < 0.0:
                         back = a / (b * b + c * c)
                         middle[n, 0] = 0.5 * ((0.5 if b > 0.0 else -0.5) - back * b)

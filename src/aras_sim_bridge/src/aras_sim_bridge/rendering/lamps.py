@@ -19,15 +19,16 @@ from aras_visual_servo_base.poses import rotation_from_rpy
 from ..description.types import Light
 
 # First columns of a light's values in its row. KIND is DIRECTIONAL, POINT or SPOT. PLACE is the
-# unit vector towards a directional light, or the position of another light (m). AXIS is the
-# direction of a spot light. FADE are the attenuation's constant, linear and quadratic coefficients;
-# RANGE is the range (m). INNER and OUTER are the cosines of a spot light's half angles. RADIUS is
-# in rad for a directional light, and in m for others.
+# unit vector towards a directional light, or the position of a point or spot light (m). AXIS is the
+# direction of a spot light. FADE are the constant, linear and quadratic coefficients of the
+# attenuation; RANGE is the light's range (m). INNER and OUTER are the cosines of a spot light's
+# half angles. RADIUS is the light's angular radius (rad) if it is directional, and its radius (m)
+# if not.
 KIND, PLACE, AXIS, COLOUR, FADE, RANGE, INNER, OUTER, FALLOFF, CASTS_SHADOWS, RADIUS = (
     0, 1, 4, 7, 10, 13, 14, 15, 16, 17, 18)
 WIDTH = 19
-# Radii of lights with soft shadows: SOFT_SUN of directional lights in rad, SOFT_LAMP of others in
-# m.
+# Radii of lights with soft shadows: SOFT_SUN of directional lights (rad), SOFT_LAMP of point and
+# spot lights (m).
 SOFT_SUN, SOFT_LAMP = 0.03, 0.04
 DIRECTIONAL, POINT, SPOT = range(3)
 _KINDS = {"directional": DIRECTIONAL, "point": POINT, "spot": SPOT}
@@ -46,7 +47,7 @@ def pack_lights(lights: Sequence[Light], optical_T_world: np.ndarray, scale: flo
         towards = -np.array(light.direction) / np.linalg.norm(light.direction)
         row[KIND] = kind
         row[PLACE:AXIS] = R @ towards if kind == DIRECTIONAL else R @ light.origin_xyz + t
-        # The pose of a spot light rotates its direction.
+        # In SDF, the pose of a spot light rotates its direction; the poses of other lights do not.
         axis = -towards if kind != SPOT else rotation_from_rpy(*light.origin_rpy) @ -towards
         row[AXIS:COLOUR] = R @ axis
         row[COLOUR:FADE] = scale * np.array(light.diffuse[:3])

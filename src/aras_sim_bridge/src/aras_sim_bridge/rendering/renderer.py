@@ -28,7 +28,7 @@ from .view import Lighting, View
 if TYPE_CHECKING:
     from ..world import World
 
-# Offset of the samples from the pixel centre, px; the same in columns and rows.
+# Offsets of the sample points from the pixel centre, px; each applies to columns and rows.
 CENTRE, UPPER_LEFT = 0.0, -0.5
 
 
@@ -150,7 +150,7 @@ class Renderer:
         if self._closed:
             raise RenderingError("the renderer is closed; create another one")
         self.scene.refresh()
-        # The version is compared, because a snapshot may have refreshed the scene already.
+        # Compare versions, because a snapshot may have refreshed the scene before this call.
         if self.scene.version != self._scene_version:
             self._scene_version = self.scene.version
             self.triangles = Triangles.from_visuals(self.scene.visuals)

@@ -16,7 +16,7 @@ from aras_visual_servo_base.compiled import jit, jit_inline
 from .binning import VisibleTriangles
 from .tiles import TILE, Tiles
 
-# Content of a tile or pixel that is not the index of one triangle.
+# Values that a tile or pixel has instead of the index of one triangle.
 BACKGROUND, NOTHING, SEVERAL = -1, -2, -3
 
 
@@ -124,7 +124,7 @@ def _cull_tiles(cover, start, member, full, side, opaque, matrices, axis, nodes,
         if nodes[n, 3] > 1.5:
             out[n] = NOTHING
         elif start[n] == start[n + 1] and (whole[n] or cover[n] < 0):
-            out[n] = cover[n]  # a triangle or BACKGROUND
+            out[n] = cover[n]  # the index of one triangle, or BACKGROUND
         else:
             end, pending_cover = left, cover[n]
             for k in range(start[n], start[n + 1] + 1):
@@ -136,7 +136,7 @@ def _cull_tiles(cover, start, member, full, side, opaque, matrices, axis, nodes,
                 if not last:
                     new_member[end], new_full[end] = member[k], full[k]
                     end += 1
-            # Find the nearest of the triangles that cover the tile.
+            # Find the nearest opaque triangle that covers the whole tile.
             best, nearest = -1, 0.0
             for k in range(left, end):
                 m = new_member[k]
@@ -148,7 +148,8 @@ def _cull_tiles(cover, start, member, full, side, opaque, matrices, axis, nodes,
                         best, nearest = m, w
             if best >= 0 and end > left + 1:
                 for k in range(4):
-                    # Rays of the tile's corners, which are corners of its four outermost cells.
+                    # Compute the rays of the tile's four corners, which are corners of the tile's
+                    # outermost cells.
                     down, right = k // 2, k % 2
                     c = n * per_tile + (cells - 1) * (down * cells + right)
                     x, y = right * size - 0.5, down * size - 0.5
@@ -195,7 +196,7 @@ def _find_box(corner, m, inverse, n):
         u = inverse[n, 0, 0] * x + inverse[n, 0, 1] * y + inverse[n, 0, 2] * z
         v = inverse[n, 1, 0] * x + inverse[n, 1, 1] * y + inverse[n, 1, 2] * z
         w = inverse[n, 2, 0] * x + inverse[n, 2, 1] * y + inverse[n, 2, 2] * z
-        if w <= 1e-6 * (abs(u) + abs(v)):  # the corner is not in front of the camera
+        if w <= 1e-6 * (abs(u) + abs(v)):  # the triangle's corner is not in front of the camera
             left = top = -np.inf
             right = bottom = np.inf
             break
@@ -217,9 +218,9 @@ def _sample(tile, start, member, full, corner, side, cut, opaque, matrices, inve
     full. Return the total length of the remaining lists.
     """
     size = TILE // cells
-    # For each pixel of a tile: ray (3), its length along the axis, inverse distance and index of
-    # the nearest triangle. They are rows of one array, because the compiler then knows that they do
-    # not overlap, and processes eight pixels at a time.
+    # For each pixel of a tile: ray (3 rows), length of the ray along the tile's axis, inverse
+    # distance and index of the nearest triangle. The compiler knows that rows of one array do not
+    # overlap, and processes eight pixels at a time.
     work = np.empty((6, TILE, TILE))
     one = np.uint64(1)
     box = np.empty((len(corner) if is_uniform else 0, 4))
@@ -235,7 +236,6 @@ def _sample(tile, start, member, full, corner, side, cut, opaque, matrices, inve
             c, v, u = n * cells * cells + cell, cell // cells * size, cell % cells * size
             for row in range(v, v + size):
                 for column in range(u, u + size):
-                    # The ray, and its length along the axis.
                     xc, yc = column - u + at, row - v + at
                     x = matrices[c, 0, 0] * xc + matrices[c, 0, 1] * yc + matrices[c, 0, 2]
                     y = matrices[c, 1, 0] * xc + matrices[c, 1, 1] * yc + matrices[c, 1, 2]
@@ -262,10 +262,10 @@ def _sample(tile, start, member, full, corner, side, cut, opaque, matrices, inve
                 if u0 > u1 or v0 > v1:
                     continue
                 across = ((one << np.uint64(u1 - u0 + 1)) - one) << np.uint64(u0)
-                # The mask has a byte for each row of pixels.
+                # The mask of the pixels inside the box has one byte for each row of pixels.
                 down = np.uint64(0x0101010101010101) >> np.uint64(8 * (TILE - 1 - v1 + v0))
                 pixels = across * (down << np.uint64(8 * v0))
-                # First and last row with samples inside the box.
+                # First and last row of pixels with samples inside the box.
                 v0, v1 = max(int(np.ceil(top - at)), 0), min(int(np.floor(bottom - at)), TILE - 1)
                 sampled &= np.ceil(left - at) <= right - at
             member[stored], full[stored], pixel_masks[stored] = m, all_over, pixels
@@ -275,8 +275,8 @@ def _sample(tile, start, member, full, corner, side, cut, opaque, matrices, inve
             x, y, z = side[m, 0, 0], side[m, 0, 1], side[m, 0, 2]
             x1, y1, z1 = side[m, 1, 0], side[m, 1, 1], side[m, 1, 2]
             x2, y2, z2 = side[m, 2, 0], side[m, 2, 1], side[m, 2, 2]
-            # If the triangle covers the whole tile, its sides need no test. It may also stand for a
-            # quad, and then a part of the tile is outside its own sides.
+            # A triangle that covers the whole tile is not tested by its sides: if the triangle
+            # represents a quad, a part of the tile is outside the triangle's own sides.
             if all_over:
                 x, y, z = x + x1 + x2, y + y1 + y2, z + z1 + z2
                 x1 = y1 = z1 = x2 = y2 = z2 = 0.0

@@ -163,7 +163,7 @@ class Scene:
         for visual in link.visuals:
             try:
                 meshes = shapes.make_meshes(visual.geometry)
-            except DescriptionError as error:  # draw the rest of the world
+            except DescriptionError as error:  # draw the scene without this visual
                 if str(error) not in self._reported_errors:
                     _log.warning("%s is not drawn: %s", self._names[row], error)
                 self._reported_errors.add(str(error))

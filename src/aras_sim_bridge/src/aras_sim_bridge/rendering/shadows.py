@@ -27,11 +27,11 @@ from .sampling import PixelSamples
 from .tiles import TILE, Tiles
 from .triangles import Triangles
 
-# Numbers of rays: MANY_RAYS for a pixel with the edge of a shadow, FEW_RAYS for a fragment.
+# Numbers of shadow rays: MANY_RAYS for a pixel at the edge of a shadow, FEW_RAYS for a fragment.
 MANY_RAYS, FEW_RAYS = 160, 16
 LIT, DARK, MIXED = 1, 2, 3
-# Offset of a ray's start from the surface: OFF (m) plus OFF_FAR times the distance from the camera.
-# It is needed because mesh coordinates have single precision.
+# Offset of the start of a shadow ray from the surface: OFF (m) plus OFF_FAR times the distance from
+# the camera. The offset is needed because mesh coordinates have single precision.
 OFF, OFF_FAR = 2e-5, 2e-6
 
 
@@ -60,14 +60,14 @@ def _make_spread() -> np.ndarray:
     The first two coordinates are a point in the pixel, from -0.5 to 0.5 px; the last two are a
     point in the disc. They come from Roberts's sequence in four dimensions.
     """
-    golden = 1.16730397826141868  # Roberts's constant: root g of g**5 = g + 1
+    golden = 1.16730397826141868  # base of Roberts's sequence: the root g of g**5 = g + 1
     share = (0.5 + (np.arange(MANY_RAYS)[:, None] + 1) / golden ** np.arange(1, 5)) % 1.0
     radius, angle = np.sqrt(share[:, 2:3]), 2 * np.pi * share[:, 3:]
     return np.hstack([share[:, :2] - 0.5, radius * np.cos(angle), radius * np.sin(angle)])
 
 
 SPREAD = _make_spread()
-# Points on the rim of a unit disc.
+# Eight points on the rim of a unit disc, which represents the disc of a lamp.
 RIM = np.stack([np.cos(np.arange(8) * np.pi / 4), np.sin(np.arange(8) * np.pi / 4)], axis=1)
 
 
@@ -170,7 +170,8 @@ def _is_beam_in_box(T, r, centre, half, n, point, radius, d, far, growth):
     wide = 0.0
     middle = 0.0
     for k in range(3):
-        # Coordinate of the box's centre along d, relative to the point, and the box's squared size.
+        # Add up over three axes: distance of the box's centre from the point along d, and square of
+        # half the box's diagonal.
         at = T[r, k, 0] * centre[n, 0] + T[r, k, 1] * centre[n, 1] + T[r, k, 2] * centre[n, 2]
         middle += (at + T[r, k, 3] - point[k]) * d[k]
         wide += half[n, k] * half[n, k]
@@ -188,7 +189,8 @@ def _is_beam_in_box(T, r, centre, half, n, point, radius, d, far, growth):
         else:
             a, b = (-reach - o) / s, (reach - o) / s
             low, high = max(low, min(a, b)), min(high, max(a, b))
-    # The interval low..high of the distances at which the beam may touch the box must not be empty.
+    # The beam may touch the box at the distances low..high. It misses the box if this interval is
+    # empty.
     return low <= high
 
 
@@ -322,8 +324,8 @@ def _illuminate(tile, pixel, edges, valid, matrices, cells, columns, side, norma
     size, one = TILE // cells, np.uint64(1)
     width = columns * TILE
     tiles = len(tile)
-    # Index in f_pixel of each tile's first pixel with fragments; -1 if there is none. The pixels of
-    # a tile are consecutive in f_pixel.
+    # Index in f_pixel of the first pixel of each tile that has fragments, or -1 without fragments.
+    # The pixels of a tile are consecutive in f_pixel.
     f_first = np.full(tiles + 1, -1)
     for n in range(len(f_pixel)):
         at = (f_pixel[n] // width // TILE) * columns + f_pixel[n] % width // TILE
@@ -333,8 +335,8 @@ def _illuminate(tile, pixel, edges, valid, matrices, cells, columns, side, norma
     for n in range(len(f_pixel)):
         longest = max(longest, f_start[n + 1] - f_start[n])
     room = TILE * TILE * (1 + longest)
-    # For each point of a tile: its triangle (`members`), its cell, x and y in the cell (`at`), its
-    # position, its normals, and its light.
+    # For each point of a tile: index of its triangle (`members`), index of its cell, x and y in the
+    # cell (`at`), position, normals and light of the point.
     members, cell, place = (
         np.empty(room, np.int64),
         np.empty(room, np.int64),
@@ -346,7 +348,7 @@ def _illuminate(tile, pixel, edges, valid, matrices, cells, columns, side, norma
     candidates = np.empty(len(order) + 1, np.int64)
     corner_of, corner_result = np.empty((9, 9), np.int64), np.empty((9, 9), np.int64)
     p, g, d, ray = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    e = np.zeros((2, 3))  # axes of a lamp's disc; for hard shadows, they are multiplied by 0
+    e = np.zeros((2, 3))  # axes of a lamp's disc; hard shadows multiply these axes by 0
     middle, low, high = np.empty(3), np.empty(3), np.empty(3)
     for n in range(tiles):
         if tile[n] == -2 or tile[n] == -1:
@@ -378,7 +380,8 @@ def _illuminate(tile, pixel, edges, valid, matrices, cells, columns, side, norma
             k += 1
         if point_count == 0:
             continue
-        # If all points belong to one convex visual, it casts no shadow on them.
+        # A convex visual casts no shadow on itself, so find out whether all points of the tile
+        # belong to one.
         common_part = hull[triangle[members[0]]]
         for i in range(point_count):
             if hull[triangle[members[i]]] != common_part:
@@ -414,7 +417,8 @@ def _illuminate(tile, pixel, edges, valid, matrices, cells, columns, side, norma
         for j in range(3):
             middle[j] = 0.5 * (low[j] + high[j])
             radius += (high[j] - low[j])**2
-        # Enlarge the radius, because a pixel on an inclined surface extends far beyond its centre.
+        # Enlarge the radius of the sphere around the tile's points, because a pixel on an inclined
+        # surface extends far beyond its centre.
         radius = 0.65 * np.sqrt(radius) + 2.0 * step
         for lamp in range(len(lamps)):
             candidate_count = 0
@@ -512,7 +516,7 @@ def _illuminate(tile, pixel, edges, valid, matrices, cells, columns, side, norma
                         lit_share = 0.0
                     elif result == MIXED:
                         rays, hits, shrink = MANY_RAYS, 0, 1.0
-                        # Fragments may be small, so all their rays start at their centre.
+                        # A fragment may be small, so all its rays start at its centre.
                         if i >= pixel_count:
                             rays, shrink = FEW_RAYS if soft else 1, 0.0
                         ray_count = 0

@@ -9,9 +9,9 @@ from aras_visual_servo_base.compiled import jit
 from .shading import pack_colour
 from .tiles import TILE, Tiles
 
-# Colours (red, green, blue, 0..1) at the zenith, at the horizon, and straight down.
+# Colours of the sky (red, green, blue; 0..1): at the zenith, at the horizon, and straight down.
 ZENITH, HORIZON, HAZE = (0.22, 0.42, 0.78), (0.80, 0.88, 0.95), (0.52, 0.52, 0.50)
-# Colour that represents the sky in edge detection.
+# Colour that represents the whole sky in edge detection (red, green, blue; 0..1).
 MIDDLE = (0.51, 0.65, 0.87)
 NO_SKY = np.zeros((0, 0), np.uint32)
 
@@ -37,8 +37,8 @@ def _fill(matrices, cells, columns, up, colours, out):
                 length += ray * ray
                 height += up[j] * ray
             height /= np.sqrt(max(length, 1e-300))
-            # Above the horizon, the sky turns blue quickly; below, it turns to haze within some
-            # degrees.
+            # Above the horizon, the colour of the sky changes to blue quickly. Below the horizon,
+            # the colour changes to haze within some degrees.
             share = np.sqrt(height) if height > 0.0 else min(-6.0 * height, 1.0)
             other = 0 if height > 0.0 else 2
             for j in range(3):

@@ -10,15 +10,16 @@ from aras_visual_servo_base.compiled import jit_inline
 # Smallest and largest side of a texture, px. Images are resized to a power of two within these
 # limits.
 SMALLEST, LARGEST = 512, 1024
-# Number of bits for each of red, green and blue in a texel, so that the sum of the three colours of
-# several texels can be computed with one integer.
+# Number of bits for each of red, green and blue in a texel. With this number, one integer can hold
+# the sums of the three colours of several texels.
 CHANNEL_BITS = 21
 
-# A pixel is shaded with the mean of the texture at several sample points. Pixels that are at most
-# WIDE texels long have four points. With these, the corners of a marker that is 25 to 43 px wide
-# have errors of 0.002-0.004 px; the errors are 0.006-0.011 px with one point, and 0.002-0.003 px
-# with 16 points. Longer pixels, on inclined surfaces, have DENSE points per texel, but at most
-# PLACES, evenly along the nearest of TURNS directions.
+# A pixel is shaded with the mean of the texture at several sample points. A pixel has four points
+# if its longer axis on the texture is at most WIDE texels. With four points, the corners of a
+# marker that is 25 to 43 px wide have errors of 0.002-0.004 px. With one point, the errors are
+# 0.006-0.011 px; with 16 points, they are 0.002-0.003 px. Longer pixels, on inclined surfaces, have
+# DENSE points per texel, but at most PLACES. Their points are distributed along the nearest of
+# TURNS directions.
 PLACES, DENSE, WIDE, TURNS = 20, 0.8, np.sqrt(8.0), 16
 
 
@@ -42,7 +43,8 @@ def _make_sample_points() -> np.ndarray:
     fine = np.linspace(-0.75, 0.75, 6001)
     for k, (c, s) in enumerate(DIRECTIONS):
         c, s = (x if abs(x) > 1e-9 else 1e-9 for x in (c, s))
-        # Lower and upper limit of the pixel across the direction, and cumulative area along it.
+        # Lower and upper limit of the pixel across the direction, and area of the pixel accumulated
+        # along the direction.
         low, high = (pick(0.5 * turn / abs(s) + fine * c / s, 0.5 * turn / abs(c) - fine * s / c)
                      for turn, pick in ((-1.0, np.maximum), (1.0, np.minimum)))
         before = np.cumsum(np.maximum(high - low, 0.0))
@@ -125,7 +127,8 @@ def _sum_texels(texels, at, size, x, y, one, shift):
     right_weight = ((right << 15) + half >> shift) - corner_weight
     below_weight = ((down << 15) + half >> shift) - corner_weight
     first_weight = (one << (np.int64(30) - shift)) - corner_weight - right_weight - below_weight
-    # The mask repeats the texture, because the size of a level is a power of two.
+    # The bit mask repeats the texture beyond its borders, because the size of a mipmap level is a
+    # power of two.
     upper, lower = at + (row & mask) * size, at + ((row + one) & mask) * size
     left, after = column & mask, (column + one) & mask
     # The indices are unsigned, so that Numba does not test whether they are negative.
@@ -163,7 +166,7 @@ def apply_texture(planes, layer, texels, x, y, rgb):
                               planes[2, 1])
     W = planes[2, 2] + Wx * x + Wy * y
     U, V = planes[0, 2] + Ux * x + Uy * y, planes[1, 2] + Vx * x + Vy * y
-    # Sides of the pixel on the texture, in texels.
+    # Sides of the pixel on the texture (u and v along the pixel's x and y), in texels.
     size, at, one = np.int64(texels[layer]), layer + np.int64(1), np.int64(1)
     scale = size / W
     u, v = U / W, V / W
@@ -184,8 +187,8 @@ def apply_texture(planes, layer, texels, x, y, rgb):
         turn, kind = _find_direction(ux * ux + vx * vx - uy * uy - vy * vy,
                                 2.0 * (ux * uy + vx * vy)), count
         c, s = DIRECTIONS[turn, 0], DIRECTIONS[turn, 1]
-        # Move the points closer together, because a mipmap level is blurred by half a texel on each
-        # side.
+        # Move the sample points closer together, because a mipmap level is blurred by half a texel
+        # on each side.
         narrow = np.sqrt(max(1.0 - 3.0 * (1.0 - level * level) * longer * longer
                              / max(area * area, 1e-300), 0.0))
         ux, uy = ux * c + uy * s, narrow * (uy * c - ux * s)
@@ -201,7 +204,7 @@ def apply_texture(planes, layer, texels, x, y, rgb):
         along, across = SAMPLE_POINTS[turn, kind, k, 0], SAMPLE_POINTS[turn, kind, k, 1]
         texel_sum = _sum_texels(texels, at, size, np.int64(u + along * ux + across * uy),
                      np.int64(v + along * vx + across * vy), one, shift)
-        if bright:  # limit each sample to 255 before averaging
+        if bright:  # limit each sample to 255 before the samples are averaged
             red += min(rgb[0] * part * float(texel_sum & mask), 255.0)
             green += min(rgb[1] * part * float(texel_sum >> np.uint64(CHANNEL_BITS) & mask), 255.0)
             blue += min(rgb[2] * part * float(texel_sum >> np.uint64(2 * CHANNEL_BITS)), 255.0)

@@ -17,19 +17,21 @@ from ..errors import RenderingError
 from .byte_limited_cache import ByteLimitedCache
 
 TILE = 8  # side of a tile, px
-# Largest distance of a pixel from its correct position, px. The errors at the centre and at the
-# corners of a cell have opposite signs, so the mean error over a target is far smaller: see
-# tests/benchmarks/render.py.
+# Largest distance between a pixel's approximated and correct positions, px. The errors at the
+# centre and at the corners of a cell have opposite signs. Therefore the mean error over a target is
+# far smaller: see tests/benchmarks/render.py.
 LARGEST_MISFIT = 0.05
-# Largest focal length in px, and largest distance of a pixel from the axis in focal lengths. Within
-# these limits, the differences between the rays of a pixel are well above the rounding error.
+# Largest focal length (px), and largest distance of a pixel from the optical axis (focal lengths).
+# Within these limits, the differences between the rays of a pixel are well above the rounding
+# error.
 FARTHEST = 1e8
-# Depth is measured along the optical axis only if no ray is beyond this angle from it, rad.
+# Largest angle between a ray and the optical axis at which depth is measured along this axis in all
+# tiles, rad.
 SIDEWAYS_ANGLE = np.radians(89.9)
 
 Unproject = Callable[[np.ndarray], np.ndarray]
-# Size of the cache for tiles, bytes, and largest image whose tiles are cached, px. A study renders
-# ten thousand images with the same camera.
+# Size of the cache for tiles (bytes), and largest image whose tiles are cached (px). A study
+# renders ten thousand images with the same camera.
 CACHE_BYTES, LARGEST_CACHED_IMAGE = 3 << 21, 640 * 480
 
 
@@ -72,7 +74,7 @@ class Tiles:
         blocks = valid.reshape(self.rows, TILE, self.columns, TILE)
         has_valid = blocks.any(axis=(1, 3)).reshape(-1)
         self.whole = blocks.all(axis=(1, 3)).reshape(-1)
-        # Compute the rays of the corners of each cell.
+        # Compute the rays of the four corners of each cell.
         end = TILE // cells - 0.5
         square = np.array([[-0.5, end, -0.5, end], [-0.5, -0.5, end, end], np.ones(4)])
         around = (matrices @ square).reshape(-1, cells, cells, 3, 4).transpose(1, 2, 4, 0, 3)
@@ -132,10 +134,11 @@ class Tiles:
         coarse = np.stack(np.meshgrid(u, v), axis=2).reshape(-1, 2).astype(float)
         forward = np.nan_to_num(unproject(coarse)[:, 2], nan=-2.0)
         best, centre = forward.max(), coarse[forward.argmax()]
-        # The image circle is a disc, so pixels of a tile can be outside of it only if a corner is.
+        # The image circle is a disc, so a tile can contain pixels outside the circle only if a
+        # corner of the tile is outside.
         if forward.min() == -2.0:
             best = -2.0
-            for row in range(height):  # row by row, to limit the memory for large images
+            for row in range(height):  # one row at a time, to limit the memory for large images
                 pixels = np.stack([np.arange(width), np.full(width, row)], axis=1).astype(float)
                 forward = np.nan_to_num(unproject(pixels)[:, 2], nan=-2.0)
                 valid[row, :width] = forward > -2.0
@@ -147,18 +150,18 @@ class Tiles:
         lens = _ExtrapolatedLens(unproject, centre)
         for cells in (1, 2, 4, 8):
             size = TILE // cells
-            # Fit all cells of a tile that has a valid pixel, so that the tile's cone contains them
-            # all.
+            # Fit all cells of each tile that has a valid pixel, because the tile's cone must
+            # contain all its cells.
             tiles = valid.reshape(rows, TILE, columns, TILE).any(axis=(1, 3))
             corners = lens.corner_rays(np.kron(tiles, np.ones((cells, cells))) > 0, size)
             a, b, c, d = corners[:-1, :-1], corners[:-1, 1:], corners[1:, :-1], corners[1:, 1:]
             matrices = _fit_matrices(a, b, c, d, size)
-            # Measure the error in cells inside the lens. Cells at its rim have corners outside of
-            # it.
+            # Measure the error only in cells inside the lens: cells at the rim of the lens have
+            # corners outside.
             inner = valid.reshape(rows * cells, size, columns * cells, size).all(axis=(1, 3))
             at = np.linalg.solve(matrices[inner], lens.centre_rays(inner, size)[..., None])[..., 0]
             errors = at[:, :2] / at[:, 2:] - (size - 1) / 2
-            # The mean error over a cell is two thirds of the error at its centre.
+            # Shift each cell by its mean error, which is two thirds of the error at its centre.
             matrices[inner, :, 2] += (matrices[inner, :, :2] @ (errors[..., None] * 2 / 3))[..., 0]
             if (
                 cells == 8
@@ -180,7 +183,7 @@ class Tiles:
             return np.empty((0, self.width, 3), np.float32)
         out = np.empty((self.height, self.width, 3), np.float32)
         u = np.arange(self.width, dtype=float)
-        for v in range(self.height):  # row by row, to limit the memory for large images
+        for v in range(self.height):  # one row at a time, to limit the memory for large images
             out[v] = self._unproject(np.column_stack([u, np.full(self.width, float(v))]))
         return out
 
@@ -217,7 +220,8 @@ class Tiles:
                                          mapped[..., 1] / mapped[..., 2] - at[:, None] - y)
                     errors[~((mapped[..., 2] > 0.0) & np.isfinite(errors))] = np.inf
                     spread = np.maximum(spread, errors.max(axis=(1, 2)))
-        # The factor accounts for larger errors between the nine tested points of a cell.
+        # The errors were tested at nine points of each cell; the factor 1.5 allows for larger
+        # errors between these points.
         return inverse, 1.5 * spread + 1e-6
 
     @property
@@ -272,7 +276,8 @@ class _ExtrapolatedLens:
         rim, inner = (self._unproject(self._centre + share[:, None] * direction)
                       for share in (near, back))
         rate = (rim - inner) / np.maximum(near - back, 1e-12)[:, None]
-        # Limit the extrapolation: tiles with corners farther away have no pixel inside the lens.
+        # Limit the extrapolation: if a corner is farther outside, its tile has no pixel inside the
+        # lens.
         share = np.minimum(1.0 - near, 2 * TILE / np.maximum(length, 1e-9))
         extrapolated = rim + share[:, None] * rate
         rays[beyond] = extrapolated / np.linalg.norm(extrapolated, axis=1, keepdims=True)
@@ -307,7 +312,7 @@ def _fit_matrices(
     are scaled such that d = b + c - a.
     """
     sides = np.stack([-a, b, c], axis=-1)
-    # The corners of a cell without valid pixels may coincide.
+    # The corners of a cell that has no valid pixel may coincide.
     flat = np.abs(np.linalg.det(sides)) < 1e-18
     sides[flat] = np.eye(3)
     weight = np.linalg.solve(sides, d[..., None])[..., 0]
@@ -324,8 +329,8 @@ def _build_tree(axis: np.ndarray, angle: np.ndarray, visible: np.ndarray, rows: 
     first = joined = 0
     axis, angle = axis.reshape(rows, columns, 3), angle.reshape(rows, columns)
     visible = visible.reshape(rows, columns)
-    # Values of level 0, where an axis of 0 marks a tile without valid pixels, and number of tiles
-    # along a side of a node.
+    # Axes, angles and validity of the tiles, where an axis of 0 marks a tile without valid pixels.
+    # `span` is the number of tiles along a side of a node.
     tile, wide, shown, span = axis * visible[..., None], angle, visible, 1
     while True:
         limit = np.minimum(angle + 1e-9, np.pi)

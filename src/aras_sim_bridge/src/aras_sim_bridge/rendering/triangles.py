@@ -17,8 +17,8 @@ from .textures import Textures
 # Size of the cache for scenes, bytes. A study renders the same scene ten thousand times.
 CACHE_BYTES = 1 << 24
 # A visual is tested for convexity if its number of vertices times its number of triangles is at
-# most MOST_CONVEX_TESTS. FLAT is the tolerance relative to its size, because meshes have single
-# precision.
+# most MOST_CONVEX_TESTS. FLAT is the tolerance of the test, relative to the size of the visual; it
+# is needed because meshes have single precision.
 MOST_CONVEX_TESTS, FLAT = 1 << 22, 1e-6
 
 
@@ -236,8 +236,9 @@ def _find_quad(corners: np.ndarray) -> tuple[int, int] | None:
     side = np.roll(outline, -1, axis=0) - outline
     turn = np.cross(side, np.roll(side, -1, axis=0))
     normal = turn.sum(axis=0)
-    # The normal is perpendicular to both diagonals. The tolerance accounts for mesh coordinates
-    # with seven digits.
+    # By construction, the normal is perpendicular to both diagonals. The quad is flat if one side
+    # is perpendicular to the normal, too. The tolerance allows for mesh coordinates with seven
+    # digits.
     near = 1e-6 * np.abs(side).max() + 2e-7 * np.abs(outline).max()
     flat = abs(side[0] @ normal) <= near * np.linalg.norm(normal)
     return (i, j) if flat and (turn @ normal > 0.0).all() else None
@@ -252,7 +253,8 @@ def _make_clusters(first: np.ndarray, count: np.ndarray, corners: np.ndarray, pl
     low = np.minimum.reduceat(corners.min(axis=1), first)
     high = np.maximum.reduceat(corners.max(axis=1), first)
     centre, half = (low + high) / 2, (high - low) / 2
-    mine = np.repeat(np.arange(len(first)), count)  # cluster of each triangle
+    # number of the cluster that each triangle belongs to
+    mine = np.repeat(np.arange(len(first)), count)
     away = np.linalg.norm(corners - centre[mine, None], axis=2).max(axis=1)
     radius = np.maximum.reduceat(away, first)
     axis = np.add.reduceat(plane[:, :3], first)

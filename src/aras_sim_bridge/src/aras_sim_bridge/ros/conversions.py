@@ -14,9 +14,12 @@ from geometry_msgs.msg import Twist as TwistMessage
 from aras_sim_bridge.errors import WorldError
 from aras_visual_servo_base.poses import Pose, Twist, check_pose, check_vector
 
-# m, rad; limit of model and joint positions, at which double precision still resolves 1e-10.
+# Largest requested position of a model or joint, m or rad. At this distance, double precision still
+# resolves 1e-10.
 FARTHEST = 1e6
-LARGEST = 1e9  # m, m/s, rad/s, N, …; limit of other requested values, whose squares do not overflow
+# Largest magnitude of other requested values, in SI units (m, m/s, rad/s, N, …): the squares of the
+# values do not overflow.
+LARGEST = 1e9
 
 
 def to_time(time_ns: int) -> genpy.Time:

@@ -13,7 +13,8 @@ from aras_sim_bridge.world import Model, World
 from aras_visual_servo_base.poses import Vector3
 
 State = TypeVar("State")
-# Keys of the random sequences of the bias of a run and of the noise of each reading.
+# Parts of the random seeds of a sensor: _BIAS for the bias of a run, _NOISE for the noise of a
+# reading.
 _BIAS, _NOISE = 0, 1
 
 

@@ -72,7 +72,7 @@ class ContactSensor(RateSensor[None]):
         for link, body, other_link, numbers in find_contacts(model.body_id, model.client):
             depth = numbers[15]
             if link not in own or (depth < 0.0 and numbers[3] == 0.0):
-                continue  # the two links are close to each other, but not in contact
+                continue  # the links are close to each other, but do not touch
             other = others[body]
             names = {index: name for name, index in other.link_indices.items()}
             pair = (
@@ -86,8 +86,8 @@ class ContactSensor(RateSensor[None]):
         position = np.array(numbers[:3])
         forces = [numbers[i] * np.array(numbers[i + 1:i + 4]) for i in (3, 7, 11)]
         force = sum(forces)
-        # Bullet reports the direction of the force on its first body; the sign of the normal force
-        # reverses it.
+        # Bullet reports the direction of the force on its first body. A negative normal force
+        # reverses this direction.
         normal = np.copysign(1.0, numbers[3]) * np.array(numbers[4:7])
         inertial = self.model.description.links[link].inertial
         pose = self.model.link_pose(link)

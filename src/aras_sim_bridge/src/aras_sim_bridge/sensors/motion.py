@@ -65,7 +65,7 @@ class PoseSensor(RateSensor[None]):
             lever = subtract(pose.xyz, frame.xyz)
             inverse = conjugate(frame.quat)
             # Subtract the velocity that the link's origin would have if it were fixed in the
-            # reference frame, which may move.
+            # reference frame, because the reference frame may move.
             transport = add(frame_twist.linear, cross(frame_twist.angular, lever))
             twist = Twist(rotate(inverse, subtract(twist.linear, transport)),
                           rotate(inverse, subtract(twist.angular, frame_twist.angular)))

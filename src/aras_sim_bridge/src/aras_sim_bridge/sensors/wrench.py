@@ -14,7 +14,7 @@ from aras_sim_bridge.world import Model, World
 from aras_sim_bridge.world.bullet import find_contacts
 from aras_visual_servo_base.poses import Pose, Vector3
 
-Force = tuple[np.ndarray, np.ndarray]  # force (N) and point of application (m), world axes
+Force = tuple[np.ndarray, np.ndarray]  # force (N) and its point of application (m), in world axes
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ class WrenchSensor(RateSensor[np.ndarray]):
         for _, force, point, _ in self._applied_forces:
             yield np.array(force), np.array(point)
         if self.model.joints.has_own_dynamics:
-            return  # no contact is possible while the joints are simulated without Bullet
+            return  # if the joints are simulated without Bullet, no contact is possible
         indices = {self.model.link_index(name) for name in self._carried_links}
         for link, _, _, numbers in find_contacts(self.model.body_id, self.model.client):
             if link in indices:

@@ -20,7 +20,8 @@ from aras_visual_servo_base.poses import IDENTITY, Pose
 
 UPPER_TRIANGLE = np.triu_indices(3)
 _BODY = 50  # number of columns of Articulation.bodies
-# Speed at which a joint without a velocity limit returns into its position limits, rad/s or m/s.
+# Speed at which a joint without a velocity limit returns from beyond a position limit, rad/s or
+# m/s.
 _RETURN_SPEED = 1.0
 
 
@@ -58,8 +59,8 @@ class Articulation:
         for joint in description.joints.values():
             children.setdefault(joint.parent, []).append(joint)
         order: list[int] = []
-        # Each entry: a link, the index of the joint that moves it, and its pose in that joint's
-        # frame.
+        # Links still to be visited. An entry contains the link's name, the index of the joint that
+        # moves the link, and the link's pose in the frame of this joint.
         pending: list[tuple[str, int, Pose]] = [(description.root, -1, IDENTITY)]
         while pending:
             name, mover, pose = pending.pop()
@@ -133,7 +134,8 @@ def make_joint_rows(
             if limits.velocity > 0.0:
                 rows[k, RETURN] = limits.velocity
         ratio, offset = 1.0, 0.0
-        # This loop ends, because the reader rejects descriptions whose mimics form a loop.
+        # This loop ends, because the reader rejects descriptions in which joints mimic each other
+        # in a circle.
         while joint.mimic is not None:
             offset += ratio * joint.mimic.offset
             ratio *= joint.mimic.multiplier

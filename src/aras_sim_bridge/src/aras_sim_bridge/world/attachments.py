@@ -14,8 +14,9 @@ from aras_sim_bridge.world.bullet import pybullet
 from aras_sim_bridge.world.model import Model
 from aras_visual_servo_base.poses import Pose
 
-# Largest force (N) and torque (N m) of a fixed joint: larger than those of any motor here, but
-# small enough that the solver does not diverge when an attached object is caught in a wall.
+# Largest force (N) and torque (N m) that a fixed joint between two links transmits. Both exceed
+# those of any motor of the simulated robots, but are small enough that the solver does not diverge
+# when an attached object is caught in a wall.
 _LARGEST_FORCE = 1e6
 
 

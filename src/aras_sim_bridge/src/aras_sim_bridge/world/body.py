@@ -8,12 +8,13 @@ from aras_sim_bridge.world import bullet_files
 from aras_sim_bridge.world.bullet import pybullet
 from aras_visual_servo_base.poses import IDENTITY, Pose
 
-DEFAULT_FRICTION = 1.0  # Gazebo's default
-# Joint velocity limit that has no effect; Bullet's default would be 100 rad/s.
+DEFAULT_FRICTION = 1.0  # Gazebo's default friction coefficient of a link
+# Joint velocity limit in Bullet that has no effect, rad/s or m/s. Bullet's default would be 100
+# rad/s.
 _UNBOUNDED_VELOCITY = 1e9
-# Bullet's collision margins, m. Bullet enlarges convex hulls of meshes by the margin. A body at
-# rest sinks into the ground by the margin of its root, which is therefore small. The margin of the
-# other links cannot be changed.
+# Bullet's collision margins of links and of the root link, m. Bullet enlarges the convex hulls of
+# meshes by the margin. A body at rest sinks into the ground by the margin of its root, so this
+# margin is small. PyBullet cannot change the margins of the other links.
 LINK_MARGIN = 1e-3
 ROOT_MARGIN = 1e-5
 
@@ -47,12 +48,13 @@ class Body:
         bodies = bullet_files.give_root_mass(description)
         window = pybullet.getConnectionInfo(self.client)["connectionMethod"] == pybullet.GUI
         with bullet_files.BulletFiles(bodies, self.fixed_base, window) as files:
-            self._draw(window, False)  # do not redraw the window for each shape
+            self._draw(window, False)  # do not redraw the window after each shape
             try:
                 self.body_id = pybullet.loadURDF(
                     files.urdf, pose.xyz, pose.quat, useFixedBase=self.fixed_base,
                     flags=pybullet.URDF_USE_INERTIA_FROM_FILE
-                    # Without this flag, a cylinder is a prism, which does not roll.
+                    # Make cylinders round. Without this flag, a cylinder is a prism, which does not
+                    # roll.
                     | pybullet.URDF_USE_IMPLICIT_CYLINDER,
                     physicsClientId=self.client)
             except pybullet.error as error:
@@ -100,7 +102,7 @@ class Body:
         for index in range(pybullet.getNumJoints(self.body_id, physicsClientId=self.client)):
             info = pybullet.getJointInfo(self.body_id, index, physicsClientId=self.client)
             if info[1].decode() not in description.joints:
-                continue  # an empty link that bullet_files.py added
+                continue  # an empty link that bullet_files.py added to the URDF
             joints[info[1].decode()] = index
             links[info[12].decode()] = index
         missing = set(description.links) - set(links)
@@ -115,8 +117,8 @@ class Body:
     def _set_dynamics(self, bodies: RobotDescription) -> None:
         """Disable Bullet's damping and velocity limit, and set contact parameters and inertias."""
         client, body = self.client, self.body_id
-        # These settings apply to the whole body: PyBullet applies a call with one of them to the
-        # root, whichever link it names.
+        # Set what applies to the whole body. PyBullet would apply these settings to the root,
+        # whichever link is named.
         pybullet.changeDynamics(body, -1, linearDamping=0.0, angularDamping=0.0,
                                 maxJointVelocity=_UNBOUNDED_VELOCITY, collisionMargin=ROOT_MARGIN,
                                 physicsClientId=client)
@@ -128,8 +130,8 @@ class Body:
                 "restitution": 0.0, "rollingFriction": 0.0, "spinningFriction": 0.0,
             }
             if link.inertial is not None and not (index == -1 and self.fixed_base):
-                # Bullet sets an inertia tensor that violates the triangle inequality to zero. Set
-                # the true moments instead.
+                # Set the true principal moments, because Bullet replaces an inertia tensor that
+                # violates the triangle inequality by zero.
                 settings["localInertiaDiagonal"] = bullet_files.find_principal_frame(link.inertial)[
                     1
                 ]

@@ -14,7 +14,8 @@ def silence_output() -> Iterator[None]:
 
     Exceptions are still raised.
     """
-    flush = ctypes.CDLL(None).fflush  # needed because C buffers output to pipes and files
+    # C buffers its output to pipes and files, so flush this buffer
+    flush = ctypes.CDLL(None).fflush
     for stream in (sys.stdout, sys.stderr):
         if stream is not None:
             stream.flush()
@@ -34,23 +35,23 @@ def silence_output() -> Iterator[None]:
 
 
 if "pybullet" not in sys.modules:
-    with silence_output():  # pybullet prints "pybullet build time: …"
+    with silence_output():  # importing pybullet prints "pybullet build time: …"
         import pybullet
 else:
     import pybullet
 
 __all__ = ["connect", "find_contacts", "release_client", "pybullet", "silence_output"]
 
-# Clients without a window that were released before their first step, for reuse: connecting a new
-# one takes 14 ms in each run of a study. A client that has made steps is not reused, because its
-# results would depend on these steps.
+# Bullet clients without a window that were released before their first step, for reuse: connecting
+# a new client takes 14 ms in each run of a study. A client that has made steps is not reused,
+# because its results would depend on these steps.
 _idle_clients: list[int] = []
 
 
-# Bullet ends the process if it cannot open its window. Therefore this program tries it first, in a
-# process of its own.
+# Program that tries to open Bullet's window in a process of its own, because Bullet ends the
+# process if this fails.
 _WINDOW_PROGRAM = "import pybullet; raise SystemExit(pybullet.connect(pybullet.GUI) < 0)"
-WINDOW_TIMEOUT = 30.0  # s
+WINDOW_TIMEOUT = 30.0  # time to wait for the window, s
 
 
 def check_window() -> None:

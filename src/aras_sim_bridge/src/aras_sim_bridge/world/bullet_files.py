@@ -34,11 +34,11 @@ from aras_visual_servo_base.meshes.files import write_obj, write_stl
 from aras_visual_servo_base.poses import Pose, quaternion_from_matrix
 from aras_visual_servo_base.urdf import ZERO, Joint
 
-# Visual of a link that has none. Without it, Bullet would build graphics from the collision shapes,
-# which takes 4 ms for a plane.
+# Visual of a link that has none. Without a visual, Bullet would build graphics from the link's
+# collision shapes, which takes 4 ms for a plane.
 _EMPTY_VISUAL = '<visual><geometry><box size="0 0 0"/></geometry></visual>'
-# Width of the two rims of a rolling shape, and the amount by which the radius is smaller between
-# the rims; m. See _split_round_shape.
+# Width of the two rims of a rolling shape, and difference between its radii at and between the
+# rims, m. See _split_round_shape.
 _RIM, _RADIUS_MARGIN = 1e-3, 1e-4
 
 
@@ -87,7 +87,7 @@ def give_root_mass(description: RobotDescription) -> RobotDescription:
     return replace(description, links=links)
 
 
-@lru_cache(maxsize=1024)  # cached, because it is called three times for each link
+@lru_cache(maxsize=1024)  # cached, because each link needs the result three times
 def find_principal_frame(inertial: Inertial) -> tuple[Pose, tuple[float, float, float]]:
     """Return link_T_principal, the pose of the principal axes, and the moments (kg m²)."""
     moments, axes = principal_axes(inertial.inertia)
@@ -182,8 +182,8 @@ def _format_link(link: Link, concave: bool, colour: Rgba | None, files: BulletFi
     else:
         pose, moments = find_principal_frame(link.inertial)
         mass = link.inertial.mass
-    # Bullet replaces moments that violate the triangle inequality by zeros; body.py sets the
-    # true moments after loading.
+    # Bullet replaces principal moments that violate the triangle inequality by zeros, so load valid
+    # moments. body.py sets the true ones after loading.
     largest = max(moments)
     ixx, iyy, izz = moments if 2.0 * largest <= sum(moments) else (largest,) * 3
     body = (
@@ -191,7 +191,8 @@ def _format_link(link: Link, concave: bool, colour: Rgba | None, files: BulletFi
         f'<inertia ixx="{ixx!r}" ixy="0" ixz="0" iyy="{iyy!r}" iyz="0" izz="{izz!r}"/></inertial>'
     )
     if colour is not None:
-        # Bullet stores one material per name for the whole model.
+        # Name the material after the link, because Bullet stores one material per name for the
+        # whole model.
         material = (
                 f"<material name={quoteattr(link.name)}><color rgba={_format_numbers(colour)}/>"
                 "</material>"

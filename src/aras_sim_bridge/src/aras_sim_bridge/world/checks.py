@@ -7,12 +7,12 @@ from aras_sim_bridge.description.inertia import principal_axes
 from aras_sim_bridge.description.types import Geometry, Inertial, Link, RobotDescription
 from aras_sim_bridge.errors import WorldError
 
-# Largest length (m) and mass (kg). Coordinates in double precision do not resolve a micrometre
-# beyond it, and Bullet's bounding boxes overflow.
+# Largest length (m) and mass (kg) of a model's parts. Beyond this length, coordinates in double
+# precision do not resolve a micrometre, and Bullet's bounding boxes overflow.
 LARGEST = 1e9
-# Smallest size of a shape (m) and mass of a link (kg).
+# Smallest size of a shape (m) and smallest mass of a link (kg).
 SMALLEST = 1e-9
-# Largest number of links of a model: PyBullet returns no data for larger models.
+# Largest number of links of a model. PyBullet returns no data for models with more links.
 MOST_LINKS = 128
 
 
@@ -28,7 +28,7 @@ def check_simulable(description: RobotDescription, name: str) -> None:
                          "other, or split the model")
     for link in description.links.values():
         for where, size in _list_sizes(link):
-            if not size <= LARGEST:  # also true for NaN
+            if not size <= LARGEST:  # `not <=` is also true for NaN
                 raise WorldError(f"model '{name}', link '{link.name}': {where} of {size:.4g} m is "
                                  f"beyond {LARGEST:.0e} m; reduce it")
             if where.endswith("size") and size < SMALLEST:
@@ -91,7 +91,7 @@ def _check_joints(description: RobotDescription, name: str) -> None:
     parents: dict[str, str] = {}
     for joint in description.joints.values():
         parents[joint.child] = joint.parent
-    with_mass: set[str] = set()  # links with mass, or with a descendant that has mass
+    with_mass: set[str] = set()  # names of links that have mass, or a descendant with mass
     for link in description.links.values():
         name_above = link.name if link.inertial is not None else None
         while name_above is not None and name_above not in with_mass:

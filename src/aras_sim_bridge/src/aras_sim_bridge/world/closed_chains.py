@@ -8,9 +8,11 @@ from aras_sim_bridge.world.body import Body
 from aras_sim_bridge.world.bullet import pybullet
 from aras_visual_servo_base.poses import Pose, Vector3, scale
 
-# Largest force of a constraint, N: large enough that the constraint does not yield.
+# Largest force of a constraint that closes a kinematic loop, N: large enough that the constraint
+# does not yield.
 _LARGEST_FORCE = 1e12
-# Smallest distance from a revolute joint to each of the two points that define its axis, m.
+# Smallest distance from a loop-closing revolute joint to each of the two points that define its
+# axis, m.
 _SMALLEST_LENGTH = 1e-3
 
 

@@ -19,19 +19,20 @@ from aras_sim_bridge.world.model import Model
 
 _log = logging.getLogger(__name__)
 
-# Limit of the separation speed, m/s: Gazebo's default of <max_vel>.
+# Largest speed at which overlapping bodies separate, m/s: Gazebo's default of <max_vel>.
 _SEPARATION_SPEED = 0.01
-# Fraction of the penetration depth that Bullet removes in each step by default.
+# Fraction of the penetration depth of a contact that Bullet removes in each step by default.
 _DEFAULT_ERP = 0.08
-# A body that jumps again within this number of steps is assumed to be moved by a program.
+# If a model jumps again within this number of steps, a program is assumed to move the model.
 _DRIVEN_STEPS = 10
-# Number of steps between two checks. In this time the depths change by 0.1 mm.
+# Number of steps between two checks of the penetration depths. With steps of 1 ms, the depths
+# change by at most 0.1 mm in this time while the separation speed is limited.
 _CHECK_EVERY = 10
 # Compliance of the contacts while the separation speed is limited, 1/kg. It was measured on a
-# Kinova Jaco that is spawned 18 cm inside the ground: without compliance it spins at 2000 rad/s,
-# with a compliance of 1e-4 or more at 350 rad/s.
+# Kinova Jaco that is spawned 18 cm inside the ground. Without compliance the Jaco spins at 2000
+# rad/s, with a compliance of 1e-4 or more at 350 rad/s.
 _COMPLIANCE = 1e-3
-# Smallest penetration depth that is reported, m.
+# Smallest penetration depth for which a warning is logged, m.
 _REPORTED_DEPTH = 5e-3
 
 
@@ -47,11 +48,13 @@ class DeepContacts:
     def __init__(self, client: int, models: Mapping[str, Model]) -> None:
         self._client, self._models = client, models
         self.is_active = False
-        self._has_unknown_depth = False  # True from a jump until the step that follows it
-        self._steps_since_move = 0  # number of steps since the last jump, counted while active
-        self._largest_depth = 0.0  # m
-        self._has_bounded_speed = False  # whether the separation speed is limited
-        self._parameters = (_DEFAULT_ERP, 0.0)  # Bullet's present ERP and CFM of contacts
+        # True from a jump of a model until the end of the next step
+        self._has_unknown_depth = False
+        self._steps_since_move = 0
+        self._largest_depth = 0.0  # largest penetration depth of all contacts, m
+        self._has_bounded_speed = False
+        # present values of Bullet's contactERP and globalCFM
+        self._parameters = (_DEFAULT_ERP, 0.0)
         self._reported_links: set[tuple[str, str]] = set()
 
     def start_watching(self) -> None:
@@ -77,7 +80,7 @@ class DeepContacts:
 
     def before_step(self, dt: float) -> None:
         """Limit the separation speed of overlapping bodies in the next step of `dt` s."""
-        # After a jump, the depth is unknown until Bullet has made the step.
+        # After a jump of a model, the penetration depth is unknown until Bullet has made the step.
         depth = math.inf if self._has_unknown_depth else self._largest_depth
         self._has_bounded_speed = depth * _DEFAULT_ERP > _SEPARATION_SPEED * dt
         parameters = (
@@ -102,7 +105,8 @@ class DeepContacts:
         if self._has_unknown_depth:
             self._warn_overlaps(contacts)
         self._has_unknown_depth = False
-        # After the limit is removed, one more step with Bullet's default parameters is checked.
+        # After the last step with a limit, stay active for one more step, to check Bullet's default
+        # parameters.
         self.is_active = (
             self._has_bounded_speed
             or self._largest_depth * _DEFAULT_ERP > _SEPARATION_SPEED * dt

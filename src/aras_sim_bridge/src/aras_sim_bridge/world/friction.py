@@ -15,8 +15,8 @@ from aras_sim_bridge.world.body import DEFAULT_FRICTION
 from aras_sim_bridge.world.bullet import pybullet
 from aras_sim_bridge.world.model import Model
 
-# Number of steps between two checks for new contacts. Until it is checked, a new contact has the
-# product of the coefficients of its links.
+# Number of steps between two checks for new contacts. Until the next check, the friction
+# coefficient of a new contact is the product of the coefficients of its links.
 CHECK_EVERY = 5
 
 _LinkId = tuple[int, int]  # Bullet's body id and link index
@@ -43,9 +43,9 @@ class ContactFriction:
                     self._coefficients[part] = model.body.friction[index]
                     if model.fixed_base and index == -1:
                         fixed.add(part)
-        # A fixed body is usually the ground, whose coefficient is larger than those of the bodies
-        # on it. With a coefficient of 1 for the ground, the product of both is the coefficient of
-        # the body, which is the smaller one.
+        # Limit the friction coefficient of a fixed body, which is usually the ground, to 1. The
+        # coefficient of a body on the ground is usually smaller. The product of both is then the
+        # smaller coefficient, as it should be.
         self._applied = {part: min(mu, DEFAULT_FRICTION) if part in fixed else mu
                        for part, mu in self._coefficients.items()}
         for (body, link), value in self._applied.items():
@@ -53,8 +53,8 @@ class ContactFriction:
         self._pairs = frozenset()
         self._countdown = 1
         values = self._applied.values()
-        # If no coefficient is above 1 and at most one differs from 1, every product already is the
-        # smaller coefficient.
+        # If no friction coefficient exceeds 1 and at most one differs from 1, the product of any
+        # two is the smaller one, so nothing has to be updated.
         self.is_active = any(v > 1.0 for v in values) or sum(v != 1.0 for v in values) > 1
 
     def before_step(self) -> None:

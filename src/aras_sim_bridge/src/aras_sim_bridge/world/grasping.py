@@ -26,12 +26,12 @@ from aras_visual_servo_base.poses import Pose
 
 log = logging.getLogger(__name__)
 
-# Smallest force of a finger that is considered, N; that of gazebo_grasp_fix.
+# Smallest force of a finger that counts for a grasp, N; as in gazebo_grasp_fix.
 _LEAST_FORCE = 1e-4
-# Smallest ratio of the smaller to the larger of two opposed forces; that of gazebo_grasp_fix.
+# Smallest ratio of the smaller to the larger of two opposed finger forces; as in gazebo_grasp_fix.
 _LEAST_RATIO = 0.3
-_NEVER = 1 << 62  # ns
-LinkId = tuple[str, str]  # names of model and link
+_NEVER = 1 << 62  # time that is never reached, ns
+LinkId = tuple[str, str]  # names of a model and of its link
 
 
 @dataclass
@@ -168,7 +168,8 @@ class GraspFix:
                    if self._exists(thing)}
         self._finger_contacts = {}
         for name, grasped in list(self.grasped.items()):
-            if grasped.ends not in self._attachments:  # the model of the object was deleted
+            # the model of the grasped object has been deleted
+            if grasped.ends not in self._attachments:
                 del self.grasped[name]
         gripped = [thing for thing, fingers in pressed.items()
                    if has_opposed_forces((one.force / one.steps for one in fingers.values()),

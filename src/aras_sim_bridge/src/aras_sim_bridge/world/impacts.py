@@ -25,15 +25,15 @@ from aras_visual_servo_base.poses import (
 
 # Penetration depth that Bullet allows at a contact, m.
 _PENETRATION = 1e-5
-# Smallest speed of an impact, m/s. Slower bodies roll, slide or come to rest, which Bullet computes
-# correctly.
+# Smallest approach speed of an impact, m/s. Slower bodies roll, slide or come to rest, which Bullet
+# computes correctly.
 _SLOWEST = 0.05
-# Number of steps for which impacts are predicted: more than 1, because gravity may accelerate a
-# slow body.
+# Number of steps ahead for which impacts are predicted. It exceeds 1, because gravity may
+# accelerate a slow body during the step.
 _STEP_MARGIN = 1.25
-# Bodies are searched within the distance that a body travels in this number of steps.
+# Other bodies are searched within the distance that a free body travels in this number of steps.
 _SEARCH_MARGIN = 10
-# Number of steps without another search after no body was found nearby.
+# Number of steps for which the search is skipped after no other body was found.
 _CLEAR_STEPS = 6
 # Angle by which _find_corners tilts a body, rad: a third of the angle at which Bullet discards the
 # contact points of corners.
@@ -53,8 +53,9 @@ class Impacts:
 
     def __init__(self, client: int) -> None:
         self._client = client
-        self._links: dict[int, list[int]] = {}  # links with collision shapes, by free body
-        # Number of steps in which no other body can be near, by free body.
+        # links with collision shapes, by the body id of each free body
+        self._links: dict[int, list[int]] = {}
+        # Number of steps for which no other body can be near, by the body id of each free body.
         self._steps_without_check: dict[int, int] = {}
         self._planes: set[int] = set()
         self._jointed: set[int] = set()

@@ -17,18 +17,19 @@ from dataclasses import dataclass
 from aras_sim_bridge.world.model import Model
 from aras_sim_bridge.world.reach import MARGIN, Box, HalfSpace, can_meet, compute_reach, find_solids
 
-# Distance between bounding boxes below which two bodies may touch in the next step, m.
+# Distance between the bounding boxes of two bodies below which they may touch in the next step, m.
 _CONTACT_DISTANCE = 0.02
-# Speed that forces may add between two checks, m/s. It is added to all measured speeds.
+# Speed that forces may add to a body between two checks, m/s. It is added to all measured speeds.
 _SPEED_MARGIN = 5.0
-# joint_dynamics.py replaces Bullet when no contact is possible in this number of steps.
+# A model returns from Bullet to joint_dynamics.py when no contact is possible within this number of
+# steps.
 _RETURN_STEPS = 8
-_FAR = 1e9  # m
-# Assumed lever of another robot, m, which converts its joint speeds to m/s.
+_FAR = 1e9  # gap between two models if one has no shapes, m
+# Assumed lever of another robot's joints, m. It converts joint speeds to m/s.
 _ARM_LENGTH = 2.0
-# Numbers of steps between two checks: _OFTEN while Bullet steps the model, at most _WITHIN if
-# another body may come within the model's reach, _SELDOM if no body is near, _NEVER if the world
-# has no other body.
+# Numbers of steps between two checks of a model: _OFTEN while Bullet steps the model; at most
+# _WITHIN if another body may come within the model's reach; _SELDOM if no body is near; _NEVER if
+# there are neither free bodies nor models nearby.
 _OFTEN, _WITHIN, _SELDOM, _NEVER = 10, 20, 100, 1 << 60
 
 
@@ -72,7 +73,8 @@ class IsolatedModel:
         far = min(
             (_compute_steps(self.reach, solid, fastest, dt) for solid in loose), default=_SELDOM
         )
-        if far >= _SELDOM and not self.nearby_models:  # no body is near the reach
+        # No other body is near the space that the robot can reach.
+        if far >= _SELDOM and not self.nearby_models:
             return _SELDOM
         boxes, speed = self.compute_boxes_and_speed()
         near = [_compute_steps(boxes, solid, speed + fastest, dt) for solid in loose]
@@ -135,8 +137,8 @@ class IsolationMonitor:
     def update(self, dt: float) -> None:
         """Choose the solver of each model for the following steps of `dt` s."""
         loose = [find_solids(model, model.link_indices.values()) for model in self._loose]
-        # Highest speed of the free bodies, m/s. It is doubled, because a body that is hit by
-        # another one may become faster.
+        # Highest speed of the free bodies, m/s. It is doubled, because a body that another one hits
+        # may become faster.
         fastest = 2.0 * max(map(_compute_speed, self._loose), default=0.0)
         wait, self.is_base_touchable = _NEVER, False
         for isolated in self.isolated_models:
@@ -145,7 +147,8 @@ class IsolationMonitor:
                 0.0 if model.is_attached else isolated.compute_isolated_steps(loose, fastest, dt)
             )
             is_isolated = steps >= (1 if model.joints.has_own_dynamics else _RETURN_STEPS)
-            # A woken body moves only from the second step on, so wake it one step early.
+            # Wake a sleeping body one step early, because in Bullet it moves only from the second
+            # step on.
             if model.body.is_asleep and not is_isolated:
                 model.body.set_asleep(False)
                 wait = 1

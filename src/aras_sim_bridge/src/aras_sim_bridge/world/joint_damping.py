@@ -19,7 +19,8 @@ from typing import Protocol
 import numpy as np
 
 EXPLICIT_BOUND = 0.5
-# Number of steps between two choices of the method. The inertia changes little in this time.
+# Number of steps between two choices of the damping method. The inertia of the joints changes
+# little in this time.
 CHECK_EVERY = 200
 
 

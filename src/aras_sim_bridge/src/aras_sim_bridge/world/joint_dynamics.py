@@ -39,28 +39,28 @@ from math import cos, inf, isfinite, sin, sqrt
 
 from aras_visual_servo_base.compiled import jit
 
-# Column indices of the array `joints`. FORCE is the friction f, TARGET the target speed, RETURN the
-# speed of the return from beyond a limit, FASTEST the hard velocity limit. RATIO and OFFSET relate
-# the joint to the one that it mimics.
+# Columns of the array `joints`. FORCE is the friction of the joint, TARGET its target speed, RETURN
+# the speed at which it returns from beyond a limit, FASTEST its velocity limit. RATIO and OFFSET
+# relate the joint to the joint that it mimics.
 (DAMPING, FORCE, TARGET, LOWER, UPPER, RETURN, FASTEST, RATIO, OFFSET, STIFFNESS,
  REST) = range(11)
-# Values of `modes`: the speed is at the target speed, above it, below it, at its lower bound, at
-# its upper bound.
+# Values of the array `modes`: the joint's speed is at the target speed, above or below the target
+# speed, at the lower bound, or at the upper bound.
 _AT, _ABOVE, _BELOW, _LOW, _HIGH = range(5)
-# Fraction of its position error that a joint corrects in each step if it is beyond a limit or
-# mimics another joint.
+# Fraction of the position error that a joint corrects in each step if the joint is beyond a limit
+# or mimics another joint.
 _BACK = 0.2
-# Speed (rad/s or m/s) above which the simulation is reported as diverged. With steps of 1 ms, a
-# joint then makes 160 turns per step, so that no force can depend on its position.
+# Speed of a joint above which the simulation is reported as diverged, rad/s or m/s. With steps of 1
+# ms, the joint then makes 160 turns per step, so that no force can depend on its position.
 FASTEST_SPEED = 1e6
 NO_LIMIT_FORCE = 1e18
-# Largest number of corrections of the modes. If they do not suffice, at most _SWEEPS sweeps of the
-# projected Gauss-Seidel method follow.
+# Largest number of corrections of the joints' modes. If they do not suffice, up to _SWEEPS sweeps
+# of the projected Gauss-Seidel method follow.
 _GUESSES, _SWEEPS = 20, 4000
-_ROUNDING = 1e-12  # relative rounding error
+_ROUNDING = 1e-12  # relative rounding error of speeds and pivots
 
-# Row indices of the array `rows`. BIAS are the bias efforts, PUSH the efforts of damping, springs
-# and stops, SPEED the velocities after the step, BEFORE those before it.
+# Rows of the array `rows`. BIAS are the bias efforts, PUSH the efforts of damping, springs and
+# stops. SPEED are the joint velocities after the step, BEFORE those before the step.
 BIAS, PUSH, SPEED, BEFORE, _RIGHT, _BOTTOM, _TOP, _HOLD, _GOAL = range(9)
 _TREE_TYPES = (
     "f8[:,::1], i8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[:,::1], f8[:,:,::1], f8[:,::1]"
@@ -77,12 +77,13 @@ def _compute_inertia(b, f, gravity):
     """
     px, py, pz = f[9], f[10], f[11]
     m = b[33]
-    # First moment of mass about the body's origin, then about the root's origin.
+    # First moment of mass of the body, about the body's origin (g) and about the root's origin (h).
     gx = f[0] * b[34] + f[1] * b[35] + f[2] * b[36]
     gy = f[3] * b[34] + f[4] * b[35] + f[5] * b[36]
     gz = f[6] * b[34] + f[7] * b[35] + f[8] * b[36]
     hx, hy, hz = gx + m * px, gy + m * py, gz + m * pz
-    # Second moments of mass in the root's axes: R I R^T, with the rotation R of the body.
+    # Second moments of mass of the body in the root's axes: R I R^T, with the rotation R of the
+    # body.
     for i in range(3):
         x, y, z = f[3 * i], f[3 * i + 1], f[3 * i + 2]
         u = x * b[37] + y * b[38] + z * b[39]
@@ -100,7 +101,8 @@ def _compute_inertia(b, f, gravity):
     f[39] += m * (pp - pz * pz) + 2.0 * (pg - pz * gz)
     f[30], f[31], f[32], f[33] = m, hx, hy, hz
     ixx, ixy, ixz, iyy, iyz, izz = f[34], f[35], f[36], f[37], f[38], f[39]
-    # Momentum of the body, and its time derivative with joint accelerations of 0.
+    # Angular momentum l and linear momentum k of the body, and their time derivatives if all joint
+    # accelerations are 0.
     wx, wy, wz, vx, vy, vz = f[18], f[19], f[20], f[21], f[22], f[23]
     lx = ixx * wx + ixy * wy + ixz * wz + hy * vz - hz * vy
     ly = ixy * wx + iyy * wy + iyz * wz + hz * vx - hx * vz
@@ -118,7 +120,7 @@ def _compute_inertia(b, f, gravity):
     f[43] = m * ax + by * hz - bz * hy + wy * kz - wz * ky
     f[44] = m * ay + bz * hx - bx * hz + wz * kx - wx * kz
     f[45] = m * az + bx * hy - by * hx + wx * ky - wy * kx
-    # Gravity on those links of the body that it acts on.
+    # Gravity on those links of the body that have gravity enabled.
     n = b[43]
     gx, gy, gz = (
         f[0] * b[44] + f[1] * b[45] + f[2] * b[46] + n * px,
@@ -156,7 +158,7 @@ def _compute_kinematics(bodies, tree, state, gravity, frames):
         slides = tree[j, 2] == 1
         c, s = (1.0, 0.0) if slides else (cos(q), sin(q))
         shift = q if slides else 0.0
-        # Rotation r and origin o of the joint's frame in the parent's frame.
+        # Rotation r (matrix) and origin o of the joint's frame in the frame of its parent.
         r0 = b[0] + c * b[9] + s * b[18]
         r1 = b[1] + c * b[10] + s * b[19]
         r2 = b[2] + c * b[11] + s * b[20]
@@ -290,7 +292,8 @@ def _reduce(tree, joints, state, dt, matrices, rows):
         if joints[j, TARGET] != 0.0:
             rows[_GOAL, c] = joints[j, TARGET] / ratio
         q, lower, upper = state[0, j], joints[j, LOWER], joints[j, UPPER]
-        # These bounds keep a joint beyond a limit from moving farther out; `advance` moves it back.
+        # If a joint is beyond a limit, these bounds keep it from moving farther out; `advance`
+        # moves it back.
         low = max(min((lower - q) / dt, 0.0), -joints[j, FASTEST])
         high = min(max((upper - q) / dt, 0.0), joints[j, FASTEST])
         if ratio < 0.0:
@@ -335,7 +338,7 @@ def _solve_speeds(tree, modes, matrices, rows):
                 low[c, k] = value = value / low[k, k]
                 pivot -= value * value
                 rest -= value * v[k]
-        # A joint that moves no mass keeps a speed of 0.
+        # A joint that moves no mass gets an infinite pivot, so that its speed is 0.
         low[c, c] = sqrt(pivot) if pivot > _ROUNDING * a[c, c] else inf
         v[c] = rest / low[c, c]
     for c in range(n - 1, -1, -1):
@@ -438,7 +441,7 @@ def _solve(tree, joints, state, dt, matrices, rows, modes):
     converged = False
     for c in range(len(tree)):
         bound = rows[_BOTTOM if modes[c] == _LOW else _TOP, c]
-        if modes[c] >= _LOW and not isfinite(bound):  # the stop was removed
+        if modes[c] >= _LOW and not isfinite(bound):  # the joint's stop was removed
             modes[c] = _AT
     for _ in range(_GUESSES):
         _solve_speeds(tree, modes, matrices, rows)
@@ -447,7 +450,8 @@ def _solve(tree, joints, state, dt, matrices, rows, modes):
             break
     if not converged:
         _sweep(tree, modes, matrices, rows)
-    for j in range(len(tree)):  # tree[j, 3] is j, with ratio 1, unless j mimics another joint
+    # Unless joint j mimics another joint, tree[j, 3] is j and the ratio is 1.
+    for j in range(len(tree)):
         rows[SPEED, j] = joints[j, RATIO] * rows[SPEED, tree[j, 3]]
 
 
@@ -474,7 +478,7 @@ def advance(
     for j in range(n):
         state[1, j] = rows[SPEED, j]
         state[0, j] += dt * rows[SPEED, j]
-        # Remove the rounding error of a joint at its stop.
+        # Set the position of a joint at its stop to the exact bound, without the rounding error.
         if tree[j, 3] == j and modes[j] >= _LOW:
             bound = joints[j, LOWER if modes[j] == _LOW else UPPER]
             if abs(state[0, j] - bound) < 1e-12 * (1.0 + abs(bound)):
@@ -484,7 +488,8 @@ def advance(
         if leader != j:
             target = joints[j, RATIO] * state[0, leader] + joints[j, OFFSET]
             state[0, j] += _BACK * (target - state[0, j])
-        # Correct only the position, so that the correction does not change the speed.
+        # Move a joint beyond a limit back by changing only its position, so that its speed stays
+        # the same.
         excess = state[0, j] - min(max(state[0, j], joints[j, LOWER]), joints[j, UPPER])
         if excess != 0.0:
             largest = dt * joints[j, RETURN]

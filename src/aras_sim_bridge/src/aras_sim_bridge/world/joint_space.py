@@ -105,7 +105,7 @@ class JointSpace:
         """Apply a force (N) at a point and a torque (N m) in the next step, all in world axes."""
         body = self._link_joint[link]
         if body < 0:
-            return  # a force on the fixed base has no effect
+            return  # a force on the fixed base has no effect on the joints
         root_q_world = conjugate(self._root.quat)
         root_force = rotate(root_q_world, force)
         lever = rotate(root_q_world, subtract(position, self._root.xyz))
@@ -143,7 +143,7 @@ class JointSpace:
         matrix[:6, :6] = _spatial_inertia(base[33], base[34:37], base[37:43])
         matrix[6:, 6:] = mass
         for j, frame in enumerate(self.frames, 6):
-            # Spatial inertia of all bodies that the joint carries.
+            # Spatial inertia of all bodies that the joint moves.
             inertia = _spatial_inertia(frame[30], frame[31:34], frame[34:40])
             matrix[:6, j] = matrix[j, :6] = inertia @ frame[12:18]
             if self.tree[j - 6, 1] < 0:

@@ -38,7 +38,7 @@ class LinkPoses:
         self._tree = np.array(tree, np.int64)
         self._offsets = np.array([(*pose.xyz, *pose.quat) for pose in offsets])
         self._axes = np.array(axes, float)
-        # Joint positions of the latest call of `compute_poses`, and its result.
+        # Joint positions of the last call of `compute_poses`, and the result of this call.
         self._cache: tuple[bytes, tuple[np.ndarray, np.ndarray]] = (b"", ())
         self._cached_rows: tuple[tuple[str, ...], np.ndarray] = ((), np.zeros(0, np.int64))
 
@@ -54,7 +54,8 @@ class LinkPoses:
             Origins (links, 3), m, and unit quaternions (x, y, z, w), (links, 4); read-only.
         """
         key, (cached_key, found) = positions.tobytes(), self._cache
-        if key != cached_key or not found:  # cameras and listeners read the poses of one instant
+        # Cameras and listeners often read the poses at the same joint positions.
+        if key != cached_key or not found:
             found = _compute_poses(self._tree, self._offsets, self._axes, positions)
             for array in found:
                 array.setflags(write=False)
@@ -87,7 +88,8 @@ def _compute_poses(tree, offsets, axes, positions):
         if joint >= 0:
             q, u, v, w = positions[joint], axes[n, 0], axes[n, 1], axes[n, 2]
             if tree[n, 2] == 1:
-                # Rotate the axis by the offset and multiply it by the displacement.
+                # Rotate the joint's axis from the joint's frame to that of its parent, and multiply
+                # the axis by the displacement of the joint.
                 s, t, r = 2.0 * (b * w - c * v), 2.0 * (c * u - a * w), 2.0 * (a * v - b * u)
                 x += q * (u + d * s + b * r - c * t)
                 y += q * (v + d * t + c * s - a * r)

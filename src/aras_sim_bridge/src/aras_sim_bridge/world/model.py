@@ -108,8 +108,6 @@ class Model:
         """Mass of all links, kg."""
         return sum(one.inertial.mass for one in self.description.links.values() if one.inertial)
 
-    # ------------------------------------------------------------------ loading and stepping
-
     def reload(self) -> None:
         """Load the model into an empty Bullet, in the state in which it was spawned."""
         self.body.load(self.description, self.spawn_pose)
@@ -168,11 +166,9 @@ class Model:
         elif self.joints.damping is not None:
             self.joints.damping.invalidate()
 
-    # ------------------------------------------------------------------ frames
-
     def pose(self) -> Pose:
         """Return world_T_root, the pose of the root link's frame."""
-        # A fixed base is at the pose that was set, so Bullet need not be read.
+        # The pose of a fixed base is stored, so Bullet need not be read.
         return self._root_pose if self.fixed_base else self.link_pose(self.description.root)
 
     def twist(self) -> Twist:

@@ -65,7 +65,8 @@ class ModelJoints:
             pybullet.changeDynamics(body.body_id, index, jointLimitForce=NO_LIMIT_FORCE,
                                     physicsClientId=body.client)
             self.restore_friction(slot)
-        if self.space is not None:  # apply the speed limits that were set before the load
+        # Apply the speed limits that were set before the model was loaded.
+        if self.space is not None:
             for name, fastest in self._speed_bounds.items():
                 self.space.bound_speed(self._slot[name], fastest)
         for name, position in positions.items():

@@ -21,10 +21,13 @@ from aras_visual_servo_base.poses import (
 )
 from aras_visual_servo_base.urdf import Joint
 
-# Margin of the boxes, m. It covers Bullet's collision margins and stops that yield slightly.
+# Margin of the boxes around a model's reach, m. It covers Bullet's collision margins and joint
+# stops that yield slightly.
 MARGIN = 0.1
-_DEFAULT_GROUP, _STATIC_GROUP, _ALL = 1, 2, -1  # Bullet's collision filter groups
-_OWN_GROUPS = tuple(1 << bit for bit in range(6, 30))  # groups for the models, one for each
+# Bullet's default and static collision filter groups, and the mask of all groups
+_DEFAULT_GROUP, _STATIC_GROUP, _ALL = 1, 2, -1
+# collision filter groups, each for the links of one model
+_OWN_GROUPS = tuple(1 << bit for bit in range(6, 30))
 
 
 class Box(NamedTuple):
@@ -69,8 +72,8 @@ def disable_distant_pairs(models: list[Model]) -> None:
     for model in models:
         if model.main_model is not model:
             _disable_own_contacts(model)
-        # If there are more models than groups, the last models get no group. Bullet then tests the
-        # pairs of their own links without need.
+        # If there are more models than groups, the last models get no group. Bullet then tests
+        # pairs of links of the same model without need.
         group = next(own, 0)
         reach = compute_reach(model) if model.fixed_base else None
         others = [other for other in fixed if other is not model]
@@ -120,8 +123,8 @@ def compute_reach(model: Model) -> dict[str, Box]:
     for joint in description.joints.values():
         children.setdefault(joint.parent, []).append(joint)
     boxes: dict[str, Box] = {}
-    # Each entry: a link, the box of all positions of its origin, and its orientation, which is None
-    # if a joint can rotate the link.
+    # Links still to be visited. An entry contains a link, the box of all positions of the link's
+    # origin, and the link's orientation, which is None if a joint can rotate the link.
     root = model.pose()
     pending: list[tuple[str, Box, Quaternion | None]] = [
         (description.root, Box(root.xyz, root.xyz), root.quat)

@@ -24,28 +24,31 @@ from aras_sim_bridge.world.model import Model
 from aras_visual_servo_base.compiled import jit
 from aras_visual_servo_base.poses import Pose, Twist, rotate
 
-CHECK_EVERY = 50  # steps
+CHECK_EVERY = 50  # number of steps between two checks whether free bases are at rest
 # Number of steps after which a base that the ground could not support is checked again.
 RETRY_STEPS = 1000
 # A base is at rest if it moves by less than this between two checks, m and rad.
 _REST_TOLERANCE = 1e-6
-# Distance below which two bodies are in contact, m. In Bullet, bodies at rest sink in by a tenth of
-# it.
+# Distance below which two bodies are in contact, m. In Bullet, a body at rest sinks into the ground
+# by a tenth of this distance.
 _CONTACT_DISTANCE = 1e-4
-# The ground supports a base if the tangential load is at most this fraction of the friction limit,
-# and the centre of pressure is inside the support polygon scaled by this factor about its middle.
+# Safety factor of the ground's support. The ground supports a base if the tangential load is at
+# most this fraction of the friction limit. Also, the centre of pressure must be inside the support
+# polygon, scaled by this factor about its middle.
 _LOAD_LIMIT = 0.9
-# Smallest speed of a contact point along the contact normal, per speed of a joint (for a rotation,
-# per speed at the lever's end), with which the joint is able to move the point. See _is_blocked.
+# A joint can move a contact point if the point's speed along the contact normal is at least this
+# fraction of the joint's speed. The speed of a revolute joint is that at the end of its lever. See
+# _is_blocked.
 _SMALLEST_LEVER = 0.05
-# Smallest ratio of the mass of a fixed base to the mass of any free body. A body that hits the base
-# rebounds as from a wall for one step; the relative error is the inverse of this ratio.
+# Smallest ratio of the mass of a resting base that is treated as fixed to the mass of any free
+# body. A body that hits the base rebounds as from a wall for one step; the relative error is the
+# inverse of this ratio.
 _LEAST_MASS_RATIO = 100.0
 
 
 BASE_TYPES = "f8[::1], f8[::1], f8[:,::1], f8[::1], f8[::1]"
 # Arguments ground, corners, contact_wrench and ground_wrench of `is_supported` for a base that is
-# not free but fixed.
+# really fixed.
 FIXED_BASE_ARRAYS = (np.zeros(11), np.zeros((1, 6)), np.zeros(6), np.zeros(6))
 
 
@@ -98,7 +101,7 @@ def is_supported(
                 ground_wrench[k] += f[40 + k]
     mass, friction = ground[0], ground[10]
     wx, wy, wz = mass * gravity[0], mass * gravity[1], mass * gravity[2]
-    # Reaction that the ground must provide: force, and torque about the point of the ground.
+    # Reaction that the ground must provide: force f, and torque m about the point of the ground.
     fx, fy, fz = ground_wrench[3] - wx, ground_wrench[4] - wy, ground_wrench[5] - wz
     cx, cy, cz = ground[1] - ground[7], ground[2] - ground[8], ground[3] - ground[9]
     px, py, pz = ground[7], ground[8], ground[9]
@@ -109,7 +112,7 @@ def is_supported(
     pressure = fx * nx + fy * ny + fz * nz
     if pressure <= 0.0:
         return False
-    # Centre of pressure, relative to the point of the ground.
+    # Centre of pressure r, relative to the point of the ground.
     rx = (ny * mz - nz * my) / pressure
     ry = (nz * mx - nx * mz) / pressure
     rz = (nx * my - ny * mx) / pressure
@@ -204,7 +207,7 @@ class RestingBase:
                     and _is_blocked(model, contact)
                 ):
                     return None
-                continue  # `is_supported` considers the forces of bodies on the other links
+                continue  # `is_supported` considers the forces on links other than the base
             if not other.fixed_base:
                 continue
             if contact[4] != -1 or contact[8] < -_CONTACT_DISTANCE or other.release is not None:
@@ -222,7 +225,7 @@ class RestingBase:
             points = _find_footprint(model, np.array(points[0]), np.array(normals[0]))
         inverse = root.inverse()
         on_ground = np.array([inverse.apply(point) for point in points])
-        if len(on_ground) < 3:  # a round shape, which has no corners
+        if len(on_ground) < 3:  # only a round shape has fewer than three points on the ground
             return None
         mass, centre = _compute_base_mass(model, root)
         middle = on_ground.mean(axis=0)
@@ -479,7 +482,8 @@ def _find_footprint(model: Model, point: np.ndarray, normal: np.ndarray) -> np.n
 
 def _list_corners(geometry: Geometry) -> Iterator[np.ndarray]:
     """Yield the corners (m, 3) of a shape's convex parts."""
-    if geometry.kind == "box":  # a frequent shape, whose triangulation would take a millisecond
+    # Boxes are frequent, and their triangulation would take a millisecond.
+    if geometry.kind == "box":
         signs = [(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)]
         yield np.array(signs) * geometry.size
     else:

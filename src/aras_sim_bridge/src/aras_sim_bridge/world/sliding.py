@@ -17,12 +17,13 @@ from aras_sim_bridge.world.impacts import Impacts
 from aras_sim_bridge.world.model import Model
 from aras_visual_servo_base.poses import Vector3, add, cross, scale, subtract
 
-# Smallest speeds of a body that is corrected, m/s and rad/s. Bullet brings slower bodies to rest.
+# Smallest speeds of a body whose sliding friction is corrected, m/s and rad/s. Bullet brings slower
+# bodies to rest.
 _SLOWEST_SLIDING = 5e-3
 _SLOWEST_TURNING = 5e-2
-# Number of steps between two checks while no body moves.
+# Number of steps between two checks while no free body moves.
 _PAUSE = 5
-# A contact point slides if friction needs more than this number of steps to stop it.
+# A contact point is sliding if friction needs more than this number of steps to stop the point.
 _STEPS = 4
 
 
@@ -38,7 +39,7 @@ class SlidingFriction:
         self._impacts = Impacts(client)
         self.loose: list[Model] = []
         self._fixed: frozenset[int] = frozenset()
-        self._pause = 0  # steps
+        self._pause = 0  # number of steps until the next check of the free bodies
 
     def check_all(self) -> None:
         """Check all bodies in the next step; called after one of them was pushed or moved."""

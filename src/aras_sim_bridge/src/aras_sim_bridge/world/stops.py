@@ -15,7 +15,8 @@ import numpy as np
 from aras_sim_bridge.world.body import Body
 from aras_sim_bridge.world.bullet import pybullet
 
-_RETURN_SHARE = 0.2  # fraction of the distance beyond a stop that Bullet corrects in each step
+# fraction of a joint's distance beyond its stop that Bullet corrects in each step
+_RETURN_SHARE = 0.2
 
 
 class JointStops:

@@ -37,15 +37,16 @@ from aras_visual_servo_base.poses import IDENTITY, Pose, Twist, check_pose, chec
 
 logger = logging.getLogger(__name__)
 
-# Smallest time step, s. Simulated time is counted in nanoseconds.
+# Smallest time step of the physics, s; simulated time is counted in whole nanoseconds.
 SMALLEST_STEP = 1e-6
-# Largest time step, s. With longer steps, neither PID controllers nor contacts are stable.
+# Largest time step of the physics, s. With longer steps, neither PID controllers nor contacts are
+# stable.
 LARGEST_STEP = 0.1
-# Largest component of the gravity vector, m/s², as in Gazebo's dynamic_reconfigure.
+# Largest component of the gravity vector, m/s²; as in Gazebo's dynamic_reconfigure.
 GRAVITY_BOUND = 100.0
 # Bullet's solver stops when the squared change of the impulses in one sweep is below this value.
-# Bullet's default of 1e-7 leaves position errors of 2e-4 rad. With 1e-12, the errors are 6e-7 rad,
-# and a step takes 3 us longer.
+# With Bullet's default of 1e-7, joint positions have errors of 2e-4 rad. With 1e-12, the errors are
+# 6e-7 rad, and a step takes 3 us longer.
 SOLVER_RESIDUAL = 1e-12
 
 
@@ -99,10 +100,13 @@ class World:
             raise WorldError("Bullet does not start: it has no free client, or gui:=true has no "
                              "display; close other worlds, or start with gui:=false")
         self._gui = self._has_stepped = gui
-        # Bullet needs 30 MB for a robot. Release this memory even if `close` is not called.
+        # Bullet needs 30 MB for a robot. The finalizer releases this memory even if `close` is not
+        # called.
         self._finalizer = weakref.finalize(self, pybullet.disconnect, self.client)
         self._finalizer.atexit = False
-        if gui:  # hide the side panels and the shadows, which take half of the drawing time
+        # Hide the side panels and the shadows of the window, because they take half of the drawing
+        # time.
+        if gui:
             for part in (pybullet.COV_ENABLE_GUI, pybullet.COV_ENABLE_SHADOWS):
                 pybullet.configureDebugVisualizer(part, False, physicsClientId=self.client)
         self._has_direct_solver = False
@@ -117,14 +121,14 @@ class World:
         pybullet.setPhysicsEngineParameter(
             fixedTimeStep=self._time_step, numSolverIterations=self._iterations,
             solverResidualThreshold=SOLVER_RESIDUAL, deterministicOverlappingPairs=True,
-            # Meshes and other files are read again for each model, because they may have changed.
+            # Read meshes and other files again for each model, because they may have changed.
             enableFileCaching=False,
             # With split impulses, a joint may remain more than 4 cm beyond its limit
             # (bullet3#2944).
             useSplitImpulse=False,
             restitutionVelocityThreshold=0.0,  # impacts.py sets the restitution of each impact
-            # With mode 0, a pair of links is tested if the filters of both accept it. By default,
-            # one suffices.
+            # With mode 0, a pair of links is tested if the collision filters of both links accept
+            # the pair. By default, one accepting filter suffices.
             collisionFilterMode=0,
             physicsClientId=self.client)
         pybullet.setGravity(*self._gravity, physicsClientId=self.client)
@@ -145,7 +149,7 @@ class World:
             self._has_direct_solver = direct
             solver = (pybullet.CONSTRAINT_SOLVER_LCP_DANTZIG if direct
                       else pybullet.CONSTRAINT_SOLVER_LCP_SI)
-            with silence_output():  # Bullet prints "switched solver"
+            with silence_output():  # switching the solver makes Bullet print "switched solver"
                 pybullet.setPhysicsEngineParameter(constraintSolverType=solver,
                                                    physicsClientId=self.client)
 
@@ -181,8 +185,6 @@ class World:
         self._configure()
         for model in self.models.values():
             model.update_physics(new_gravity)
-
-    # ------------------------------------------------------------------ models
 
     def spawn(self, description: RobotDescription, name: str, pose: Pose = IDENTITY,
               joint_positions: Mapping[str, float] | None = None,
@@ -354,8 +356,6 @@ class World:
             self._has_disabled_pairs = True
             disable_distant_pairs(list(models))
             self.attachments.disable_contacts()
-
-    # ------------------------------------------------------------------ time
 
     def step(self) -> None:
         """Advance the physics by one time step, with all efforts and forces set before it.

@@ -18,12 +18,12 @@ from .base import EFFECTS, Effect
 
 # Coefficients of an odd polynomial that converts the sum of four uniform deviates to a normal
 # deviate. They were fitted to the quantiles of both distributions by least squares. The error of a
-# deviate is below 0.008 up to 3 standard deviations, and below 0.025 up to 4. The variance is
-# 1.00003, the kurtosis 3.0005, and the largest value 4.7. The polynomial needs neither branches nor
-# tables, so the processor computes eight deviates at a time.
+# deviate is below 0.008 up to 3 standard deviations, and below 0.025 up to 4. The normal deviates
+# have a variance of 1.00003, a kurtosis of 3.0005, and a largest value of 4.7. The polynomial needs
+# neither branches nor tables, so the processor computes eight deviates at a time.
 _C1, _C3, _C5, _C7 = (np.float32(c) for c in (1.65999598, 0.09039413, -0.03567146, 0.01594779))
-# Each image has several independent random sequences, with these numbers: for the loss of the
-# frame, for its noise, and, from _FURTHER on, one for each registered effect.
+# Numbers of the independent random sequences of an image: for the loss of the frame, for the noise
+# of the image, and, from _FURTHER on, one for each registered effect.
 _DROP, _NOISE, _FURTHER = 0, 1, 16
 
 
@@ -121,7 +121,8 @@ class Effects:
     noise_mean: float = parameter(0.0, least=-255.0, most=255.0)
     noise_stddev: float = parameter(0.0, least=0.0)
     shot_noise: float = parameter(0.0, least=0.0)
-    exposure: float = parameter(1.0, above=0.0)  # if it were 0, all images would be black
+    # must be above 0, because all images would be black with 0
+    exposure: float = parameter(1.0, above=0.0)
     gain: float = parameter(1.0, above=0.0)
     vignetting: float = parameter(0.0, least=0.0, most=1.0)
     exposure_time: float = parameter(0.0, "s", least=0.0)
@@ -171,7 +172,7 @@ class EffectChain:
         self.effects = e = effects
         self._seed = seed
         self._shade = _compute_vignette(shape, e.vignetting, e.exposure)
-        # Values in grey levels before the gain: variance of the shot noise per level, dark signal,
+        # Values before the gain, grey levels: variance of the shot noise per level, dark signal,
         # saturation level, and standard deviation of the read noise.
         self._shot, self._dark, self._full, self._read_noise = e.shot_noise, 0.0, 255.0, 0.0
         if (model := e.sensor) is not None:
@@ -212,15 +213,19 @@ class EffectChain:
             # Vignetting and gain are applied in one multiplication, because rounding between two
             # multiplications would cause visible steps in smooth areas.
             image = cv2.multiply(image, self._shade, scale=factor * e.gain, dtype=cv2.CV_8U)
-            if e.gain < 1.0:  # the sensor saturates at 255 before the gain, so 255 * gain after it
+            # The sensor saturates at 255 before the gain, so the largest value after the gain is
+            # 255 * gain.
+            if e.gain < 1.0:
                 image = np.minimum(image, np.uint8(round(255.0 * e.gain)))
         else:
             curve = self._curve if factor == 1.0 else self._compute_curve(factor)
             image = image if curve is None else cv2.LUT(image, curve)
         if e.noise_stddev or e.noise_mean:
-            image = np.ascontiguousarray(image)  # a user's effect may return a strided view
+            # the image from a user's effect may be a strided view
+            image = np.ascontiguousarray(image)
             out = np.empty_like(image)
-            # The variance is reduced by 1/12, which rounding to grey levels adds.
+            # Rounding to grey levels adds a variance of 1/12, so the added noise has that much
+            # less.
             stddev = math.sqrt(max(e.noise_stddev**2 - 1 / 12, (e.noise_stddev / 2)**2))
             _add_noise(image.reshape(-1), e.noise_mean, stddev, self._derive_key(stamp_ns),
                        out.reshape(-1))

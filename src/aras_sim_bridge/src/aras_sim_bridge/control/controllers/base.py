@@ -43,7 +43,8 @@ from aras_sim_bridge.description.types import RobotDescription
 from aras_sim_bridge.errors import ControllerError
 from aras_visual_servo_base.settings import read
 
-STATE_EVERY = 10  # number of updates between two published states, as in ros_controllers
+# updates of a controller from one published state to the next, as in ros_controllers
+STATE_EVERY = 10
 
 
 def _ignore(text: str) -> None:

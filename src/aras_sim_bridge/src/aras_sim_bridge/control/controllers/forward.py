@@ -35,7 +35,7 @@ from aras_sim_bridge.control.pid import Pid
 from aras_sim_bridge.errors import ControllerError
 from aras_visual_servo_base.settings import read
 
-# For each interface, the column of a JointHandle's row that contains the command.
+# For each command interface, the column of a JointHandle's row that contains the command.
 COMMAND_OF = {EFFORT: TAU_COMMAND, POSITION: Q_COMMAND, VELOCITY: V_COMMAND}
 
 

@@ -13,46 +13,49 @@ from aras_sim_bridge.angles import angular_distance_within_limits
 from aras_sim_bridge.control.joints import JointHandle
 from aras_visual_servo_base.compiled import column, jit
 
-# Interval between commands, s, that is assumed until two commands have arrived: the period of a
-# 30 Hz camera.
+# Interval between commands that is assumed until two commands have arrived, s: the period of a 30
+# Hz camera.
 USUAL_INTERVAL = 1.0 / 30.0
-SHORTEST_INTERVAL = 0.002  # s; a shorter interval enters the mean interval with this value
-LONGEST_INTERVAL = 0.1  # s; a longer interval is a pause and does not enter the mean interval
-# Weight of the newest interval in the mean interval between commands. If one command of a 100 Hz
-# stream arrives 1 ms early or late, joint J5 reaches 1.3 times the commanded speed. With a weight
-# of 1, it would reach 1.6 times.
+# shortest interval between commands that the mean interval uses, s; shorter intervals count as this
+SHORTEST_INTERVAL = 0.002
+# longest interval between commands that the mean interval uses, s; a longer one is a pause
+LONGEST_INTERVAL = 0.1
+# Weight of the newest interval in the running mean of the interval between commands. If one command
+# of a 100 Hz stream arrives 1 ms early or late, joint J5 of the ARAS arm reaches 1.3 times the
+# commanded speed. With a weight of 1, J5 would reach 1.6 times.
 NEWEST_SHARE = 0.2
-# Time constant, s, of the first-order lag that smooths the speed steps between successive lines.
-# The lag reduces the largest speed of J5, which oscillates with a period of 6 ms, from 1.55 to 1.05
-# times the commanded speed, and that of J3 from 1.4 to 1.3 times.
+# Time constant of the first-order lag that smooths the change of speed at each command, s. On the
+# ARAS arm, the lag reduces the largest speed of J5 from 1.55 to 1.05 times the commanded speed, and
+# that of J3 from 1.4 to 1.3 times. J5 oscillates with a period of 6 ms.
 LAG_TIME = 0.003
-# The set point takes longer than the mean interval to reach a command, so that it still moves when
-# the next command is late. The additional time is this factor times the mean change from one
-# interval to the next. Changes are limited to half an interval, because longer changes are pauses.
-# If commands at 100 Hz arrive up to 2 ms early or late, J3 reaches less than 1.5 times the
-# commanded speed; without the additional time, it reaches 1.7 times. In a regular stream, the
-# additional time is zero from the second interval on.
+# The set point takes longer than the mean interval to reach a command, so that the set point still
+# moves if the next command is late. The additional time is this factor times the mean change from
+# one interval between commands to the next. Changes are limited to half an interval, because longer
+# changes are pauses. If commands at 100 Hz arrive up to 2 ms early or late, J3 of the ARAS arm
+# reaches less than 1.5 times the commanded speed. Without the additional time, J3 reaches 1.7
+# times. In a regular stream, the additional time is zero from the second interval on.
 JITTER_FACTOR = 2.2
-# Distance, rad or m, at which the set point is moved to the command and stops.
+# Distance from the set point to the command at which the set point jumps to the command and stops,
+# rad or m.
 ARRIVAL_TOLERANCE = 1e-9
 
-# Columns of an interpolator's row.
+# Columns of a CommandInterpolator's row.
 (
     (
-        IS_MOVING,  # whether the set point moves
-        _TIME_LEFT,  # s, time until the end of the line is reached
-        _LINE,  # current position on the line, without the lag
-        _VALUE,  # set point
-        _END,  # end of the line, which is the last command
-        _RATE,  # velocity along the line
-        _INTERVAL,  # s, mean interval between commands
-        _JITTER,  # s, mean change from one interval to the next
-        _LAST_INTERVAL,  # s; NaN before the second command
-        _ARRIVAL,  # ns, arrival of the last command; NaN before the first command
-        _FASTEST,  # velocity limit of the joint
-        _IS_ANGULAR,  # whether the joint is angular
-        _LOWER,  # lower position limit
-        _UPPER,  # upper position limit
+        IS_MOVING,  # whether the set point is moving
+        _TIME_LEFT,  # time until the set point's straight line reaches the last command, s
+        _LINE,  # position on the straight line to the last command, rad or m
+        _VALUE,  # set point: the position on the straight line after the first-order lag, rad or m
+        _END,  # end of the straight line: the last command, rad or m
+        _RATE,  # velocity along the straight line to the last command, rad/s or m/s
+        _INTERVAL,  # running mean of the interval between commands, s
+        _JITTER,  # running mean of the change from one interval between commands to the next, s
+        _LAST_INTERVAL,  # last interval between two commands, s; NaN before the second command
+        _ARRIVAL,  # arrival time of the last command, ns; NaN before the first command
+        _FASTEST,  # velocity limit of the joint, rad/s or m/s
+        _IS_ANGULAR,  # whether the joint is revolute or continuous
+        _LOWER,  # lower position limit of the joint, rad or m
+        _UPPER,  # upper position limit of the joint, rad or m
     ),
     INTERPOLATION_COLUMNS,
 ) = range(14), 14
@@ -105,7 +108,7 @@ def set_interpolation_target(row, command, time_ns):
     """Start a line in an interpolator's row towards a command that arrived at `time_ns`."""
     if not isnan(row[_ARRIVAL]):
         interval = (time_ns - row[_ARRIVAL]) / 1e9
-        # A time that contains a pause or a reset of the clock does not enter the mean interval.
+        # Leave out an interval that contains a pause of the commands or a reset of the clock.
         if 0.0 < interval <= LONGEST_INTERVAL:
             interval = max(interval, SHORTEST_INTERVAL)
             row[_INTERVAL] += NEWEST_SHARE * (interval - row[_INTERVAL])

@@ -25,30 +25,30 @@ from aras_sim_bridge.control.joints import (
 from aras_sim_bridge.control.pid import PID_COLUMNS, Pid, compute_pid
 from aras_visual_servo_base.compiled import column, jit
 
-# rad; an angular difference below this value is always the shorter direction, so the limits need
-# not be checked.
+# Angular difference below which the shorter direction is always allowed, rad; the position limits
+# need not be checked then.
 LARGEST_PLAIN_DIFFERENCE = 3.14
 
-# Kinds of loops.
-FORWARD = 0  # the command is the output
-POSITION_PID = 1  # the command is the set point of a position PID
-SPEED_PID = 2  # the command is the set point of a velocity PID
+# Kinds of joint loops:
+FORWARD = 0  # the command of the controller is the output of the loop
+POSITION_PID = 1  # the command of the controller is the set point of a position PID
+SPEED_PID = 2  # the command of the controller is the set point of a velocity PID
 
-# Columns of a loop's row, after those of its Pid.
+# Columns of a JointLoop's row, after the columns of its Pid.
 (
-    _HANDLE,  # index of the joint's handle in the robot
-    _TARGET,  # column of the handle that receives the output
-    _KIND,  # kind of the loop
-    _IS_ANGULAR,  # whether the joint is angular
-    _LOWER,  # lower position limit
-    _UPPER,  # upper position limit
-    _COMMAND,  # last command
+    _HANDLE,  # index of the joint's handle among the robot's handles
+    _TARGET,  # column of the handle's row that receives the output of the loop
+    _KIND,  # kind of the loop: FORWARD, POSITION_PID or SPEED_PID
+    _IS_ANGULAR,  # whether the joint is revolute or continuous
+    _LOWER,  # lower position limit of the joint, rad or m
+    _UPPER,  # upper position limit of the joint, rad or m
+    _COMMAND,  # last command to the controller
     _SET_POINT,
     _ERROR,
     _OUTPUT,
-    _INTERPOLATES,  # whether set points are interpolated
-    _UPDATES,  # number of updates
-    _INTERPOLATION,  # first column of the CommandInterpolator
+    _INTERPOLATES,  # whether the set point moves to each command gradually
+    _UPDATES,
+    _INTERPOLATION,  # first column of the loop's CommandInterpolator
 ) = range(PID_COLUMNS, PID_COLUMNS + 13)
 LOOP_COLUMNS = _INTERPOLATION + INTERPOLATION_COLUMNS
 

@@ -50,7 +50,7 @@ class JointStateController(Controller):
         if "joints" in parameters:
             names = list(read_joint_names(parameters, "joints", where))
         else:
-            # ros_controllers sorts the UTF-8 bytes of the names, which gives the same order.
+            # This order is that of ros_controllers, which sorts the UTF-8 bytes of the names.
             names = sorted(hardware.interfaces[STATE])
         known = list(hardware.handles)
         self._order = [known.index(self.take_handle(hardware, name).name) for name in names]
@@ -74,7 +74,7 @@ class JointStateController(Controller):
 
     @property
     def _due_ns(self) -> float:
-        # Counting periods instead of adding them avoids accumulated rounding errors.
+        # Multiply the period instead of adding periods, so that rounding errors do not accumulate.
         return self._start_ns + (self._periods + 1) * self._step_ns
 
     @property
@@ -99,7 +99,8 @@ class JointStateController(Controller):
         if due_ns >= time_ns:
             if due_ns - time_ns <= 2.0 * self._step_ns:
                 return
-            # The clock was reset: continue now instead of waiting for the old sampling time.
+            # The clock was reset: publish now instead of waiting for the due time from before the
+            # reset.
             self._start_ns = time_ns - 1.001 * self._step_ns
             self._periods = 0
         self._periods += 1

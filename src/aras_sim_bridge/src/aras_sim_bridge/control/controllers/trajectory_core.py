@@ -177,8 +177,8 @@ class JointTrajectoryController(Controller):
             if segment.goal is not self._goal:
                 continue
             name, error = self.joints[k], errors[0][k]
-            # At its end time, a straight line still has a velocity; so check the goal only after
-            # it.
+            # Check the goal only after the end time of the last segment: a straight line still has
+            # a velocity at its end.
             if now_ns <= segment.end_ns:
                 if not segment.path_tolerance.is_met(error, errors[1][k]):
                     code = ErrorCode.PATH_TOLERANCE_VIOLATED
@@ -286,7 +286,7 @@ class JointTrajectoryController(Controller):
         try:
             if goal is not None:
                 tolerances = tolerances.override(goal.goal, self.joints)
-            # A command without points needs no joint names.
+            # A command without points needs no joint names, because it only stops the joints.
             if goal is not None or len(trajectory.points):
                 columns = find_joint_columns(
                     trajectory.joint_names, self.joints, self._allows_partial_goals

@@ -211,7 +211,8 @@ def plan_segments(
     for joint, column in enumerate(columns):
         present = current[joint]
         first = find_segment(present, next_ns)
-        # As in ros_controllers, the joint's remaining segments belong to the new goal.
+        # The trajectory does not contain this joint: as in ros_controllers, the joint's remaining
+        # segments belong to the new goal.
         if column is None:
             for segment in present[max(first, 0) :]:
                 segment.goal = goal
@@ -266,7 +267,8 @@ def _make_waypoint(point: TrajectoryPoint, column: int, shift: float) -> Waypoin
 def _count_turns(present: float, desired: float) -> float:
     """Return the multiple of 2π that, added to `desired`, brings it within π of `present`."""
     distance = angles.shortest_angular_distance(present, desired)
-    # If both directions are half a turn, rotate towards the side on which `desired` is numerically.
+    # If both directions are half a turn long, rotate in the direction of the sign of `desired` -
+    # `present`.
     if isclose(fabs(distance), pi, rel_tol=0.0, abs_tol=1e-9):
         distance = fabs(distance) if desired > present else -fabs(distance)
     return round((present + distance - desired) / (2.0 * pi)) * 2.0 * pi

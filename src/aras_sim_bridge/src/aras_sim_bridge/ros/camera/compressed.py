@@ -19,7 +19,7 @@ from aras_sim_bridge.ros.runtime.publisher import SubscriberWatch, list_connecti
 from aras_visual_servo_ros.parameters import InvalidParameterError, Value, get_namespace
 from aras_visual_servo_ros.reconfigure import Field, ReconfigureServer
 
-# Settings with the names, defaults and limits of compressed_image_transport.
+# Settings of a compressed topic, with the names, defaults and limits of compressed_image_transport.
 COMPRESSED_FIELDS = (
     Field("format", "str", "jpeg", "", "", "Compression format: jpeg or png"),
     Field("jpeg_quality", "int", 80, 1, 100, "JPEG quality percentile"),
@@ -49,7 +49,8 @@ def encode(image: np.ndarray, encoding: str, settings: dict[str, Value]) -> tupl
             image = cv2.cvtColor(image, _COLOUR[encoding])
         target = "bgr8" if jpeg or image.dtype == np.uint8 else "bgr16"
     if jpeg:
-        if image.dtype == np.uint16:  # convert to the 8 bits of JPEG: 65535 / 257 = 255
+        # JPEG has 8 bits: 65535 / 257 is 255.
+        if image.dtype == np.uint16:
             image = (image // 257).astype(np.uint8)
         options = [
             cv2.IMWRITE_JPEG_QUALITY, settings["jpeg_quality"],
@@ -69,9 +70,11 @@ def encode(image: np.ndarray, encoding: str, settings: dict[str, Value]) -> tupl
 class CompressedTopic:
     """Publisher of compressed images, which are compressed in a background thread."""
 
-    BACKLOG = 4  # largest number of frames that wait for compression; older frames are dropped
-    # Number of images, about one second, that may wait for a subscriber. A recorder that is briefly
-    # busy then misses no image. Compressed images are small, so this needs little memory.
+    # largest number of frames that wait for compression; if there are more, the oldest is dropped
+    BACKLOG = 4
+    # Number of images that may wait for a subscriber: those of about one second, so that a recorder
+    # that is briefly busy misses no image. Compressed images are small, so this needs little
+    # memory.
     QUEUE = 30
 
     def __init__(self, image_topic: str, subscriber_watch: SubscriberWatch) -> None:
@@ -89,7 +92,8 @@ class CompressedTopic:
             subscriber_listener=subscriber_watch,
             tcp_nodelay=True,
         )  # fmt: skip
-        # Held during publish and unregister: rospy fails if a topic is unregistered during publish.
+        # Lock that is held during publish and unregister: rospy fails if a topic is unregistered
+        # during publish.
         self._publishing = threading.Lock()
         self._worker = BackgroundWorker(self._send, self.BACKLOG, f"compress {topic}")
 
@@ -117,7 +121,8 @@ class CompressedTopic:
                 self._publisher.publish(CompressedImage(header, text, data))
         except (CameraError, cv2.error) as error:
             rospy.logerr_throttle(5.0, f"{self._topic}: {error}")
-        except rospy.ROSException:  # the topic was closed in the meantime
+        # The topic was closed during the compression.
+        except rospy.ROSException:
             self._worker.stop()
 
 

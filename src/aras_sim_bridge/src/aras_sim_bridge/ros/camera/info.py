@@ -73,7 +73,7 @@ def save_calibration(info: CameraInfo, camera_name: str, config: CameraConfig) -
     sensor_path = path.with_name(f"{path.stem}_sensor.yaml")
     texts = {path: _format_calibration(info, camera_name), sensor_path: format_sensor_yaml(config)}
     for file, text in texts.items():
-        # Replace the file atomically, so that no other process reads an incomplete one.
+        # Replace the file atomically, so that no other process reads an incomplete file.
         temporary = file.with_name(file.name + ".new")
         temporary.write_text(text, encoding="utf-8")
         temporary.replace(file)

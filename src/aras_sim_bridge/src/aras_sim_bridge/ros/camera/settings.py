@@ -12,7 +12,8 @@ from aras_sim_bridge.errors import SimError
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_visual_servo_ros.parameters import get_parameter
 
-# Seconds of wall time; long enough for the first camera, which sets up the renderer.
+# Time to wait until a camera is added, s of wall time. The first camera takes long, because it sets
+# up the renderer.
 ADD_TIMEOUT = 60.0
 _reported_names: set[str] = set()
 

@@ -114,7 +114,8 @@ class CameraTopics:
         self._sensor_settings = rospy.Publisher(topic, String, latch=True, queue_size=1)
         self._sensor_settings.publish(String(format_sensor_yaml(config)))
         self._services.append(ServiceTable(self.namespace, self._thread, self.set_camera_info))
-        if config.camera_name:  # as in gazebo_ros, only cameras with a name have this server
+        # As in gazebo_ros, only a camera with a name has a dynamic_reconfigure server for its rate.
+        if config.camera_name:
             self._services.append(self._make_rate_server(self._thread.call(self._read_rate)))
         self._publishes_frame = frame_broadcaster.announce(
             self._mounted,
@@ -219,8 +220,8 @@ class CameraTopics:
     @service_handler(SetCameraInfo, in_caller_thread=True)
     def set_camera_info(self, _thread: SimulationThread, request: SetCameraInfo) -> Fields:
         """Publish the requested calibration from now on, and save it to a file."""
-        # Like camera_info_manager, use the calibration even if the file cannot be written.
-        # Calibration tools leave frame_id empty; the published message has the frame of the image.
+        # As in camera_info_manager, the calibration is used even if its file cannot be written.
+        # Calibration tools leave frame_id empty; the published message gets the frame of the image.
         info = request.camera_info
         info.header.frame_id = info.header.frame_id or self._frame_id
         self._info_message = info

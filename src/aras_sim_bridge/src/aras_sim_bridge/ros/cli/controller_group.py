@@ -15,7 +15,7 @@ from aras_sim_bridge.ros.cli.controller_manager import (
 )
 from aras_visual_servo_ros.shutdown import init_node
 
-SERVICE_TIMEOUT = 5.0  # seconds of wall time to wait for a service of the controller manager
+SERVICE_TIMEOUT = 5.0  # time to wait for a service of the controller manager, s of wall time
 
 
 def read_groups() -> dict[str, list[str]]:

@@ -14,7 +14,8 @@ import rospy
 from aras_sim_bridge.errors import DescriptionError
 from aras_sim_bridge.ros.runtime import node
 
-# Options of Gazebo that are accepted but ignored: physics engines, server plug-ins and log files.
+# Options of Gazebo that are accepted without effect: physics engines, plug-ins, log files and
+# others.
 _OPTIONS_WITH_VALUE = (
     ("-e", "--physics"), ("-o", "--profile"), ("-s", "--server-plugin"), ("-g", "--gui-plugin"),
     ("-p", "--play"), ("--iters",), ("--gui-client-plugin",), ("--initial_sim_time",),

@@ -149,8 +149,8 @@ def spawn(args: argparse.Namespace) -> None:
     pose = Pose.from_rpy((args.x, args.y, args.z), (args.R, args.P, args.Y))
     rospy.loginfo("Waiting for service %s", service)
     rospy.wait_for_service(service)
-    # Pause, so that the robot does not move before its joints are at their initial positions. At
-    # other positions its links may collide with each other.
+    # Pause simulated time, so that the robot does not move before its joints are at their initial
+    # positions. At other positions, links of the robot may collide with each other.
     with pause_time(namespace) if joints else nullcontext():
         response = rospy.ServiceProxy(service, SpawnModel)(
             args.model, xml, robot_namespace, to_pose(pose), args.reference_frame

@@ -146,7 +146,8 @@ class Spawner:
                 name for name in reversed(self._loaded)
                 if not self._proxies["unload_controller"](name).ok
             ]  # fmt: skip
-            # If all calls fail, the simulator is shutting down, too.
+            # If no controller can be unloaded, the simulator is shutting down, too, and no warning
+            # is needed.
             if len(failed) < len(self._loaded):
                 for name in failed:
                     rospy.logwarn("Failed to unload %s; the simulator's log says why", name)

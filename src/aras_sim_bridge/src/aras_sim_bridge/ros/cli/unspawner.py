@@ -15,7 +15,7 @@ from controller_manager_msgs.srv import (
 from aras_visual_servo_ros.shutdown import init_node
 
 BEST_EFFORT = 1
-PERIOD = 3.0  # seconds of wall time between two checks of the running controllers
+PERIOD = 3.0  # interval between two checks of the running controllers, s of wall time
 
 
 def main() -> int:

@@ -72,7 +72,8 @@ class ControllerAction(ABC):
                  namespace: str, thread: SimulationThread) -> None:
         """Serve the class's `action` for `controller` below the topic `namespace`/`topic`."""
         self._controller = controller
-        self._goals: dict[str, GoalHandle] = {}  # used in the simulation thread only
+        # goals by their ids; used in the simulation thread only
+        self._goals: dict[str, GoalHandle] = {}
         self._server = _SimTimeActionServer(
             f"{namespace}/{self.topic}",
             self.action,

@@ -22,11 +22,12 @@ from aras_sim_bridge.ros.runtime.message_receiver import BUFFER_SIZE, MessageStr
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_visual_servo_base.names import USER_FAULTS
 
-COMPLAINT_PERIOD = 5.0  # s of wall time between two log lines of one topic
-CLOSED_PERIOD = 1.0  # s of wall time between two checks whether rospy has closed a connection
+COMPLAINT_PERIOD = 5.0  # shortest time between two log lines of one topic, s of wall time
+CLOSED_PERIOD = 1.0  # interval of the checks whether rospy has closed a connection, s of wall time
 _lock = threading.Lock()
 _subscriptions: dict[str, _SharedSubscription] = {}
-_thread_data = threading.local()  # `bodies`: message bodies that this thread of rospy has read
+# attribute `bodies`: message bodies that this thread of rospy has read
+_thread_data = threading.local()
 
 
 class CommandTopic:
@@ -114,7 +115,7 @@ class _SharedSubscription:
         on. The first call blocks until the connection ends.
         """
         bodies, _thread_data.bodies = _thread_data.bodies, []
-        if not bodies:  # an earlier call has already processed this message
+        if not bodies:  # an earlier call has already taken this message
             return
         self._is_subscribed.wait()
         implementation = self._subscriber.impl
@@ -122,7 +123,7 @@ class _SharedSubscription:
         connection: TCPROSTransport | None = next(
             (c for c in connections if c.header is message._connection_header), None
         )
-        if connection is None:  # the connection was closed in the meantime
+        if connection is None:  # rospy has closed the connection in the meantime
             return
         rest = connection.read_buff.getvalue()
         connection.read_buff.seek(0)

@@ -36,8 +36,8 @@ from aras_visual_servo_base.names import resolve_name
 from aras_visual_servo_ros.parameters import get_namespace
 
 T = TypeVar("T")
-SWITCH_TIMEOUT = 10.0  # s of wall time; used if the timeout of the request is 0
-POLL_PERIOD = 0.1  # s of wall time; interval of the checks whether simulated time has stopped
+SWITCH_TIMEOUT = 10.0  # timeout of a switch request that has a timeout of 0, s of wall time
+POLL_PERIOD = 0.1  # interval of the checks whether simulated time is paused, s of wall time
 
 
 class ManagerServices:

@@ -146,19 +146,21 @@ def _copy_fields(message: Message, state: object, names: tuple[str, ...]) -> Non
         setattr(message, name, getattr(state, name))
 
 
-# For each command_kind: message type, and function that returns the argument of set_command.
+# For each command_kind of a controller: message type of its command topic, and function that
+# converts a message to the argument of set_command.
 COMMANDS = {
     "float64": (Float64, lambda message: message.data),
     "float64_array": (Float64MultiArray, lambda message: list(message.data)),
     "joint_trajectory": (JointTrajectory, from_trajectory),
 }
-# For each state_kind: message type, queue size, and function that writes a state to a message.
+# For each state_kind of a controller: message type of its state topic, queue size, and function
+# that writes a state to a message.
 STATES = {
     "joint_controller_state": (JointControllerState, 1, fill_controller_state),
     "joint_states": (JointState, 4, fill_joint_states),
     "joint_trajectory_state": (JointTrajectoryControllerState, 1, fill_state),
 }
-# For each action_kind: class of the action server.
+# For each action_kind of a controller: class of its action server.
 ACTIONS = {"follow_joint_trajectory": TrajectoryAction, "gripper_command": GripperAction}
 _PID_FIELDS = tuple(name for name in PidState.__slots__ if name not in ("header", "timestep"))
 _CONTROLLER_FIELDS = tuple(name for name in JointControllerState.__slots__ if name != "header")

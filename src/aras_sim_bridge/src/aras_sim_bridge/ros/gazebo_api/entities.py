@@ -75,7 +75,7 @@ def find_frame(simulation: Simulation, name: str) -> tuple[Pose, Twist]:
         entity = simulation.world.models[name]
         root = entity.description.root
         return entity.link_pose(root), entity.link_twist(root)
-    # As in Gazebo, the name 'world' means the world even if there is a link of this name.
+    # As in Gazebo, the name 'world' means the world even if a link has this name.
     if name in WORLD_ALIASES:
         return IDENTITY, Twist()
     try:

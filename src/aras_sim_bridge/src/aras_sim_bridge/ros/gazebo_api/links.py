@@ -30,8 +30,8 @@ JOINT_TYPES = {
     "fixed": GetJointPropertiesResponse.FIXED,
 }
 INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-# Names of joint properties in this simulator, by their names in ODE. ODE's fmax corresponds to the
-# friction, because a joint motor with a desired velocity of 0 acts as Coulomb friction.
+# Names of joint properties in this simulator, by their names in ODE. ODE's fmax is the friction: a
+# joint motor with a desired velocity of 0 and the largest force fmax acts as Coulomb friction.
 JOINT_FIELDS = {"damping": "damping", "hiStop": "upper", "loStop": "lower", "fmax": "friction"}
 
 

@@ -31,8 +31,8 @@ from aras_sim_bridge.world import Model
 from aras_visual_servo_base.poses import Pose, Twist, rotate
 from aras_visual_servo_ros.parameters import get_namespace
 
-SPAWN_TIMEOUT = 60.0  # seconds of wall time; large meshes take long to load
-LONGEST_NAME = 256  # characters
+SPAWN_TIMEOUT = 60.0  # timeout of a spawn, s of wall time; large meshes take long to load
+LONGEST_NAME = 256  # largest length of a model's name, characters
 
 
 class Models:
@@ -84,7 +84,7 @@ class Models:
         pose = pose @ Pose.from_rpy(*description.initial_pose)
         for warning in description.warnings:
             rospy.logwarn("model '%s': %s", name, warning)
-        # Read the files in this thread, so that the simulation does not wait for them.
+        # Read the mesh files in this thread, so that the simulation thread does not wait for them.
         shapes.read_mesh_files(description, name)
         namespace = descriptions.find_namespace(description, request.robot_namespace)
         parameters = get_namespace(namespace or "/")

@@ -95,7 +95,7 @@ class Physics:
         """Set all physics properties."""
         gravity = from_vector(request.gravity, "gravity")
         ode = {name: getattr(request.ode_config, name) for name in ODE_FIELDS}
-        # As in gazebo_ros, the service does not set this parameter.
+        # As in gazebo_ros, /gazebo/set_physics_properties does not change sor_pgs_rms_error_tol.
         ode["sor_pgs_rms_error_tol"] = self._ode["sor_pgs_rms_error_tol"]
         values = self._apply(request.time_step, request.max_update_rate, gravity, ode)
         self._server.set_values(values)
@@ -119,7 +119,8 @@ class Physics:
             if not math.isfinite(value):
                 raise WorldError(f"{name} is {value}; give a finite number")
         for field in PHYSICS_FIELDS:
-            # The services use unsigned integers, which can exceed those of dynamic_reconfigure.
+            # The services use unsigned integers, whose range exceeds that of dynamic_reconfigure's
+            # integers.
             if field.type == "int" and not field.minimum <= ode[field.name] <= field.maximum:
                 raise WorldError(f"{field.name} is {ode[field.name]}; give a whole number from "
                                  f"{field.minimum} to {field.maximum}")

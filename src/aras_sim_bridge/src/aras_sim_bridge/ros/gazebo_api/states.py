@@ -25,8 +25,9 @@ from aras_sim_bridge.ros.gazebo_api.models import move_model
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_sim_bridge.simulation import Simulation
 
-METRICS_PERIOD = 0.2  # s of wall time between two messages of performance_metrics
-# s of wall time between two messages of real_time_factor; they continue while paused.
+METRICS_PERIOD = 0.2  # interval between two messages of performance_metrics, s of wall time
+# Interval between two messages of real_time_factor, s of wall time. The messages continue while
+# simulated time is paused.
 FACTOR_PERIOD = 1.0
 
 
@@ -51,7 +52,7 @@ class StateTopics:
             rospy.Timer(rospy.Duration.from_sec(FACTOR_PERIOD), self._publish_factor)
 
     def _publish_factor(self, _event: rospy.timer.TimerEvent) -> None:
-        with contextlib.suppress(rospy.ROSException):  # the topic is closed at shutdown
+        with contextlib.suppress(rospy.ROSException):  # rospy has closed the topic at shutdown
             self._factor.publish(self._thread.real_time_factor)
 
     def after_batch(self, simulation: Simulation) -> None:

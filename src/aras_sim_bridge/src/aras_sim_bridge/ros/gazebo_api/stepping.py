@@ -11,8 +11,8 @@ from aras_sim_bridge.ros.runtime.services import Fields, service_handler
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_sim_bridge.srv import StepWorld
 
-STEP_LIMIT = 1_000_000  # largest number of steps in one call of step_world
-STEP_TIMEOUT = 600.0  # seconds of wall time for one call
+STEP_LIMIT = 1_000_000  # largest number of steps in one call of the service step_world
+STEP_TIMEOUT = 600.0  # timeout of one call of the service step_world, s of wall time
 
 
 @service_handler(StepWorld, in_caller_thread=True)

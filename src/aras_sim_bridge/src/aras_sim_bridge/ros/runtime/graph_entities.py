@@ -20,7 +20,9 @@ from aras_sim_bridge.simulation import ControlledModel
 
 log = logging.getLogger(__name__)
 
-SYNC_TIMEOUT = 60.0  # seconds of wall time; `sync` may have to wait for a spawn that is in progress
+# Timeout of `sync`, s of wall time. A spawn that is in progress in the simulation thread may delay
+# `sync`.
+SYNC_TIMEOUT = 60.0
 Entity = ControlledModel | MountedCamera | RateSensor
 EntityInterface = ManagerServices | CameraTopics | SensorTopic
 
@@ -45,7 +47,8 @@ class GraphEntities:
         self.spawn_record = spawn_record or SpawnRecord(False)
         self._before_frame = before_frame
         self._lock = threading.Lock()
-        # The value is None if the interface could not be opened; opening it is not tried again.
+        # ROS interfaces by entity. The value is None if an interface could not be opened; opening
+        # is not tried again.
         self._interfaces: dict[Entity, EntityInterface | None] = {}
 
     def sync(self) -> None:
@@ -80,7 +83,8 @@ class GraphEntities:
             if isinstance(entity, RateSensor):
                 return SensorTopic(entity, self._thread)
             return CameraTopics(entity, self._thread, self._before_frame)
-        except Exception as error:  # no failure may affect the interfaces of other entities
+        # A failure must not affect the interfaces of other entities, so catch every exception.
+        except Exception as error:
             if isinstance(entity, ControlledModel):
                 what = f"robot '{entity.name}'"
             elif isinstance(entity, RateSensor):

@@ -83,7 +83,8 @@ class Lockstep:
         self._listeners: dict[str, rospy.Subscriber] = {}
         self._missing_topics: set[str] = set()
         self._silent_topics: set[str] = set()
-        self._deadline: float | None = None  # wall time, s, at which the current wait ends
+        # end of the current wait, s of wall time; None without a wait
+        self._deadline: float | None = None
         self._flusher = flusher
         flusher.on_progress = wake
 
@@ -165,15 +166,16 @@ class Lockstep:
             self._silent_topics.update(late)
             for queue in behind:
                 queue.is_abandoned = True
-        # The ROS master finds the publishers slowly, so do not ask it in the simulation thread.
+        # Find the publishers for the warning in another thread, because the ROS master answers
+        # slowly.
         slow = sorted(queue.name for queue in behind)
         threading.Thread(target=self._warn_late, args=(late, slow), daemon=True).start()
         return None
 
     def _subscribe(self, topic: str) -> None:
         with self._lock:
-            # In one process, rospy allows only one message type for a topic, so AnyMsg would
-            # conflict with the subscriber that claimed the topic.
+            # rospy allows only one message type per topic in a process. A listener with AnyMsg
+            # would conflict with a subscriber of this process that has claimed the topic.
             if topic not in self._claimed_topics and topic not in self._listeners:
                 self._listeners[topic] = rospy.Subscriber(
                     topic, rospy.AnyMsg, lambda _message: self.note_message(topic), tcp_nodelay=True

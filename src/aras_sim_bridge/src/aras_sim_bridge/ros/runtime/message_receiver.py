@@ -15,8 +15,8 @@ import socket
 import struct
 from collections.abc import Callable, Iterable
 
-BUFFER_SIZE = 1 << 20  # bytes per read from a socket
-# Bytes; a message with a larger length field means that the data are corrupt.
+BUFFER_SIZE = 1 << 20  # largest number of bytes per read from a socket
+# Largest length of a message, bytes. A larger length field means that the data are corrupt.
 LARGEST_MESSAGE = 1 << 24
 _LENGTH = struct.Struct("<I")
 
@@ -48,7 +48,8 @@ class MessageStream:
         self._remainder = remainder
         self._bodies = collections.deque(bodies)
         self._delivered_ns = -1
-        self.skipped_count = 0  # number of messages that newer messages have replaced
+        # number of messages that were skipped, because newer ones had arrived
+        self.skipped_count = 0
 
     def read(self, buffer: bytearray) -> bool:
         """Read all available bytes from the socket; return False if the connection has ended.
@@ -111,7 +112,7 @@ class MessageReceiver:
 
     def wake(self) -> None:
         """Wake the simulation thread so that it checks for work; may be called from any thread."""
-        with contextlib.suppress(OSError):  # the event is closed if the thread has ended
+        with contextlib.suppress(OSError):  # if the thread has ended, the event is closed
             os.eventfd_write(self._wake_event, 1)
 
     def clear_wake(self) -> None:
@@ -133,11 +134,12 @@ class MessageReceiver:
 
     def add(self, stream: MessageStream) -> None:
         """Start to read `stream`."""
-        # This socket may have the file descriptor of another socket that was closed.
+        # End a stream with the same file descriptor: its socket was closed, and the system reused
+        # the number.
         self._end(self._streams.pop(stream.descriptor, None))
         try:
             self._poll.register(stream.descriptor, select.EPOLLIN)
-        except (OSError, ValueError):  # the socket was closed in the meantime
+        except (OSError, ValueError):  # the stream's socket was closed in the meantime
             self._end(stream)
             return
         self._streams[stream.descriptor] = stream
@@ -161,7 +163,7 @@ class MessageReceiver:
         for descriptor, _ in self._poll.poll(0):
             stream = self._streams[descriptor]
             if not stream.read(self._buffer):
-                # Deliver the last message of the ended connection.
+                # The connection has ended: deliver its last message.
                 delivered = stream.deliver(time_ns, 0) or delivered
                 self.remove(stream)
         for stream in self._streams.values():

@@ -35,10 +35,10 @@ from aras_visual_servo_ros.shutdown import init_node
 
 log = logging.getLogger(__name__)
 
-# Time, s, after which Python switches threads. With the default of 5 ms, the simulation thread
+# Interval at which Python switches threads, s. With the default of 5 ms, the simulation thread
 # would wait up to 5 ms for rospy's threads in every step.
 SWITCH_INTERVAL = 0.0005
-# Time at shutdown, s, in which rospy's threads send error responses to waiting clients.
+# Time at shutdown in which rospy's threads send error responses to waiting clients, s.
 ERROR_REPLY_TIME = 0.3
 
 
@@ -64,7 +64,7 @@ class GazeboNode:
             after_step=self._after_step,
             after_batch=self._after_batch,
             on_fault=self._on_fault,
-            paused=True,  # until all topics and services are advertised
+            paused=True,  # simulated time starts after all topics and services are advertised
         )
         self.lockstep: Lockstep | None = None
         if parameters.speed_mode == "lockstep":
@@ -99,7 +99,8 @@ class GazeboNode:
         """End the simulation; rospy closes the services and topics afterwards."""
         self.thread.stop()
         if self.fault is None:
-            with contextlib.suppress(OSError, KeyError, rospy.ROSException):  # no master
+            # There may be no ROS master any more.
+            with contextlib.suppress(OSError, KeyError, rospy.ROSException):
                 self.spawn_record.clear()
 
     def _build(self) -> Simulation:
@@ -186,16 +187,19 @@ class _ShutdownHandler:
     def __init__(self) -> None:
         self.shutdown_event = threading.Event()
         self.node: GazeboNode | None = None
-        # rospy calls this function before it closes the topics, so no step uses a closed topic.
+        # rospy calls on_shutdown functions before it closes the topics, so no step uses a closed
+        # topic.
         rospy.on_shutdown(self._on_shutdown)
-        if rospy.core.is_shutdown_requested():  # before on_shutdown was called
+        # If shutdown was requested before this point, rospy does not call _on_shutdown.
+        if rospy.core.is_shutdown_requested():
             self.shutdown_event.set()
 
     def _on_shutdown(self) -> None:
         self.shutdown_event.set()
         if self.node is not None:
             self.node.stop()
-            # Send error responses to waiting clients before rospy closes their connections.
+            # Give rospy's threads time to send error responses to waiting clients, before rospy
+            # closes the connections.
             rospy.rostime.wallsleep(ERROR_REPLY_TIME)
 
 
@@ -206,7 +210,7 @@ def main(defaults: Mapping[str, object] = MappingProxyType({})) -> int:
     """
     sys.setswitchinterval(SWITCH_INTERVAL)
     compile_all()
-    # No subscription to /clock, because this node publishes it.
+    # Do not subscribe to /clock, because this node publishes it.
     init_node("gazebo", __doc__, disable_rostime=True)
     accept_in_threads()
     shutdown_handler = _ShutdownHandler()

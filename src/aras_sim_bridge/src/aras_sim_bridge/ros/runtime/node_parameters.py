@@ -12,7 +12,7 @@ from aras_visual_servo_ros.parameters import InvalidParameterError
 
 LOG_LEVELS = ("debug", "info", "warn", "error")
 SPEED_MODES = ("real_time", "max", "lockstep")
-# Other names in the namespace of the private parameters, which the node does not check.
+# Private parameters that belong to other parts of the node. They are not reported as unknown.
 OTHER_PARAMETERS = {field.name for field in PHYSICS_FIELDS} | {"cameras", "robot_description"}
 
 

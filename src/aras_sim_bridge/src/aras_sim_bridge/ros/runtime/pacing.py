@@ -11,12 +11,14 @@ from collections.abc import Callable
 
 log = logging.getLogger(__name__)
 
-# Simulated time of a group of steps; the thread wakes up once for each group, at 250 Hz.
+# Simulated time of a group of steps, ns. The simulation thread wakes up once for each group, that
+# is at 250 Hz.
 BATCH_NS = 4_000_000
-LARGEST_LAG_NS = 200_000_000  # simulated time does not catch up a larger lag behind real time
-WINDOW = 2.0  # seconds of wall time over which the real-time factor is measured
-WARN_BELOW = 0.95  # a warning is logged below this fraction of the desired real-time factor
-WARN_PERIOD = 10.0  # seconds of wall time between two warnings
+# Largest lag behind real time that simulated time catches up, ns of simulated time.
+LARGEST_LAG_NS = 200_000_000
+WINDOW = 2.0  # time over which the real-time factor is measured, s of wall time
+WARN_BELOW = 0.95  # fraction of the desired real-time factor below which a warning is logged
+WARN_PERIOD = 10.0  # shortest time between two warnings about the real-time factor, s of wall time
 
 
 class FactorMeter:

@@ -78,7 +78,8 @@ class NonBlockingPublisher:
         self._queues: dict[TCPROSTransport, SendQueue] = {}
         self._latched_message: MessageParts | None = None
         self._sequence = 0
-        # rospy only announces that the topic is latched; _update_queues sends the last message.
+        # With `latch`, rospy only announces that the topic is latched; _update_queues sends the
+        # last message to new subscribers.
         self._latch = latch
         self._publisher: rospy.Publisher | None = None
         self._publisher = rospy.Publisher(
@@ -89,7 +90,7 @@ class NonBlockingPublisher:
             tcp_nodelay=True,
             subscriber_listener=SubscriberWatch(self._update_queues),
         )
-        # rospy does not report subscribers that connected during the constructor.
+        # rospy does not report subscribers that connected during its constructor.
         self._update_queues()
 
     def publish(self, message: Message) -> None:

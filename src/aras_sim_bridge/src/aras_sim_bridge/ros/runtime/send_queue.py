@@ -37,13 +37,14 @@ class SendQueue:
             name: name of the subscriber and the topic in log messages.
         """
         self.name = name
-        # If True, lockstep does not wait for this queue until it is empty again.
+        # While this is True, lockstep does not wait for the queue; it becomes False when the queue
+        # is empty.
         self.is_abandoned = False
         self.socket = connection
         self.descriptor = connection.fileno()
         self._on_broken = on_broken
         self._lock = threading.Lock()
-        self._unsent_rest: MessageParts = ()  # rest of a message that has been sent in part
+        self._unsent_rest: MessageParts = ()
         self._messages: collections.deque[MessageParts] = collections.deque(maxlen=queue_size)
         self._is_broken = False
 
@@ -119,7 +120,7 @@ class QueueFlusher:
         self._lock = threading.Lock()
         self._queues: dict[int, SendQueue] = {}
         self._poll: select.epoll | None = None
-        # Called each time data of a queue have been sent.
+        # Function that is called each time data of a queue have been sent.
         self.on_progress: Callable[[], None] = lambda: None
 
     def list_unsent(self) -> list[SendQueue]:
@@ -136,20 +137,22 @@ class QueueFlusher:
             if self._poll is None:
                 self._poll = select.epoll()
                 threading.Thread(target=self._run, name="queue_flusher", daemon=True).start()
-            if queue.socket.fileno() < 0:  # the socket was closed in the meantime
+            if queue.socket.fileno() < 0:  # the queue's socket was closed in the meantime
                 return
             self._queues[queue.descriptor] = queue
-            with contextlib.suppress(FileExistsError):  # already registered
+            with contextlib.suppress(FileExistsError):  # the queue is already registered
                 self._poll.register(queue.descriptor, select.EPOLLOUT)
 
     def forget(self, queue: SendQueue) -> None:
         """Stop sending the messages of `queue`."""
         with self._lock:
-            # The file descriptor of the closed connection may now belong to a new connection.
+            # The file descriptor of the queue's closed connection may now belong to the queue of a
+            # new connection.
             if self._queues.get(queue.descriptor) is not queue:
                 return
             del self._queues[queue.descriptor]
-            with contextlib.suppress(OSError):  # closing the socket has already unregistered it
+            # A closed socket is no longer registered.
+            with contextlib.suppress(OSError):
                 self._poll.unregister(queue.descriptor)
 
     def _run(self) -> None:

@@ -24,7 +24,8 @@ from aras_visual_servo_base.names import USER_FAULTS
 
 log = logging.getLogger(__name__)
 
-Fields = dict[str, object] | None  # fields of a response by name; the others have their defaults
+# Fields of a service's response by name. Fields that are left out have their default values.
+Fields = dict[str, object] | None
 Handler = Callable[[object, Message], Fields]
 
 
@@ -145,7 +146,7 @@ def call_handler(
         return policy.make_response(fields)
     except SimError as error:
         text = f"{policy.type_name}: {error}"
-        # A call that arrives during shutdown is no error: after Ctrl-C, spawners still unload their
+        # During shutdown, a refused call is no error: after Ctrl-C, spawners still unload their
         # controllers.
         write_log = rospy.logdebug if str(error) == SHUTTING_DOWN else rospy.logerr
         write_log("%s: %s", name, error)

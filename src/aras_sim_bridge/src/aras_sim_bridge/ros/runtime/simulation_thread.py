@@ -28,15 +28,19 @@ T = TypeVar("T")
 log = logging.getLogger(__name__)
 
 SHUTTING_DOWN = "the simulator is shutting down"
-JOBS_BUDGET = 0.002  # s of wall time that jobs may use between two groups of steps
-# Simulated time, ns, for which steps are made one by one, when they are due, after a command.
+JOBS_BUDGET = 0.002  # time for which jobs may run between two groups of steps, s of wall time
+# Simulated time after a command during which steps are not grouped, ns. Each step is made when it
+# is due.
 STREAM_NS = 5_000_000
-# If so many messages per step and connection are skipped, steps are made in groups again.
+# Number of skipped messages per step, over all connections, from which steps are grouped even while
+# commands arrive.
 FLOOD = 3
-PAUSED_PERIOD = 0.004  # s of wall time between two reads of commands while paused
-# Number of commands of one connection that may wait for their steps in lockstep mode.
+PAUSED_PERIOD = 0.004  # interval between two reads of commands while paused, s of wall time
+# Largest number of commands of one connection that wait for their steps in lockstep mode.
 LOCKSTEP_BACKLOG = 8
-STALL = 0.05  # s of wall time; simulated time does not catch up after a longer job, such as a spawn
+# Duration of jobs, such as a spawn, from which simulated time does not catch up the delay, s of
+# wall time.
+STALL = 0.05
 
 
 class SimulationBusyError(SimError):
@@ -82,11 +86,12 @@ class SimulationThread:
         self._is_stopping = False
         self._ready: Future = Future()
         self._thread = threading.Thread(target=self._run, name="simulation", daemon=True)
-        self.simulation: Simulation | None = None  # None before `start`
-        # Called with the end time, ns, of the next step; set it in the simulation thread only.
+        self.simulation: Simulation | None = None  # the simulation is built by `start`
+        # Function that is called before each step, with the simulated time at its end, ns. Set it
+        # in the simulation thread only.
         self.before_step: Callable[[int], None] | None = None
-        # Lockstep stops simulated time while it `is_closed`, but step() ignores it. Set it before
-        # `start`.
+        # Lockstep stops simulated time while lockstep.is_closed, except in step(). Set lockstep
+        # before `start`.
         self.lockstep: Lockstep | None = None
 
     def start(self, timeout: float = 60.0) -> None:
@@ -147,7 +152,8 @@ class SimulationThread:
         future: Future = Future()
         self._jobs.append((job, future))
         self._receiver.wake()
-        if self._is_stopping:  # the thread no longer runs jobs, even if it is still alive
+        # A stopping thread runs no jobs, even if the thread is still alive.
+        if self._is_stopping:
             self._cancel_jobs()
         try:
             return future.result(timeout)
@@ -181,7 +187,8 @@ class SimulationThread:
             if self._paused:
                 self._paused = False
                 if self.lockstep is not None:
-                    # A lockstep round that step() started must not stop time now.
+                    # End a lockstep round that step() has started, so that the round does not stop
+                    # simulated time now.
                     self.lockstep.end_round()
                 self._pacer.restart(self.simulation.time_ns)
 
@@ -266,7 +273,9 @@ class SimulationThread:
         )  # fmt: skip
         while True:
             receiver.clear_wake()
-            if self._is_stopping:  # check this after clear_wake, so that no stop request is lost
+            # Check for a stop after clear_wake: the wake-up of a later stop request is then not
+            # cleared.
+            if self._is_stopping:
                 return
             if jobs:
                 self._run_jobs()
@@ -299,7 +308,8 @@ class SimulationThread:
         while simulation.time_ns < end_ns and not (gate is not None and gate.is_closed):
             try:
                 self._step(self._compute_backlog(end_ns))
-            # For example, the physics diverged; a client can reset the simulation.
+            # Pause, for example after the physics diverged, so that a client can reset the
+            # simulation.
             except SimError as error:
                 self._paused = True
                 log.error("simulated time is paused: %s", error)
@@ -322,7 +332,7 @@ class SimulationThread:
 
     @property
     def _is_streaming(self) -> bool:
-        # If the difference exceeds STREAM_NS, simulated time has been reset since the command.
+        # A difference above STREAM_NS means that simulated time was reset after the last command.
         return 0 < self._stream_until_ns - self.simulation.time_ns <= STREAM_NS
 
     def _compute_group_ns(self) -> int:
@@ -363,7 +373,7 @@ class SimulationThread:
         while True:
             try:
                 _, future = self._jobs.popleft()
-            except IndexError:  # the queue is empty; another thread may have taken the last job
+            except IndexError:  # no job is left; another thread may have taken the last one
                 return
             if future.set_running_or_notify_cancel():
                 future.set_exception(SimulationBusyError(SHUTTING_DOWN))
@@ -372,5 +382,6 @@ class SimulationThread:
 def _log_fault(future: Future) -> None:
     if future.cancelled() or (error := future.exception()) is None:
         return
-    if not isinstance(error, SimulationBusyError):  # at shutdown a job is dropped without a message
+    # Jobs that are cancelled at shutdown are not reported.
+    if not isinstance(error, SimulationBusyError):
         log.error("%s: %s", type(error).__name__, error)

@@ -6,11 +6,15 @@ import pytest
 from aras_visual_servo_controller.kinematics.algebra import (
     are_finite,
     has_singular_values_above,
+    is_measurement_finite,
     is_task_finite,
+    is_well_conditioned,
     multiply,
     multiply_vector,
     solve_least_squares,
+    solve_linear,
     svd,
+    triangularise,
 )
 
 SHAPES = [(1, 1), (2, 6), (6, 2), (4, 6), (6, 6), (6, 7), (11, 6), (12, 7), (6, 12)]
@@ -121,3 +125,51 @@ def test_one_number_that_is_not_finite_is_noticed_wherever_it_is(bad):
         L.flat[place] = bad
         assert not is_task_finite(L, whole[0])
     assert not is_task_finite(np.ones((4, 6)), three[2])
+
+
+@pytest.mark.parametrize("rows", [7, 8, 12, 200])
+def test_reduced_rows_have_the_normal_equations_of_all_rows(rows):
+    random = np.random.default_rng(rows)
+    a = random.normal(size=(rows, 9))
+    a[:, 3] = 0.0 if rows == 8 else a[:, 3]  # a direction that no row measures
+    reduced = a.copy()
+    triangularise(reduced, 6)
+    first = reduced[:6]
+    np.testing.assert_allclose(first[:, :6].T @ first, a[:, :6].T @ a, atol=1e-12 * rows)
+    assert np.abs(np.tril(first[:, :6], -1)).max() == 0.0
+
+
+def test_a_linear_system_is_solved_as_by_lapack_also_with_a_zero_pivot():
+    random = np.random.default_rng(5)
+    for _ in range(50):
+        a, b = random.normal(size=(6, 6)), random.normal(size=6)
+        a[0, 0] = 0.0
+        found = b.copy()
+        solve_linear(a.copy(), found)
+        np.testing.assert_allclose(found, np.linalg.solve(a, b), rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("rows", [3, 6, 40])
+def test_the_condition_of_l_is_that_of_rows_of_length_one_in_depths(rows):
+    random = np.random.default_rng(rows)
+    L, modelled, distance = random.normal(size=(rows, 6)), np.arange(6) != 3, 0.3
+    L[0] = 0.0  # a feature that does not move
+    scaled = (L * ([distance] * 3 + [1.0] * 3))[1:, modelled]
+    scaled /= np.linalg.norm(scaled, axis=1, keepdims=True)
+    padded = np.vstack([np.zeros(5), scaled])
+    s = np.linalg.svd(padded, compute_uv=False)
+    ratio = s[-1] / s[0]
+    if ratio < 1e-9:
+        assert not is_well_conditioned(L, modelled, distance, 1e-3)
+        return
+    assert is_well_conditioned(L, modelled, distance, 0.999 * ratio)
+    assert not is_well_conditioned(L, modelled, distance, 1.001 * ratio)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("where", range(4))
+def test_a_number_that_is_not_finite_is_found_in_every_array_of_a_measurement(where, bad):
+    arrays = [np.ones(2), np.ones(2), np.ones(2), np.ones((2, 6))]
+    assert is_measurement_finite(*arrays)
+    arrays[where].flat[-1] = bad
+    assert not is_measurement_finite(*arrays)

@@ -460,3 +460,12 @@ def test_the_outline_of_two_that_overlap():
     assert len(corner) == 8 and area(corner) == pytest.approx(12.0 + 6.0 - 1.0)
     with pytest.raises(ServoError, match="do not overlap"):
         unite_star_shapes(wide, tall + [9.0, 0.0])
+
+
+def test_a_goal_file_that_has_changed_is_read_again(tmp_path):
+    path = tmp_path / "goal.yaml"
+    path.write_text("depth: 0.2\n")
+    first = Goal.load(path)
+    assert first.depth == 0.2 and Goal.load(path) is first
+    path.write_text("depth: 0.3\n")
+    assert Goal.load(path).depth == 0.3

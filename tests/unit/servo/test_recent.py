@@ -28,3 +28,14 @@ def test_errors_of_another_length_begin_anew():
     assert recent.stamps.tolist() == [0.1] and recent.errors.tolist() == [[1.0, 1.0]]
     recent.clear()
     assert len(recent) == 0
+
+
+def test_rows_are_found_and_dropped_by_their_stamps():
+    recent = RecentErrors()
+    for i in range(10):
+        recent.add(0.1 * i, np.array([float(i)]))
+    stamps, rows = recent.since(0.55)
+    assert rows[:, 0].tolist() == [6.0, 7.0, 8.0, 9.0] and len(stamps) == 4
+    recent.drop_before(0.4)
+    assert recent.errors[0, 0] == 4.0 and len(recent) == 6 and recent.width == 1
+    assert len(recent.since(9.0)[0]) == 0

@@ -53,6 +53,7 @@ FLOORS = {
     ),
     "aras_visual_servo_camera": (
         {"edge_pixels", "errors", "formula", "polygons"},
+        {"moment_sums"},
         {"feature_formulas", "images", "markers", "moments"},
         {"segmentation"},
         {"degeneracy", "interaction", "kernel", "line_fits", "segmented_target", "undistortion"},

@@ -8,6 +8,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from aras_visual_servo_base.compiled import jit
+
 Array = NDArray[np.float64]
 
 
@@ -39,16 +41,27 @@ def find_crossing(vertices: Array) -> tuple[int, int] | None:
 
     Return None if no edges cross. Edges that only touch at an end do not cross.
     """
-    p = np.asarray(vertices, dtype=float)
-    q = next_vertices(p)
-    edge = q - p
-    # The signs of start[k, l] and end[k, l] are the sides of edge k on which edge l starts and
-    # ends.
-    start = cross(edge[:, None, :], p[None, :, :] - p[:, None, :])
-    end = cross(edge[:, None, :], q[None, :, :] - p[:, None, :])
-    separated = start * end < 0.0
-    both = separated & separated.T
-    if not both.any():
-        return None
-    crossing = np.argwhere(np.triu(both, 2))
-    return None if len(crossing) == 0 else (int(crossing[0, 0]), int(crossing[0, 1]))
+    first, second = _find_crossing(np.asarray(vertices, dtype=float))
+    return None if first < 0 else (first, second)
+
+
+@jit("f8[:,:]", allocates=False)
+def _find_crossing(p):
+    """Return the result of `find_crossing`, or (-1, -1) if no edges cross."""
+    count = len(p)
+    for k in range(count):
+        ax, ay = p[k, 0], p[k, 1]
+        k1 = k + 1 if k + 1 < count else 0
+        bx, by = p[k1, 0] - ax, p[k1, 1] - ay
+        for m in range(k + 2, count):
+            m1 = m + 1 if m + 1 < count else 0
+            # Sides of edge k on which edge m starts and ends, and the same for edge m.
+            start = bx * (p[m, 1] - ay) - by * (p[m, 0] - ax)
+            end = bx * (p[m1, 1] - ay) - by * (p[m1, 0] - ax)
+            if start * end < 0.0:
+                cx, cy = p[m1, 0] - p[m, 0], p[m1, 1] - p[m, 1]
+                start = cx * (ay - p[m, 1]) - cy * (ax - p[m, 0])
+                end = cx * (p[k1, 1] - p[m, 1]) - cy * (p[k1, 0] - p[m, 0])
+                if start * end < 0.0:
+                    return k, m
+    return -1, -1

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from aras_visual_servo_base.byte_limited_cache import ByteLimitedCache
 from aras_visual_servo_base.lenses import (
     brown,
     extrapolate_brown,
@@ -32,6 +33,8 @@ from .polygons import Array
 PINHOLE_MODELS = ("", "plumb_bob", "rational_polynomial")
 FISHEYE_MODELS = ("equidistant", "fisheye")
 
+# Memory of the tables of recently used cameras. The tables of a camera with 640 x 480 px take 7 MB.
+CACHE_BYTES = 64_000_000
 # Rays at a larger angle to the optical axis are rejected, because x = X/Z is infinite at 90 deg.
 _MAX_FIELD_ANGLE = np.deg2rad(88.0)
 
@@ -134,23 +137,11 @@ class CameraModel:
 
     @cached_property
     def tables(self) -> PixelTables:
-        """Undistorted position and area of each pixel, computed at first use."""
-        u, v = np.meshgrid(np.arange(self.width), np.arange(self.height))
-        x, y, valid = self.normalise(u.ravel(), v.ravel())
-        shape = (self.height, self.width)
-        x, y, valid = x.reshape(shape), y.reshape(shape), valid.reshape(shape)
-        cu, cv = np.meshgrid(np.arange(self.width + 1) - 0.5, np.arange(self.height + 1) - 0.5)
-        corner = self.normalise(cu.ravel(), cv.ravel())
-        cx, cy, cvalid = (a.reshape(self.height + 1, self.width + 1) for a in corner)
-        # The area of a quadrilateral is half the cross product of its diagonals.
-        dx1, dy1 = cx[1:, 1:] - cx[:-1, :-1], cy[1:, 1:] - cy[:-1, :-1]
-        dx2, dy2 = cx[1:, :-1] - cx[:-1, 1:], cy[1:, :-1] - cy[:-1, 1:]
-        area = 0.5 * (dx1 * dy2 - dy1 * dx2)
-        valid &= cvalid[1:, 1:] & cvalid[:-1, :-1] & cvalid[1:, :-1] & cvalid[:-1, 1:]
-        valid &= area > 0.0
-        return PixelTables(
-            np.where(valid, x, 0.0), np.where(valid, y, 0.0), np.where(valid, area, 0.0)
-        )
+        """Undistorted position and area of each pixel, computed at first use; read-only.
+
+        All equal cameras of a process share them: a study makes a camera for each of its runs.
+        """
+        return _tables.get(self, lambda: _compute_tables(self))
 
     @cached_property
     def blind_mask(self) -> NDArray[np.bool_] | None:
@@ -190,6 +181,30 @@ class CameraModel:
                 x, y = extrapolate_brown(x, y, self.D)
         camera = self.pinhole
         return camera.fx * x + camera.cx, camera.fy * y + camera.cy
+
+
+_tables: ByteLimitedCache[CameraModel, PixelTables] = ByteLimitedCache(
+    CACHE_BYTES, lambda tables: sum(table.nbytes for table in tables)
+)
+
+
+def _compute_tables(camera: CameraModel) -> PixelTables:
+    width, height = camera.width, camera.height
+    u, v = np.meshgrid(np.arange(width), np.arange(height))
+    x, y, valid = (a.reshape(height, width) for a in camera.normalise(u.ravel(), v.ravel()))
+    cu, cv = np.meshgrid(np.arange(width + 1) - 0.5, np.arange(height + 1) - 0.5)
+    corner = camera.normalise(cu.ravel(), cv.ravel())
+    cx, cy, cvalid = (a.reshape(height + 1, width + 1) for a in corner)
+    # The area of a quadrilateral is half the cross product of its diagonals.
+    dx1, dy1 = cx[1:, 1:] - cx[:-1, :-1], cy[1:, 1:] - cy[:-1, :-1]
+    dx2, dy2 = cx[1:, :-1] - cx[:-1, 1:], cy[1:, :-1] - cy[:-1, 1:]
+    area = 0.5 * (dx1 * dy2 - dy1 * dx2)
+    valid &= cvalid[1:, 1:] & cvalid[:-1, :-1] & cvalid[1:, :-1] & cvalid[:-1, 1:]
+    valid &= area > 0.0
+    tables = PixelTables(*(np.where(valid, table, 0.0) for table in (x, y, area)))
+    for table in tables:
+        table.setflags(write=False)
+    return tables
 
 
 def normalise_pixels(

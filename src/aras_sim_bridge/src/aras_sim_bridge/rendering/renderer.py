@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
+from aras_visual_servo_base.byte_limited_cache import ByteLimitedCache
+
 from ..errors import RenderingError
 from .binning import TileBinning, VisibleTriangles
-from .byte_limited_cache import ByteLimitedCache
 from .depth_and_labels import measure
 from .edge_detection import find_edges
 from .fragments import EdgeResolver, Fragments

@@ -1,0 +1,214 @@
+"""Sums of moments over images, samples and polygons, as compiled loops.
+
+A table (7, 7) contains the moment m_ij at [i, j], and zeros for i + j > MAX_ORDER. The functions
+write their result to an array that the caller gives.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from aras_visual_servo_base.compiled import jit
+
+from .edge_pixels import find_edge_moment
+
+MAX_ORDER = 6
+SIZE = MAX_ORDER + 1
+# Number of samples whose powers are computed together. Blocks of 256 samples (28 KiB of powers) fit
+# into the fastest cache of a processor.
+BLOCK = 256
+
+# Gauss-Legendre quadrature on [0, 1]: four nodes integrate polynomials up to degree 7 exactly.
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(MAX_ORDER // 2 + 1)
+_NODES = 0.5 * (_NODES + 1.0)
+_WEIGHTS = 0.5 * _WEIGHTS
+
+
+@jit("f8[:,::1], f8[:,:], f8[:,:], f8[:,:], f8[:,:], b1, f8[:,::1]")
+def sum_image(weights, u_powers, v_powers, u_slopes, v_slopes, has_edges, table):
+    """Compute the moments of an image about the point where its coordinates u and v are zero, px.
+
+    Args:
+        weights: (rows, columns) weight of each pixel.
+        u_powers, v_powers: (columns, SIZE), (rows, SIZE) powers of the coordinates of the columns
+            and the rows.
+        u_slopes, v_slopes: derivatives of these powers.
+        has_edges: whether a weight is the covered fraction of the pixel's square. The covered part
+            of a pixel with a weight other than 0 and 1 is then located as in `edge_pixels`.
+        table: (SIZE, SIZE) array to which the moments are written.
+    """
+    table[:] = 0.0
+    first, second = np.empty(SIZE), np.empty(SIZE)
+    for row in range(weights.shape[0]):
+        first[:] = 0.0
+        second[:] = 0.0
+        s0 = s1 = s2 = s3 = s4 = s5 = s6 = 0.0
+        is_empty = True
+        for column in range(weights.shape[1]):
+            weight = weights[row, column]
+            if weight == 0.0:
+                continue
+            is_empty = False
+            s0 += weight * u_powers[column, 0]
+            s1 += weight * u_powers[column, 1]
+            s2 += weight * u_powers[column, 2]
+            s3 += weight * u_powers[column, 3]
+            s4 += weight * u_powers[column, 4]
+            s5 += weight * u_powers[column, 5]
+            s6 += weight * u_powers[column, 6]
+            if has_edges and weight != 1.0:
+                across, along = find_edge_moment(weights, row, column)
+                for k in range(SIZE):
+                    first[k] += across * u_slopes[column, k]
+                    second[k] += along * u_powers[column, k]
+        if is_empty:
+            continue
+        for k, value in enumerate((s0, s1, s2, s3, s4, s5, s6)):
+            first[k] += value
+        for i in range(SIZE):
+            for j in range(SIZE - i):
+                table[i, j] += first[i] * v_powers[row, j] + second[i] * v_slopes[row, j]
+
+
+@jit("f8[::1], f8[::1], f8[::1], f8[:,::1]")
+def sum_samples(x, y, weight, table):
+    """Compute the moments of weighted samples about their centre of gravity.
+
+    Args:
+        x, y, weight: (n,) coordinates and weight of each sample.
+        table: (SIZE, SIZE) array to which the moments are written.
+
+    Returns:
+        Sum of the weights, and x and y of the centre of gravity. If the sum is not positive, the
+        centre is NaN, and the table is not written.
+    """
+    total = x0 = y0 = 0.0
+    for n in range(len(x)):
+        total += weight[n]
+        x0 += weight[n] * x[n]
+        y0 += weight[n] * y[n]
+    if not total > 0.0:
+        return total, np.nan, np.nan
+    x0, y0 = x0 / total, y0 / total
+    table[:] = 0.0
+    px, py = np.empty((SIZE, BLOCK)), np.empty((SIZE, BLOCK))
+    for start in range(0, len(x), BLOCK):
+        count = min(BLOCK, len(x) - start)
+        padded = (count + 7) // 8 * 8
+        for n in range(count):
+            px[0, n], py[0, n] = 1.0, weight[start + n]
+        for n in range(count, padded):
+            px[0, n], py[0, n] = 1.0, 0.0
+        for k in range(MAX_ORDER):
+            for n in range(count):
+                px[k + 1, n] = px[k, n] * (x[start + n] - x0)
+            for n in range(count):
+                py[k + 1, n] = py[k, n] * (y[start + n] - y0)
+            for n in range(count, padded):
+                px[k + 1, n] = py[k + 1, n] = 0.0
+        for i in range(SIZE):
+            for j in range(SIZE - i):
+                # Eight independent sums can be added at the same time.
+                s0 = s1 = s2 = s3 = s4 = s5 = s6 = s7 = 0.0
+                for n in range(0, padded, 8):
+                    s0 += px[i, n] * py[j, n]
+                    s1 += px[i, n + 1] * py[j, n + 1]
+                    s2 += px[i, n + 2] * py[j, n + 2]
+                    s3 += px[i, n + 3] * py[j, n + 3]
+                    s4 += px[i, n + 4] * py[j, n + 4]
+                    s5 += px[i, n + 5] * py[j, n + 5]
+                    s6 += px[i, n + 6] * py[j, n + 6]
+                    s7 += px[i, n + 7] * py[j, n + 7]
+                table[i, j] += ((s0 + s4) + (s1 + s5)) + ((s2 + s6) + (s3 + s7))
+    return total, x0, y0
+
+
+@jit("f8[:,:], f8, f8, f8[:,::1]")
+def sum_polygon(vertices, x0, y0, table):
+    """Compute the moments of a polygon about a point.
+
+    The polygon is divided into triangles (0, P, Q), one for each edge PQ. The integral of a
+    homogeneous function f of degree d over such a triangle is P x Q / (d + 2) times the mean of f
+    over the edge PQ. On the edge, f is a polynomial, whose mean is computed exactly by
+    Gauss-Legendre quadrature.
+
+    Args:
+        vertices: (n, 2) corners of the polygon.
+        x0, y0: the point.
+        table: (SIZE, SIZE) array to which the moments are written. Their sign is such that the
+            area is not negative.
+
+    Returns:
+        Largest absolute coordinate of a corner relative to the point.
+    """
+    table[:] = 0.0
+    extent = 0.0
+    count = len(vertices)
+    qx, qy = np.empty(SIZE), np.empty(SIZE)
+    for n in range(count):
+        ax, ay = vertices[n, 0] - x0, vertices[n, 1] - y0
+        following = n + 1 if n + 1 < count else 0
+        bx, by = vertices[following, 0] - x0, vertices[following, 1] - y0
+        extent = max(extent, abs(ax), abs(ay))
+        doubled = ax * by - ay * bx
+        for node in range(len(_NODES)):
+            x = ax + _NODES[node] * (bx - ax)
+            y = ay + _NODES[node] * (by - ay)
+            qx[0], qy[0] = doubled * _WEIGHTS[node], 1.0
+            for k in range(MAX_ORDER):
+                qx[k + 1], qy[k + 1] = qx[k] * x, qy[k] * y
+            for i in range(SIZE):
+                for j in range(SIZE - i):
+                    table[i, j] += qx[i] * qy[j]
+    sign = 1.0 if table[0, 0] > 0.0 else -1.0
+    for i in range(SIZE):
+        for j in range(SIZE - i):
+            table[i, j] *= sign / (i + j + 2.0)
+    return extent
+
+
+@jit("f8[:,:], f8, f8")
+def translate(table, dx, dy):
+    """Compute the moments of a shape that is translated by (dx, dy).
+
+    Let m_kl be the given moments. The new moment (i, j) is the sum of
+    C(i,k) C(j,l) dx^(i-k) dy^(j-l) m_kl over k and l, where C is the binomial coefficient.
+    """
+    size = table.shape[0]
+    rows, moved = np.zeros((size, size)), np.zeros((size, size))
+    for i in range(size):
+        factor = 1.0  # C(i, k) dx^(i-k), which is 1 for the first k = i
+        for k in range(i, -1, -1):
+            for j in range(size):
+                rows[i, j] += factor * table[k, j]
+            factor *= dx * k / (i - k + 1)
+    for j in range(size):
+        factor = 1.0
+        for k in range(j, -1, -1):
+            for i in range(size):
+                moved[i, j] += factor * rows[i, k]
+            factor *= dy * k / (j - k + 1)
+    return moved
+
+
+@jit("f8[:,:], f8[:,::1]")
+def centre_moments(table, centred):
+    """Translate moments to the centre of gravity.
+
+    Args:
+        table: (order+1, order+1) moments about any point.
+        centred: (order+1, order+1) array to which the moments about the centre of gravity are
+            written.
+
+    Returns:
+        m00; x and y of the centre of gravity.
+    """
+    m00 = table[0, 0]
+    dx, dy = table[1, 0] / m00, table[0, 1] / m00
+    moved = translate(table, -dx, -dy)
+    size = len(table)
+    for i in range(size):
+        for j in range(size):
+            centred[i, j] = moved[i, j] if i + j < size else 0.0
+    centred[1, 0] = centred[0, 1] = 0.0
+    return m00, dx, dy

@@ -70,7 +70,7 @@ def sum_image(weights, u_powers, v_powers, u_slopes, v_slopes, has_edges, table)
                 table[i, j] += first[i] * v_powers[row, j] + second[i] * v_slopes[row, j]
 
 
-@jit("f8[::1], f8[::1], f8[::1], f8[:,::1]")
+@jit("f8[:], f8[:], f8[:], f8[:,::1]")
 def sum_samples(x, y, weight, table):
     """Compute the moments of weighted samples about their centre of gravity.
 
@@ -91,21 +91,21 @@ def sum_samples(x, y, weight, table):
         return total, np.nan, np.nan
     x0, y0 = x0 / total, y0 / total
     table[:] = 0.0
-    px, py = np.empty((SIZE, BLOCK)), np.empty((SIZE, BLOCK))
+    px, py, dy = np.empty((SIZE, BLOCK)), np.empty((SIZE, BLOCK)), np.empty(BLOCK)
     for start in range(0, len(x), BLOCK):
         count = min(BLOCK, len(x) - start)
         padded = (count + 7) // 8 * 8
         for n in range(count):
             px[0, n], py[0, n] = 1.0, weight[start + n]
+            px[1, n], dy[n] = x[start + n] - x0, y[start + n] - y0
         for n in range(count, padded):
-            px[0, n], py[0, n] = 1.0, 0.0
+            px[0, n], py[0, n], px[1, n], dy[n] = 1.0, 0.0, 0.0, 0.0
         for k in range(MAX_ORDER):
-            for n in range(count):
-                px[k + 1, n] = px[k, n] * (x[start + n] - x0)
-            for n in range(count):
-                py[k + 1, n] = py[k, n] * (y[start + n] - y0)
-            for n in range(count, padded):
-                px[k + 1, n] = py[k + 1, n] = 0.0
+            for n in range(padded):
+                py[k + 1, n] = py[k, n] * dy[n]
+        for k in range(1, MAX_ORDER):
+            for n in range(padded):
+                px[k + 1, n] = px[k, n] * px[1, n]
         for i in range(SIZE):
             for j in range(SIZE - i):
                 # Eight independent sums can be added at the same time.

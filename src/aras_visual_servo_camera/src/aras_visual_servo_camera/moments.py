@@ -236,7 +236,7 @@ class Moments:
         Raises:
             MomentsError: the sum of the weights is not positive.
         """
-        x, y, weight = (np.ascontiguousarray(a, dtype=float) for a in (x, y, weight))
+        x, y, weight = (np.asarray(a, dtype=float) for a in (x, y, weight))
         table = np.empty((SIZE, SIZE))
         total, x0, y0 = sum_samples(x, y, weight, table)
         if not total > 0.0:

@@ -1,4 +1,4 @@
-"""Sums of moments over images, samples and polygons, as compiled loops.
+"""Sums of moments over images and samples, as compiled loops.
 
 A table (7, 7) contains the moment m_ij at [i, j], and zeros for i + j > MAX_ORDER. The functions
 write their result to an array that the caller gives.
@@ -17,11 +17,6 @@ SIZE = MAX_ORDER + 1
 # Number of samples whose powers are computed together. Blocks of 256 samples (28 KiB of powers) fit
 # into the fastest cache of a processor.
 BLOCK = 256
-
-# Gauss-Legendre quadrature on [0, 1]: four nodes integrate polynomials up to degree 7 exactly.
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(MAX_ORDER // 2 + 1)
-_NODES = 0.5 * (_NODES + 1.0)
-_WEIGHTS = 0.5 * _WEIGHTS
 
 
 @jit("f8[:,::1], f8[:,:], f8[:,:], f8[:,:], f8[:,:], b1, f8[:,::1]")
@@ -121,50 +116,6 @@ def sum_samples(x, y, weight, table):
                     s7 += px[i, n + 7] * py[j, n + 7]
                 table[i, j] += ((s0 + s4) + (s1 + s5)) + ((s2 + s6) + (s3 + s7))
     return total, x0, y0
-
-
-@jit("f8[:,:], f8, f8, f8[:,::1]")
-def sum_polygon(vertices, x0, y0, table):
-    """Compute the moments of a polygon about a point.
-
-    The polygon is divided into triangles (0, P, Q), one for each edge PQ. The integral of a
-    homogeneous function f of degree d over such a triangle is P x Q / (d + 2) times the mean of f
-    over the edge PQ. On the edge, f is a polynomial, whose mean is computed exactly by
-    Gauss-Legendre quadrature.
-
-    Args:
-        vertices: (n, 2) corners of the polygon.
-        x0, y0: the point.
-        table: (SIZE, SIZE) array to which the moments are written. Their sign is such that the
-            area is not negative.
-
-    Returns:
-        Largest absolute coordinate of a corner relative to the point.
-    """
-    table[:] = 0.0
-    extent = 0.0
-    count = len(vertices)
-    qx, qy = np.empty(SIZE), np.empty(SIZE)
-    for n in range(count):
-        ax, ay = vertices[n, 0] - x0, vertices[n, 1] - y0
-        following = n + 1 if n + 1 < count else 0
-        bx, by = vertices[following, 0] - x0, vertices[following, 1] - y0
-        extent = max(extent, abs(ax), abs(ay))
-        doubled = ax * by - ay * bx
-        for node in range(len(_NODES)):
-            x = ax + _NODES[node] * (bx - ax)
-            y = ay + _NODES[node] * (by - ay)
-            qx[0], qy[0] = doubled * _WEIGHTS[node], 1.0
-            for k in range(MAX_ORDER):
-                qx[k + 1], qy[k + 1] = qx[k] * x, qy[k] * y
-            for i in range(SIZE):
-                for j in range(SIZE - i):
-                    table[i, j] += qx[i] * qy[j]
-    sign = 1.0 if table[0, 0] > 0.0 else -1.0
-    for i in range(SIZE):
-        for j in range(SIZE - i):
-            table[i, j] *= sign / (i + j + 2.0)
-    return extent
 
 
 @jit("f8[:,:], f8, f8")

@@ -24,20 +24,26 @@ from math import isfinite
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from aras_visual_servo_base.compiled import jit
+
 from .errors import MomentsError
 from .moment_sums import (
     MAX_ORDER,
     SIZE,
     centre_moments,
     sum_image,
-    sum_polygon,
     sum_samples,
     translate,
 )
-from .polygons import Array, find_crossing
+from .polygons import Array, find_crossing_edges
 
 DENSE = "dense"
 POINTS = "points"
+
+# Gauss-Legendre quadrature on [0, 1]: four nodes integrate polynomials up to degree 7 exactly.
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(MAX_ORDER // 2 + 1)
+_NODES = 0.5 * (_NODES + 1.0)
+_WEIGHTS = 0.5 * _WEIGHTS
 
 
 @cache
@@ -187,7 +193,10 @@ class Moments:
     ) -> Moments:
         """Compute the exact moments of a simple polygon.
 
-        `sum_polygon` contains the formula.
+        The polygon is divided into triangles (0, P, Q), one for each edge PQ. The integral of a
+        homogeneous function f of degree d over such a triangle is P x Q / (d + 2) times the mean of
+        f over the edge PQ. On the edge, f is a polynomial, whose mean is computed exactly by
+        Gauss-Legendre quadrature.
 
         Args:
             vertices: (n, 2) normalised, clockwise or counter-clockwise. The first vertex is not
@@ -200,12 +209,14 @@ class Moments:
                 coordinate that is not finite.
         """
         outline = _check_vertices(vertices, "polygon")
-        x0, y0 = (float(c) for c in outline.mean(axis=0))
-        table = _compute_polygon_moments(outline, x0, y0, "polygon")
+        x0, y0 = (outline.sum(axis=0) / len(outline)).tolist()
+        table = _compute_polygon_moments(outline, x0, y0, order, "polygon")
         for number, hole in enumerate(holes):
             label = f"hole {number}"
-            table -= _compute_polygon_moments(_check_vertices(hole, label), x0, y0, label)
-        return cls._from_table(table[: order + 1, : order + 1], x0, y0, order, DENSE)
+            table = table - _compute_polygon_moments(
+                _check_vertices(hole, label), x0, y0, order, label
+            )
+        return cls._from_table(table, x0, y0, order, DENSE)
 
     @classmethod
     def from_points(cls, points: ArrayLike, order: int = MAX_ORDER) -> Moments:
@@ -373,19 +384,53 @@ def _check_vertices(points: ArrayLike, label: str) -> Array:
     return points
 
 
-def _compute_polygon_moments(vertices: Array, x0: float, y0: float, label: str) -> Array:
-    """Compute the moments (SIZE, SIZE) of a polygon (n, 2) about the point (x0, y0).
+def _compute_polygon_moments(
+    vertices: Array, x0: float, y0: float, order: int, label: str
+) -> Array:
+    """Compute the moments (order+1, order+1) of a polygon (n, 2) about the point (x0, y0).
 
     Their sign is such that the area is positive. `label` names the polygon in messages.
     """
-    crossing = find_crossing(vertices)
-    if crossing is not None:
+    table, is_empty, first, second = _integrate_polygon(vertices, x0, y0, order)
+    if first >= 0:
         raise MomentsError(
-            f"edges {crossing[0]} and {crossing[1]} of the {label} cross: sort its vertices so "
-            "that the outline is simple"
+            f"edges {first} and {second} of the {label} cross: sort its vertices so that the "
+            "outline is simple"
         )
-    table = np.empty((SIZE, SIZE))
-    extent = sum_polygon(vertices, x0, y0, table)
-    if table[0, 0] <= 1e-14 * extent**2:
+    if is_empty:
         raise MomentsError(f"the {label} has no area: its vertices lie on one line")
     return table
+
+
+@jit("f8[:,:], f8, f8, i8")
+def _integrate_polygon(vertices, x0, y0, order):
+    """Integrate x^i y^j over a polygon (n, 2), relative to the point (x0, y0).
+
+    Returns:
+        The moments (order+1, order+1) with a positive area; whether the area is zero; the indices
+        of the first two edges that cross, or -1 twice.
+    """
+    table, count = np.zeros((order + 1, order + 1)), len(vertices)
+    first, second = find_crossing_edges(vertices)
+    if first >= 0:
+        return table, False, first, second
+    extent, power_x, power_y = 0.0, np.empty(order + 1), np.empty(order + 1)
+    for k in range(count):
+        after = k + 1 if k < count - 1 else 0
+        px, py = vertices[k, 0] - x0, vertices[k, 1] - y0
+        qx, qy = vertices[after, 0] - x0, vertices[after, 1] - y0
+        extent = max(extent, abs(px), abs(py))
+        doubled = px * qy - py * qx
+        for n in range(len(_NODES)):
+            power_x[0], power_y[0] = doubled * _WEIGHTS[n], 1.0
+            x, y = px + _NODES[n] * (qx - px), py + _NODES[n] * (qy - py)
+            for i in range(order):
+                power_x[i + 1], power_y[i + 1] = power_x[i] * x, power_y[i] * y
+            for i in range(order + 1):
+                for j in range(order + 1 - i):
+                    table[i, j] += power_x[i] * power_y[j]
+    sign = 1.0 if table[0, 0] > 0.0 else -1.0
+    for i in range(order + 1):
+        for j in range(order + 1 - i):
+            table[i, j] *= sign / (i + j + 2.0)
+    return table, table[0, 0] <= 1e-14 * extent**2, -1, -1

@@ -41,27 +41,27 @@ def find_crossing(vertices: Array) -> tuple[int, int] | None:
 
     Return None if no edges cross. Edges that only touch at an end do not cross.
     """
-    first, second = _find_crossing(np.asarray(vertices, dtype=float))
+    first, second = find_crossing_edges(np.asarray(vertices, dtype=float))
     return None if first < 0 else (first, second)
 
 
 @jit("f8[:,:]", allocates=False)
-def _find_crossing(p):
-    """Return the result of `find_crossing`, or (-1, -1) if no edges cross."""
+def find_crossing_edges(p):
+    """Return the result of `find_crossing` for vertices p (n, 2); (-1, -1) if no edges cross."""
     count = len(p)
     for k in range(count):
-        ax, ay = p[k, 0], p[k, 1]
-        k1 = k + 1 if k + 1 < count else 0
-        bx, by = p[k1, 0] - ax, p[k1, 1] - ay
-        for m in range(k + 2, count):
-            m1 = m + 1 if m + 1 < count else 0
-            # Sides of edge k on which edge m starts and ends, and the same for edge m.
-            start = bx * (p[m, 1] - ay) - by * (p[m, 0] - ax)
-            end = bx * (p[m1, 1] - ay) - by * (p[m1, 0] - ax)
-            if start * end < 0.0:
-                cx, cy = p[m1, 0] - p[m, 0], p[m1, 1] - p[m, 1]
-                start = cx * (ay - p[m, 1]) - cy * (ax - p[m, 0])
-                end = cx * (p[k1, 1] - p[m, 1]) - cy * (p[k1, 0] - p[m, 0])
-                if start * end < 0.0:
-                    return k, m
+        for other in range(k + 2, count):
+            if _is_separated(p, k, other) and _is_separated(p, other, k):
+                return k, other
     return -1, -1
+
+
+@jit("f8[:,:], i8, i8", allocates=False)
+def _is_separated(p, k, other):
+    """Return whether the ends of edge `other` are on different sides of the line of edge k."""
+    last = len(p) - 1
+    after, end = k + 1 if k < last else 0, other + 1 if other < last else 0
+    ux, uy = p[after, 0] - p[k, 0], p[after, 1] - p[k, 1]
+    one = ux * (p[other, 1] - p[k, 1]) - uy * (p[other, 0] - p[k, 0])
+    two = ux * (p[end, 1] - p[k, 1]) - uy * (p[end, 0] - p[k, 0])
+    return one * two < 0.0

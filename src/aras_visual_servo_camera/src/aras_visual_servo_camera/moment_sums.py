@@ -14,8 +14,8 @@ from .edge_pixels import find_edge_moment
 
 MAX_ORDER = 6
 SIZE = MAX_ORDER + 1
-# Number of samples whose powers are computed together. Blocks of 256 samples (28 KiB of powers) fit
-# into the fastest cache of a processor.
+# Number of samples whose powers are computed together, a power of two. Blocks of 256 samples have
+# 28 KiB of powers, which fit into the fastest cache of a processor.
 BLOCK = 256
 
 
@@ -86,10 +86,13 @@ def sum_samples(x, y, weight, table):
         return total, np.nan, np.nan
     x0, y0 = x0 / total, y0 / total
     table[:] = 0.0
-    px, py, dy = np.empty((SIZE, BLOCK)), np.empty((SIZE, BLOCK)), np.empty(BLOCK)
+    px, py = np.empty((SIZE, BLOCK)), np.empty((SIZE, BLOCK))
+    dy, products = np.empty(BLOCK), np.empty(BLOCK)
     for start in range(0, len(x), BLOCK):
         count = min(BLOCK, len(x) - start)
-        padded = (count + 7) // 8 * 8
+        padded = 1
+        while padded < count:
+            padded *= 2
         for n in range(count):
             px[0, n], py[0, n] = 1.0, weight[start + n]
             px[1, n], dy[n] = x[start + n] - x0, y[start + n] - y0
@@ -103,18 +106,16 @@ def sum_samples(x, y, weight, table):
                 px[k + 1, n] = px[k, n] * px[1, n]
         for i in range(SIZE):
             for j in range(SIZE - i):
-                # Eight independent sums can be added at the same time.
-                s0 = s1 = s2 = s3 = s4 = s5 = s6 = s7 = 0.0
-                for n in range(0, padded, 8):
-                    s0 += px[i, n] * py[j, n]
-                    s1 += px[i, n + 1] * py[j, n + 1]
-                    s2 += px[i, n + 2] * py[j, n + 2]
-                    s3 += px[i, n + 3] * py[j, n + 3]
-                    s4 += px[i, n + 4] * py[j, n + 4]
-                    s5 += px[i, n + 5] * py[j, n + 5]
-                    s6 += px[i, n + 6] * py[j, n + 6]
-                    s7 += px[i, n + 7] * py[j, n + 7]
-                table[i, j] += ((s0 + s4) + (s1 + s5)) + ((s2 + s6) + (s3 + s7))
+                # Halves of the products are added until one is left: unlike a plain sum, these
+                # loops can be vectorised without changing the order of the summands.
+                for n in range(padded):
+                    products[n] = px[i, n] * py[j, n]
+                half = padded // 2
+                while half > 0:
+                    for n in range(half):
+                        products[n] += products[n + half]
+                    half //= 2
+                table[i, j] += products[0]
     return total, x0, y0
 
 

@@ -18,12 +18,11 @@ from numpy.typing import NDArray
 
 from aras_visual_servo_base.byte_limited_cache import ByteLimitedCache
 from aras_visual_servo_base.lenses import (
-    brown,
     extrapolate_brown,
     extrapolate_kannala_brandt,
-    fold_radius,
     kannala_brandt,
     kannala_brandt_fold,
+    undistort_brown,
 )
 
 from .errors import CalibrationError
@@ -169,7 +168,7 @@ class CameraModel:
             return xd, yd, np.ones(xd.shape, dtype=bool)
         if self.model in FISHEYE_MODELS:
             return _undistort_fisheye(xd, yd, self.D or (0.0,) * 4)
-        return _undistort_polynomial(xd, yd, self.D)
+        return undistort_brown(xd, yd, self.D, np.tan(_MAX_FIELD_ANGLE))
 
     def project(self, x: Array, y: Array) -> tuple[Array, Array]:
         """Convert normalised coordinates x, y, (n,) each, to pixels (column, row), (n,) each."""
@@ -238,37 +237,6 @@ def subdivide(outline: Array, parts: int = 8) -> Array:
     ends = np.roll(outline, -1, axis=0)
     steps = (np.arange(parts) / parts)[None, :, None]
     return (outline[:, None] + steps * (ends - outline)[:, None]).reshape(-1, 2)
-
-
-def _undistort_polynomial(xd: Array, yd: Array, D: tuple[float, ...]):
-    """Invert the polynomial distortion by Newton's method.
-
-    Args:
-        xd, yd: (n,) distorted coordinates, normalised.
-        D: distortion coefficients.
-
-    Returns:
-        x (n,); y (n,); and for each point whether it is valid (n,). It is not valid if the
-        iteration does not converge, or if the point is outside the range of the lens model.
-    """
-    x, y = xd.copy(), yd.copy()
-    with np.errstate(all="ignore"):
-        for _ in range(30):
-            px, py, jxx, jxy, jyx, jyy = brown(x, y, D)
-            ex, ey = px - xd, py - yd
-            if float(np.nanmax(np.abs(ex) + np.abs(ey))) < 1e-14:
-                break
-            determinant = jxx * jyy - jxy * jyx
-            x = x - (jyy * ex - jxy * ey) / determinant
-            y = y - (jxx * ey - jyx * ex) / determinant
-        px, py, jxx, jxy, jyx, jyy = brown(x, y, D)
-        valid = np.abs(px - xd) + np.abs(py - yd) < 1e-10
-        # The polynomial is invertible up to the radius at which the image folds back (the fold).
-        # Roots beyond the fold are wrong: those with a negative Jacobian, and those with a larger
-        # radius.
-        valid &= (jxx * jyy - jxy * jyx > 0.0) & (jxx + jyy > 0.0)
-        valid &= x * x + y * y < min(np.tan(_MAX_FIELD_ANGLE), fold_radius(D)) ** 2
-    return np.where(valid, x, 0.0), np.where(valid, y, 0.0), valid
 
 
 def _distort_fisheye(x: Array, y: Array, D: tuple[float, ...]):

@@ -48,6 +48,21 @@ def test_both_draw_the_same_picture(bench):
     assert np.abs(means[0] - means[1]).max() < 1.0, "tiny cuts off parts of a grey level"
 
 
+def test_a_grey_camera_delivers_the_luminance_of_the_coloured_image(bench):
+    furnish(bench)
+    renderer = create_renderer("exact", bench.world)
+    rgb, grey = renderer.render(view()), renderer.render_grey(view())
+    luminance = rgb.astype(float) @ [0.299, 0.587, 0.114]
+    assert grey.dtype == np.uint8 and len(np.unique(grey)) > 50
+    assert np.abs(grey - luminance).max() <= 0.501
+    settings = {"width": 160, "height": 120, "format": "mono16"}
+    sensor = CameraSensor(CameraConfig.from_mapping(settings), renderer)
+    pose = np.eye(4)
+    image = sensor.capture(pose, 40_000_000).image
+    expected = renderer.render_grey(sensor.make_view(pose)).astype(np.uint16) * 257
+    np.testing.assert_array_equal(image, expected)
+
+
 def test_both_measure_the_same(bench):
     furnish(bench)
     measured = [create_renderer(n, bench.world).measure(view())

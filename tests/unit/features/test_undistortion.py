@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -117,6 +118,14 @@ def test_a_small_target_far_from_the_axis(centre: tuple[float, float]) -> None:
     for i, j in ((2, 0), (0, 2)):
         spread = exact.mu(i, j) / exact.m00
         assert moments.mu(i, j) / moments.m00 == pytest.approx(spread, rel=0.015)
+
+
+def test_equal_cameras_share_read_only_tables_and_others_do_not() -> None:
+    again, other = replace(LAB), replace(LAB, width=319)
+    assert again is not LAB and again.tables is LAB.tables
+    assert other.tables.x.shape == (240, 319)
+    with pytest.raises(ValueError, match="read-only"):
+        LAB.tables.area[0, 0] = 1.0
 
 
 def test_jacobian_of_the_polynomial_by_finite_differences() -> None:

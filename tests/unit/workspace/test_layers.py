@@ -53,10 +53,11 @@ FLOORS = {
     ),
     "aras_visual_servo_camera": (
         {"edge_pixels", "errors", "formula", "polygons"},
+        {"moment_sums"},
         {"feature_formulas", "images", "markers", "moments"},
         {"segmentation"},
         {"degeneracy", "interaction", "kernel", "line_fits", "segmented_target", "undistortion"},
-        {"coverage", "labels", "model_tracker", "orientation", "silhouette"},
+        {"corner_fits", "coverage", "labels", "model_tracker", "orientation", "silhouette"},
         {"contour", "features", "label_topics", "pipeline", "trackers"},
         {"messages", "overlay", "parameters"},
         {"outputs"},

@@ -23,37 +23,42 @@ def brown(x: np.ndarray, y: np.ndarray, D: Sequence[float]) -> tuple[np.ndarray,
         Distorted x and y; and a, b, c, d of the Jacobian [[a, b], [c, d]] of the distorted
         coordinates with respect to the undistorted ones. Each is (n,).
     """
-    k1, k2, p1, p2, k3, k4, k5, k6, *more = (*D, *(0.0,) * (8 - len(D)))
-    r2 = x * x + y * y
-    top = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    low = 1.0 + r2 * (k4 + r2 * (k5 + r2 * k6))
-    radial = top / low
-    dtop = k1 + r2 * (2.0 * k2 + 3.0 * k3 * r2)
-    dlow = k4 + r2 * (2.0 * k5 + 3.0 * k6 * r2)
-    slope = (dtop - radial * dlow) / low  # d(radial)/d(r2)
-    xd = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)
-    yd = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y
-    a = radial + 2.0 * x * x * slope + 2.0 * p1 * y + 6.0 * p2 * x
-    b = 2.0 * x * y * slope + 2.0 * p1 * x + 2.0 * p2 * y
-    d = radial + 2.0 * y * y * slope + 6.0 * p1 * y + 2.0 * p2 * x
-    if not any(more):
-        return xd, yd, a, b, b, d
-    s1, s2, s3, s4, *tilt = more
-    xd, yd = xd + r2 * (s1 + s2 * r2), yd + r2 * (s3 + s4 * r2)
-    of_x, of_y = 2.0 * (s1 + 2.0 * s2 * r2), 2.0 * (s3 + 2.0 * s4 * r2)
-    a, b, c, d = a + of_x * x, b + of_x * y, b + of_y * x, d + of_y * y
-    if not any(tilt):
-        return xd, yd, a, b, c, d
-    H = _tilt_homography(*tilt)
-    u, v, w = (H[i, 0] * xd + H[i, 1] * yd + H[i, 2] for i in range(3))
-    xt, yt = u / w, v / w
-    # Chain rule: the Jacobian of the tilt times the Jacobian of the previous steps.
-    e, f = ((H[0, j] - xt * H[2, j]) / w for j in range(2))
-    g, h = ((H[1, j] - yt * H[2, j]) / w for j in range(2))
-    return xt, yt, e * a + f * c, e * b + f * d, g * a + h * c, g * b + h * d
+    from .brown_distortion import distort_points  # loads Numba
+
+    x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
+    out = np.empty((6, len(x)))
+    distort_points(x, y, *_fill_coefficients(tuple(D)), out)
+    return tuple(out)
+
+
+def undistort_brown(
+    xd: np.ndarray, yd: np.ndarray, D: Sequence[float], largest_radius: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Invert `brown` for the distorted coordinates xd, yd (n,).
+
+    Returns:
+        Undistorted x and y (n,); and for each point whether it is valid (n,). It is not valid if
+        the iteration does not converge, or if the point is beyond `largest_radius` (undistorted) or
+        beyond the `fold_radius`; x and y are then 0.
+    """
+    from .brown_distortion import undistort_points  # loads Numba
+
+    xd, yd = np.asarray(xd, dtype=float), np.asarray(yd, dtype=float)
+    out, valid = np.empty((2, len(xd))), np.empty(len(xd), np.bool_)
+    radius = min(largest_radius, fold_radius(tuple(D)))
+    undistort_points(xd, yd, *_fill_coefficients(tuple(D)), radius, out, valid)
+    return out[0], out[1], valid
 
 
 @functools.lru_cache(maxsize=32)
+def _fill_coefficients(D: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray, bool]:
+    """Return all 14 coefficients, the homography (3, 3) of the tilt, and whether there is a tilt.
+    """
+    coefficients = np.array((*D, *(0.0,) * (14 - len(D))))
+    taux, tauy = coefficients[12:].tolist()
+    return coefficients, _tilt_homography(taux, tauy), bool(taux or tauy)
+
+
 def _tilt_homography(taux: float, tauy: float) -> np.ndarray:
     """Return the homography (3, 3) of a sensor that is tilted about x, then about y.
 

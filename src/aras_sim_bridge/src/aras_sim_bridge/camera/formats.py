@@ -44,20 +44,23 @@ def find_shape(encoding: str, height: int, width: int) -> tuple[int, ...]:
     return (height, width, 3) if colour else (height, width)
 
 
+def is_grey(encoding: str) -> bool:
+    """Return whether the sensor measures grey levels without filters of colours."""
+    return encoding.startswith("mono")
+
+
 def read_out(rgb: np.ndarray, encoding: str) -> np.ndarray:
-    """Convert an rgb image (H, W, 3) uint8 to the pixels of a sensor.
+    """Convert an rgb image (H, W, 3) uint8 to the pixels of a sensor with colour filters.
 
     The result is (H, W, 3) uint8 with colours in the order of the encoding, or (H, W) uint8 for
-    grey images and Bayer patterns. With a Bayer pattern, each pixel has only the channel that its
-    filter transmits. The four letters of the pattern are the filters of the first two pixels in the
-    first row, and of those in the second row.
+    Bayer patterns. With a Bayer pattern, each pixel has only the channel that its filter transmits.
+    The four letters of the pattern are the filters of the first two pixels in the first row, and of
+    those in the second row.
     """
     if encoding in ("rgb8", "rgb16"):
         return rgb
     if encoding == "bgr8":
         return cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR)
-    if encoding in ("mono8", "mono16"):
-        return cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
     pattern = encoding[len("bayer_"):-1]
     out = np.empty(rgb.shape[:2], np.uint8)
     for n, letter in enumerate(pattern):

@@ -86,6 +86,7 @@ class CameraSensor:
         self.config = config
         self.renderer = renderer
         self.info: CameraIntrinsics = config.make_intrinsics()
+        self._is_grey = formats.is_grey(config.encoding)
         self._link_T_optical = mounting_pose(config.xyz, config.rpy)
         self._parts = make_row_bands(config.effects, config.height)
         try:
@@ -304,9 +305,8 @@ class CameraSensor:
             None if self.vibration is None else self.vibration.compute_pose(self._next_ns)
         )
         part = self._parts[self._part]
-        image = self.renderer.render(
-            self.make_view(pose, self._bands[part.first], displacement), blend
-        )
+        render = self.renderer.render_grey if self._is_grey else self.renderer.render
+        image = render(self.make_view(pose, self._bands[part.first], displacement), blend)
         if self._part == self._pipeline.middle_part and (self.depth or self.segmentation):
             self._depth_and_labels = self.renderer.measure(
                 self.make_view(pose, mounting_T_shaken=displacement), blend
@@ -317,7 +317,8 @@ class CameraSensor:
         image = self._pipeline.exposure.take()
         self._warn_if_blind(image, pose @ self._link_T_optical)
         encoding = self.config.encoding
-        image = self._pipeline.read_out(formats.read_out(image, encoding), stamp)
+        light = image if self._is_grey else formats.read_out(image, encoding)
+        image = self._pipeline.read_out(light, stamp)
         depth, segmentation = self._depth_and_labels or (None, None)
         self._depth_and_labels = None
         frame = SensorFrame(stamp, formats.widen(image, encoding), encoding,
@@ -356,7 +357,7 @@ class CameraSensor:
         """
         first, self._first = self._first, False
         # Test a single pixel first: this is fast, and the pixel is usually not black.
-        black = not (self._has_warned_black or image[0, 0, 0] or image[::8, ::8].any())
+        black = not (self._has_warned_black or image[0, 0].any() or image[::8, ::8].any())
         if not first and not black:
             return
         around = [name for name in self.renderer.find_bodies_around(world_T_optical[:3, 3])

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
+from aras_visual_servo_base.byte_limited_cache import ByteLimitedCache
+
 from ..errors import RenderingError
 from .binning import TileBinning, VisibleTriangles
-from .byte_limited_cache import ByteLimitedCache
 from .depth_and_labels import measure
 from .edge_detection import find_edges
 from .fragments import EdgeResolver, Fragments
@@ -101,6 +102,17 @@ class Renderer:
 
     def render(self, view: View, blend: float = 1.0) -> np.ndarray:
         """Return the image of the view, (height, width, 3) uint8 rgb, top row first."""
+        return cv2.cvtColor(self._draw(view, blend), cv2.COLOR_RGBA2RGB)
+
+    def render_grey(self, view: View, blend: float = 1.0) -> np.ndarray:
+        """Return the image of the view in grey, (height, width) uint8.
+
+        A grey level is 0.299 R + 0.587 G + 0.114 B of the levels in `render`, rounded.
+        """
+        return cv2.cvtColor(self._draw(view, blend), cv2.COLOR_RGBA2GRAY)
+
+    def _draw(self, view: View, blend: float) -> np.ndarray:
+        """Return the image of the view, (height, width, 4) uint8 rgba; the next overwrites it."""
         one = self.sample(view, blend, UPPER_LEFT)
         canvas, triangles = one.canvas, self.triangles
         uniform = canvas.shader.compute_uniform_colours(triangles, one.visible)
@@ -125,7 +137,7 @@ class Renderer:
             triangles, one.visible, fragments, background, light, sky, packed_image
         )
         rgba = packed_image.view(np.uint8).reshape(*packed_image.shape, 4)
-        return cv2.cvtColor(rgba[:view.height, :view.width], cv2.COLOR_RGBA2RGB)
+        return rgba[:view.height, :view.width]
 
     def measure(self, view: View, blend: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
         """Return the depth and the segmentation of the view at the pixel centres.

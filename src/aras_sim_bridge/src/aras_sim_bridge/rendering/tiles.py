@@ -13,8 +13,9 @@ from functools import cached_property
 
 import numpy as np
 
+from aras_visual_servo_base.byte_limited_cache import ByteLimitedCache
+
 from ..errors import RenderingError
-from .byte_limited_cache import ByteLimitedCache
 
 TILE = 8  # side of a tile, px
 # Largest distance between a pixel's approximated and correct positions, px. The errors at the

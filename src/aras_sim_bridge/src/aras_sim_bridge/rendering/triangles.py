@@ -9,8 +9,9 @@ from functools import cached_property
 
 import numpy as np
 
+from aras_visual_servo_base.byte_limited_cache import ByteLimitedCache
+
 from . import clustering
-from .byte_limited_cache import ByteLimitedCache
 from .scene import VisualMesh
 from .textures import Textures
 

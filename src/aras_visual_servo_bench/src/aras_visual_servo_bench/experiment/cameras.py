@@ -26,6 +26,7 @@ from aras_visual_servo_controller.observation.camera_rig import MAX_WAITING_IMAG
 from ..errors import ExperimentError, require
 from ..targets.target_spec import PoseValues, TargetSpec
 from .packages import PackagePath
+from .polygon_drawing import draw_polygon
 
 if TYPE_CHECKING:
     from aras_visual_servo_base.hand_eye import HandEyeCalibration
@@ -397,59 +398,8 @@ def draw_outline(outline: np.ndarray | None, camera: CameraModel) -> np.ndarray:
         Image (rows, columns), uint8.
     """
     image = np.full((camera.height, camera.width), WHITE_LEVEL, np.uint8)
-    if outline is None:
-        return image
-    vertices = subdivide(outline) if camera.is_distorted else outline
-    pixels = np.column_stack(camera.project(*vertices.T))
-    low = np.maximum(np.floor(pixels.min(axis=0)).astype(int) - 1, 0)
-    high = np.minimum(np.ceil(pixels.max(axis=0)).astype(int) + 2, (camera.width, camera.height))
-    if (high <= low).any():
-        return image
-    coverage = _coverage(pixels - low, *(high - low).tolist())
-    part = np.round(WHITE_LEVEL + (DARK_LEVEL - WHITE_LEVEL) * coverage).astype(np.uint8)
-    image[low[1] : high[1], low[0] : high[0]] = part
+    if outline is not None:
+        vertices = subdivide(outline) if camera.is_distorted else outline
+        pixels = np.column_stack(camera.project(*vertices.T))
+        draw_polygon(pixels, float(WHITE_LEVEL), float(DARK_LEVEL), image)
     return image
-
-
-def _coverage(polygon: np.ndarray, width: int, height: int) -> np.ndarray:
-    """Compute the fraction of the area of each pixel that a polygon covers, exactly.
-
-    For each edge and each pixel, the area of the pixel on the left of the edge is added, with a
-    sign that depends on whether the edge goes up or down. Along an edge within one row of pixels,
-    the covered width of a pixel changes linearly between 0 and 1.
-
-    Args:
-        polygon: corners (n, 2), px; pixel centres have integer coordinates.
-
-    Returns:
-        Fractions (height, width).
-    """
-    ends = np.roll(polygon, -1, axis=0)
-    rising = ends[:, 1] != polygon[:, 1]
-    begin, end = polygon[rising], ends[rising]
-    sign = np.sign(end[:, 1] - begin[:, 1])
-    rows = np.arange(height)[:, None] - 0.5
-    low = np.clip(np.minimum(begin[:, 1], end[:, 1]), rows, rows + 1.0)
-    high = np.clip(np.maximum(begin[:, 1], end[:, 1]), rows, rows + 1.0)
-    row, edge = np.nonzero(high > low)
-    low, high = low[row, edge], high[row, edge]
-    slope = ((end - begin)[:, 0] / (end - begin)[:, 1])[edge]
-    left = (np.arange(width) - 0.5)[None]
-    first = (begin[edge, 0] + slope * (low - begin[edge, 1]))[:, None] - left
-    last = (begin[edge, 0] + slope * (high - begin[edge, 1]))[:, None] - left
-    across = last - first
-    steep = np.abs(across) < 1e-6
-    mean = np.where(
-        steep,
-        np.clip(0.5 * (first + last), 0.0, 1.0),
-        (_ramp(last) - _ramp(first)) / np.where(steep, 1.0, across),
-    )
-    coverage = np.zeros((height, width))
-    np.add.at(coverage, row, (sign[edge] * (high - low))[:, None] * mean)
-    return np.clip(np.abs(coverage), 0.0, 1.0)
-
-
-def _ramp(x: np.ndarray) -> np.ndarray:
-    """Return the integral of clip(t, 0, 1) over t from -inf to x."""
-    within = np.clip(x, 0.0, 1.0)
-    return 0.5 * within * within + np.maximum(x - 1.0, 0.0)

@@ -1,0 +1,166 @@
+"""Sums of moments over images and samples, as compiled loops.
+
+A table (7, 7) contains the moment m_ij at [i, j], and zeros for i + j > MAX_ORDER. The functions
+write their result to an array that the caller gives.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from aras_visual_servo_base.compiled import jit
+
+from .edge_pixels import find_edge_moment
+
+MAX_ORDER = 6
+SIZE = MAX_ORDER + 1
+# Number of samples whose powers are computed together, a power of two. Blocks of 256 samples have
+# 28 KiB of powers, which fit into the fastest cache of a processor.
+BLOCK = 256
+
+
+@jit("f8[:,::1], f8[:,:], f8[:,:], f8[:,:], f8[:,:], b1, f8[:,::1]")
+def sum_image(weights, u_powers, v_powers, u_slopes, v_slopes, has_edges, table):
+    """Compute the moments of an image about the point where its coordinates u and v are zero, px.
+
+    Args:
+        weights: (rows, columns) weight of each pixel.
+        u_powers, v_powers: (columns, SIZE), (rows, SIZE) powers of the coordinates of the columns
+            and the rows.
+        u_slopes, v_slopes: derivatives of these powers.
+        has_edges: whether a weight is the covered fraction of the pixel's square. The covered part
+            of a pixel with a weight other than 0 and 1 is then located as in `edge_pixels`.
+        table: (SIZE, SIZE) array to which the moments are written.
+    """
+    table[:] = 0.0
+    first, second = np.empty(SIZE), np.empty(SIZE)
+    for row in range(weights.shape[0]):
+        first[:] = 0.0
+        second[:] = 0.0
+        s0 = s1 = s2 = s3 = s4 = s5 = s6 = 0.0
+        is_empty = True
+        for column in range(weights.shape[1]):
+            weight = weights[row, column]
+            if weight == 0.0:
+                continue
+            is_empty = False
+            s0 += weight * u_powers[column, 0]
+            s1 += weight * u_powers[column, 1]
+            s2 += weight * u_powers[column, 2]
+            s3 += weight * u_powers[column, 3]
+            s4 += weight * u_powers[column, 4]
+            s5 += weight * u_powers[column, 5]
+            s6 += weight * u_powers[column, 6]
+            if has_edges and weight != 1.0:
+                across, along = find_edge_moment(weights, row, column)
+                for k in range(SIZE):
+                    first[k] += across * u_slopes[column, k]
+                    second[k] += along * u_powers[column, k]
+        if is_empty:
+            continue
+        for k, value in enumerate((s0, s1, s2, s3, s4, s5, s6)):
+            first[k] += value
+        for i in range(SIZE):
+            for j in range(SIZE - i):
+                table[i, j] += first[i] * v_powers[row, j] + second[i] * v_slopes[row, j]
+
+
+@jit("f8[:], f8[:], f8[:], f8[:,::1]")
+def sum_samples(x, y, weight, table):
+    """Compute the moments of weighted samples about their centre of gravity.
+
+    Args:
+        x, y, weight: (n,) coordinates and weight of each sample.
+        table: (SIZE, SIZE) array to which the moments are written.
+
+    Returns:
+        Sum of the weights, and x and y of the centre of gravity. If the sum is not positive, the
+        centre is NaN, and the table is not written.
+    """
+    total = x0 = y0 = 0.0
+    for n in range(len(x)):
+        total += weight[n]
+        x0 += weight[n] * x[n]
+        y0 += weight[n] * y[n]
+    if not total > 0.0:
+        return total, np.nan, np.nan
+    x0, y0 = x0 / total, y0 / total
+    table[:] = 0.0
+    px, py = np.empty((SIZE, BLOCK)), np.empty((SIZE, BLOCK))
+    dy, products = np.empty(BLOCK), np.empty(BLOCK)
+    for start in range(0, len(x), BLOCK):
+        count = min(BLOCK, len(x) - start)
+        padded = 1
+        while padded < count:
+            padded *= 2
+        for n in range(count):
+            px[0, n], py[0, n] = 1.0, weight[start + n]
+            px[1, n], dy[n] = x[start + n] - x0, y[start + n] - y0
+        for n in range(count, padded):
+            px[0, n], py[0, n], px[1, n], dy[n] = 1.0, 0.0, 0.0, 0.0
+        for k in range(MAX_ORDER):
+            for n in range(padded):
+                py[k + 1, n] = py[k, n] * dy[n]
+        for k in range(1, MAX_ORDER):
+            for n in range(padded):
+                px[k + 1, n] = px[k, n] * px[1, n]
+        for i in range(SIZE):
+            for j in range(SIZE - i):
+                # Halves of the products are added until one is left: unlike a plain sum, these
+                # loops can be vectorised without changing the order of the summands.
+                for n in range(padded):
+                    products[n] = px[i, n] * py[j, n]
+                half = padded // 2
+                while half > 0:
+                    for n in range(half):
+                        products[n] += products[n + half]
+                    half //= 2
+                table[i, j] += products[0]
+    return total, x0, y0
+
+
+@jit("f8[:,:], f8, f8")
+def translate(table, dx, dy):
+    """Compute the moments of a shape that is translated by (dx, dy).
+
+    Let m_kl be the given moments. The new moment (i, j) is the sum of
+    C(i,k) C(j,l) dx^(i-k) dy^(j-l) m_kl over k and l, where C is the binomial coefficient.
+    """
+    size = table.shape[0]
+    rows, moved = np.zeros((size, size)), np.zeros((size, size))
+    for i in range(size):
+        factor = 1.0  # C(i, k) dx^(i-k), which is 1 for the first k = i
+        for k in range(i, -1, -1):
+            for j in range(size):
+                rows[i, j] += factor * table[k, j]
+            factor *= dx * k / (i - k + 1)
+    for j in range(size):
+        factor = 1.0
+        for k in range(j, -1, -1):
+            for i in range(size):
+                moved[i, j] += factor * rows[i, k]
+            factor *= dy * k / (j - k + 1)
+    return moved
+
+
+@jit("f8[:,:], f8[:,::1]")
+def centre_moments(table, centred):
+    """Translate moments to the centre of gravity.
+
+    Args:
+        table: (order+1, order+1) moments about any point.
+        centred: (order+1, order+1) array to which the moments about the centre of gravity are
+            written.
+
+    Returns:
+        m00; x and y of the centre of gravity.
+    """
+    m00 = table[0, 0]
+    dx, dy = table[1, 0] / m00, table[0, 1] / m00
+    moved = translate(table, -dx, -dy)
+    size = len(table)
+    for i in range(size):
+        for j in range(size):
+            centred[i, j] = moved[i, j] if i + j < size else 0.0
+    centred[1, 0] = centred[0, 1] = 0.0
+    return m00, dx, dy

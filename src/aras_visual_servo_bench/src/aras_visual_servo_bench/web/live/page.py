@@ -95,7 +95,6 @@ class Page:
         """
         message: dict[str, Any] = {"kind": "update", "stamp": round(stamp, 3)}
         if run_trace is not None:
-            state = run_trace.state
             message["joints"], message["velocities"] = (
                 to_json_numbers(joints),
                 to_json_numbers(velocities, 4),

@@ -37,7 +37,7 @@ function showError(text) {
 
 const running = new Map();  // start time (ms) of each request in progress
 const NO_CONNECTION = "no connection to the simulator", NO_CONTROLLER = "no controller is running: start the nodes with a scheme";
-const controllerReason = () => state.values.controller ? "" : NO_CONTROLLER;
+const controllerReason = () => state.values.controller ? "" : state.values.missing || NO_CONTROLLER;
 // For some requests, a function that returns why the request is not possible now, or "" if it is. All other requests
 // are always possible.
 const DISABLED_REASONS = {
@@ -200,7 +200,7 @@ function showController() {
   $("scheme").textContent = scheme || "";
   const outcome = result && !["running", phase].includes(result) ? result.replace(/_/g, " ") : "";
   const idle = running.has("servo") || running.has("goal") ? "the nodes are being started"
-    : controllerReason() || "the controller is running and has not processed an image yet";
+    : state.values.missing ? "" : controllerReason() || "the controller is running and has not processed an image yet";
   const text = phase ? [outcome, reason].filter(Boolean).join(": ") : idle;
   $("controller-message").textContent = remedy && outcome ? `${text} — ${remedy}` : text;
   $("controller-message").title = $("controller-message").textContent;

@@ -111,7 +111,7 @@ export class Plot {
       points: { show: false }, spanGaps: false });
     return new uPlot({
       width: Math.max(box.clientWidth, 60), height: Math.max(box.clientHeight, 40), legend: { show: false },
-      padding: [6, 8, last ? 0 : 6, 0],
+      padding: [6, 16, last ? 0 : 6, 0],  // on the right, half of the last time
       cursor: { x: false, y: false, points: { show: false }, drag: { x: true, y: false, setScale: false },
         bind: { dblclick: () => () => this.time.show("whole") } },
       hooks: { setSelect: [(u) => this._onSelect(u)] },

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from browser import Browser
 
+from aras_visual_servo_bench.drawing.shapes import LINES, Shape
 from aras_visual_servo_bench.web.live import server as server_module
 from aras_visual_servo_bench.web.live.server import serve
 
@@ -282,8 +283,9 @@ PLOT = """import('/plots.js').then(async (m) => {{
     const box = document.createElement("div"); box.className = "curves";
     box.style = "width: {width}px; height: 170px; position: fixed; left: 0; top: 0";
     document.body.append(box);
-    const plot = new m.Plot(box, (s) => s[1]); plot.names = {names}; plot.units = {units};
-    plot.draw({samples});
+    const time = new m.TimeRange(() => {{}}), samples = {samples};
+    const plot = new m.Plot(box, time, (s) => s[1]); plot.names = {names}; plot.units = {units};
+    plot.draw(samples);
     await new Promise(requestAnimationFrame);
     const answer = (() => {{ {answer} }})(); box.remove(); return answer; }})"""
 
@@ -321,14 +323,117 @@ def test_what_has_another_unit_has_another_axis(page):
     page.wait("arasPage.state.controller.units.join() === 'm,m,m,rad'")
 
 
-def test_curves_scroll_with_the_newest_at_the_right(page):
+def test_the_whole_run_is_shown_and_its_newest_part_only_when_asked_for(page):
     shown = page.js(PLOT.format(
         width=300, names=["xn"], units=[],
         samples="Array.from({ length: 61 }, (_, i) => [0.5 * i, [i === 30 ? null : i]])",
-        answer="""const u = plot.charts[0].plot;
-            const { min, max } = u.scales.x;
-            return [min, max, u.data[0].length, u.data[1].includes(null)];"""))  # fmt: skip
-    assert shown == [10, 30, 41, True]
+        answer="""const u = plot.charts[0].plot, answer = [], note = () => {
+                plot.draw(samples);
+                answer.push([u.scales.x.min, u.scales.x.max, time.part]);
+            };
+            note(); time.show("newest"); note(); time.select(2, 3); note();
+            samples.push([30.5, [0]]); note();  // a selection stays where it is
+            samples.splice(0, samples.length, [100, [1]]); note();  // another run
+            return answer;"""))  # fmt: skip
+    assert shown == [[0, 30, "whole"], [20, 30, "newest"], [2, 3, "selected"], [2, 3, "selected"],
+                     [100, 104, "whole"]]  # fmt: skip
+
+
+def test_a_converged_error_does_not_fill_the_plot(page):
+    """The axis is at least 10 tolerances long; of an unknown tolerance, 5 % of the whole run."""
+    noise = """Array.from({ length: 300 }, (_, i) =>
+        [0.1 * i, [i < 9 ? 0.3 - i / 30 : 1e-4 * (i % 2)]])"""
+    for tolerances, span in (("[0.002]", 0.02), ("[]", 0.015), ("[null]", 0.015)):
+        low, high = page.js(PLOT.format(
+            width=300, names=["xn"], units=[], samples=noise,
+            answer=f"""time.show("newest"); plot.tolerances = {tolerances}; plot.draw(samples);
+                const y = plot.charts[0].plot.scales.y; return [y.min, y.max];"""))  # fmt: skip
+        assert high == -low and high - low == pytest.approx(1.16 * span, rel=0.01)
+
+
+def test_dragging_in_a_plot_zooms_all_plots_until_a_double_click(page):
+    pressed = "document.getElementById('show-whole').getAttribute('aria-pressed')"
+    page.wait(f"{pressed} === 'true'")
+    left, top, wide, high = page.js("""((plot) => { const r = plot.getBoundingClientRect();
+        return [r.left, r.top, r.width, r.height]; })(
+            document.querySelector("#plot-error .u-over"))""")
+    y = top + high / 2
+    page.mouse("Moved", left + 0.2 * wide, y)
+    page.mouse("Pressed", left + 0.2 * wide, y)
+    page.mouse("Moved", left + 0.4 * wide, y, held=True)
+    page.mouse("Released", left + 0.4 * wide, y)
+    page.wait("arasPage.timeRange.part === 'selected'")
+    page.wait(f"{pressed} === 'false' && document.getElementById('shown-part').textContent")
+    first, last = page.js("arasPage.plots[2].charts[0].plot.scales.x.min"), page.js(
+        "arasPage.plots[2].charts[0].plot.scales.x.max")  # fmt: skip
+    start, end = page.js("[arasPage.state.samples[0][0], arasPage.state.samples.at(-1)[0]]")
+    duration = max(4.0, end - start)
+    assert first == pytest.approx(start + 0.2 * duration, abs=0.03 * duration)
+    assert last == pytest.approx(start + 0.4 * duration, abs=0.03 * duration)
+    page.js("""document.querySelector('#plot-turn .u-over')
+        .dispatchEvent(new MouseEvent('dblclick'))""")
+    page.wait(f"{pressed} === 'true'")
+
+
+INSIDE = """(() => { const scene = arasPage.scene; scene.draw();
+    const m = scene._projection(), r = (i, p) =>
+        m[4 * i] * p[0] + m[4 * i + 1] * p[1] + m[4 * i + 2] * p[2] + m[4 * i + 3];
+    const points = Object.values(scene.shapes).flatMap(({ points: p }) =>
+        Array.from({ length: p.length / 3 }, (_, k) => p.slice(3 * k, 3 * k + 3)));
+    const hand = scene.poses["camera_optical_frame"];
+    points.push([hand[3], hand[7], hand[11]]);
+    return Math.max(...points.flatMap((p) =>
+        [0, 1].map((i) => Math.abs(r(i, p) / r(3, p))))); })()"""
+
+
+@pytest.mark.parametrize("width", [1440, 390])
+def test_robot_camera_and_target_stay_inside_the_view(page, host, width):
+    """However far away the target lies, in the first view and in that of the robot."""
+    page.resize(width)
+    goal = host.run_trace.goal
+    try:
+        for what in ("run", "all"):
+            for distance in (0.2, 3.0):
+                points = goal[:3, 3] + np.array([[0.0], [distance]]) * goal[:3, 0]
+                host.run_trace.target = (Shape("target", LINES, points, (1.0, 0.0, 0.0, 1.0)),)
+                page.js(f"document.getElementById('view-{what}').click()")
+                there = "arasPage.scene.shapes.target && arasPage.scene.shapes.target.points[3]"
+                page.wait(f"Math.abs(({there}) - {points[1, 0]}) < 1e-4")
+                assert 0.2 < page.js(INSIDE) < 1.0
+        before = page.js("arasPage.scene.view.distance")
+        page.js("arasPage.scene.canvas.dispatchEvent(new WheelEvent('wheel', {deltaY: -500}))")
+        page.js("arasPage.scene.draw()")
+        assert page.js("arasPage.scene.view.distance") < 0.8 * before  # the user's view stays
+    finally:
+        host.run_trace.target = ()
+        page.resize(1440)
+        page.js("document.getElementById('view-run').click()")
+
+
+@pytest.mark.parametrize("width", [1440, 390])
+def test_the_light_page_hinders_nobody_either(page, width):
+    theme = page.js("document.documentElement.dataset.theme")
+    page.resize(width)
+    try:
+        page.js("document.getElementById('theme').click()")
+        assert page.js("document.documentElement.dataset.theme") != theme
+        assert page.js("document.getElementById('theme').textContent").lower() == theme
+        drawn = page.js("arasPage.plots[0].charts[0].plot.series[1].stroke()")
+        assert drawn == page.js("getComputedStyle(document.documentElement)"
+                                ".getPropertyValue('--curve-0').trim()")  # fmt: skip
+        assert page.audit() == []
+    finally:
+        page.js("document.getElementById('theme').click()")
+        page.resize(1440)
+
+
+def test_what_is_missing_is_said_with_the_reason(page, state):
+    words = "document.getElementById('missing')"
+    assert page.js(f"{words}.hidden")
+    state(missing="There is no robot: nobody has started one.", controller=False)
+    assert not page.js(f"{words}.hidden")
+    assert page.js(f"{words}.textContent") == "There is no robot: nobody has started one."
+    assert page.js(f"{button('start')}.title") == "There is no robot: nobody has started one."
 
 
 def test_faces_are_drawn_in_their_colour(page, host):
@@ -443,6 +548,7 @@ def test_a_simulator_started_again_is_found_again(browser, host, server):
     again.close()
     tab.wait("document.getElementById('link').textContent === 'no connection'")
     assert tab.js("document.getElementById('running').textContent") == ""
+    assert "shows the last values" in tab.js("document.getElementById('missing').innerText")
     assert tab.js(f"{button('start')}.title") == "no connection to the simulator"
     host.waited.set()
     third = serve(host, "127.0.0.1", again.access.port, token, lambda _: None)

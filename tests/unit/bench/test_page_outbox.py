@@ -3,9 +3,11 @@
 import json
 
 import pytest
+from page_host import told
 
 from aras_visual_servo_bench.web.live.outbox import MAX_UNACKNOWLEDGED, Outbox, merge_updates
-from aras_visual_servo_bench.web.live.page import MAX_SAMPLES
+from aras_visual_servo_bench.web.live.page import Page
+from aras_visual_servo_bench.web.live.samples import MAX_SAMPLES
 
 
 def news(stamp, **more):
@@ -86,19 +88,14 @@ def test_everything_and_then_some_is_everything():
         "kind": "full", "stamp": 2.0, "samples": [[1.0]], "shapes": {"path": 1}}
 
 
-def test_as_many_samples_as_a_plot_holds_are_all_kept():
-    rows = [[float(i)] for i in range(MAX_SAMPLES + 1)]
-    for count, first in ((MAX_SAMPLES, [0.0]), (MAX_SAMPLES + 1, ["clear"])):
-        both = merge_updates(news(1, samples=rows[:450]), news(2, samples=rows[450:count]))[
-            "samples"
-        ]
-        assert both[0] == first and both[-MAX_SAMPLES:] == rows[count - MAX_SAMPLES:count]
-
-
-def test_who_never_looks_fills_no_memory(outbox, sent):
+def test_who_never_looks_misses_nothing_of_the_run_and_fills_no_memory(outbox, sent):
+    page = Page()
     for i in range(3 * MAX_SAMPLES):
-        outbox.send_update(news(i, samples=[[float(i)]]))
+        page.add_sample(told(i / 30, error=(0.99**i, 0.0)), [])
+        if i % 7 == 0:
+            outbox.send_update(page.make_update(None, (), (), i / 30))
+    outbox.send_update(page.make_update(None, (), (), i / 30))
     outbox.acknowledge()
     rows = sent[-1]["samples"]
-    assert rows[0] == ["clear"] and len(rows) == MAX_SAMPLES + 1
-    assert rows[-1] == [3.0 * MAX_SAMPLES - 1.0]
+    assert rows[0] == ["clear"] and rows[1:] == page.make_full_message()["samples"]
+    assert len(rows) <= MAX_SAMPLES + 1

@@ -24,13 +24,15 @@ from tornado.websocket import WebSocketClosedError, websocket_connect
 from aras_sim_bridge.description import parse_urdf
 from aras_visual_servo_base.errors import DescriptionError
 from aras_visual_servo_bench.drawing.robot_visuals import collect_visuals
+from aras_visual_servo_bench.drawing.shapes import LINES, Shape
 from aras_visual_servo_bench.errors import BenchError
 from aras_visual_servo_bench.ros.session_files import SessionFiles
 from aras_visual_servo_bench.web.access import Access
 from aras_visual_servo_bench.web.live import server as server_module
 from aras_visual_servo_bench.web.live.outbox import MAX_UNACKNOWLEDGED
-from aras_visual_servo_bench.web.live.page import MAX_SAMPLES, Page
+from aras_visual_servo_bench.web.live.page import Page
 from aras_visual_servo_bench.web.live.robot_model import make_robot_model
+from aras_visual_servo_bench.web.live.samples import MAX_SAMPLES
 from aras_visual_servo_bench.web.live.server import LiveServer, Viewer, serve
 from aras_visual_servo_bench.web.server import PortTakenError, bind_free_port
 
@@ -533,12 +535,46 @@ def test_other_features_or_a_clock_that_went_back_begin_the_plots_anew(host):
     assert len(page.make_full_message()["samples"]) == 1
 
 
-def test_what_nobody_fetches_does_not_grow(host):
+def test_an_image_without_features_belongs_to_the_same_run(host):
     page = Page()
-    for i in range(5 * MAX_SAMPLES):
-        page.add_sample(replace(SAMPLE, stamp=i / 30), [])
-    assert len(page.make_full_message()["samples"]) == MAX_SAMPLES
-    assert len(page.make_update(None, [], [], 0.0)["samples"]) <= MAX_SAMPLES
+    page.add_sample(SAMPLE, [])
+    page.add_sample(replace(SAMPLE, stamp=1.1, scheme_output=None), [])
+    page.add_sample(replace(SAMPLE, stamp=1.2), [])
+    update = page.make_update(None, [], [], 0.0)
+    assert [row[1] for row in update["samples"]] == [[0.1, -0.2], [], [0.1, -0.2]]
+    assert update["names"] == list(SAMPLE.names)
+
+
+def test_a_long_run_keeps_its_first_seconds(host):
+    """An exponential of 0.5 s, then noise of 1e-4 for 20 times as many images as are kept."""
+    page, rng = Page(), np.random.default_rng(0)
+    stamps = np.arange(20 * MAX_SAMPLES) / 30
+    errors = np.exp(-stamps / 0.5) + 1e-4 * rng.standard_normal(len(stamps))
+    state = told(0.0, error=(1.0, 0.0))
+    for stamp, error in zip(stamps, errors, strict=True):
+        output = replace(state.scheme_output, error=np.array([error, 0.0]))
+        page.add_sample(replace(state, stamp=stamp, scheme_output=output), [])
+    rows = page.make_full_message()["samples"]
+    assert MAX_SAMPLES / 2 < len(rows) <= MAX_SAMPLES
+    assert (rows[0][0], rows[-1][0]) == (0.0, pytest.approx(stamps[-1], abs=1e-4))
+    assert page.make_update(None, [], [], 0.0)["samples"] == [["clear"], *rows]
+    kept = np.interp(stamps, [row[0] for row in rows], [row[1][0] for row in rows])
+    assert np.abs(kept - errors)[:90].max() < 2e-3
+
+
+def test_the_page_is_told_the_tolerances_of_what_it_plots(host):
+    """moments: 0.25 % and 0.5 % of the target's depth, 0.005 rad."""
+    assert host.run_trace.target == ()
+    controller = Page().make_update(host.run_trace, [], [], 0.0)["controller"]
+    assert controller["tolerances"] == [None, None, None, 0.005]
+    assert controller["twist_tolerances"] == [None, pytest.approx(np.radians(0.3))]
+    goal = host.run_trace.goal
+    middle = goal[:3, 3] + 0.3 * goal[:3, 2]
+    host.run_trace.target = (Shape("target", LINES, middle + np.eye(3) - 1 / 3, (0, 0, 0, 1.0)),)
+    controller = Page().make_update(host.run_trace, [], [], 0.0)["controller"]
+    host.run_trace.target = ()
+    assert controller["tolerances"] == pytest.approx([7.5e-4, 7.5e-4, 1.5e-3, 0.005])
+    assert controller["twist_tolerances"] == pytest.approx([4.5e-4, np.radians(0.3)])
 
 
 def test_entities_of_a_description_are_refused(robot):

@@ -10,6 +10,7 @@ import pytest
 from aras_visual_servo_bench.plots import palette, style
 from aras_visual_servo_bench.plots.palette import (
     LIVE,
+    LIVE_LIGHT,
     REPORT,
     REPORT_DARK,
     choose_text_colour,
@@ -28,10 +29,12 @@ PAIRS = [
           ("badge", ("good", "bad", "warn", "soft")), ("ink", ("bad-ground", "warn-ground")),
           *((name, ("box", "ground")) for name in ("ink", "soft", "good", "bad", "warn", "mark")),
       ) for ground in grounds),
-    *((LIVE[name], LIVE[ground]) for name in ("text", "quiet", "label", "message", "address", "red")
+    *((live[name], live[ground]) for live in (LIVE, LIVE_LIGHT)
+      for name in ("text", "quiet", "label", "message", "address", "red")
       for ground in ("back", "box")),
-    *((LIVE["text"], LIVE[ground]) for ground in ("line", "well", "button", "over", "active",
-                                                  "good", "wait", "bad")),
+    *((live["text"], live[ground]) for live in (LIVE, LIVE_LIGHT)
+      for ground in ("line", "well", "button", "over")),
+    *((live["white"], live[ground]) for live in (LIVE, LIVE_LIGHT) for ground in ("active", "bad")),
     *((colour, LIVE["box"]) for colour in palette.LIVE_CURVES),
 ]  # fmt: skip
 
@@ -39,6 +42,13 @@ PAIRS = [
 @pytest.mark.parametrize(("letters", "ground"), PAIRS)
 def test_letters_stand_out_from_what_is_behind_them(letters, ground):
     assert contrast_ratio(to_rgb(letters), to_rgb(ground)) >= 4.5
+
+
+@pytest.mark.parametrize("live", [LIVE, LIVE_LIGHT], ids=["dark", "light"])
+def test_marks_of_states_and_borders_of_buttons_stand_out(live):
+    for mark in ("ok", "caution", "red", "address", "edge"):
+        for ground in ("back", "box"):
+            assert contrast_ratio(to_rgb(live[mark]), to_rgb(live[ground])) >= 3.0
 
 
 def test_contrast_is_that_of_wcag():
@@ -69,12 +79,12 @@ def test_colours_stand_in_the_palette_alone(path):
 
 def test_what_the_page_asks_for_is_in_the_palette():
     page = BENCH / "web" / "live" / "page"
-    asked = set(re.findall(r"var\(--([\w-]+)\)", (page / "style.css").read_text()))
+    asked = set(re.findall(r"var\(--([\w-]+)\)", (page / "style.css").read_text())) - {"mark"}
     plots = (page / "plots.js").read_text()
     asked |= set(re.findall(r'colour\("([\w-]+)"\)', plots))
     assert "colour(`curve-${i % 8}`)" in plots and {"quiet", "grid"} <= asked
     asked |= {f"curve-{i}" for i in range(8)}
-    assert asked <= set(LIVE) and len(palette.LIVE_CURVES) == 8
+    assert asked <= set(LIVE) == set(LIVE_LIGHT) and len(palette.LIVE_CURVES) == 8
     shared = BENCH / "web" / "page"
     asked = set(re.findall(r"var\(--([\w-]+)\)", (shared / "style.css").read_text())) - {"shade"}
     for script in (shared / "charts.js", *(BENCH / "web" / "report" / "page").glob("*.js")):

@@ -7,6 +7,7 @@ import os
 import sys
 import threading
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import cv2
 import numpy as np
@@ -14,6 +15,7 @@ import pytest
 import rospy
 from gazebo_msgs.srv import GetModelState, GetWorldProperties
 from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion
+from rospy import AnyMsg
 from run_messages import ARM, JOINTS, made_state, position
 from sensor_msgs.msg import Image
 from std_msgs.msg import ColorRGBA
@@ -60,7 +62,11 @@ def test_pictures_are_heard_while_somebody_looks(graph):
     pictures.set_viewer_count(2)
     assert set(graph.subscribers) == {overlay}
     pictures.choose_topic()  # no camera node
-    assert set(graph.subscribers) == {overlay, plain} and pictures.note == PLAIN_NOTE
+    assert set(graph.subscribers) == {overlay, plain}
+    assert pictures.note == f"no image: no node publishes {overlay} or {plain}"
+    graph.sources[plain] = 1
+    pictures.choose_topic()
+    assert pictures.note == PLAIN_NOTE
     plain_heard = graph.subscribers[plain]
     pictures.set_viewer_count(1)
     pictures.choose_topic()
@@ -508,11 +514,13 @@ def test_the_robot_is_drawn_once(host, graph, listener, monkeypatch):
     assert host.make_robot_model() is None
 
 
-def test_a_page_that_is_looked_at_is_kept_up_to_date(host, life, listener):
+def test_a_page_that_is_looked_at_is_kept_up_to_date(host, graph, life, listener):
     host.refresh()
     assert not CALLS and not host.page.state
     host.set_viewer_count(2)
     listener.run_trace.state, listener.report = made_state(1.0), "a report"
+    graph.sources["/two/joint_states"] = 1
+    graph.subscribers["/two/joint_states"](AnyMsg())
     host.refresh()
     # its controller is gone
     assert listener.run_trace.state.phase == "" and listener.report is None
@@ -520,7 +528,8 @@ def test_a_page_that_is_looked_at_is_kept_up_to_date(host, life, listener):
     assert host.page.state == {
         "scheme": Actions.ANSWERS["read_selection"]["scheme"], "law": "pi", "gains": {"gain": 3.0},
         "controller": False, "robot": 1, "image_note": "as found", "open_bag": "r.bag",
-        "last_bag": "", "recording_error": "full", "no_target": "no target", "report": "page.html"}
+        "last_bag": "", "recording_error": "full", "no_target": "no target", "report": "page.html",
+        "missing": ""}
     assert ("ThePictures", "set_viewer_count", 2) in CALLS
     assert ("ThePictures", "choose_topic") in CALLS
     assert ("TargetWatch", "update", listener.run_trace, "robo") in CALLS
@@ -540,6 +549,32 @@ def test_a_page_that_is_looked_at_is_kept_up_to_date(host, life, listener):
     CALLS.clear()
     host.refresh()
     assert not CALLS
+
+
+def test_a_page_on_a_dead_graph_says_what_is_missing_and_why(graph, life, parts, tmp_path,
+                                                             monkeypatch):  # fmt: skip
+    it = GraphListener(make_listener_settings(GIVEN))
+    host = dashboard.Dashboard(it, "robo", tmp_path)
+
+    def missing():
+        life.now += 3.0
+        host.refresh()
+        return host.page.state["missing"]
+
+    host.set_viewer_count(1)
+    assert missing().startswith("There is no robot: parameter robot_description is not set")
+    assert "roslaunch" in missing()
+    graph.parameters["/robot_description"] = ARM
+    assert missing().startswith("No node publishes the joint states (/two/joint_states)")
+    graph.sources["/two/joint_states"] = 1
+    assert "paused (press Resume)" in missing()
+    life.now += 3.0
+    graph.subscribers["/two/joint_states"](AnyMsg())
+    host.refresh()
+    assert host.page.state["missing"] == ""
+    assert "paused" in missing()
+    monkeypatch.setattr(rospy, "has_param", Mock(side_effect=ConnectionRefusedError))
+    assert missing().startswith("The ROS master at http")
 
 
 def test_the_page_s_own_parameters_are_told_from_the_controller_s():

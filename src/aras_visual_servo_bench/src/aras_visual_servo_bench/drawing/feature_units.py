@@ -1,28 +1,54 @@
-"""Units of the features that a controller reports; they are found by the name of its scheme."""
+"""Units and tolerances of the features that a controller reports, found by its scheme's name."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
+from typing import Any
 
 from aras_visual_servo_controller.errors import ServoError
+from aras_visual_servo_controller.features.base import DepthFraction
 from aras_visual_servo_controller.settings import Settings
 
 
-@lru_cache(maxsize=64)
 def find_feature_units(scheme: str, count: int) -> tuple[str, ...]:
     """Return the unit of each feature of a scheme; '' for a feature without unit.
 
     The result is empty if the units are unknown: for a user's own scheme, which is not imported,
     and for a shipped scheme whose number of features is not `count`.
     """
+    return _read_attribute(scheme, count, "units")
+
+
+def find_feature_tolerances(
+    scheme: str, count: int, depth: float | None
+) -> tuple[float | None, ...]:
+    """Return the tolerance of each feature of a scheme, below which its error has converged.
+
+    It is None for a tolerance relative to the target's depth, if `depth` is None. The result is
+    empty if the tolerances are unknown, as for `find_feature_units`.
+
+    depth: depth of the target at the goal, m; None if it is unknown.
+    """
+    return tuple(
+        (None if depth is None else float(t) * depth) if isinstance(t, DepthFraction) else float(t)
+        for t in _read_attribute(scheme, count, "tolerances")
+    )
+
+
+@lru_cache(maxsize=64)
+def _read_attribute(scheme: str, count: int, attribute: str) -> tuple[Any, ...]:
+    """Return the value of `attribute` of a scheme for each of `count` features; or empty."""
     if ":" in scheme or not scheme:
         return ()
     try:
-        units = tuple(Settings(scheme=scheme).make_scheme().units or ())
+        values: Sequence[Any] = tuple(
+            getattr(Settings(scheme=scheme).make_scheme(), attribute) or ()
+        )
     except (ServoError, ValueError, TypeError):
         return ()
-    # If all features have the same unit, `count` may be any number: the number of features of a
+    # If all features have the same value, `count` may be any number: the number of features of a
     # scheme of points depends on the target.
-    if len(set(units)) == 1:
-        return units[:1] * count
-    return units if len(units) == count else ()
+    if len(set(values)) == 1:
+        return tuple(values[:1]) * count
+    return tuple(values) if len(values) == count else ()

@@ -158,6 +158,18 @@ class RunTrace:
         start, end = self.start_pose[:3, 3], self.goal[:3, 3]
         return start + along * (end - start)
 
+    def compute_target_depth(self) -> float | None:
+        """Return the mean depth, m, of the target's corners in the camera at the goal.
+
+        Return None if the goal or the target is unknown, or the target is behind the camera.
+        """
+        points = [shape.points for shape in self.target if len(shape.points)]
+        if self.goal is None or not points:
+            return None
+        middle = np.concatenate(points).mean(axis=0)
+        depth = float((middle - self.goal[:3, 3]) @ self.goal[:3, 2])
+        return depth if depth > 0.0 else None
+
     def make_text_lines(self) -> list[str]:
         """Return the lines of the text next to the robot."""
         state = self.state

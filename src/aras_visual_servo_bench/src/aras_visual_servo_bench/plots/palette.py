@@ -36,18 +36,30 @@ LIVE = {
     "address": "#8fb4ff", "red": "#ff6b5e", "white": "#ffffff",
     # backgrounds
     "back": "#14181f", "box": "#1c222c", "well": "#11151b", "button": "#2a3341", "over": "#344054",
-    "active": "#2558cc", "good": "#056b4f", "wait": "#8a6100", "bad": "#8d2f27",
+    "active": "#2558cc", "bad": "#8d2f27",
+    # marks of states
+    "ok": "#4cd6a8", "caution": "#e6b450",
     # lines
-    "line": "#2d3644", "edge": "#3b4759", "good-edge": "#0b9a74", "zero": "#56627a",
+    "line": "#2d3644", "edge": "#5d6b82", "zero": "#56627a",
     "grid": "#28303c",
     **{f"curve-{i}": colour for i, colour in enumerate(LIVE_CURVES)},
 }  # fmt: skip
 
+LIVE_LIGHT = {  # colours of the light live page, with the names of LIVE; its 3-D drawing stays dark
+    **{name: LIVE[name] for name in ("goal", "now", "path", "ideal", "feature", "desired",
+                                     "achieved", "desired-turn", "achieved-turn", "white")},
+    "text": INK, "quiet": SOFT_INK, "label": SOFT_INK, "message": WARN, "address": BLUE, "red": BAD,
+    "back": GROUND, "box": "#ffffff", "well": "#eceef0", "button": "#ffffff", "over": "#e3edf5",
+    "active": BLUE, "bad": BAD, "ok": GOOD, "caution": "#b06f00",
+    "line": GRID, "edge": "#8a9099", "zero": FAINT, "grid": GRID,
+    **{f"curve-{i}": colour for i, colour in enumerate(CURVE_COLOURS)},
+}  # fmt: skip
+
 REPORT_DARK = {  # colours of the dark report page, with the names of REPORT
     "ink": LIVE["text"], "soft": LIVE["quiet"], "line": LIVE["line"], "ground": LIVE["back"],
-    "good": "#4cd6a8", "bad": "#ff8a80", "warn": "#e6b450", "mark": LIVE["address"],
+    "good": LIVE["ok"], "bad": "#ff8a80", "warn": LIVE["caution"], "mark": LIVE["address"],
     "bad-ground": "#33201f", "warn-ground": "#2e2818", "box": LIVE["box"], "badge": LIVE["back"],
-    "edge": "#5d6b82", "cursor": LIVE["white"], "zero": LIVE["zero"],
+    "edge": LIVE["edge"], "cursor": LIVE["white"], "zero": LIVE["zero"],
     **{f"curve-{i}": colour for i, colour in enumerate(LIVE_CURVES)},
     "colour-map": REPORT["colour-map"],
 }  # fmt: skip

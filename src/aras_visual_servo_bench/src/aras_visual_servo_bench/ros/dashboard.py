@@ -195,7 +195,11 @@ class Dashboard:
         """
         listener, files = self._listener, self._session_files
         trace = listener.update()
-        if trace is None or not self._viewer_count:
+        if not self._viewer_count:
+            return
+        missing = listener.find_missing()
+        if trace is None:
+            self.page.state = {"missing": missing}
             return
         controller = self._commands.has_controller()
         if trace.state.phase and not controller:
@@ -210,7 +214,7 @@ class Dashboard:
         self.page.choices = self._commands.list_choices()
         self.page.state = {
             **self._commands.read_selection(), "gains": self._commands.gains,
-            "controller": controller, "robot": listener.robot_count,
+            "controller": controller, "robot": listener.robot_count, "missing": missing,
             "image_note": self._images.note,
             "open_bag": str(files.open_bag or ""), "last_bag": str(files.last_bag or ""),
             "recording_error": files.find_recording_error(),

@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 
 import genpy
 import numpy as np
+import rosgraph
 import rospy
 from aras_visual_servo_camera.msg import ImageMoments
 from aras_visual_servo_controller.msg import ServoReport, ServoState
@@ -36,6 +37,10 @@ from ..drawing.track import RealTimeFactor
 
 # Time without a joint state after which the real-time factor is unknown, s of wall time.
 SILENCE_TIMEOUT = 2.0
+HOW_TO_START = (
+    "To start a simulation: roslaunch aras_visual_servo_gazebo aras_visual_servo.launch "
+    "dashboard:=true (it prints the address of a new page)"
+)
 
 
 class GraphListener:
@@ -53,6 +58,7 @@ class GraphListener:
             joints; None before the first joint state.
         stamp: stamp of the latest joint state, s.
         no_target_reason: why the target is not detected in the latest image; '' if it is.
+        joints_topic: topic of the joint states.
     """
 
     def __init__(self, settings: Settings) -> None:
@@ -82,9 +88,12 @@ class GraphListener:
         self._outline = np.zeros((0, 2))
         self._camera: CameraModel | None = None
         space = settings.namespace.rstrip("/")
+        self.joints_topic = f"{space}/joint_states"
+        # Joint states arrive at 100 Hz. Only the latest is deserialized, by `refresh`.
+        self._joints_subscriber = rospy.Subscriber(
+            self.joints_topic, rospy.AnyMsg, self._on_joints, queue_size=1, tcp_nodelay=True
+        )
         for topic, kind, callback, queue_size in (
-            # Joint states arrive at 100 Hz. Only the latest is deserialized, by `refresh`.
-            (f"{space}/joint_states", rospy.AnyMsg, self._on_joints, 1),
             (f"{space}/controller/state", ServoState, self._on_state, 10),
             (f"{space}/controller/diagnosis", ServoReport, self._on_report, 1),
             (f"{space}/controller/goal", PoseStamped, self._on_goal, 1),
@@ -121,9 +130,39 @@ class GraphListener:
         with self.lock:
             trace.goal, trace.outline, trace.camera = self._goal, self._outline, self._camera
             self._read_joints(trace)
-            is_silent = time.monotonic() - self._last_joints_time > SILENCE_TIMEOUT
-            trace.factor = None if is_silent else self._real_time_factor.factor
+            trace.factor = None if self.is_silent else self._real_time_factor.factor
         return trace
+
+    @property
+    def is_silent(self) -> bool:
+        """Whether no joint state has arrived for SILENCE_TIMEOUT."""
+        return time.monotonic() - self._last_joints_time > SILENCE_TIMEOUT
+
+    def find_missing(self) -> str:
+        """Return what the graph lacks, and why, as text; '' if there is a robot that sends joint
+        states.
+        """
+        parameter, topic = self.settings.description, self.joints_topic
+        try:
+            has_description = rospy.has_param(parameter)
+        except OSError:
+            return (
+                f"The ROS master at {rosgraph.get_master_uri()} does not answer: the simulation "
+                f"has ended, or the network is interrupted. {HOW_TO_START}"
+            )
+        if not has_description and self.is_silent:
+            return (
+                f"There is no robot: parameter {parameter} is not set, because no simulation runs "
+                f"or its robot was removed. {HOW_TO_START}"
+            )
+        if not self.is_silent:
+            return ""
+        if not self._joints_subscriber.get_num_connections():
+            return (
+                f"No node publishes the joint states ({topic}): the simulation has ended, or its "
+                f"joint state controller is not loaded. {HOW_TO_START}"
+            )
+        return f"No joint states arrive on {topic}: the simulation is paused (press Resume)."
 
     def clear_controller(self) -> None:
         """Delete the last state and diagnosis of the controller after its node has ended."""

@@ -59,11 +59,16 @@ class ImageSubscriber:
             if self._subscribers[0] is None:
                 return
             has_overlay = self._subscribers[0].get_num_connections() > 0
-            self.note = OVERLAY_NOTE if has_overlay else PLAIN_NOTE
             if has_overlay:
                 self._unsubscribe(1)
             elif self._subscribers[1] is None:
                 self._subscribe(1)
+            has_image = has_overlay or self._subscribers[1].get_num_connections() > 0
+            self.note = (
+                OVERLAY_NOTE if has_overlay
+                else PLAIN_NOTE if has_image
+                else f"no image: no node publishes {' or '.join(self._topics)}"
+            )  # fmt: skip
 
     def take_jpeg(self) -> bytes | None:
         """Return the newest image as JPEG; return None if it was returned before."""

@@ -96,7 +96,7 @@ class BrowseServer(WebServer):
                 "[data-theme=dark]") + read_uplot(STYLE)
             + (SHARED / "style.css").read_text(encoding="utf-8"),
             **{path.name: path.read_text(encoding="utf-8")
-               for path in (*FILES.glob("*.js"), SHARED / "charts.js")},
+               for path in (*FILES.glob("*.js"), SHARED / "charts.js", SHARED / "theme.js")},
         }  # fmt: skip
 
     def list_routes(self) -> list[tuple[str, type[AuthorizedHandler]]]:

@@ -11,7 +11,7 @@ import json
 from collections.abc import Callable
 from typing import Any
 
-from .page import MAX_SAMPLES
+from .samples import CLEAR
 
 MAX_UNACKNOWLEDGED = 3  # largest number of messages that are sent without acknowledgement
 ACKNOWLEDGED = "ack"  # text with which a viewer acknowledges an update or an image
@@ -24,10 +24,8 @@ def merge_updates(older: dict[str, Any], newer: dict[str, Any]) -> dict[str, Any
         both["shapes"] = {**older["shapes"], **newer["shapes"]}
     if "samples" in older and "samples" in newer:
         rows = older["samples"] + newer["samples"]
-        clears = [i for i, row in enumerate(rows) if row[0] == "clear"]
-        both["samples"] = rows[clears[-1]:] if clears else rows
-        if len(both["samples"]) > MAX_SAMPLES:
-            both["samples"] = [["clear"], *both["samples"][-MAX_SAMPLES:]]
+        clears = [i for i, row in enumerate(rows) if row == CLEAR]
+        both["samples"] = rows[clears[-1] :] if clears else rows
     both["kind"] = older["kind"]  # a full message remains a full message
     return both
 

@@ -6,26 +6,18 @@ values that have changed.
 
 from __future__ import annotations
 
-import math
-from collections import deque
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
+from aras_visual_servo_controller.diagnosis.pose_uncertainty import NEGLIGIBLE_UNCERTAINTY
 from aras_visual_servo_controller.records.state import ServoState
 
-from ...drawing.feature_units import find_feature_units
+from ...drawing.feature_units import find_feature_tolerances, find_feature_units
 from ...drawing.run_trace import RunTrace
 from ...drawing.shapes import DIGITS, TEXT, Shape
-
-MAX_SAMPLES = 900  # largest number of samples in a plot: 30 s at 30 images/s
-CLOCK_RESET = -1.0  # the plots restart if the change of the stamp is below this value, s
-
-
-def to_json_numbers(values: Sequence[float], digits: int = 6) -> list[float | None]:
-    """Round numbers for JSON; infinity and NaN become null."""
-    return [round(float(v), digits) if math.isfinite(v) else None for v in values]
+from .samples import Samples, to_json_numbers
 
 
 class Page:
@@ -41,9 +33,7 @@ class Page:
         self.choices: dict[str, list[str]] = {}
         self.state: dict[str, Any] = {}
         self._limits: dict[str, Any] = {}
-        self._names: tuple[str, ...] = ()
-        self._samples: deque[list[Any]] = deque(maxlen=MAX_SAMPLES)
-        self._new_samples: list[list[Any]] = []
+        self._samples = Samples()
         self._sent_values: dict[str, str | bytes] = {}
         self._controller_state: dict[str, Any] = {}
         self._shapes: dict[str, dict[str, Any]] = {}
@@ -70,23 +60,11 @@ class Page:
 
         joints: joint positions at this state; empty if they are unknown.
         """
-        if self._samples and (
-            state.names != self._names or state.stamp - self._samples[-1][0] < CLOCK_RESET
-        ):
-            self._samples.clear()
-            self._new_samples = [["clear"]]
-        self._names = state.names
         error = () if state.error is None else state.error
-        row = [
+        self._samples.add(state.names, [
             round(state.stamp, 4), to_json_numbers(error), to_json_numbers(state.desired_twist),
-            to_json_numbers(state.achieved_twist),
-            to_json_numbers(joints),
-        ]  # fmt: skip
-        self._samples.append(row)
-        self._new_samples.append(row)
-        # Without viewers, no update takes the new samples; a new viewer receives all samples.
-        if len(self._new_samples) > MAX_SAMPLES:
-            self._new_samples = []
+            to_json_numbers(state.achieved_twist), to_json_numbers(joints),
+        ])  # fmt: skip
 
     # -- messages --------------------------------------------------------------------------
 
@@ -98,8 +76,8 @@ class Page:
             "choices": self.choices,
             "state": self.state,
             "controller": self._controller_state,
-            "names": list(self._names),
-            "samples": list(self._samples),
+            "names": list(self._samples.names),
+            "samples": self._samples.rows,
             "shapes": self._shapes,
         }
 
@@ -117,18 +95,13 @@ class Page:
         """
         message: dict[str, Any] = {"kind": "update", "stamp": round(stamp, 3)}
         if run_trace is not None:
-            state = run_trace.state
             message["joints"], message["velocities"] = (
                 to_json_numbers(joints),
                 to_json_numbers(velocities, 4),
             )
             factor = run_trace.factor
             message["real_time_factor"] = None if factor is None else round(factor, 3)
-            self._controller_state = {
-                "scheme": state.scheme, "phase": state.phase, "outcome": state.outcome,
-                "reason": state.reason, "remedy": state.remedy,
-                "units": list(find_feature_units(state.scheme, len(state.names))),
-            }  # fmt: skip
+            self._controller_state = _describe_controller(run_trace)
             self._add_if_changed(message, "controller", self._controller_state)
             shapes = self._find_changed_shapes(run_trace.make_shapes())
             if shapes:
@@ -136,9 +109,8 @@ class Page:
         self._add_if_changed(message, "limits", self._limits)
         self._add_if_changed(message, "choices", self.choices)
         self._add_if_changed(message, "state", self.state)
-        if self._new_samples:
-            message["samples"], self._new_samples = self._new_samples, []
-            message["names"] = list(self._names)
+        if news := self._samples.take_news():
+            message["samples"], message["names"] = news, list(self._samples.names)
         return message
 
     def _add_if_changed(self, message: dict[str, Any], key: str, value: Mapping[str, Any]) -> None:
@@ -165,3 +137,21 @@ class Page:
             del self._sent_values[f"shape {name}"]
             changed[name] = None
         return changed
+
+
+def _describe_controller(run_trace: RunTrace) -> dict[str, Any]:
+    """Return the state of the controller, with the units and tolerances of what is plotted.
+
+    The tolerance of a twist is the velocity that moves the camera in 1 s by the distance and the
+    angle that the controller neglects; null if it depends on an unknown depth.
+    """
+    state, depth = run_trace.state, run_trace.compute_target_depth()
+    distance, angle = NEGLIGIBLE_UNCERTAINTY
+    count = len(state.names)
+    return {
+        "scheme": state.scheme, "phase": state.phase, "outcome": state.outcome,
+        "reason": state.reason, "remedy": state.remedy,
+        "units": list(find_feature_units(state.scheme, count)),
+        "tolerances": list(find_feature_tolerances(state.scheme, count, depth)),
+        "twist_tolerances": [None if depth is None else distance * depth, angle],
+    }  # fmt: skip

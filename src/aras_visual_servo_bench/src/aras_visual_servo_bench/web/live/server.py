@@ -16,7 +16,7 @@ import tornado.ioloop
 import tornado.websocket
 
 from ...errors import RefusedError
-from ...plots.palette import LIVE, make_css
+from ...plots.palette import LIVE, LIVE_LIGHT, make_css
 from .. import SHARED
 from ..access import Access
 from ..messages import MAX_BYTES, read_message
@@ -97,11 +97,14 @@ class LiveServer(WebServer):
         """Return the text of a script or of the style sheet; return None if it does not exist."""
         if name == "uplot.js":
             return read_uplot(SCRIPT)
-        path = SHARED / name if name == "scene.js" else FILES / name
+        path = SHARED / name if name in ("scene.js", "theme.js") else FILES / name
         if not path.is_file():
             return None
-        before = make_css(LIVE) + read_uplot(STYLE) if name == "style.css" else ""
-        return before + path.read_bytes().decode()
+        text = path.read_text(encoding="utf-8")
+        if name != "style.css":
+            return text
+        dark = make_css(LIVE, "[data-theme=dark], #scene-box")  # the scene is always dark
+        return make_css(LIVE_LIGHT) + dark + read_uplot(STYLE) + text
 
     def on_start(self) -> None:
         """Create the timers for updates and images."""

@@ -30,6 +30,7 @@ const REST_THRESHOLD = 40, SLOW = 120;
 // Length of this pause divided by the time of the drawing, and longest pause, ms.
 const REST_FACTOR = 3, MAX_REST = 1000;
 const MOTION_TOLERANCE = 1e-4;  // rad or m; smaller motions of a joint are not drawn
+export const HALF_ANGLE = 0.39;  // half of the vertical angle of view, rad
 const sleep = (time) => new Promise((resolve) => setTimeout(resolve, time));
 const FRAGMENT = "precision mediump float; varying vec4 tone; void main() { gl_FragColor = tone; }";
 
@@ -46,6 +47,15 @@ const minus = (a, b) => a.map((v, i) => v - b[i]);
 const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
 const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 const unit = (a) => { const n = Math.hypot(...a) || 1; return a.map((v) => v / n); };
+
+/** Return the smallest and the largest coordinates of points; each has `stride` numbers, of which x, y, z are the first. */
+export function boundingBox(numbers, stride) {
+  const low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infinity];
+  for (let k = 0; k + 2 < numbers.length; k += stride) {
+    for (let i = 0; i < 3; i++) { low[i] = Math.min(low[i], numbers[k + i]); high[i] = Math.max(high[i], numbers[k + i]); }
+  }
+  return [low, high];
+}
 
 /** Return the transform parent_T_child of a joint at a position. */
 export function jointTransform(joint, position) {
@@ -81,11 +91,8 @@ export class Scene {
     this.canvas = canvas;
     this.robot = null; this.meshes = []; this.poses = {}; this.lastPositions = {};
     this.shapes = {}; this.lines = {};
-    this.views = {
-      all: { middle: [0, 0, 0.9], distance: 4.3, yaw: 0.75, pitch: 0.38 },
-      run: { middle: [0, 0, 0.78], distance: 1.25, yaw: 0.95, pitch: 0.36 },
-    };
-    this.view = { ...this.views.run };
+    this.view = { middle: [0, 0, 0], distance: 2, yaw: 0.95, pitch: 0.36 };
+    this.fitView = null;  // function that changes the view before a drawing, until the user moves the view
     this.maxPixelRatio = 2;
     this.slowDrawings = 0;  // number of successive slow drawings
     this.isDrawRequested = this.isDrawing = false;
@@ -104,7 +111,7 @@ export class Scene {
     this.requestDraw();
   }
 
-  setView(name) { this.view = { ...this.views[name], middle: [...this.views[name].middle] }; this.requestDraw(); }
+  setView(view) { Object.assign(this, { view, fitView: null }); this.requestDraw(); }
 
   setRobot(robot) {
     const gl = this.gl;
@@ -116,7 +123,8 @@ export class Scene {
         const buffer = gl.createBuffer();
         gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
         gl.bufferData(gl.ARRAY_BUFFER, bytes, gl.STATIC_DRAW);
-        this.meshes.push({ link, buffer, count: bytes.length / 24, colour: part.colour });
+        const box = boundingBox(new Float32Array(bytes.buffer), 6);
+        this.meshes.push({ link, buffer, box, count: bytes.length / 24, colour: part.colour });
       }
     }
     this.setJoints({});
@@ -270,7 +278,7 @@ export class Scene {
   _projection() {
     const { back, position } = this._cameraPosition(), right = unit(cross([0, 0, 1], back)), up = cross(back, right);
     const look = [...right, -dot(right, position), ...up, -dot(up, position), ...back, -dot(back, position), 0, 0, 0, 1];
-    const f = 1 / Math.tan(0.39), near = 0.02, far = 40, aspect = this.canvas.width / this.canvas.height;
+    const f = 1 / Math.tan(HALF_ANGLE), near = 0.02, far = 40, aspect = this.canvas.width / this.canvas.height;
     return multiply([f / aspect, 0, 0, 0, 0, f, 0, 0, 0, 0, (far + near) / (near - far), 2 * far * near / (near - far),
       0, 0, -1, 0], look);
   }
@@ -279,6 +287,7 @@ export class Scene {
     const gl = this.gl, canvas = this.canvas, scale = Math.min(window.devicePixelRatio || 1, this.maxPixelRatio);
     const width = Math.max(1, Math.round(canvas.clientWidth * scale)), height = Math.max(1, Math.round(canvas.clientHeight * scale));
     if (canvas.width !== width || canvas.height !== height) { canvas.width = width; canvas.height = height; }
+    if (this.fitView) this.fitView(width / height);
     gl.viewport(0, 0, width, height);
     gl.clearColor(0.105, 0.125, 0.165, 1);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
@@ -346,6 +355,7 @@ export class Scene {
       if (!pointer) return;
       const dx = e.clientX - pointer.x, dy = e.clientY - pointer.y, view = this.view;
       pointer.x = e.clientX; pointer.y = e.clientY;
+      this.fitView = null;
       if (pointer.move) {
         const { back } = this._cameraPosition(), right = unit(cross([0, 0, 1], back)), up = cross(back, right);
         const k = 0.82 * view.distance / canvas.clientHeight;
@@ -358,6 +368,7 @@ export class Scene {
     });
     canvas.addEventListener("wheel", (e) => {
       e.preventDefault();
+      this.fitView = null;
       this.view.distance = Math.min(15, Math.max(0.15, this.view.distance * Math.exp(0.001 * e.deltaY)));
       this.requestDraw();
     }, { passive: false });

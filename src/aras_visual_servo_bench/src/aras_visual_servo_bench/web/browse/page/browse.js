@@ -409,19 +409,11 @@ $("pair").addEventListener("submit", (event) => { event.preventDefault(); compar
 $("chance").addEventListener("change", () => { if ($("differences").rows.length || $("comparison").textContent) compare(); });
 addEventListener("keydown", (event) => { if (event.key === "Escape" && view.run) closeRun(); });
 
-function applyTheme() {
-  $("theme").textContent = document.documentElement.dataset.theme === "dark" ? "Light" : "Dark";
+document.addEventListener("themechange", () => {
   colours = {};
   points.draw();
-}
-$("theme").addEventListener("click", () => {
-  const root = document.documentElement;
-  root.dataset.theme = root.dataset.theme === "dark" ? "light" : "dark";
-  try { localStorage.setItem("aras-report-theme", root.dataset.theme); } catch { /* no local storage */ }
-  applyTheme();
   refresh();
 });
-applyTheme();
 updateStudies(true);
 setInterval(() => { if (!document.hidden) updateStudies(); }, UPDATE_PERIOD);
 window.arasBrowser = { page, view, points, addFilters, updateStudies };  // for tests

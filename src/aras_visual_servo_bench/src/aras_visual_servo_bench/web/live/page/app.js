@@ -1,12 +1,12 @@
 // The live page. It shows the messages of the WebSocket, and sends a request for each button.
 
-import { Plot } from "./plots.js";
+import { follow } from "./framing.js";
+import { showJointButtons, startJogging } from "./jog.js";
+import { Plot, TimeRange } from "./plots.js";
 import { Scene } from "./scene.js";
 
 const token = new URLSearchParams(location.search).get("token") || "";
 const $ = (id) => document.getElementById(id);
-const MAX_SAMPLES = 900;  // equal to MAX_SAMPLES in page.py
-const JOG_PERIOD = 100;   // ms; the robot stops after three periods without a request
 const state = { limits: {}, choices: {}, values: {}, names: [], samples: [], controller: {}, factor: null };
 let socket = null, scene = null, loadedRobot = null, dirty = true, positions = {};
 let sceneError = "";   // reason why the scene cannot be drawn
@@ -14,14 +14,16 @@ let refusalCount = 0;  // number of successive refused connections
 
 try {
   scene = new Scene($("scene"));
+  follow(scene, "run");
 } catch (error) {
   sceneError = String(error.message || error);
   showError(sceneError);
 }
+const timeRange = new TimeRange(() => { dirty = true; });
 const plots = [
-  new Plot($("plot-error"), (s) => s[1]),
-  new Plot($("plot-velocity"), (s) => s[2].slice(0, 3), (s) => s[3].slice(0, 3)),
-  new Plot($("plot-turn"), (s) => s[2].slice(3), (s) => s[3].slice(3)),
+  new Plot($("plot-error"), timeRange, (s) => s[1]),
+  new Plot($("plot-velocity"), timeRange, (s) => s[2].slice(0, 3), (s) => s[3].slice(0, 3)),
+  new Plot($("plot-turn"), timeRange, (s) => s[2].slice(3), (s) => s[3].slice(3)),
 ];
 plots[1].names = ["vx", "vy", "vz"];
 plots[2].names = ["ωx", "ωy", "ωz"];
@@ -35,7 +37,7 @@ function showError(text) {
 
 const running = new Map();  // start time (ms) of each request in progress
 const NO_CONNECTION = "no connection to the simulator", NO_CONTROLLER = "no controller is running: start the nodes with a scheme";
-const controllerReason = () => state.values.controller ? "" : NO_CONTROLLER;
+const controllerReason = () => state.values.controller ? "" : state.values.missing || NO_CONTROLLER;
 // For some requests, a function that returns why the request is not possible now, or "" if it is. All other requests
 // are always possible.
 const DISABLED_REASONS = {
@@ -139,7 +141,16 @@ function connect() {
 
 function showConnection(text, on) {
   $("link").textContent = text;
-  $("link").className = `badge ${on ? "on" : "off"}`;
+  $("link").className = `state ${on ? "on" : "off"}`;
+  showMissing();
+}
+
+// Say what the page lacks, and why.
+function showMissing() {
+  const missing = connected() ? state.values.missing || "" : `There is ${NO_CONNECTION}: it has ended, or the network is interrupted. `
+    + "The page shows the last values, and connects again when the simulator answers. A simulator that was started again prints a new address.";
+  $("missing").textContent = missing;
+  $("missing").hidden = !missing;
 }
 
 function handleMessage(message) {
@@ -155,7 +166,7 @@ function handleMessage(message) {
   if (message.limits) showLimits(message.limits);
   if (message.choices) showChoices(message.choices);
   if (message.state) showState(message.state);
-  if (message.controller) { state.controller = message.controller; plots[0].units = message.controller.units || []; }
+  if (message.controller) showTolerances(message.controller);
   if (message.names) state.names = plots[0].names = message.names;
   if (message.samples) addSamples(message.samples);
   if (scene && (message.shapes || isFull)) scene.setShapes(message.shapes || {}, isFull);
@@ -172,18 +183,24 @@ function addSamples(rows) {
     if (row[0] > last) state.samples.push(row);
     else if (row[0] < last - 1) state.samples = [row];
   }
-  if (state.samples.length > MAX_SAMPLES) state.samples.splice(0, state.samples.length - MAX_SAMPLES);
   dirty = true;
+}
+
+function showTolerances(controller) {
+  const { units = [], tolerances = [], twist_tolerances: [velocity, turn] = [] } = state.controller = controller;
+  Object.assign(plots[0], { units, tolerances });
+  plots[1].tolerances = [velocity, velocity, velocity];
+  plots[2].tolerances = [turn, turn, turn];
 }
 
 function showController() {
   const { scheme, phase, outcome: result, reason, remedy } = state.controller;
   $("phase").textContent = phase || "waiting";
-  $("phase").className = `badge ${phase || "waiting"}`;
+  $("phase").className = `state ${phase || "waiting"}`;
   $("scheme").textContent = scheme || "";
   const outcome = result && !["running", phase].includes(result) ? result.replace(/_/g, " ") : "";
   const idle = running.has("servo") || running.has("goal") ? "the nodes are being started"
-    : controllerReason() || "the controller is running and has not processed an image yet";
+    : state.values.missing ? "" : controllerReason() || "the controller is running and has not processed an image yet";
   const text = phase ? [outcome, reason].filter(Boolean).join(": ") : idle;
   $("controller-message").textContent = remedy && outcome ? `${text} — ${remedy}` : text;
   $("controller-message").title = $("controller-message").textContent;
@@ -289,6 +306,7 @@ function showState(given) {
   $("report-link").hidden = !given.report;
   if (given.report) $("report-link").href = `/report/${given.report}?token=${encodeURIComponent(token)}`;
   $("no-target").textContent = given.no_target || "";
+  showMissing();
   if (given.image_note) $("image-note").textContent = given.image_note;
 }
 
@@ -347,83 +365,29 @@ for (const button of document.querySelectorAll("[data-do]")) {
   });
 }
 $("teach-name").addEventListener("input", updateButtons);
-$("view-all").addEventListener("click", () => scene && scene.setView("all"));
-$("view-run").addEventListener("click", () => scene && scene.setView("run"));
-
-// -- jogging -----------------------------------------------------------------------------
-
-const AXES = ["vx", "vy", "vz", "wx", "wy", "wz"];
-const KEYS = { d: ["vx", 1], a: ["vx", -1], s: ["vy", 1], w: ["vy", -1], r: ["vz", 1], f: ["vz", -1],  // as in aras_teleop
-  i: ["wx", 1], k: ["wx", -1], o: ["wy", 1], u: ["wy", -1], l: ["wz", 1], j: ["wz", -1] };
-const pressedKeys = new Map();
-let jogging = null;
-
-function pressKey(key, request) {
-  pressedKeys.set(key, request);
-  if (!jogging) { startRequest(); jog(); jogging = setInterval(jog, JOG_PERIOD); }
-}
-
-function releaseKey(key) {
-  if (!pressedKeys.delete(key) || pressedKeys.size) return;
-  clearInterval(jogging);
-  jogging = null;
-  sendRequest({ do: "jog" });
-}
-
-function jog() {
-  const speed = +$("jog-speed").value, twist = {};
-  for (const request of pressedKeys.values()) {
-    if (request.joint) { sendRequest({ do: "jog_joint", joint: request.joint, speed: request.sign * speed }); return; }
-    twist[request.axis] = request.sign * speed * (request.axis[0] === "v" ? 0.25 : 1);
-  }
-  sendRequest({ do: "jog", ...twist });
-}
-
-function makeJogButton(text, request) {
-  const button = document.createElement("button");
-  button.textContent = text;
-  button.addEventListener("pointerdown", (e) => {
-    button.setPointerCapture(e.pointerId);
-    button.classList.add("pressed-key");
-    pressKey(button, request);
-  });
-  for (const end of ["pointerup", "pointercancel", "lostpointercapture"]) {
-    button.addEventListener(end, () => { button.classList.remove("pressed-key"); releaseKey(button); });
-  }
-  return button;
-}
-
-for (const axis of AXES) {
-  for (const sign of [-1, 1]) {
-    $("jog-camera").append(makeJogButton(`${axis.replace("w", "ω")} ${sign < 0 ? "−" : "+"}`, { axis, sign }));
-  }
-}
-function showJointButtons(names) {
-  $("jog-joints").textContent = "";
-  for (const joint of names) {
-    for (const sign of [-1, 1]) {
-      $("jog-joints").append(makeJogButton(`${joint} ${sign < 0 ? "−" : "+"}`, { joint, sign }));
-    }
-  }
-}
-$("scene").addEventListener("keydown", (e) => {
-  const key = KEYS[e.key.toLowerCase()];
-  if (!key || e.ctrlKey || e.metaKey || e.altKey) return;
-  e.preventDefault();
-  pressKey(e.key.toLowerCase(), { axis: key[0], sign: key[1] });
-});
-addEventListener("keyup", (e) => releaseKey(e.key.toLowerCase()));
-addEventListener("blur", () => { for (const key of [...pressedKeys.keys()]) releaseKey(key); });
+for (const what of ["all", "run"]) $(`view-${what}`).addEventListener("click", () => scene && follow(scene, what));
+startJogging({ startRequest, sendRequest });
 
 // -- plots -------------------------------------------------------------------------------
+
+for (const part of ["whole", "newest"]) $(`show-${part}`).addEventListener("click", () => timeRange.show(part));
+
+function drawPlots() {
+  for (const plot of plots) plot.draw(state.samples);
+  for (const part of ["whole", "newest"]) $(`show-${part}`).setAttribute("aria-pressed", String(timeRange.part === part));
+  const [first, last] = plots[0].range;
+  $("shown-part").textContent = timeRange.part === "selected" ? `${first.toFixed(2)} s to ${last.toFixed(2)} s` : "";
+  $("no-samples").hidden = state.samples.length > 0;
+}
 
 setInterval(() => {
   if (!dirty || document.hidden) return;
   dirty = false;
-  for (const plot of plots) plot.draw(state.samples);
+  drawPlots();
 }, 120);
-new ResizeObserver(() => { for (const plot of plots) plot.draw(state.samples); }).observe($("plots-box"));
+new ResizeObserver(drawPlots).observe($("plots-box"));
+document.addEventListener("themechange", () => { for (const plot of plots) plot.restyle(state.samples); });
 // For tests and screenshots; `isFrozen` discards all further messages.
-window.arasPage = { state, isFrozen: false, get scene() { return scene; } };
+window.arasPage = { state, plots, timeRange, isFrozen: false, get scene() { return scene; } };
 updateButtons();
 connect();

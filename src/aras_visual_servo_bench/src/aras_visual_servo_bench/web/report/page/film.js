@@ -84,8 +84,7 @@ class Space {
     this.page = page; this.contents = page.contents.scene;
     this.scene = new Scene(canvas);
     const { middle, size } = this.contents;
-    this.scene.views.run = { middle, distance: 1.5 * size, yaw: 0.95, pitch: 0.36 };
-    this.scene.setView("run");
+    this.scene.setView({ middle, distance: 1.5 * size, yaw: 0.95, pitch: 0.36 });
     this.poses = page.contents.runs.map((run) => run.poses && { time: page.array(run.poses.time), rows: page.array(run.poses.rows),
       arm: run.poses.arm !== undefined ? page.array(run.poses.arm) : null, joints: run.poses.joints });
     this.setRuns();

@@ -1,0 +1,95 @@
+"""Samples of the live page's plots: the whole run, in a limited number of samples."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+# Largest number of samples: 100 s at 30 images/s. It is larger than the number of pixels of a plot,
+# and a full message with 20 numbers per sample is then about 0.5 MB.
+MAX_SAMPLES = 3000
+CLEAR = ["clear"]  # in a list of samples: forget all samples before
+CLOCK_RESET = -1.0  # the plots restart if the change of the stamp is below this value, s
+
+
+def to_json_numbers(values: Sequence[float], digits: int = 6) -> list[float | None]:
+    """Round numbers for JSON; infinity and NaN become null."""
+    return [round(float(v), digits) if math.isfinite(v) else None for v in values]
+
+
+class Samples:
+    """Samples of the present run, from its start to the newest.
+
+    A sample is [stamp, errors, desired twist, achieved twist, joint positions]. When there are more
+    than MAX_SAMPLES, those that change the curves least are removed, so the transient keeps its
+    shape however long the run takes.
+
+    Attributes:
+        names: names of the features; of the last image that has any.
+    """
+
+    def __init__(self) -> None:
+        self.names: tuple[str, ...] = ()
+        self._rows: list[list[Any]] = []
+        self._news: list[Any] = []
+
+    @property
+    def rows(self) -> list[list[Any]]:
+        """All samples, oldest first."""
+        return list(self._rows)
+
+    def add(self, names: tuple[str, ...], row: list[Any]) -> None:
+        """Add a sample. Other features, or a clock that was set back, start another run.
+
+        Args:
+            names: names of the features; empty for an image without features, which belongs to the
+                same run.
+            row: the sample.
+        """
+        is_other = bool(names and self.names and names != self.names)
+        if self._rows and (is_other or row[0] - self._rows[-1][0] < CLOCK_RESET):
+            self._rows, self._news = [], [CLEAR]
+        self.names = names or self.names
+        self._rows.append(row)
+        self._news.append(row)
+        if len(self._rows) > MAX_SAMPLES:
+            self._rows = thin_out(self._rows)
+            self._news = [CLEAR, *self._rows]
+
+    def take_news(self) -> list[Any]:
+        """Return the samples since the last call; CLEAR is in front of a list of all samples."""
+        news, self._news = self._news, []
+        return news
+
+
+def thin_out(rows: list[list[Any]]) -> list[list[Any]]:
+    """Return a quarter fewer samples, without those that change the curves least.
+
+    Every other sample is a candidate. Its change is its distance from the straight line between its
+    neighbours, divided by the range of the curve; the largest of all curves counts. Samples where a
+    curve begins or ends are kept.
+    """
+    width = max(len(row[1]) for row in rows)
+    values = np.array(
+        [[*row[1], *[None] * (width - len(row[1])), *row[2], *row[3]] for row in rows], float
+    )
+    times = np.array([row[0] for row in rows])
+    finite = np.isfinite(values)
+    low = np.min(values, axis=0, where=finite, initial=math.inf)
+    high = np.max(values, axis=0, where=finite, initial=-math.inf)
+    span = np.where(high > low, high - low, 1.0)
+    inner = np.arange(1, len(rows) - 1, 2)
+    before, after = inner - 1, inner + 1
+    duration = times[after] - times[before]
+    part = np.where(duration > 0.0, times[inner] - times[before], 0.5) / np.where(
+        duration > 0.0, duration, 1.0
+    )
+    line = values[before] + part[:, None] * (values[after] - values[before])
+    change = np.abs(values[inner] - line) / span
+    has_edge = (finite[before] != finite[inner]) | (finite[inner] != finite[after])
+    change = np.where(has_edge, math.inf, np.where(finite[inner], change, 0.0)).max(axis=1)
+    removed = set(inner[np.argsort(change, kind="stable")[: len(rows) // 4]].tolist())
+    return [row for i, row in enumerate(rows) if i not in removed]

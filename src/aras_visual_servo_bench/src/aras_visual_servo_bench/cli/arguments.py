@@ -84,9 +84,8 @@ def _add_run(commands: Commands) -> None:
                           "(default: the experiment of the demo)")
     run.add_argument("overrides", nargs="*", metavar="key=value",
                      help="changed settings, for example gain=2.0 or repeats=5")
-    run.add_argument("--out", type=Path, help="output folder of a study: new, or of the same study; "
-                                              "for an experiment, the folder of its report (default: "
-                                              "no report)")
+    run.add_argument("--out", type=Path, help="output folder of a study: new, or of the "
+                     "same study; for an experiment, the folder of its report")
     run.add_argument("--dry-run", action="store_true", help="only print what would be run")
     _set_function(run, "run_file", "run_file")
     resume = commands.add_parser("resume", help="continue an unfinished study")

@@ -163,11 +163,13 @@ def find_transient(
     return part if 0.0 < part <= end / gain else None
 
 
-def list_notes(runs: Sequence[Run], explain: Callable[[Run], Sequence[str]]) -> Mapping[str, str]:
-    """Return the notes of all runs, and what `explain` says of each, with the runs they are of."""
+def list_remarks(
+    runs: Sequence[Run], find: Callable[[Run], Sequence[str]]
+) -> Mapping[str, str]:
+    """Return the different texts that `find` gives for the runs, each with its runs as text."""
     found: dict[str, list[str]] = {}
     for run in runs:
-        for text in (*run.notes, *explain(run)):
+        for text in find(run):
             found.setdefault(text, []).append(run.name)
     return {text: ", ".join(names) if len(names) <= MAX_LISTED else format_count(len(names), "run")
             for text, names in found.items()}  # fmt: skip

@@ -18,7 +18,7 @@ from ...recording.run import Run
 from .. import SHARED
 from ..uplot import SCRIPT, STYLE, read_uplot
 from .contents import make_contents
-from .headline import find_transient, list_notes, make_headline, make_title
+from .headline import find_transient, list_remarks, make_headline, make_title
 from .missing_data import explain_missing_data
 
 # Numbers at the top of the page of a single run: metric, factor that converts it to the unit on the
@@ -82,7 +82,8 @@ def make_page(
               zip(runs, summaries, strict=True)],
         tiles=[] if several else render_tiles(summaries[0]),
         headline=make_headline(runs, summaries) if several else None,
-        notes=list_notes(runs, explain_missing_data), missing=missing, transient=transient,
+        notes=list_remarks(runs, lambda run: run.notes),
+        gaps=list_remarks(runs, explain_missing_data), missing=missing, transient=transient,
         comparison=_render_comparison(runs, summaries) if several else [],
         groups=[{"key": key, "title": title, "text": text, "count": len(found)}
                 for key, title, text, found in groups],

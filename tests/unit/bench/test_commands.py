@@ -41,7 +41,12 @@ def test_an_experiments_file_is_run_with_what_the_command_line_changes(experimen
 
 def test_without_a_file_the_demos_experiment_is_run(capsys):
     assert main(["run", "duration=0.2"]) == 0
-    assert "demo:\n  Target reached           NO: " in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "demo:\n  Target reached           NO: " in printed
+    assert printed.endswith("\nno report was written; --out DIR writes one: a page with curves, "
+                            "images and camera path, figures, and tables\n")  # fmt: skip
+    assert main(["run", "duration=0.2", "--no-report"]) == 0
+    assert "--out" not in capsys.readouterr().out
 
 
 def test_a_file_may_be_named_like_an_override(experiment, capsys):

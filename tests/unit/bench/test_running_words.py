@@ -230,7 +230,8 @@ def test_a_report_is_a_table_and_pictures(calls, tmp_path, capsys, monkeypatch, 
     assert {call[2] for call in calls.found if call[0] == "format_table"} == {"md"}
     assert calls.found[-1] == ("write_figures", [results], tmp_path / "plots", [tmp_path])
     assert capsys.readouterr().out == ("\n| a |\n\n" if shown else "") + (
-        f"{tmp_path / 'table.md'} has all metrics; figures: a.png, b.png\n")
+        f"{tmp_path / 'table.md'} has all metrics; figures: a.png, b.png\n"
+        f"bench browse {tmp_path} shows the runs and their reports in a browser\n")
 
 
 @pytest.mark.parametrize(("words", "name", "source", "out"), [

@@ -84,8 +84,8 @@ def _add_run(commands: Commands) -> None:
                           "(default: the experiment of the demo)")
     run.add_argument("overrides", nargs="*", metavar="key=value",
                      help="changed settings, for example gain=2.0 or repeats=5")
-    run.add_argument("--out", type=Path, help="output folder: new, or of the same study; for an "
-                                              "experiment the folder of its report")
+    run.add_argument("--out", type=Path, help="output folder of a study: new, or of the "
+                     "same study; for an experiment, the folder of its report")
     run.add_argument("--dry-run", action="store_true", help="only print what would be run")
     _set_function(run, "run_file", "run_file")
     resume = commands.add_parser("resume", help="continue an unfinished study")
@@ -95,7 +95,7 @@ def _add_run(commands: Commands) -> None:
         _add_workers(one)
         one.add_argument("--fail-fast", action="store_true", help="stop after the first failed run")
         one.add_argument("--no-report", action="store_true",
-                         help="do not write a table and figures")
+                         help="do not write a table and figures, nor an experiment's report")
         one.add_argument("--mix", action="store_true", help="continue even if the code has changed")
 
 

@@ -127,6 +127,7 @@ def _write_report(path: Path) -> None:
         print(f"\n{short}")
     drawn = study_figures.write_figures(found, path / "plots", paths=[path])
     print(f"{path / 'table.md'} has all metrics; figures: {', '.join(map(str, drawn))}")
+    print(f"{find_program_name()} browse {path} shows the runs and their reports in a browser")
 
 
 def _describe_progress(folder: StudyFolder) -> str:

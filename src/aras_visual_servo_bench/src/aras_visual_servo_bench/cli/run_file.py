@@ -68,4 +68,7 @@ def _run_experiment(experiment: Experiment, options: argparse.Namespace) -> int:
 
         run = replay.run_with_images(experiment, name, str(source))
     analyze.write_reports([run], out)
+    if out is None and not options.no_report:
+        print("\nno report was written; --out DIR writes one: a page with curves, images and "
+              "camera path, figures, and tables")  # fmt: skip
     return 0

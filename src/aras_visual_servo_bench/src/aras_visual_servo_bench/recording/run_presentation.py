@@ -25,8 +25,7 @@ class RunPresentation:
     def __repr__(self) -> str:
         """Describe the run in at most six lines."""
         name = f"run '{self.name}'" if self.name else "run"
-        experiment = self.experiment
-        plant = self.settings.get("plant", "") or (experiment.plant if experiment else "")
+        plant = list_experiment_parts(self).get("plant", "")
         where = f"plant {plant}" if plant else "unknown plant"
         stored = len(self.control_record.images)
         rows = [
@@ -97,6 +96,24 @@ class RunPresentation:
             BenchError: pandas is not installed.
         """
         return import_later(f"{PACKAGE}.metrics.run_tables:make_frame")(self)
+
+
+def list_experiment_parts(run: Any) -> dict[str, str]:
+    """Return the names of the scheme, the plant and the target of a run, as far as known."""
+    experiment = run.experiment
+    shape = experiment.target.shape if experiment else ""
+    found = {
+        "scheme": run.scheme,
+        "plant": run.settings.get("plant", "") or (experiment.plant if experiment else ""),
+        "target": run.settings.get("target", "") or (shape if isinstance(shape, str) else ""),
+    }
+    return {part: name for part, name in found.items() if name}
+
+
+def describe_experiment(run: Any) -> str:
+    """Describe scheme, plant and target of a run; '' if none of them is known."""
+    return ", ".join(name if part == "scheme" else f"{part} {name}"
+                     for part, name in list_experiment_parts(run).items())  # fmt: skip
 
 
 def describe_verdict(verdict: Any) -> str:

@@ -7,6 +7,50 @@ const nearestIndex = (times, t) => {  // index of the time nearest to t, by bise
   return Math.abs(times[high] - t) < Math.abs(times[low] - t) ? high : low;
 };
 
+/** Return the index of the first of increasing times that is at least t. */
+const lowerBound = (times, t) => {
+  let low = 0, high = times.length;
+  while (low < high) { const m = (low + high) >> 1; if (times[m] < t) low = m + 1; else high = m; }
+  return low;
+};
+
+/**
+ * Return the part [times, values] of a curve from `low` to `high`, with the next sample on each side.
+ * Unknown values become null. If there are more than two samples per column of pixels, each column
+ * keeps its smallest and its largest value, in their order. All curves get the same times then, which
+ * differ from those of the samples by less than a column.
+ */
+export function decimate(times, values, [low, high], columns) {
+  const start = lowerBound(times, low), end = lowerBound(times, high + 1e-12);
+  const first = Math.max(start - 1, 0), last = Math.min(end + 1, times.length);
+  const x = [], y = [], push = (t, v) => { x.push(t); y.push(Number.isFinite(v) ? v : null); };
+  if (end - start <= 2 * columns) {
+    for (let i = first; i < last; i++) push(times[i], values[i]);
+    return [x, y];
+  }
+  const width = (high - low) / columns;
+  if (first < start) push(times[first], values[first]);
+  for (let k = 0, i = start; k < columns; k++) {
+    const from = i, edge = k + 1 < columns ? low + (k + 1) * width : Infinity;
+    let least = -1, largest = -1;
+    for (; i < end && times[i] < edge; i++) {
+      const v = values[i];
+      if (!Number.isFinite(v)) continue;
+      if (least < 0 || v < values[least]) least = i;
+      if (largest < 0 || v > values[largest]) largest = i;
+    }
+    if (i === from) continue;
+    const t = low + k * width;
+    if (least < 0) { push(t + 0.5 * width, null); continue; }
+    if (!Number.isFinite(values[from])) push(t + 0.1 * width, null);
+    push(t + 0.3 * width, values[Math.min(least, largest)]);
+    push(t + 0.6 * width, values[Math.max(least, largest)]);
+    if (!Number.isFinite(values[i - 1])) push(t + 0.9 * width, null);
+  }
+  if (end < last) push(times[end], values[end]);
+  return [x, y];
+}
+
 /** Return a number as text with three to five significant digits. */
 export function formatNumber(v) {
   if (!Number.isFinite(v)) return "–";
@@ -20,7 +64,8 @@ export class Chart {
   /** `box`: parent element; `panel`: data of the panel; `page`: state that all charts share. */
   constructor(box, panel, page) {
     Object.assign(this, { box, panel, page, hidden: new Set(), isVisible: false });
-    this.curves = panel.curves.map((c) => ({ ...c, time: page.array(c.x), values: page.array(c.y) }));
+    // The arrays of a curve are decoded when they are needed first: most charts are below the window.
+    this.curves = panel.curves.map((c) => ({ ...c, get time() { return page.array(c.x); }, get values() { return page.array(c.y); } }));
     const title = document.createElement("h3");
     title.textContent = panel.title;
     this.plotBox = document.createElement("div");
@@ -68,7 +113,6 @@ export class Chart {
   draw() {
     if (this.plot) this.plot.destroy();
     const { page, panel } = this, ink = page.colour("soft"), grid = { stroke: page.colour("line"), width: 1 };
-    const join = uPlot.join(this.curves.map((c) => [c.time, Array.from(c.values, (v) => Number.isFinite(v) ? v : null)]));
     const tens = (u, splits) => splits.map((v) => !panel.is_logarithmic || Math.abs(Math.log10(v) % 1) < 1e-9 ? v : null);
     const font = '11px system-ui, "DejaVu Sans", sans-serif';
     const [low, high] = this._findLevels();
@@ -91,7 +135,7 @@ export class Chart {
       cursor: {
         drag: { x: true, y: false, setScale: false }, points: { size: 6 },
         bind: { dblclick: () => () => page.setRange(), mouseleave: () => null },
-        dataIdx: (u, series) => { const c = this.curves[series - 1]; return c ? this._joinedIndex(join[0], c, page.time) : u.posToIdx(u.cursor.left); },
+        dataIdx: (u, series) => { const c = this.curves[series - 1]; return c ? this._joinedIndex(u.data[0], c, page.time) : u.posToIdx(u.cursor.left); },
       },
       hooks: {
         setCursor: [(u) => { if (!this.isSettingCursor && u.cursor.left >= 0) page.setTime(u.posToVal(u.cursor.left, "x"), this); }],
@@ -100,11 +144,17 @@ export class Chart {
           u.setSelect({ left: 0, top: 0, width: 0, height: 0 }, false); }],
         drawAxes: [(u) => this._drawBackground(u)],
       },
-    }, join, this.plotBox);
+    }, this._joinCurves(), this.plotBox);
     const over = this.plot.over;
     over.addEventListener("pointermove", (e) => { if (e.pointerType === "touch") this._onTouch(e); });
     over.addEventListener("pointerdown", (e) => { if (e.pointerType === "touch") this._onTouch(e); });
     requestAnimationFrame(() => this.setTime(page.time));
+  }
+
+  /** Return the visible part of all curves with common times, as uPlot needs it. */
+  _joinCurves() {
+    const columns = Math.max(1, Math.round(this.plotBox.clientWidth * (window.devicePixelRatio || 1)));
+    return uPlot.join(this.curves.map((c) => decimate(c.time, c.values, this.page.range, columns)));
   }
 
   _onTouch(e) {
@@ -184,13 +234,20 @@ export class Chart {
   }
 
   setRange() {
-    if (this.plot) this.plot.setScale("x", { min: this.page.range[0], max: this.page.range[1] });
+    if (this.plot) {
+      this.plot.setData(this._joinCurves(), false);
+      this.plot.setScale("x", { min: this.page.range[0], max: this.page.range[1] });
+    }
     requestAnimationFrame(() => this.setTime(this.page.time));
   }
 
   resize() {
     const width = this.plotBox.clientWidth, height = this.plotBox.clientHeight;
-    if (this.plot && width && (width !== this.plot.width || height !== this.plot.height)) this.plot.setSize({ width, height });
+    if (this.plot && width && (width !== this.plot.width || height !== this.plot.height)) {
+      this.plot.setSize({ width, height });
+      this.setRange();
+      return;
+    }
     requestAnimationFrame(() => this.setTime(this.page.time));  // after the axes have their new layout
   }
 }

@@ -16,14 +16,12 @@ from ...plots.time_plots import Layout
 from ...recording.film import decode_frame, encode_small_frame
 from ...recording.run import Run
 from ...recording.run_presentation import describe_verdict
+from .missing_data import MIN_CURVE_IMAGES, explain_missing_data
 from .page import render_tiles
 
 MAX_TEXT = 400  # characters of a reason, remedy or note
 MAX_NOTES = 3
-MIN_CURVE_IMAGES = 2
 PANEL_HEIGHT, DPI = 1.9, 60  # inches, and pixels per inch of the curve
-# A camera that has moved less than this, m and rad, has not moved.
-NO_MOTION = 1e-9
 
 
 def make_card(run: Run) -> str:
@@ -47,38 +45,6 @@ def make_card(run: Run) -> str:
         remarks.append(f"{len(run.notes) - MAX_NOTES} more notes in run.notes")
     lines += [f'<div style="color:{SOFT_INK}">{_format_text(text)}</div>' for text in remarks]
     return f'<div style="max-width:56em">{"".join(lines)}</div>'
-
-
-def explain_missing_data(run: Run) -> list[str]:
-    """Return a sentence for each part of the card that the run has no data for."""
-    found = []
-    count = len(run.states)
-    known = np.flatnonzero(np.isfinite(run.error).all(axis=1)) if run.names else np.zeros(0, int)
-    measured, last = len(known), int(known[-1]) if len(known) else 0
-    if not count:
-        found.append("No curve: the loop has processed no image.")
-    elif not measured:
-        found.append(f"No curve: none of the {count} images has a measurement.")
-    elif measured < MIN_CURVE_IMAGES:
-        found.append(f"No curve: only 1 of {count} images has a measurement.")
-    else:
-        if gaps := last + 1 - measured:
-            found.append(f"The curve has gaps: {gaps} of {count} images have no measurement.")
-        if (lost := count - 1 - last) > 1:  # the last image of a timed-out run is never measured
-            found.append(f"The last {lost} of {count} images have no measurement.")
-    if not run.verdict.name:
-        found.append("No verdict: the true poses are unknown.")
-    if count > 1 and _is_at_rest(run.pose):
-        found.append("The camera has not moved.")
-    if not (run.control_record.images or run.control_record.film):
-        found.append("No image is stored: run_with_images stores them.")
-    return found
-
-
-def _is_at_rest(poses: np.ndarray) -> bool:
-    """Return whether known poses (n, 4, 4) do not differ from the first of them."""
-    known = poses[np.isfinite(poses).all(axis=(1, 2))]
-    return len(known) > 1 and bool((np.abs(known - known[0]) < NO_MOTION).all())
 
 
 def _format_text(text: str) -> str:

@@ -27,6 +27,8 @@ from ...recording.image_tracks import compute_tracks, find_milestones
 from ...recording.run import Run
 
 MAX_POSES = 2000  # largest number of poses of a camera path
+# Largest number of points of an image trajectory, which the film draws again at each time.
+MAX_TRACK_POINTS = 5000
 FRUSTUM_SIZE = 0.2  # length of a drawn camera, as a fraction of the scene's size
 MIN_SCENE_SIZE = 0.02  # smallest size of the scene, m
 START, GOAL, IDEAL, FACE, RIM = (
@@ -151,10 +153,11 @@ def _convert_tracks(run: Run, arrays: ArrayTable) -> dict[str, Any] | None:
     found = compute_tracks(run)
     if found is None:
         return None
+    at = _select_evenly(len(found.stamp), MAX_TRACK_POINTS)
     return {
-        "time": arrays.add(found.stamp - run.start_stamp), "names": found.names,
+        "time": arrays.add(found.stamp[at] - run.start_stamp), "names": found.names,
         "is_measured": found.is_measured, "desired": arrays.add(found.desired),
-        "pixels": [arrays.add(found.pixels[:, i]) for i in range(len(found.names))],
+        "pixels": [arrays.add(found.pixels[at, i]) for i in range(len(found.names))],
     }  # fmt: skip
 
 
@@ -165,7 +168,12 @@ def _select_joint_states(run: Run) -> np.ndarray:
     """
     is_known = run.servoing & np.isfinite(run.true_pose).all(axis=(1, 2))
     at = np.flatnonzero(is_known)
-    return at[np.unique(np.linspace(0, len(at) - 1, min(MAX_POSES, len(at))).astype(int))]
+    return at[_select_evenly(len(at), MAX_POSES)]
+
+
+def _select_evenly(count: int, limit: int) -> np.ndarray:
+    """Return the indices of all of `count` rows, or of `limit` evenly spaced ones."""
+    return np.unique(np.linspace(0, count - 1, min(limit, count)).astype(int))
 
 
 def _convert_poses(run: Run, arrays: ArrayTable) -> dict[str, int] | None:

@@ -18,6 +18,8 @@ from ...recording.run import Run
 from .. import SHARED
 from ..uplot import SCRIPT, STYLE, read_uplot
 from .contents import make_contents
+from .headline import find_transient, list_remarks, make_headline, make_title
+from .missing_data import explain_missing_data
 
 # Numbers at the top of the page of a single run: metric, factor that converts it to the unit on the
 # page, this unit, and description.
@@ -40,19 +42,19 @@ SCRIPTS = (*(SHARED / f"{name}.js" for name in ("scene", "charts")),
 
 
 def make_page(
-    title: str,
     runs: Sequence[Run],
     summaries: Sequence[Sequence[Quantity]],
     groups: Sequence[tuple[str, str, str, Sequence[Panel]]],
+    missing: Mapping[str, str],
     footer: str,
 ) -> str:
     """Return the HTML text of a report's page.
 
     Args:
-        title: title of the page.
         runs: runs of the report.
         summaries: metrics of each run.
         groups: key, title, description and panels of each group of plots.
+        missing: title of each group that cannot be shown, and the data that it needs.
         footer: text at the bottom of the page.
 
     Raises:
@@ -64,20 +66,25 @@ def make_page(
     )  # fmt: skip
     groups = [group for group in groups if group[-1]]
     contents = make_contents(runs, groups)
+    transient = find_transient(summaries, contents["end"])
+    several = len(runs) > 1
     tracks = [run["film"]["tracks"] for run in contents["runs"] if run["film"]]
     return environment.get_template("index.html").render(
-        title=title,
+        title=make_title(runs),
         uplot_style=read_uplot(STYLE), uplot_script=read_uplot(SCRIPT),
         colours=make_css(REPORT) + make_css(REPORT_DARK, "[data-theme=dark]"),
         style=(SHARED / "style.css").read_text(encoding="utf-8"),
         scripts="\n".join(path.read_text(encoding="utf-8") for path in SCRIPTS),
-        contents=to_script_json({**contents, "colours": LIVE_CURVES, **{
+        contents=to_script_json({**contents, "transient": transient, "colours": LIVE_CURVES, **{
             name: SCENE[name] for name in ("goal", "start", "ideal", "face")}}),
         film=_describe_tracks(tracks) if tracks else "", scene=contents["scene"],
         runs=[_render_run(run, quantities) for run, quantities in
               zip(runs, summaries, strict=True)],
-        tiles=render_tiles(summaries[0]) if len(runs) == 1 else [],
-        comparison=_render_comparison(runs, summaries) if len(runs) > 1 else [],
+        tiles=[] if several else render_tiles(summaries[0]),
+        headline=make_headline(runs, summaries) if several else None,
+        notes=list_remarks(runs, lambda run: run.notes),
+        gaps=list_remarks(runs, explain_missing_data), missing=missing, transient=transient,
+        comparison=_render_comparison(runs, summaries) if several else [],
         groups=[{"key": key, "title": title, "text": text, "count": len(found)}
                 for key, title, text, found in groups],
         footer=footer,
@@ -109,11 +116,11 @@ def _render_run(run: Run, quantities: Sequence[Quantity]) -> Mapping[str, object
     return {
         "name": run.name, "outcome": run.outcome, "verdict": run.verdict.name,
         "converged": run.is_held_at_goal, "reached": run.verdict.is_reached, "reason": run.reason,
-        "remedy": run.remedy, "notes": run.notes, "quantities": quantities[:MAX_ROWS],
+        "remedy": run.remedy, "quantities": quantities[:MAX_ROWS],
         "more": len(quantities[MAX_ROWS:]),
         "settings": list(settings.items()), "versions": list(run.versions.items()),
         "experiment": run.yaml,
-        "meta": " · ".join(filter(None, (run.source, main_settings))),
+        "meta": " · ".join(filter(None, (run.name, run.source, main_settings))),
     }  # fmt: skip
 
 

@@ -209,11 +209,12 @@ class _ReportWriter:
             for name, table in make_tables(run).items():
                 self._write_text(self.out / "data" / f"{label}{name}.csv", table)
         self._report_progress("page")
-        names = [run.name for run in self.runs]
-        title = names[0] if len(names) == 1 else "Comparison of " + ", ".join(names)
         footer = f"Written {datetime.now():%Y-%m-%d %H:%M} by aras_visual_servo_bench analyze."
-        groups = [(p.name, p.title, p.text, p.panels(self.runs)) for row in CHAPTERS for p in row]
-        text = make_page(title, self.runs, summaries, groups, footer)
+        parts = [part for row in CHAPTERS for part in row]
+        groups = [(p.name, p.title, p.text, p.panels(self.runs)) for p in parts]
+        missing = {p.title: p.needs for p, group in zip(parts, groups, strict=True)
+                   if p.draw is None and not group[-1]}  # fmt: skip
+        text = make_page(self.runs, summaries, groups, missing, footer)
         self._write_text(self.out / "report.html", text)
         if self.formats:
             for number, written in self._draw_rows():

@@ -1,7 +1,11 @@
 // The images of one run as a film with an overlay. An image is decoded when it is shown.
 
 const CACHED_FRAMES = 48;
-const decodeBytes = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
+function decodeBytes(text) {  // a loop takes a tenth of the time of Uint8Array.from with a function
+  const plain = atob(text), bytes = new Uint8Array(plain.length);
+  for (let i = 0; i < bytes.length; i++) bytes[i] = plain.charCodeAt(i);
+  return bytes;
+}
 
 class Film {
   constructor(canvas, caption, run, page, film = run.film) {

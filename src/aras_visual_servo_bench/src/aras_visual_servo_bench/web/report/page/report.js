@@ -6,9 +6,10 @@ const contents = JSON.parse($("contents").textContent);
 const arrays = contents.arrays.map(() => null);
 const style = () => getComputedStyle(document.documentElement);
 const MIN_RANGE = 1e-3;  // shortest range of the time axis, s
+const MAX_STATES = 4;  // of more visible runs, the page shows how many are in each phase
 
 const page = {
-  contents, time: 0, range: [0, contents.end], hiddenRuns: new Set(), overlay: true, several: contents.runs.length > 1,
+  contents, time: 0, range: [0, contents.transient || contents.end], hiddenRuns: new Set(), overlay: true, several: contents.runs.length > 1,
   dark: contents.colours, goalColour: contents.goal, colours: {},
   array(i) { return arrays[i] ||= new Float32Array(decodeBytes(contents.arrays[i]).buffer); },
   colour(name) { return this.colours[name] ||= style().getPropertyValue(`--${name}`).trim(); },
@@ -16,13 +17,16 @@ const page = {
     t = Math.min(Math.max(t, 0), contents.end);
     if (!Number.isFinite(t) || t === page.time) return;
     page.time = t;
+    const [low, high] = page.range, half = 0.5 * (high - low);
+    if (t < low || t > high) page.setRange(t - half, t + half);
     requestUpdate();
   },
   setRange(low = 0, high = contents.end) {
     low = Math.max(low, 0); high = Math.min(high, contents.end);
     if (high - low < MIN_RANGE) return;
     page.range = [low, high];
-    for (const chart of charts) chart.setRange();
+    for (const chart of charts) if (chart.isVisible) chart.setRange(); else chart.isOutdated = true;
+    showRange();
     drawPhases();
   },
 };
@@ -36,6 +40,15 @@ function requestUpdate() {  // at most one update per animation frame
   if (isUpdateRequested) return;
   isUpdateRequested = true;
   requestAnimationFrame(() => { isUpdateRequested = false; showTime(); });
+}
+
+/** Show which part of the run is visible; the slider of the time covers the same part. */
+function showRange() {
+  const [low, high] = page.range, { end, transient } = contents;
+  Object.assign($("time"), { min: low, max: high, value: page.time });
+  $("shown").textContent = low > 0 || high < end ? `${low.toPrecision(3)} to ${high.toPrecision(3)} s of ${end.toPrecision(3)} s` : "";
+  $("zoom-all").setAttribute("aria-pressed", String(low <= 0 && high >= end));
+  $("zoom-settling").setAttribute("aria-pressed", String(low <= 0 && high === transient));
 }
 
 function showTime() {
@@ -52,8 +65,14 @@ function showTime() {
 function showPhase() {
   const box = $("state");
   box.textContent = "";
-  contents.runs.forEach((run, k) => {
-    if (page.hiddenRuns.has(k) || !run.events.length) return;
+  const visible = contents.runs.filter((run, k) => !page.hiddenRuns.has(k) && run.events.length);
+  if (visible.length > MAX_STATES) {
+    const counts = new Map();
+    for (const run of visible) { const [, phase] = eventAt(run, page.time); counts.set(phase, (counts.get(phase) || 0) + 1); }
+    box.textContent = [...counts].map(([phase, count]) => `${count} ${count === 1 ? "run" : "runs"} ${phase}`).join(", ");
+    return;
+  }
+  visible.forEach((run) => {
     const [, phase, outcome, reason] = eventAt(run, page.time), line = document.createElement("span");
     const strong = document.createElement("b");
     strong.textContent = page.several ? `${run.name}: ${phase}` : phase;
@@ -64,9 +83,9 @@ function showPhase() {
 }
 
 function eventAt(run, t) {
-  let found = run.events[0];
-  for (const event of run.events) if (event[0] <= t + 1e-9) found = event;
-  return found;
+  let low = 0, high = run.events.length;  // by bisection: there may be an event for each image
+  while (high - low > 1) { const m = (low + high) >> 1; if (run.events[m][0] <= t + 1e-9) low = m; else high = m; }
+  return run.events[low];
 }
 
 const PHASE_COLOURS = { converged: "good", servoing: "mark", holding: "warn", stopped: "bad", approaching: "soft" };
@@ -75,8 +94,9 @@ function drawPhases() {
   canvas.width = Math.max(1, width); canvas.height = 6;
   const [low, high] = page.range, X = (t) => (t - low) / (high - low) * canvas.width;
   const run = contents.runs.find((_, k) => !page.hiddenRuns.has(k));
-  if (run) run.events.forEach(([t, phase], i) => {
-    const end = i + 1 < run.events.length ? run.events[i + 1][0] : contents.end;
+  if (run) run.phases ||= run.events.filter(([, phase], i) => !i || phase !== run.events[i - 1][1]);
+  if (run) run.phases.forEach(([t, phase], i) => {
+    const end = i + 1 < run.phases.length ? run.phases[i + 1][0] : contents.end;
     c.fillStyle = page.colour(PHASE_COLOURS[phase] || "soft");
     c.fillRect(X(t), 0, X(end) - X(t), 6);
   });
@@ -91,7 +111,8 @@ const visibilityObserver = new IntersectionObserver((entries) => {
     const chart = entry.target.chart;
     chart.isVisible = entry.isIntersecting;
     if (!chart.isVisible) continue;
-    if (!chart.plot) chart.draw(); else chart.resize();
+    if (!chart.plot) chart.draw(); else if (chart.isOutdated) chart.setRange(); else chart.resize();
+    chart.isOutdated = false;
   }
 }, { rootMargin: "200px" });
 const sizeObserver = new ResizeObserver((entries) => { for (const { target } of entries) target.chart.resize(); });
@@ -164,7 +185,6 @@ if ($("space")) {
 // -- controls ----------------------------------------------------------------------------------
 
 const times = (films[0] && films[0].time) || (charts[0] && charts[0].curves[0].time) || new Float32Array([0]);
-Object.assign($("time"), { max: contents.end });
 $("time").addEventListener("input", () => page.setTime(+$("time").value));
 const stepImage = (by) => page.setTime(times[Math.min(Math.max(nearestIndex(times, page.time) + by, 0), times.length - 1)]);
 $("previous-image").addEventListener("click", () => stepImage(-1));
@@ -181,20 +201,24 @@ function zoom(factor) {
 $("zoom-in").addEventListener("click", () => zoom(0.5));
 $("zoom-out").addEventListener("click", () => zoom(2));
 $("zoom-all").addEventListener("click", () => page.setRange());
+$("zoom-settling").addEventListener("click", () => {
+  page.setRange(0, contents.transient);
+  page.setTime(Math.min(page.time, contents.transient));
+});
 if ($("overlay")) $("overlay").addEventListener("change", () => { page.overlay = $("overlay").checked; showTime(); });
 
 let playing = null;
 $("play").addEventListener("click", () => {
   if (playing !== null) { stopPlaying(); return; }
-  if (page.time >= contents.end) page.time = 0;
+  if (page.time >= page.range[1]) page.time = page.range[0];
   let before = performance.now();
   $("play").textContent = "Pause";
   $("play").setAttribute("aria-pressed", "true");
   playing = setInterval(() => {
     const now = performance.now();
-    page.setTime(page.time + 1e-3 * (now - before));
+    page.setTime(Math.min(page.time + 1e-3 * (now - before), page.range[1]));
     before = now;
-    if (page.time >= contents.end) stopPlaying();
+    if (page.time >= page.range[1]) stopPlaying();
   }, 33);
 });
 function stopPlaying() {
@@ -253,5 +277,6 @@ $("theme").addEventListener("click", () => {
   applyTheme();
 });
 applyTheme();
+showRange();
 page.setTime(+new URLSearchParams(location.hash.slice(1)).get("at"));  // report.html#at=0.4
 window.arasReport = { page, charts, films, get space() { return space; } };  // for tests

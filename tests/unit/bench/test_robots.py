@@ -1,12 +1,15 @@
 """Robot of an experiment: packages, frames, cameras and controllers."""
 
 import dataclasses
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from aras_sim_bridge.description import parse_cameras, parse_urdf
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy, optical_pose, relative_pose
+from aras_visual_servo_bench import Experiment, run
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.experiment import packages
 from aras_visual_servo_bench.experiment.added_links import MountedTarget
@@ -187,6 +190,21 @@ def test_a_camera_is_moved_and_believed_in_the_same_axes_at_any_frame(made, came
     np.testing.assert_allclose(moved, place @ link @ off @ LINK_T_EYE, atol=1e-9)
     for robot, true in ((made(own), place), (made(own, **OFF), moved)):
         np.testing.assert_allclose(robot.make_calibrated_arm(**OFF).pose(Q), true @ off, atol=1e-9)
+
+
+def test_a_robot_without_a_camera_delivers_images_of_the_added_one(tmp_path):
+    docs = Path(__file__).parents[3] / "docs" / "examples"
+    urdf = re.sub(r'<gazebo reference="camera_link">.*?</gazebo>', "",
+                  (docs / "my_arm.urdf").read_text(), flags=re.DOTALL)  # fmt: skip
+    (tmp_path / "r.urdf").write_text(urdf)
+    done = run(Experiment(
+        robot={"urdf": str(tmp_path / "r.urdf"), "config": str(docs / "my_arm_controllers.yaml"),
+               "camera_frame": "flange"},
+        target={"shape": "l_shape", "size": [0.1, 0.1], "pose": [0.45, 0.05, 0.051, 0, 0, 0]},
+        goal={"pose": [0.45, 0.05, 0.3, 3.14159, 0, 1.8]},
+        start={"pose": [0.44, 0.04, 0.31, 3.1, 0.05, 1.9]}, scheme="points", duration=0.2,
+    ))  # fmt: skip
+    assert len(done.stamp) > 2 and done.states[2].scheme_output is not None
 
 
 @pytest.mark.parametrize("name", CAMERAS)

@@ -16,7 +16,7 @@ from aras_sim_bridge.description import (
     parse_urdf,
     world_file,
 )
-from aras_sim_bridge.description.types import is_present
+from aras_sim_bridge.description.types import CameraPlugin, is_present
 from aras_sim_bridge.description.world_file import WorldFile
 from aras_sim_bridge.errors import SimError
 from aras_sim_bridge.rendering import EXPOSURES
@@ -386,8 +386,8 @@ def _parse_target(urdf: Path) -> RobotDescription:
 
 def _rename_camera(camera: CameraDescription, name: str, robot: Robot) -> CameraDescription:
     """Copy the robot's camera, with the name and at the optical frame of another camera."""
-    plugin = None if camera.plugin is None else replace(
-        camera.plugin, camera_name=name, robot_namespace="", trigger_topic=""
+    plugin = replace(  # without a plug-in the camera would have no name
+        camera.plugin or CameraPlugin(), camera_name=name, robot_namespace="", trigger_topic=""
     )
     renamed = replace(camera, name=name, plugin=plugin, shutter="")
     frame = robot.find_optical_frame(name)

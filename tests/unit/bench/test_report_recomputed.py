@@ -196,7 +196,7 @@ def test_every_number_of_the_page_is_recomputed(runs, written):
     for text, key, factor, unit in (
         ("settling time (to 2 % of the initial distance)", "settled", 1, " s"),
         ("final position error", "final_distance", 1e3, " mm"),
-        ("final orientation error", "final_angle", 180 / math.pi, " °"),
+        ("final orientation error", "final_angle", 180 / math.pi, "°"),
         ("path length / length of the straight path", "path_ratio", 1, ""),
         ("decay rate of the error", "decay_rate", 1, " 1/s"),
         ("largest condition number of L", "condition_L", 1, ""),

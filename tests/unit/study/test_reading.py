@@ -344,8 +344,8 @@ def test_a_range_of_ten_times_or_more_is_searched_by_factors_in_six_digits(text,
     (["gain=2:1"], "low < high"), (["gain=2:inf"], "finite"), (["gain=-inf:2"], "finite"),
     (["gian=1:2"], "did you mean gain"),
     ([], "there is no key to search"),
-    (["gain=1:2", "gain=1:3"], "given twice"),
-    (["delay=0:1"], "given twice"),
+    (["gain=1:2", "gain=1:3"], "varied twice"),
+    (["delay=0:1"], "varied twice"),
 ])  # fmt: skip
 def test_searches_that_are_none(tiny, words, complaint):
     with pytest.raises(StudyError, match=complaint):

@@ -20,7 +20,7 @@ RUNS = {
         ["--images", "3"],
         {"imported modules": (20, 400), "lines of executed modules": (1e3, 3e4),
          "functions per image": (20, 400), "functions in set-up": (20, 600),
-         "longest function": (5, 100), "lines of code, Python": (1e4, 6e4)},
+         "longest function": (5, 100), "lines of code, Python": (1e4, 7e4)},
     ),
     "features": (["--count", "1"], {r"ours\..*": (1, 1e7)}),
     "loop": (

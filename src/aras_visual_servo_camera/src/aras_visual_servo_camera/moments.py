@@ -395,7 +395,8 @@ def _compute_polygon_moments(
 ) -> Array:
     """Compute the moments (order+1, order+1) of a polygon (n, 2) about the point (x0, y0).
 
-    The sign of the moments is such that the area is positive. `label` names the polygon in messages.
+    The sign of the moments is such that the area is positive. `label` names the polygon in
+    messages.
     """
     table, is_empty, first, second = _integrate_polygon(vertices, x0, y0, order)
     if first >= 0:

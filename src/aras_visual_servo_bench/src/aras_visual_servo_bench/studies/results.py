@@ -26,7 +26,7 @@ from . import rows
 from . import study_folder as folders
 from .study import Study
 from .study_folder import StudyFolder
-from .tolerance import Tolerance, find_tolerance
+from .tolerance import SuccessTolerance, find_tolerance
 
 if TYPE_CHECKING:
     import pandas
@@ -231,7 +231,7 @@ class Results:
         return metric.complete_values(self.read_numbers(metric.name))
 
     @cached_property
-    def tolerance(self) -> Tolerance:
+    def tolerance(self) -> SuccessTolerance:
         """Tolerance within which the runs are at their goal."""
         stored = (  # not by earlier versions
             self.read_numbers(name) if name in self.table.column_names else np.zeros(0)

@@ -34,7 +34,7 @@ NUMBER = re.compile(r"[-+]?\d+(\.\d+)?")
 
 
 @dataclass(frozen=True)
-class Column:
+class StatisticColumn:
     """A column with estimates.
 
     name: name of the metric.
@@ -69,7 +69,7 @@ class Table:
     """
 
     keys: tuple[str, ...]
-    measured: tuple[Column, ...]
+    measured: tuple[StatisticColumn, ...]
     rows: tuple[tuple[tuple[object, ...], int, tuple[Estimate, ...]], ...]
     failures: tuple[str, ...] = ()
     caption: tuple[str, ...] = ()
@@ -98,9 +98,9 @@ def make_table(
     has_distance = all(final_distance.name in r.table.column_names for r in all_results)
     beside = (final_distance,) if has_distance else ()
     columns = [
-        Column(success.name, "", RATE),
-        *(Column(m.name, m.unit, QUARTILES) for m in beside),
-        *(Column(m.name, m.unit, RATE if m.is_binary else MEDIAN) for m in chosen),
+        StatisticColumn(success.name, "", RATE),
+        *(StatisticColumn(m.name, m.unit, QUARTILES) for m in beside),
+        *(StatisticColumn(m.name, m.unit, RATE if m.is_binary else MEDIAN) for m in chosen),
     ]
     lines, failures, ends = [], [], []
     grouped: dict[Metric, list[tuple[str, np.ndarray]]] = {m: [] for m in (*chosen, *beside)}

@@ -18,7 +18,7 @@ DIGITS = 6  # tolerances that agree to this number of digits are the same
 
 
 @dataclass(frozen=True)
-class Tolerance:
+class SuccessTolerance:
     """Maximum distance and angle at which the runs of a study are at their goal.
 
     pairs: distance (m) and angle (rad) of the runs, without duplicates; empty if they are unknown.
@@ -48,7 +48,7 @@ class Tolerance:
         return f"{spread}{share} and {' to '.join(angle_ends)}"
 
 
-def find_tolerance(study: Study, distances: np.ndarray, angles: np.ndarray) -> Tolerance:
+def find_tolerance(study: Study, distances: np.ndarray, angles: np.ndarray) -> SuccessTolerance:
     """Return the tolerance of the runs of a study.
 
     Args:
@@ -63,7 +63,7 @@ def find_tolerance(study: Study, distances: np.ndarray, angles: np.ndarray) -> T
         (_round(distance), _round(angle))
         for distance, angle in zip(distances[known], angles[known], strict=True)
     ) or dict.fromkeys(pair for pair in configured if pair is not None)
-    return Tolerance(tuple(pairs), bool(configured) and not any(configured))
+    return SuccessTolerance(tuple(pairs), bool(configured) and not any(configured))
 
 
 def _list_configured(study: Study) -> list[tuple[float, float] | None]:

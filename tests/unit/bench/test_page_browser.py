@@ -1,6 +1,7 @@
 """Live page in a real browser: it is drawn and updated, and sends requests."""
 
 import contextlib
+import json
 import os
 import re
 import time
@@ -287,7 +288,7 @@ PLOT = """import('/plots.js').then(async (m) => {{
     const plot = new m.Plot(box, time, (s) => s[1]); plot.names = {names}; plot.units = {units};
     plot.draw(samples);
     await new Promise(requestAnimationFrame);
-    const answer = (() => {{ {answer} }})(); box.remove(); return answer; }})"""
+    const answer = await (async () => {{ {answer} }})(); box.remove(); return answer; }})"""
 
 
 def test_every_curve_has_its_name_however_small_the_plot(page):
@@ -327,13 +328,14 @@ def test_the_whole_run_is_shown_and_its_newest_part_only_when_asked_for(page):
     shown = page.js(PLOT.format(
         width=300, names=["xn"], units=[],
         samples="Array.from({ length: 61 }, (_, i) => [0.5 * i, [i === 30 ? null : i]])",
-        answer="""const u = plot.charts[0].plot, answer = [], note = () => {
+        answer="""const u = plot.charts[0].plot, answer = [], note = async () => {
                 plot.draw(samples);
+                await new Promise(requestAnimationFrame);
                 answer.push([u.scales.x.min, u.scales.x.max, time.part]);
             };
-            note(); time.show("newest"); note(); time.select(2, 3); note();
-            samples.push([30.5, [0]]); note();  // a selection stays where it is
-            samples.splice(0, samples.length, [100, [1]]); note();  // another run
+            await note(); time.show("newest"); await note(); time.select(2, 3); await note();
+            samples.push([30.5, [0]]); await note();  // a selection stays where it is
+            samples.splice(0, samples.length, [100, [1]]); await note();  // another run
             return answer;"""))  # fmt: skip
     assert shown == [[0, 30, "whole"], [20, 30, "newest"], [2, 3, "selected"], [2, 3, "selected"],
                      [100, 104, "whole"]]  # fmt: skip
@@ -347,6 +349,7 @@ def test_a_converged_error_does_not_fill_the_plot(page):
         low, high = page.js(PLOT.format(
             width=300, names=["xn"], units=[], samples=noise,
             answer=f"""time.show("newest"); plot.tolerances = {tolerances}; plot.draw(samples);
+                await new Promise(requestAnimationFrame);
                 const y = plot.charts[0].plot.scales.y; return [y.min, y.max];"""))  # fmt: skip
         assert high == -low and high - low == pytest.approx(1.16 * span, rel=0.01)
 
@@ -375,15 +378,15 @@ def test_dragging_in_a_plot_zooms_all_plots_until_a_double_click(page):
     page.wait(f"{pressed} === 'true'")
 
 
-INSIDE = """(() => { const scene = arasPage.scene; scene.draw();
+INSIDE = """((links) => { const scene = arasPage.scene; scene.draw();
     const m = scene._projection(), r = (i, p) =>
         m[4 * i] * p[0] + m[4 * i + 1] * p[1] + m[4 * i + 2] * p[2] + m[4 * i + 3];
     const points = Object.values(scene.shapes).flatMap(({ points: p }) =>
         Array.from({ length: p.length / 3 }, (_, k) => p.slice(3 * k, 3 * k + 3)));
-    const hand = scene.poses["camera_optical_frame"];
-    points.push([hand[3], hand[7], hand[11]]);
+    for (const name of links || Object.keys(scene.poses))
+        points.push([3, 7, 11].map((k) => scene.poses[name][k]));
     return Math.max(...points.flatMap((p) =>
-        [0, 1].map((i) => Math.abs(r(i, p) / r(3, p))))); })()"""
+        [0, 1].map((i) => Math.abs(r(i, p) / r(3, p))))); })"""
 
 
 @pytest.mark.parametrize("width", [1440, 390])
@@ -392,14 +395,14 @@ def test_robot_camera_and_target_stay_inside_the_view(page, host, width):
     page.resize(width)
     goal = host.run_trace.goal
     try:
-        for what in ("run", "all"):
+        for what, links in (("run", ["camera_optical_frame"]), ("all", None)):
             for distance in (0.2, 3.0):
                 points = goal[:3, 3] + np.array([[0.0], [distance]]) * goal[:3, 0]
                 host.run_trace.target = (Shape("target", LINES, points, (1.0, 0.0, 0.0, 1.0)),)
                 page.js(f"document.getElementById('view-{what}').click()")
                 there = "arasPage.scene.shapes.target && arasPage.scene.shapes.target.points[3]"
                 page.wait(f"Math.abs(({there}) - {points[1, 0]}) < 1e-4")
-                assert 0.2 < page.js(INSIDE) < 1.0
+                assert 0.2 < page.js(f"{INSIDE}({json.dumps(links)})") < 1.0
         before = page.js("arasPage.scene.view.distance")
         page.js("arasPage.scene.canvas.dispatchEvent(new WheelEvent('wheel', {deltaY: -500}))")
         page.js("arasPage.scene.draw()")
@@ -438,8 +441,8 @@ def test_what_is_missing_is_said_with_the_reason(page, state):
 
 def test_faces_are_drawn_in_their_colour(page, host):
     """A large red triangle before the eye, of the kind that targets are made of."""
-    red = page.js("""(() => { const scene = arasPage.scene, { middle } = scene.view;
-        const [x, y, z] = middle, r = 0.5;
+    red = page.js("""(() => { const scene = arasPage.scene, [x, y, z] = [0, 0, 0.8], r = 0.5;
+        scene.setView({ middle: [x, y, z], distance: 1.25, yaw: 0.95, pitch: 0.36 });
         scene.setShapes({ "target face 0": { kind: "faces", width: 0, colour: [1, 0, 0, 1],
             points: [x - r, y - r, z, x + r, y - r, z, x, y + r, z] } }, false);
         scene.draw();

@@ -40,7 +40,7 @@ LIVE = {
     # marks of states
     "ok": "#4cd6a8", "caution": "#e6b450",
     # lines
-    "line": "#2d3644", "edge": "#5d6b82", "zero": "#56627a",
+    "line": "#2d3644", "edge": "#66748b", "zero": "#56627a",
     "grid": "#28303c",
     **{f"curve-{i}": colour for i, colour in enumerate(LIVE_CURVES)},
 }  # fmt: skip
@@ -51,7 +51,7 @@ LIVE_LIGHT = {  # colours of the light live page, with the names of LIVE; its 3-
     "text": INK, "quiet": SOFT_INK, "label": SOFT_INK, "message": WARN, "address": BLUE, "red": BAD,
     "back": GROUND, "box": "#ffffff", "well": "#eceef0", "button": "#ffffff", "over": "#e3edf5",
     "active": BLUE, "bad": BAD, "ok": GOOD, "caution": "#b06f00",
-    "line": GRID, "edge": "#8a9099", "zero": FAINT, "grid": GRID,
+    "line": GRID, "edge": "#868c95", "zero": FAINT, "grid": GRID,
     **{f"curve-{i}": colour for i, colour in enumerate(CURVE_COLOURS)},
 }  # fmt: skip
 

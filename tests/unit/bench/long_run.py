@@ -1,4 +1,4 @@
-"""A long run made from a short one: after settling, its last images and joint states repeat."""
+"""A long run made from a short one, whose last images and joint states repeat."""
 
 from __future__ import annotations
 

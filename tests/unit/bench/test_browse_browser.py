@@ -251,6 +251,17 @@ def test_nothing_hinders_readers_nor_sticks_out(watched, served, width, theme):
     tab.close()
 
 
+@pytest.mark.parametrize("page", [SIZES[1]], indirect=True)
+def test_the_outcome_is_on_a_narrow_screen_and_the_reason_is_complete(page):
+    only(page, "made")
+    box = "document.querySelector('#rows tbody .end').getBoundingClientRect()"
+    assert page.js(f"{box}.left") >= 0 and page.js(f"{box}.right") <= SIZES[1]
+    cells = "[...document.querySelectorAll('#rows td.long')].filter((c) => c.innerText !== '–')"
+    assert page.js(f"{cells}.length") > 0
+    assert page.js(f"{cells}.every((c) => c.scrollWidth <= c.clientWidth)")
+    assert page.js(f"{cells}.some((c) => c.clientHeight > 40)")  # a long reason has several lines
+
+
 @pytest.mark.parametrize("width", SIZES)
 def test_what_is_said_instead_of_a_report_can_be_read(watched, served, width):
     address = served.access.address.replace("/?", f"/run?study={'x' * 150}&run=1&")

@@ -5,6 +5,7 @@ import os
 from dataclasses import replace
 
 import pytest
+from long_run import make_long_run
 
 from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.studies.replay import run_with_images
@@ -168,6 +169,57 @@ def test_a_run_is_switched_off_everywhere(both):
     assert both.js(drawn) == [True, True]
     both.js("arasReport.charts[0].entries[0].button.click()")  # one curve alone
     assert both.js(drawn) == [False, True]
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory):
+    """Page of a run of 100 000 images and joint states, with one sample far from the others."""
+    run = make_long_run(100_000, 240.0)
+    run.measured_velocities[77_777, 0] = 50.0
+    return write_report([run], tmp_path_factory.mktemp("bag"), ())[0]
+
+
+def test_a_long_run_opens_at_its_settling_and_shows_the_whole_on_request(bag, watched):
+    tab = watched(bag.as_uri(), SIZES[0], READY)
+    label = "document.getElementById('{}').getAttribute('aria-pressed')"
+    settled = tab.js("arasReport.page.contents.transient")
+    assert 3.0 < settled < 10.0 and tab.js("arasReport.page.range") == [0, settled]
+    assert tab.js("document.getElementById('shown').textContent").endswith(" of 240 s")
+    assert [tab.js(label.format(f"zoom-{one}")) for one in ("settling", "all")] == ["true", "false"]
+    tab.js("document.getElementById('zoom-all').click()")
+    assert tab.js("arasReport.page.range") == [0, pytest.approx(240.0, abs=0.5)]
+    tab.js("arasReport.page.setTime(200)")
+    tab.js("document.getElementById('zoom-settling').click()")
+    assert tab.js("arasReport.page.range") == [0, settled]
+    assert tab.js("arasReport.page.time") == settled
+    tab.js("arasReport.page.setTime(120)")  # the visible part follows the cursor
+    assert tab.js("arasReport.page.range.map((t) => Math.abs(t - 120))") == pytest.approx(
+        [0.5 * settled] * 2)  # fmt: skip
+    assert tab.js("wrong") == []
+    tab.close()
+
+
+def test_a_long_run_opens_fast_and_draws_the_extremes_of_each_column(bag, browser):
+    tab = browser.open("about:blank")
+    tab.resize(SIZES[0])
+    tab.call("Performance.enable")
+    tab.call("Page.navigate", url=bag.as_uri())
+    tab.wait("!!window.arasReport && arasReport.charts.some((c) => c.plot)", 60.0)
+    used = {one["name"]: one["value"] for one in tab.call("Performance.getMetrics")["metrics"]}
+    assert used["ThreadTime"] < 2.0  # processor time, s: the test machine may be busy
+    tab.js("document.getElementById('zoom-all').click()")
+    chart = tab.js("arasReport.charts.findIndex("
+                   "(c) => c.curves.some((k) => k.values.includes(50)))")  # fmt: skip
+    over(tab, chart)
+    drawn = f"arasReport.charts[{chart}].plot.data"
+    width = tab.js(f"arasReport.charts[{chart}].plotBox.clientWidth")
+    assert tab.js(f"{drawn}[0].length") <= 3 * width
+    assert tab.js(f"Math.max(...{drawn}.slice(1).flat().filter(Number.isFinite))") == 50.0
+    at = tab.js(f"{drawn}[0][{drawn}.slice(1).map((c) => c.indexOf(50)).find((i) => i >= 0)]")
+    curve = f"arasReport.charts[{chart}].curves.find((k) => k.values.includes(50))"
+    assert at == pytest.approx(tab.js(f"{curve}.time[{curve}.values.indexOf(50)]"),
+                               abs=240.0 / width)  # fmt: skip
+    tab.close()
 
 
 def test_columns_are_hidden(page):

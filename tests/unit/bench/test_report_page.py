@@ -9,13 +9,17 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from made_run import made_run
 
 from aras_visual_servo_bench.errors import BenchError
 from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.metrics.metrics import settled
+from aras_visual_servo_bench.metrics.statistics import proportion
 from aras_visual_servo_bench.plots import panels
 from aras_visual_servo_bench.recording import film as films
 from aras_visual_servo_bench.recording.film import MAX_FRAMES, encode_film, select_frames
 from aras_visual_servo_bench.recording.image_tracks import compute_tracks
+from aras_visual_servo_bench.recording.run import Verdict
 from aras_visual_servo_bench.studies.replay import run_with_images
 from aras_visual_servo_bench.web import uplot
 from aras_visual_servo_bench.web.report.contents import make_contents
@@ -214,6 +218,95 @@ def test_of_thousands_of_numbers_a_table_shows_some_and_says_how_many_more(momen
     assert rows.count("<tr>") == 251
     assert f"lists {count - 250} more quantities" in rows
     assert "24 curves of" not in page and '"omitted_curves":376' in page
+
+
+def read_section(page, name):
+    """The rows of the tables of a section, as texts of their cells."""
+    section = page.partition(f'<section id="{name}"')[2].partition("</section>")[0]
+    rows = [re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", row, re.DOTALL)
+            for row in section.split("<tr")[1:]]  # fmt: skip
+    return [[html.unescape(re.sub(r"<[^>]*>", "", cell)).strip() for cell in row] for row in rows]
+
+
+def read_title(page):
+    titles = re.findall(r"<title>(.*?)</title>|<h1>(.*?)</h1>", page)
+    assert titles[0][0] == titles[1][1]
+    return html.unescape(titles[0][0])
+
+
+def test_a_report_is_titled_after_its_experiment(moments, tmp_path):
+    page = write_report([replace(moments, name="out/run.bag")], tmp_path, ())[0].read_text()
+    outcome = moments.outcome.replace("_", " ")
+    verdict = moments.verdict.name.replace("_", " ")
+    assert read_title(page) == f"moments, plant chain, target aras: {outcome}, {verdict}"
+    assert '<p class="meta">out/run.bag · ' in page
+
+
+def test_few_runs_are_compared_by_their_main_results_first(tmp_path):
+    runs = [made_run(1, 1.6), replace(
+        made_run(2, 2.3), outcome="target_lost", reason="over the <left> border",
+        remedy="start nearer",
+        verdict=Verdict("goal_missed", 0.083, 0.2), settings={"plant": "free"}, notes=["cut off"])]
+    page = write_report(runs, tmp_path, ())[0].read_text()
+    assert read_title(page) == (
+        "Comparison of 2 runs: made, plant chain and free, target aras; 1 of 2 succeeded")
+    assert page.index('id="headline"') < page.index('id="bar"')
+    times = [f"{settled.measure(run):.3g}" for run in runs]
+    assert read_section(page, "headline") == [
+        ["run", "outcome", "goal reached", "final distance (mm)", "final angle (°)",
+         "settling time (s)", "reason and remedy"],
+        ["run 1", "converged", "yes", "0.417", "0.299", times[0], "–"],
+        ["run 2", "target_lost", "no", "83", "11.5", times[1],
+         "over the <left> border; start nearer"],
+    ]  # fmt: skip
+    assert "<b>run 2:</b> cut off" in page
+
+
+def test_many_runs_are_compared_by_groups_of_equal_settings(tmp_path):
+    runs = []
+    for i in range(12):
+        reached = i % 5 != 4
+        runs.append(replace(
+            made_run(1, 2.3), name=f"study:{i}", settings={"gain": f"{i % 2}", "seed": f"{i}"},
+            outcome="converged" if reached else "target_lost",
+            verdict=Verdict("goal_reached" if reached else "goal_missed", 1e-3 * i, 1e-3)))
+    page = write_report(runs, tmp_path, ())[0].read_text()
+    assert read_title(page).startswith("Comparison of 12 runs: made, plant chain, target aras; 10")
+    rows = read_section(page, "headline")
+    assert [row[0] for row in rows[:3]] == ["group", "gain 0", "gain 1"]
+    even, odd = proportion(5, 6), proportion(5, 6)
+    assert [row[1] for row in rows[1:3]] == [
+        f"5 of 6 [{100 * one.low:.0f}, {100 * one.high:.0f}] %" for one in (even, odd)]
+    assert [float(row[2].split()[0]) for row in rows[1:3]] == [5.0, 6.0]  # medians, mm
+    assert [row[-1] for row in rows[1:3]] == ["5 of 6", "5 of 6"]
+    assert [row[0] for row in rows[4:]] == [run.name for run in runs]
+    alone = [replace(run, settings={"gain": f"{i}"}) for i, run in enumerate(runs)]
+    page = write_report(alone, tmp_path, ())[0].read_text()
+    assert [row[0] for row in read_section(page, "headline")[:2]] == ["group", "all runs"]
+
+
+@pytest.mark.parametrize(("change", "told"), [
+    (lambda run: {"states": run.states[:1], "pose": run.pose[:1]},
+     "No curve: only 1 of 1 images has a measurement."),
+    (lambda run: {"states": (), "pose": run.pose[:0]},
+     "No curve: the loop has processed no image."),
+    (lambda run: {"states": tuple(replace(s, scheme_output=None) for s in run.states)},
+     "No curve: none of the 136 images has a measurement."),
+    (lambda run: {"pose": np.tile(run.pose[:1], (len(run.pose), 1, 1))},
+     "The camera has not moved."),
+])  # fmt: skip
+def test_what_a_run_lacks_is_explained(change, told, tmp_path):
+    run = made_run(1, 1.6)
+    lacking = replace(run, **change(run), cameras={}, joint_names=(), joint_units=(),
+                      measured_positions=run.measured_positions[:, :0],
+                      measured_velocities=run.measured_velocities[:, :0],
+                      joint_commands=run.joint_commands[:, :0],
+                      position_limits=(np.zeros(0), np.zeros(0)), speed_limits=np.zeros(0))
+    page = html.unescape(write_report([lacking], tmp_path, ())[0].read_text())
+    assert told in page and "No image is stored" in page
+    assert "Joints (needs joints that move the camera)" in page
+    if not lacking.names:
+        assert "Errors (needs images that the scheme has measured)" in page
 
 
 def test_the_library_is_the_one_that_is_meant(tmp_path, monkeypatch):

@@ -89,7 +89,7 @@ def make_headline(runs: Sequence[Run], summaries: Sequence[Sequence[Quantity]]) 
     rows = [
         {"number": i, "name": run.name, "outcome": run.outcome or "unknown outcome",
          "converged": run.is_held_at_goal, "reached": _describe_reached(run),
-         "reason": " ".join(filter(None, (run.reason, run.remedy))) if not run.is_success else "",
+         "reason": "" if run.is_success else "; ".join(filter(None, (run.reason, run.remedy))),
          "cells": [show(column[i]) for show, column in zip(formats, scaled, strict=True)]}
         for i, run in enumerate(runs)
     ]  # fmt: skip

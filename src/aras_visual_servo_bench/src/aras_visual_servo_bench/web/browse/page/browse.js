@@ -266,8 +266,9 @@ function storeRows(answer) {
 
 function showRows() {
   const table = $("rows"), names = page.columns.map((c) => c.name);
-  const last = ["reason", "remedy"], first = ["study", "run"], rank = (n) => last.includes(n) ? 5 : first.includes(n) ? 0
-    : column(n).role === "setting" ? 1 : n === "end" ? 2 : column(n).role === "metric" ? 3 : 4;
+  // The outcome is next to the number of the run, so that it is visible in a narrow window.
+  const ends = ["run", "end", "study"], last = ["reason", "remedy"], roles = { setting: 3, metric: 4 };
+  const rank = (n) => ends.includes(n) ? ends.indexOf(n) : last.includes(n) ? 6 : roles[column(n).role] ?? 5;
   const order = [...names].sort((a, b) => rank(a) - rank(b));  // columns of the same rank keep their order
   const shown = order.filter((name) => !view.hidden_columns.includes(name));
   table.textContent = "";
@@ -290,7 +291,7 @@ function showRows() {
     row.dataset.run = values[run];
     for (const name of shown) {
       const value = values[names.indexOf(name)], cell = row.insertCell(), text = formatValue(value);
-      cell.className = column(name).kind === "number" ? "number" : "";
+      cell.className = column(name).kind === "number" ? "number" : last.includes(name) ? "long" : "";
       if (name === "run") {
         const button = make("button", text, "plain");
         button.setAttribute("aria-label", `open run ${text} of ${values[study]}`);

@@ -6,6 +6,7 @@ const contents = JSON.parse($("contents").textContent);
 const arrays = contents.arrays.map(() => null);
 const style = () => getComputedStyle(document.documentElement);
 const MIN_RANGE = 1e-3;  // shortest range of the time axis, s
+const MAX_KEYS = 8;  // the row of runs at the top has the colours of all runs
 const MAX_STATES = 4;  // of more visible runs, the page shows how many are in each phase
 
 const page = {
@@ -170,7 +171,7 @@ if ($("space")) {
       : [["goal", contents.goal], ["start", contents.start], ["straight path", contents.ideal]];
     const entries = [...fixedEntries,
       ...(contents.runs.some((run) => run.poses && run.poses.arm !== undefined) ? [["arm", contents.face]] : []),
-      ...contents.runs.map((run, k) => [page.several ? run.name : "path", page.dark[k % page.dark.length]])];
+      ...contents.runs.slice(0, MAX_KEYS).map((run, k) => [page.several ? run.name : "path", page.dark[k % page.dark.length]])];
     for (const [text, colour] of entries) {
       const mark = document.createElement("i");
       mark.style.setProperty("--shade", colour);

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from .goals.goal import Goal as Goal
     from .kinematics.arm import Arm as Arm
     from .kinematics.differential_ik import DifferentialIK as DifferentialIK
+    from .kinematics.joint_sample import JointSample as JointSample
     from .kinematics.task import Task as Task
     from .laws.base import Law as Law
     from .laws.registry import create_law as create_law
@@ -70,6 +71,7 @@ _FURTHER = {
     "create_scheme": ".schemes.registry",
     "Arm": ".kinematics.arm",
     "DifferentialIK": ".kinematics.differential_ik",
+    "JointSample": ".kinematics.joint_sample",
     "FeatureObserver": ".observation.feature_observer",
     "Servo": ".loop.servo",
     "CameraModel": "aras_visual_servo_camera.undistortion",

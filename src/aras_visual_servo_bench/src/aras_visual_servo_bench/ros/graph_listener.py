@@ -83,7 +83,7 @@ class GraphListener:
         self._camera: CameraModel | None = None
         space = settings.namespace.rstrip("/")
         for topic, kind, callback, queue_size in (
-            # Joint states arrive at 100 Hz. Only the latest is deserialized, by `refresh`.
+            # Joint states arrive at 100 Hz, so only the latest one is deserialized, by `refresh`.
             (f"{space}/joint_states", rospy.AnyMsg, self._on_joints, 1),
             (f"{space}/controller/state", ServoState, self._on_state, 10),
             (f"{space}/controller/diagnosis", ServoReport, self._on_report, 1),
@@ -141,7 +141,7 @@ class GraphListener:
             message.deserialize(content)
             sample = run_trace.arm.read_joints(message.name, message.position, message.velocity)
         except (MeasurementError, genpy.MessageException, ValueError):
-            return  # the message is invalid, or has another type; the controller reports this
+            return  # the controller reports an invalid message or a message of another type
         stamp = message.header.stamp.to_sec()
         if stamp < self.stamp:
             run_trace.clear()
@@ -173,7 +173,7 @@ class GraphListener:
 
     def _on_goal(self, message: PoseStamped) -> None:
         position, orientation = message.pose.position, message.pose.orientation
-        with contextlib.suppress(ZeroDivisionError):  # a pose with a zero quaternion is ignored
+        with contextlib.suppress(ZeroDivisionError):  # ignore a pose with a zero quaternion
             quat = normalise((orientation.x, orientation.y, orientation.z, orientation.w))
             pose = Pose((position.x, position.y, position.z), quat).matrix()
             if np.isfinite(pose).all():
@@ -192,7 +192,8 @@ class GraphListener:
                     self.run_trace.add_image_point("centre", x, y)
 
     def _on_info(self, message: CameraInfo) -> None:
-        with contextlib.suppress(VisionError):  # the camera node reports invalid intrinsics
+        # ignore invalid intrinsics, because the camera node reports them
+        with contextlib.suppress(VisionError):
             self._camera = CameraModel.from_message(message)
 
 

@@ -13,8 +13,9 @@ from typing import Any
 
 from .page import MAX_SAMPLES
 
-MAX_UNACKNOWLEDGED = 3  # largest number of messages that are sent without acknowledgement
-ACKNOWLEDGED = "ack"  # text with which a viewer acknowledges an update or an image
+# largest number of messages to a viewer that the viewer has not acknowledged
+MAX_UNACKNOWLEDGED = 3
+ACKNOWLEDGED = "ack"  # text that a viewer sends to acknowledge an update or an image
 
 
 def merge_updates(older: dict[str, Any], newer: dict[str, Any]) -> dict[str, Any]:
@@ -28,7 +29,8 @@ def merge_updates(older: dict[str, Any], newer: dict[str, Any]) -> dict[str, Any
         both["samples"] = rows[clears[-1]:] if clears else rows
         if len(both["samples"]) > MAX_SAMPLES:
             both["samples"] = [["clear"], *both["samples"][-MAX_SAMPLES:]]
-    both["kind"] = older["kind"]  # a full message remains a full message
+    # a full message that is merged with an update remains a full message
+    both["kind"] = older["kind"]
     return both
 
 

@@ -20,7 +20,8 @@ from ...drawing.run_trace import RunTrace
 from ...drawing.shapes import DIGITS, TEXT, Shape
 
 MAX_SAMPLES = 900  # largest number of samples in a plot: 30 s at 30 images/s
-CLOCK_RESET = -1.0  # the plots restart if the change of the stamp is below this value, s
+# change of the stamp below which the plots are cleared, because the clock was reset, s
+CLOCK_RESET = -1.0
 
 
 def to_json_numbers(values: Sequence[float], digits: int = 6) -> list[float | None]:
@@ -47,8 +48,6 @@ class Page:
         self._sent_values: dict[str, str | bytes] = {}
         self._controller_state: dict[str, Any] = {}
         self._shapes: dict[str, dict[str, Any]] = {}
-
-    # -- input -----------------------------------------------------------------------------
 
     def set_robot(self, names: Sequence[str], lower: Sequence[float], upper: Sequence[float],
               velocity: Sequence[float], prismatic: Sequence[bool]) -> None:  # fmt: skip
@@ -84,11 +83,9 @@ class Page:
         ]  # fmt: skip
         self._samples.append(row)
         self._new_samples.append(row)
-        # Without viewers, no update takes the new samples; a new viewer receives all samples.
+        # Without viewers, no update contains the new samples. A new viewer receives all samples.
         if len(self._new_samples) > MAX_SAMPLES:
             self._new_samples = []
-
-    # -- messages --------------------------------------------------------------------------
 
     def make_full_message(self) -> dict[str, Any]:
         """Return the full message for a new viewer."""
@@ -153,7 +150,7 @@ class Page:
         names = set()
         for shape in shapes:
             if shape.kind == TEXT:
-                continue  # the page shows texts outside the 3-D view
+                continue  # the page shows texts outside its 3-D view
             names.add(shape.name)
             fingerprint = np.round(shape.points, DIGITS).tobytes()
             if self._sent_values.get(f"shape {shape.name}") == fingerprint:

@@ -18,11 +18,12 @@ from ...recording.run import Run
 from ...recording.run_presentation import describe_verdict
 from .page import render_tiles
 
-MAX_TEXT = 400  # characters of a reason, remedy or note
+MAX_TEXT = 400  # largest number of characters of a reason, a remedy or a note
 MAX_NOTES = 3
 MIN_CURVE_IMAGES = 2
-PANEL_HEIGHT, DPI = 1.9, 60  # inches, and pixels per inch of the curve
-# A camera that has moved less than this, m and rad, has not moved.
+# height (inches) and resolution (pixels per inch) of the panel with the error curve
+PANEL_HEIGHT, DPI = 1.9, 60
+# Motion up to which a camera counts as at rest, m and rad.
 NO_MOTION = 1e-9
 
 
@@ -64,7 +65,8 @@ def explain_missing_data(run: Run) -> list[str]:
     else:
         if gaps := last + 1 - measured:
             found.append(f"The curve has gaps: {gaps} of {count} images have no measurement.")
-        if (lost := count - 1 - last) > 1:  # the last image of a timed-out run is never measured
+        # 1 is normal, because the last image of a timed-out run is not measured
+        if (lost := count - 1 - last) > 1:
             found.append(f"The last {lost} of {count} images have no measurement.")
     if not run.verdict.name:
         found.append("No verdict: the true poses are unknown.")
@@ -103,7 +105,7 @@ def _render_curve(run: Run) -> str:
     """Return the norm of the errors over time; '' with less than two measurements."""
     if np.isfinite(run.error).all(axis=1).sum() < MIN_CURVE_IMAGES or not run.names:
         return ""
-    panels = make_error_panels([run])[-1:]  # the last panel shows the norm
+    panels = make_error_panels([run])[-1:]  # the last of the error panels shows the norm
     with style.apply_style():
         figure = time_plots.draw_panels(panels, [run], "Norm of the errors", Layout(PANEL_HEIGHT))
         if figure is None:

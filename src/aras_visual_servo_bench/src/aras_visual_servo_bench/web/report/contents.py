@@ -26,8 +26,8 @@ from ...recording.film import encode_film, select_frames
 from ...recording.image_tracks import compute_tracks, find_milestones
 from ...recording.run import Run
 
-MAX_POSES = 2000  # largest number of poses of a camera path
-FRUSTUM_SIZE = 0.2  # length of a drawn camera, as a fraction of the scene's size
+MAX_POSES = 2000
+FRUSTUM_SIZE = 0.2  # length of a drawn camera, relative to the size of the scene
 MIN_SCENE_SIZE = 0.02  # smallest size of the scene, m
 START, GOAL, IDEAL, FACE, RIM = (
     to_rgb(SCENE[name]) for name in ("start", "goal", "ideal", "face", "rim")
@@ -201,7 +201,7 @@ def _make_scene(runs: Sequence[Run]) -> dict[str, Any] | None:
     size = max(float(np.linalg.norm(high - low)), MIN_SCENE_SIZE)
     borders = [None if run.camera is None else compute_image_border(run.camera) for run in runs]
     shapes: dict[str, list[Shape]] = {"target": _triangulate_face(corners)}
-    several = len(runs) > 1  # colours then distinguish the runs
+    several = len(runs) > 1  # with several runs, colours distinguish the runs
     for number, (run, path, border) in enumerate(zip(runs, paths, borders, strict=True)):
         colour = _choose_colour(number)
         if not len(path):

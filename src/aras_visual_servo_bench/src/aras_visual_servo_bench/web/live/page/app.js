@@ -31,8 +31,6 @@ function showError(text) {
   $("error").hidden = !text;
 }
 
-// -- requests ----------------------------------------------------------------------------
-
 const running = new Map();  // start time (ms) of each request in progress
 const NO_CONNECTION = "no connection to the simulator", NO_CONTROLLER = "no controller is running: start the nodes with a scheme";
 const controllerReason = () => state.values.controller ? "" : NO_CONTROLLER;
@@ -103,8 +101,6 @@ function showAnswer(answer) {
   $("answer").textContent = answer.text;
   $("answer").classList.toggle("refused", !answer.ok);
 }
-
-// -- messages ----------------------------------------------------------------------------
 
 function connect() {
   socket = new WebSocket(`ws://${location.host}/live?token=${encodeURIComponent(token)}`);
@@ -250,8 +246,6 @@ async function showImage(bytes) {
   } finally { decoding = false; }
 }
 
-// -- choices -----------------------------------------------------------------------------
-
 const CHOICE_IDS = ["scheme", "law", "start", "goal", "camera", "target"];
 for (const id of CHOICE_IDS) {
   const select = $(`choose-${id}`);
@@ -350,8 +344,6 @@ $("teach-name").addEventListener("input", updateButtons);
 $("view-all").addEventListener("click", () => scene && scene.setView("all"));
 $("view-run").addEventListener("click", () => scene && scene.setView("run"));
 
-// -- jogging -----------------------------------------------------------------------------
-
 const AXES = ["vx", "vy", "vz", "wx", "wy", "wz"];
 const KEYS = { d: ["vx", 1], a: ["vx", -1], s: ["vy", 1], w: ["vy", -1], r: ["vz", 1], f: ["vz", -1],  // as in aras_teleop
   i: ["wx", 1], k: ["wx", -1], o: ["wy", 1], u: ["wy", -1], l: ["wz", 1], j: ["wz", -1] };
@@ -414,8 +406,6 @@ $("scene").addEventListener("keydown", (e) => {
 });
 addEventListener("keyup", (e) => releaseKey(e.key.toLowerCase()));
 addEventListener("blur", () => { for (const key of [...pressedKeys.keys()]) releaseKey(key); });
-
-// -- plots -------------------------------------------------------------------------------
 
 setInterval(() => {
   if (!dirty || document.hidden) return;

@@ -27,8 +27,6 @@ const page = {
   },
 };
 
-// -- updates ---------------------------------------------------------------------------------
-
 const charts = [], films = [];
 let space = null, isUpdateRequested = false;
 
@@ -83,8 +81,6 @@ function drawPhases() {
   c.fillStyle = page.colour("ink");
   c.fillRect(X(page.time) - 1.5, 0, 3, 6);
 }
-
-// -- plots, films, path --------------------------------------------------------------------------
 
 const visibilityObserver = new IntersectionObserver((entries) => {
   for (const entry of entries) {
@@ -160,8 +156,6 @@ if ($("space")) {
     $("space").hidden = true;
   }
 }
-
-// -- controls ----------------------------------------------------------------------------------
 
 const times = (films[0] && films[0].time) || (charts[0] && charts[0].curves[0].time) || new Float32Array([0]);
 Object.assign($("time"), { max: contents.end });

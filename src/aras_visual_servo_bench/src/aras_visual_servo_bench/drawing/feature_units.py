@@ -21,8 +21,8 @@ def find_feature_units(scheme: str, count: int) -> tuple[str, ...]:
         units = tuple(Settings(scheme=scheme).make_scheme().units or ())
     except (ServoError, ValueError, TypeError):
         return ()
-    # If a scheme has only one unit, all its features have this unit. Their number, `count`, can
-    # depend on the target, and then differs from the number of the units.
+    # If all features have the same unit, `count` may be any number: the number of features of a
+    # scheme of points depends on the target.
     if len(set(units)) == 1:
         return units[:1] * count
     return units if len(units) == count else ()

@@ -55,7 +55,7 @@ IDEAL_PATH_POINTS = 24
 MIN_SPACING = 5e-4  # smallest distance between two points of the camera's path, m
 # Smallest distance between two points of a feature's trajectory, normalised coordinates.
 MIN_IMAGE_SPACING = 2e-3
-# Offset of the text from the camera in the base frame, m, so that the text is next to the arm.
+# Offset of the text from the camera in the base frame, m. The text is then next to the arm.
 TEXT_OFFSET = (-0.29, 0.24, 0.19)
 MAX_ERRORS = 6  # largest number of feature errors that the text lists
 LETTER_HEIGHT, LINE_HEIGHT = 0.023, 0.028  # height of letters and distance between lines of text, m

@@ -44,7 +44,7 @@ LIVE = {
     **{f"curve-{i}": colour for i, colour in enumerate(LIVE_CURVES)},
 }  # fmt: skip
 
-REPORT_DARK = {  # colours of the report page in dark mode; keys as in REPORT
+REPORT_DARK = {  # colours of the dark report page, with the names of REPORT
     "ink": LIVE["text"], "soft": LIVE["quiet"], "line": LIVE["line"], "ground": LIVE["back"],
     "good": "#4cd6a8", "bad": "#ff8a80", "warn": "#e6b450", "mark": LIVE["address"],
     "bad-ground": "#33201f", "warn-ground": "#2e2818", "box": LIVE["box"], "badge": LIVE["back"],

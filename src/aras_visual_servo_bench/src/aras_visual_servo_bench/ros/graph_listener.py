@@ -83,7 +83,7 @@ class GraphListener:
         self._camera: CameraModel | None = None
         space = settings.namespace.rstrip("/")
         for topic, kind, callback, queue_size in (
-            # Joint states arrive at 100 Hz, so only the latest one is deserialized, by `refresh`.
+            # Joint states arrive at 100 Hz. Only the latest is deserialized, by `refresh`.
             (f"{space}/joint_states", rospy.AnyMsg, self._on_joints, 1),
             (f"{space}/controller/state", ServoState, self._on_state, 10),
             (f"{space}/controller/diagnosis", ServoReport, self._on_report, 1),

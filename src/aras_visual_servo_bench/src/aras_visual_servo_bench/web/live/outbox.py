@@ -29,8 +29,7 @@ def merge_updates(older: dict[str, Any], newer: dict[str, Any]) -> dict[str, Any
         both["samples"] = rows[clears[-1]:] if clears else rows
         if len(both["samples"]) > MAX_SAMPLES:
             both["samples"] = [["clear"], *both["samples"][-MAX_SAMPLES:]]
-    # a full message that is merged with an update remains a full message
-    both["kind"] = older["kind"]
+    both["kind"] = older["kind"]  # a full message remains a full message
     return both
 
 

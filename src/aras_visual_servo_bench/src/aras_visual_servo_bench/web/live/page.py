@@ -20,8 +20,7 @@ from ...drawing.run_trace import RunTrace
 from ...drawing.shapes import DIGITS, TEXT, Shape
 
 MAX_SAMPLES = 900  # largest number of samples in a plot: 30 s at 30 images/s
-# change of the stamp below which the plots are cleared, because the clock was reset, s
-CLOCK_RESET = -1.0
+CLOCK_RESET = -1.0  # the plots restart if the change of the stamp is below this value, s
 
 
 def to_json_numbers(values: Sequence[float], digits: int = 6) -> list[float | None]:
@@ -83,9 +82,11 @@ class Page:
         ]  # fmt: skip
         self._samples.append(row)
         self._new_samples.append(row)
-        # Without viewers, no update contains the new samples. A new viewer receives all samples.
+        # Without viewers, no update takes the new samples; a new viewer receives all samples.
         if len(self._new_samples) > MAX_SAMPLES:
             self._new_samples = []
+
+    # -- messages --------------------------------------------------------------------------
 
     def make_full_message(self) -> dict[str, Any]:
         """Return the full message for a new viewer."""

@@ -21,9 +21,8 @@ from .page import render_tiles
 MAX_TEXT = 400  # largest number of characters of a reason, a remedy or a note
 MAX_NOTES = 3
 MIN_CURVE_IMAGES = 2
-# height (inches) and resolution (pixels per inch) of the panel with the error curve
-PANEL_HEIGHT, DPI = 1.9, 60
-# Motion up to which a camera counts as at rest, m and rad.
+PANEL_HEIGHT, DPI = 1.9, 60  # inches, and pixels per inch of the curve
+# A camera that has moved less than this, m and rad, has not moved.
 NO_MOTION = 1e-9
 
 
@@ -65,8 +64,7 @@ def explain_missing_data(run: Run) -> list[str]:
     else:
         if gaps := last + 1 - measured:
             found.append(f"The curve has gaps: {gaps} of {count} images have no measurement.")
-        # 1 is normal, because the last image of a timed-out run is not measured
-        if (lost := count - 1 - last) > 1:
+        if (lost := count - 1 - last) > 1:  # the last image of a timed-out run is never measured
             found.append(f"The last {lost} of {count} images have no measurement.")
     if not run.verdict.name:
         found.append("No verdict: the true poses are unknown.")

@@ -26,8 +26,8 @@ from ...recording.film import encode_film, select_frames
 from ...recording.image_tracks import compute_tracks, find_milestones
 from ...recording.run import Run
 
-MAX_POSES = 2000
-FRUSTUM_SIZE = 0.2  # length of a drawn camera, relative to the size of the scene
+MAX_POSES = 2000  # largest number of poses of a camera path
+FRUSTUM_SIZE = 0.2  # length of a drawn camera, as a fraction of the scene's size
 MIN_SCENE_SIZE = 0.02  # smallest size of the scene, m
 START, GOAL, IDEAL, FACE, RIM = (
     to_rgb(SCENE[name]) for name in ("start", "goal", "ideal", "face", "rim")

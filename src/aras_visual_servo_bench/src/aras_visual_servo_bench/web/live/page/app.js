@@ -344,6 +344,8 @@ $("teach-name").addEventListener("input", updateButtons);
 $("view-all").addEventListener("click", () => scene && scene.setView("all"));
 $("view-run").addEventListener("click", () => scene && scene.setView("run"));
 
+// -- jogging -----------------------------------------------------------------------------
+
 const AXES = ["vx", "vy", "vz", "wx", "wy", "wz"];
 const KEYS = { d: ["vx", 1], a: ["vx", -1], s: ["vy", 1], w: ["vy", -1], r: ["vz", 1], f: ["vz", -1],  // as in aras_teleop
   i: ["wx", 1], k: ["wx", -1], o: ["wy", 1], u: ["wy", -1], l: ["wz", 1], j: ["wz", -1] };
@@ -406,6 +408,8 @@ $("scene").addEventListener("keydown", (e) => {
 });
 addEventListener("keyup", (e) => releaseKey(e.key.toLowerCase()));
 addEventListener("blur", () => { for (const key of [...pressedKeys.keys()]) releaseKey(key); });
+
+// -- plots -------------------------------------------------------------------------------
 
 setInterval(() => {
   if (!dirty || document.hidden) return;

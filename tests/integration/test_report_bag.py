@@ -267,7 +267,7 @@ def test_no_name_in_a_bag_leads_out_of_the_folder(tmp_path, capsys, monkeypatch)
     told["goals"] = ["no", "names"]
     write_run(path, described=True)
     assert main(["show", str(path), "--out", str(out)]) == 1
-    assert "cannot be read: its 'goals' is not a mapping" in capsys.readouterr().err
+    assert "cannot be read: the entry 'goals' is not a mapping" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("closed", [True, False])

@@ -18,8 +18,8 @@ from mesh_primitives import (
     rounded_rectangle,
 )
 
-ROUND = 24  # number of segments of the outline of a joint
-SMALL = 12  # number of segments of the outlines of covers and bosses
+ROUND = 24  # number of segments of the round outline of a joint
+SMALL = 12  # number of segments of the round outline of a cover or a boss
 
 
 def _across(outline_of_inset, inner: float, outer: float, bevel: float = 0.0) -> np.ndarray:
@@ -31,7 +31,7 @@ def _across(outline_of_inset, inner: float, outer: float, bevel: float = 0.0) ->
     sections = [(outline_of_inset(0.0), inner), (outline_of_inset(0.0), outer - bevel)]
     if bevel:
         sections.append((outline_of_inset(bevel), outer))
-    # along_y needs the outline as (z, x). Reversing the order keeps it counter-clockwise.
+    # along_y expects outlines as (z, x); the reversed order of points keeps them counter-clockwise.
     return along_y(loft([(outline[::-1, ::-1], y) for outline, y in sections]))
 
 

@@ -21,13 +21,14 @@ from mesh_primitives import (
     slotted_square,
 )
 
-PROFILE = 0.09  # m, edge length of the section of the aluminium profile
-FRAME_X = 1.2  # m, half length of the frame; only the belt drive extends beyond it
-FRAME_Y = 0.68  # m, half width of the frame
+PROFILE = 0.09  # edge length of the section of the frame's aluminium profile, m
+FRAME_X = 1.2  # half length of the frame along x, m; only the belt drive extends beyond the frame
+FRAME_Y = 0.68  # half width of the frame along y, m
 FRAME_Z = 1.75  # m, height
-TABLE_TOP = 0.59  # m, height of the table's surface, on which the target lies
-ROD_Y, ROD_Z, ROD_RADIUS = 0.05, 1.634, 0.011  # m, the two guide rods of the carriage
-MOTOR_X, MOTOR_Z = 1.3855, 1.626  # m, axis of the belt motor
+TABLE_TOP = 0.59  # height of the table's surface, on which the target lies, m
+# position (y, z) and radius of the two guide rods of the carriage, m
+ROD_Y, ROD_Z, ROD_RADIUS = 0.05, 1.634, 0.011
+MOTOR_X, MOTOR_Z = 1.3855, 1.626  # position (x, z) of the axis of the belt motor, m
 
 
 def base_link() -> list[np.ndarray]:
@@ -60,7 +61,7 @@ def _frame() -> list[np.ndarray]:
 def _brackets() -> list[np.ndarray]:
     """Build the triangular corner brackets between the posts and the long sills."""
     leg = 0.06
-    # Coordinates (z, x), as along_y needs them.
+    # Coordinates are (z, x), as along_y expects.
     triangle = np.array([(0.0, 0.0), (leg, 0.0), (0.0, leg)])
     bracket = mirror(along_y(extrude(triangle, -0.018, 0.018)), 0)
     bracket = move(bracket, FRAME_X - PROFILE, FRAME_Y - PROFILE / 2, PROFILE)
@@ -70,14 +71,14 @@ def _brackets() -> list[np.ndarray]:
 def _rail() -> list[np.ndarray]:
     rod = along_x(cylinder(ROD_RADIUS, -1.13, 1.13, 12))
     out = [move(rod, y=sy * ROD_Y, z=ROD_Z) for sy in (-1, 1)]
-    # End blocks below the cross beams, which carry the rods and, between the rods, the belt
-    # pulleys.
+    # End blocks below the cross beams. The blocks carry the guide rods and, between the rods, the
+    # belt pulleys.
     block = extrude(rounded_rectangle(-0.105, 0.105, 1.572, 1.66, 0.012, 2), 1.115, 1.14)
     out += both_sides(along_x(block), 0)
-    # Side plates of the idler at the far end.
+    # Side plates of the idler pulley, at the end of the rail opposite to the belt motor.
     cheek = box(-1.115, -0.99, 0.026, 0.034, 1.585, 1.66)
     out += both_sides(cheek, 1)
-    # The belt: its carrying strand and its returning strand.
+    # Lower and upper strand of the belt.
     out += [box(-1.06, 1.30, -0.0125, 0.0125, z - 0.001, z + 0.001) for z in (1.612, 1.653)]
     out.append(move(along_y(cylinder(0.02, -0.024, 0.024, 12)), -1.06, z=1.6325))
     return out
@@ -88,8 +89,8 @@ def _drive() -> list[np.ndarray]:
     plate = rounded_corners(
         [(1.14, 1.575), (1.39, 1.585), (1.39, 1.665), (1.14, 1.66)], [0, 0.03, 0.03, 0], 3
     )
-    # Outlines are (x, z), but along_y needs (z, x). Swapping the coordinates and reversing the
-    # order keeps outlines counter-clockwise.
+    # Outlines are (x, z), but along_y expects (z, x). The reversed order of points keeps outlines
+    # counter-clockwise.
     cheek = along_y(extrude(plate[:, ::-1][::-1], 0.016, 0.024))
     half = 0.0445
     gearbox = loft(
@@ -102,13 +103,13 @@ def _drive() -> list[np.ndarray]:
             )
         ]
     )
-    # Steps of the profile represent the gaps between the parts of the casing.
+    # The steps of the motor's profile represent gaps between the parts of its casing.
     body, groove = half, half - 0.004
     profile = [(groove, 0.05), (groove, 0.058), (body, 0.058)]
     profile += [(body, 0.09), (groove, 0.09), (groove, 0.098), (body, 0.098)]
     profile += [(body, 0.25), (body - 0.003, 0.254)]
     motor = revolve(profile, 20)
-    # along_y maps the first coordinate to z and the second one to x.
+    # For along_y, the first coordinate of a box is z, and the second coordinate is x.
     terminals = box(0.02, 0.05, -0.022, 0.022, 0.15, 0.22)
     boss = cylinder(0.01, 0.25, 0.258, 8)
     out = [move(along_y(p), MOTOR_X, z=MOTOR_Z) for p in (gearbox, motor, terminals, boss)]
@@ -117,8 +118,8 @@ def _drive() -> list[np.ndarray]:
 
 def slider() -> list[np.ndarray]:
     """Build the parts of the carriage in the slider's frame, with y up and z along world -x."""
-    # Build the parts about the joint origin with z up and x along the rail, then rotate them to the
-    # link frame.
+    # The parts are built about the joint origin, with z up and x along the rail, and then rotated
+    # into the frame of the link.
     plate = loft(
         [
             (rounded_rectangle(-s, s, -s, s, 0.012, 2), z)
@@ -133,10 +134,10 @@ def slider() -> list[np.ndarray]:
     for sx in (0, 1):
         piece = mirror(bearing, 0) if sx else bearing
         parts += [move(piece, y=sy * ROD_Y) for sy in (-1, 1)]
-    # The belt clamp: two uprights, with the belt visible between them, and a bridge.
+    # The belt clamp consists of two uprights, between which the belt is visible, and a bridge.
     parts += [box(x, x + 0.01, -0.02, 0.02, -0.013, 0.032) for x in (-0.05, 0.04)]
     parts.append(box(-0.05, 0.05, -0.02, 0.02, 0.024, 0.032))
-    # The jaws clamp the lower strand of the belt.
+    # The jaws of the belt clamp hold the lower strand of the belt.
     parts.append(extrude(rectangle(-0.03, 0.03, -0.018, 0.018), -0.0185, -0.006))
-    # The world axes x, y, z are the link axes -z, -x, y.
+    # Rotation into the frame of the link, whose axes -z, -x, y are the world axes x, y, z.
     return [np.stack([-p[..., 1], p[..., 2], -p[..., 0]], axis=-1) for p in parts]

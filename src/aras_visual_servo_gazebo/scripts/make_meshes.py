@@ -22,7 +22,7 @@ import arm_parts  # noqa: E402
 import gantry_parts  # noqa: E402
 from mesh_primitives import on_grid  # noqa: E402
 
-#: Link name -> function that returns its parts, in the frame of the link.
+#: Function that returns the parts of a link in the frame of the link, by the link's name.
 LINKS: dict[str, Callable[[], list[np.ndarray]]] = {
     "base_link": gantry_parts.base_link,
     "slider": gantry_parts.slider,
@@ -48,7 +48,7 @@ def stl_bytes(parts: list[np.ndarray], title: str) -> bytes:
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     records = np.zeros(len(triangles), _RECORD)
-    # Round, so that a different last bit of a square root does not change the file.
+    # Rounded, so that machines with a different last bit of a square root write the same file.
     records["normal"] = np.round(normals, 6) + 0.0
     records["corners"] = triangles
     header = title.encode("ascii").ljust(80, b" ")

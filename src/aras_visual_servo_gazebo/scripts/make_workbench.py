@@ -98,7 +98,7 @@ def draw_poster(rng: np.random.Generator, kind: int, size: int = 512) -> np.ndar
             radius = int(rng.integers(10, 52))
             cv2.circle(image, centre, radius, paints[int(rng.integers(0, 8))], -1, cv2.LINE_AA)
             cv2.circle(image, centre, radius // 2, paper, 3, cv2.LINE_AA)
-    elif kind % 6 == 1:  # level sets of smooth noise
+    elif kind % 6 == 1:  # regions in which smooth noise is above a level
         field = make_noise(rng, (high - low, size - 60), (48, 24))
         for level, paint in zip((0.35, 0.5, 0.65, 0.78), paints, strict=False):
             image[low:high, 30:size - 30][field > level] = paint
@@ -119,7 +119,7 @@ def draw_poster(rng: np.random.Generator, kind: int, size: int = 512) -> np.ndar
             y = (low + high) / 2 + swing * np.sin(x / (14 + 5 * n) + n) * np.exp(-x / 400)
             cv2.polylines(image, [np.stack([x, y], 1).astype(np.int32)], False, paints[n % 8], 3,
                           cv2.LINE_AA)
-    else:  # hills before a sky
+    else:  # hills in front of a sky
         for n, level in enumerate((0.25, 0.45, 0.62, 0.8)):
             ridge = high - (1 - level) * 260 + 60 * (make_noise(rng, (8, size), (64, 24))[4] - 0.5)
             for x in range(30, size - 30):
@@ -309,7 +309,7 @@ def write_meshes(folder: Path) -> None:
 
 # Name of a mesh, and its pose: x, y, z (m), roll, pitch, yaw (rad).
 PlacedMesh = tuple[str, tuple[float, float, float, float, float, float]]
-TOP = 0.5905  # m, height of the upper side of the board on the table
+TOP = 0.5905  # height of the upper side of the board on the table, m
 OBJECTS_ON_BENCH = (
     ("carton0", 0.22, 0.12, 0.4), ("carton1", 0.30, -0.10, -0.3), ("carton0", -0.24, -0.13, 1.2),
     ("carton1", -0.21, 0.14, 0.8), ("carton0", 0.05, 0.27, 0.1), ("carton1", 0.42, 0.24, 1.0),
@@ -326,7 +326,7 @@ def list_objects() -> list[PlacedMesh]:
     """Return the meshes and poses of all objects of the world."""
     found = [("floor", (0, 0, -0.02, 0, 0, 0)), ("wall", (0, 1.66, 0, 0, 0, 0)),
              ("wall", (-3.06, -1.28, 0, 0, 0, 1.5708)), ("board", (0, 0, 0.59, 0, 0, 0))]
-    for n in range(14):  # the posters on the back wall; the next loop adds those on the left wall
+    for n in range(14):  # posters on the back wall; the next loop adds the posters on the left wall
         x, z = -2.1 + 0.7 * (n // 2), 0.75 + 0.72 * (n % 2)
         found.append((f"poster{(5 * n + n // 6) % 6}", (x, 1.598, z, 0, 0, 0)))
     for n in range(8):

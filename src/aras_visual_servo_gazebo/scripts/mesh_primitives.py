@@ -14,8 +14,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-#: Grid points per metre (1 µm). Corners are rounded to the grid, so that different last bits do
-#: not change a file.
+#: Resolution of the corners of a mesh, grid points per metre. Corners are rounded, so that machines
+#: with different last bits write the same file.
 GRID_PER_METRE = 1_000_000
 
 
@@ -63,7 +63,7 @@ def rounded_corners(
         from_centre = corner + back * radii[i] / math.tan(half) - centre
         start = math.atan2(from_centre[1], from_centre[0])
         turn = math.pi - 2 * half
-        # At a reflex corner the arc has the opposite direction.
+        # At a reflex corner, the arc has the opposite direction.
         if back[0] * ahead[1] - back[1] * ahead[0] > 0:
             turn = -turn
         out.append(_arc(centre, radii[i], start, start + turn, steps))
@@ -129,7 +129,7 @@ def _four_faces(face: list[tuple[float, float]]) -> np.ndarray:
     out: list[tuple[float, float]] = []
     for _ in range(4):
         out += face
-        face = [(-y, x) for x, y in face]  # rotate by 90° to the next side
+        face = [(-y, x) for x, y in face]  # rotate the outline by 90° to the next side
     return np.array(out)
 
 

@@ -98,7 +98,7 @@ def test_a_part_of_some_millimetres_in_millimetres_is_said(tmp_path, height):
     lines = [f"v {a} {b} {c}" for a, b, c in corners] + [f"f {side}" for side in sides]
     (tmp_path / "part.obj").write_text("\n".join(lines) + "\n")
     pose = {"pose": [0.1, 0.05, height, np.pi, 0.0, 0.2]}
-    why = "its mesh is 4 m long; if it is in millimetres, set target.scale to 0.001"
+    why = "the mesh is 4 m long; if it is in millimetres, set target.scale to 0.001"
     with pytest.raises(ExperimentError, match=why):
         assemble(Experiment(
             plant="free", target={"shape": str(tmp_path / "part.obj")}, goal=pose, start=pose,

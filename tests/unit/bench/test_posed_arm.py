@@ -54,7 +54,7 @@ def placed(x, y, z):
 def test_what_it_runs_into_is_said_from_a_millimetre_on(arm, free, way, other):
     assert arm.find_collision(placed(*free)) == ""
     hit = np.array(free) + 2e-4 * np.array(way)
-    assert arm.find_collision(placed(*hit)) == f"its link 'z_l' is in '{other}'"
+    assert arm.find_collision(placed(*hit)) == f"link 'z_l' of the arm is in '{other}'"
 
 
 def test_a_solid_is_run_into_as_it_is_and_what_is_not_there_is_not():

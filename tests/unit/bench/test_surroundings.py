@@ -139,7 +139,7 @@ def test_a_link_of_the_robot_s_that_stands_is_one_too(tmp_path):
 class Told(Postures):
     """Postures that hide and touch what a test says."""
 
-    part, what = 0.37, "its link 'a' is in 'b'"
+    part, what = 0.37, "link 'a' of the arm is in 'b'"
 
     def compute_occlusion(self, joints, time=0.0):
         return self.part
@@ -161,11 +161,11 @@ def test_what_speaks_against_a_posture_is_said_and_weighed():
         and of(Told, is_visible=False).compute_cost(joints) == 2.0
     )
     assert of(Told).list_faults(joints, "goal", True) == [
-        "the arm is in collision at the goal, its link 'a' is in 'b': give other joints",
+        "the arm is in collision at the goal, link 'a' of the arm is in 'b': give other joints",
         "the arm hides 37 % of the target at the goal: give other joints"]
     assert of(Told).list_faults(joints, "start", False) == [
-        "the arm is in collision at the start, its link 'a' is in 'b', and no posture without a "
-        "collision was found: give another pose",
+        "the arm is in collision at the start, link 'a' of the arm is in 'b', and no posture "
+        "without a collision was found: give another pose",
         "the arm hides 37 % of the target at the start, and no posture that hides less was found: "
         "give another pose"]
     assert len(of(Told, is_visible=False).list_faults(joints, "goal", True)) == 1

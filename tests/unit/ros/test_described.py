@@ -26,9 +26,9 @@ def of(loop=None, simulator=None, **more):
 
 @pytest.mark.parametrize(("text", "why"), [
     ("", "the bag is from an older version or from another recorder"), ("{", "cannot be read"),
-    ("[]", "it has no parameters of the"), ("{}", "it has no parameters of the"),
-    ('{"parameters": {}, "goals": []}', "its 'goals' is not a mapping"),
-    ('{"parameters": {}, "versions": []}', "its 'versions' is not a mapping"),
+    ("[]", "there are no parameters of the"), ("{}", "there are no parameters of the"),
+    ('{"parameters": {}, "goals": []}', "the entry 'goals' is not a mapping"),
+    ('{"parameters": {}, "versions": []}', "the entry 'versions' is not a mapping"),
     ('{"parameters": {}, "launch": {}}', "its 'launch' is not a list"),
 ])
 def test_a_description_that_is_none_is_a_note(text, why):

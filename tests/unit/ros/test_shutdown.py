@@ -163,7 +163,7 @@ def test_a_node_whose_log_cannot_be_written_says_so_in_one_line(folder, words, t
     )  # fmt: skip
     assert (ended.returncode, ended.stdout) == (0, "up\n")
     (line,) = ended.stderr.splitlines()
-    assert line.startswith(f"begins: its log cannot be written to {folder or '/proc'} (")
+    assert line.startswith(f"begins: cannot write the log to {folder or '/proc'} (")
     assert "set ROS_LOG_DIR" in line and list(tmp_path.glob("ros_log_*/begins*.log"))
 
 

@@ -523,7 +523,7 @@ def test_a_run_that_kills_its_process_is_found_named_and_recorded(tiny, tmp_path
     engine.carry_out(made, Dying(), quiet(study))
     table = made.read_results()
     assert table["outcome"].to_pylist() == ["timed_out", rows.DIED, "timed_out"]
-    assert table["reason"][1].as_py() == "its process was ended by SIGKILL"
+    assert table["reason"][1].as_py() == "the process of the run was ended by SIGKILL"
     assert table["killing"].to_pylist()[2] == 0.0 and table["gain"][1].as_py() == 2.0
 
 
@@ -565,7 +565,7 @@ def test_a_child_that_ended_before_it_was_told_anything_is_known_by_its_end(monk
     monkeypatch.setattr(work, "subprocess", SimpleNamespace(
         Popen=lambda *given, **keys: ended, PIPE=None))
     done, how = work._run_child("{}", range(3), 60.0)
-    assert not done.values and how == "its process ended with exit code 3"
+    assert not done.values and how == "the process of the run ended with exit code 3"
 
 
 @pytest.mark.parametrize(("children", "begun", "lost"), [

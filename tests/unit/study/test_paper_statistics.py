@@ -364,7 +364,7 @@ def test_settings_that_differ_along_with_the_compared_one_are_named(tmp_path):
     results = Results.read(write_study(tmp_path / "out", study))
     found = results.compare(between="scheme", metrics=["settled"]).differences
     assert all(d.comparison.paired for d in found)
-    assert all("they also differ in delay (0.01, 0.05)" in d.note for d in found)
+    assert all("the compared runs also differ in delay (0.01, 0.05)" in d.note for d in found)
 
 
 def test_the_command_compares_cases_and_explains_what_it_cannot(path, capsys):
@@ -405,9 +405,9 @@ def test_one_run_per_cell_has_no_interval_and_no_test(tmp_path, capsys):
     cells = text.splitlines()[2].split(" | ")
     assert "[" in cells[3] and "[" not in cells[5]
     text = run_command(["diff", path, "--between", "scheme", "--by", "gain"], capsys)[1]
-    assert "of them have too few runs to be significant: repeat each setting more often" in text
+    assert "of these differences have too few runs to be significant: repeat each setting" in text
     text = run_command(["diff", path, "--between", "scheme", "--by", "gain", "--all"], capsys)[1]
-    assert "(too few for p < 0.05: 1 pair)" in text
+    assert "(the sample is too small for p < 0.05: 1 pair)" in text
     text = run_command(["table", path, "--metrics", "settled", "--format", "tex"], capsys)[1]
     assert "nan" not in text
 

@@ -48,6 +48,6 @@ _FURTHER = {
 }
 FIRST_PROJECT = tuple(_FIRST)
 __all__ = [*_FIRST, *_FURTHER]
-# A type checker would accept any name of a module that defines __getattr__.
+# Hidden from type checkers, which would accept any name of a module that defines __getattr__.
 if not TYPE_CHECKING:
     __getattr__, __dir__ = lazy_exports(__name__, {**_FIRST, **_FURTHER})

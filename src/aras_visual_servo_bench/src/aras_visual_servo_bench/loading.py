@@ -70,7 +70,8 @@ def _find_file(path: Path) -> Path:
                 f"{path} has no run.bag; for a run of a study give {path}:NUMBER"
             )
         path = bags[0]
-    active = path.with_name(path.name + ".active")  # an unclosed bag of a recorder that was killed
+    # name of the bag if the recorder was killed before it closed the bag
+    active = path.with_name(path.name + ".active")
     if not path.is_file() and active.is_file():
         path = active
     if not path.is_file():

@@ -6,8 +6,8 @@ import time
 from collections.abc import Callable
 from typing import TextIO
 
-WIDTH = 24  # characters of the bar
-MIN_PERIOD = 0.1  # s between two writes; a notebook sends each of them to the browser
+WIDTH = 24  # number of characters of the bar
+MIN_PERIOD = 0.1  # shortest time between two writes, s; a notebook sends each write to the browser
 
 
 def format_bar(fraction: float) -> str:

@@ -8,9 +8,9 @@ import weakref
 
 from rospy.impl import masterslave, registration, tcpros_base
 
-# Number of connections that may wait to be accepted. With rospy's value of 5 and eight clients that
-# call services continuously, the connection of a client is sometimes rejected. The client then
-# tries again only after one second.
+# Number of connections that may wait to be accepted. With rospy's value of 5, and eight clients
+# that call services continuously, some connections are rejected. A rejected client tries again only
+# after 1 s.
 BACKLOG = 128
 
 
@@ -55,7 +55,8 @@ def find_publishers() -> None:
     def connect_once(handler: masterslave.ROSHandler, topic: str, uri: str) -> tuple[int, str, int]:
         with locks_lock:
             lock = locks.setdefault((topic, uri), threading.Lock())
-        with lock:  # a second thread waits here, and then finds the connection of the first thread
+        # A second thread for the same topic waits here, and then finds the connection of the first.
+        with lock:
             return connect(handler, topic, uri)
 
     update = registration.RegManager.publisher_update

@@ -28,5 +28,5 @@ def check_log_folder(name: str) -> None:
     except OSError as error:
         mappings.pop("__log", None)
         os.environ["ROS_LOG_DIR"] = fallback = tempfile.mkdtemp(prefix="ros_log_")
-        text = f"its log cannot be written to {folder} ({error.strerror}), so it is in {fallback}"
+        text = f"cannot write the log to {folder} ({error.strerror}), so it is in {fallback}"
         print(f"{name}: {text}: set ROS_LOG_DIR to a writable folder", file=sys.stderr)

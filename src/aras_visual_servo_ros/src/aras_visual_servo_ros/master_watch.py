@@ -8,8 +8,8 @@ from collections.abc import Callable
 
 import rosgraph
 
-PATIENCE = 2  # the master is regarded as lost after this number of consecutive failed queries
-RETRY = 0.5  # s of wall time between a failed query and the next one
+PATIENCE = 2  # number of consecutive failed queries after which the master counts as lost
+RETRY = 0.5  # time between a failed query of the master and the next query, s of wall time
 
 
 class MasterWatch:

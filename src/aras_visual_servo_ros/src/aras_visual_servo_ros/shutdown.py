@@ -20,13 +20,14 @@ from .master_watch import MasterWatch
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 HELP_OPTIONS = {"-h", "--help"}
-# If a signal arrives during init_node, rospy's shutdown may take at most this time, s; then the
-# process is ended. Without a master, rospy's shutdown would never finish.
+# Longest duration of rospy's shutdown after a signal during init_node, s; then the process is
+# ended. Without a master, this shutdown would never finish.
 PATIENCE = 2.0
 _started = threading.Event()
 _started.set()
-CLOSED_TOPIC_MESSAGE = "publish() to a closed topic"  # part of rospy's error message
-# Parameter that rospy subscribes to when a node logs its first message.
+# part of the error message with which rospy refuses to publish after shutdown
+CLOSED_TOPIC_MESSAGE = "publish() to a closed topic"
+# Parameter to which rospy subscribes when a node logs its first message.
 SUBSCRIBED_PARAMETER = "/rosout_disable_topics_generation"
 
 
@@ -59,7 +60,7 @@ def init_node(name: str, about: str = "", **options: bool) -> None:
     check_log_folder(name)
     try:
         rospy.init_node(name, disable_signals=True, **options)
-    except Exception:  # ignored if a signal has shut rospy down during init_node
+    except Exception:  # init_node fails if a signal shuts rospy down meanwhile
         if not rospy.core.is_shutdown_requested():
             raise
     if rospy.core.is_shutdown_requested():
@@ -106,15 +107,15 @@ def end_on_signals() -> None:
 def _wait_for_signal(read_end: int) -> None:
     while (number := os.read(read_end, 1)[0]) not in SIGNALS:
         pass
-    # Shut down in a non-daemon thread, so that Python waits until all shutdown hooks have finished.
+    # Python waits for a thread that is no daemon, so all shutdown hooks can finish.
     reason = signal.Signals(number).name
     thread = threading.Thread(target=rospy.signal_shutdown, args=(reason,), name="shutdown")
-    # A thread inherits this flag from the current thread, in which it is True.
+    # The current thread is a daemon, and a new thread inherits this flag.
     thread.daemon = False
     thread.start()
     if not _started.is_set():
         thread.join(PATIENCE)
-        # The thread waits for a lock that init_node does not release while there is no master.
+        # Without a master, the shutdown thread waits for a lock that init_node does not release.
         if thread.is_alive():
             os._exit(128 + number)
 
@@ -123,7 +124,7 @@ def end_without_master(watch: MasterWatch) -> bool:
     """Return whether the ROS master is lost; if it is, print the reason and end the node."""
     if not (reason := watch.find_loss_reason()):
         return False
-    # Print the reason instead of logging it, because the log topic /rosout needs the master.
+    # The reason is printed, because the log topic /rosout needs the master.
     print(f"{rospy.get_name()[1:]}: {reason}: ending", file=sys.stderr)
     rospy.signal_shutdown(reason)
     return True

@@ -21,12 +21,13 @@ def analyze(options: argparse.Namespace) -> int:
     from ..plots.style import FILE_FORMATS
 
     kinds = [kind.strip() for kind in options.formats.split(",") if kind.strip()]
-    check_formats(kinds, FILE_FORMATS)  # before the runs are read, which may take a minute
+    # A wrong format is reported before the runs are read, which may take a minute.
+    check_formats(kinds, FILE_FORMATS)
     names = [name.strip() for name in options.names.split(",") if name.strip()]
     if names and len(names) != len(options.runs):
         raise BenchError(f"--names has {len(names)} names for {len(options.runs)} runs: give as "
                          "many names as runs")
-    compilation.prepare_simulation()  # a run of a study is repeated
+    compilation.prepare_simulation()  # reading a run of a study simulates the run again
     bar = ProgressBar(sys.stderr)
     try:
         runs = []
@@ -49,7 +50,8 @@ def write_reports(
     """Print the summaries of runs and, if `out` is not None, write their report into `out`."""
     written = []
     if out is not None:
-        from ..web.report.write import write_report  # imports matplotlib, which takes 0.5 s
+        # this import includes matplotlib, which takes 0.5 s
+        from ..web.report.write import write_report
 
         bar = ProgressBar(sys.stderr)
         try:

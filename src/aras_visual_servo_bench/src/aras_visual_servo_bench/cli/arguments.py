@@ -68,7 +68,7 @@ def _set_function(parser: argparse.ArgumentParser, module: str, function: str) -
         try:
             with fast_imports():
                 imported = import_module(f"..{module}", __name__)
-        except ModuleNotFoundError as error:  # a library that the demo does not need is missing
+        except ModuleNotFoundError as error:  # a library that only some commands need is missing
             raise make_missing_library_error(error.name) from None
         run: Callable[[argparse.Namespace], int] = getattr(imported, function)
         return run(options)

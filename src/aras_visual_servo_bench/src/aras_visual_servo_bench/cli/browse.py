@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 
 from ..errors import BenchError, make_missing_library_error
 
-if TYPE_CHECKING:  # not imported at run time here, because the web server's library may be missing
+# The library of the web server may be missing, so this import is not executed at run time.
+if TYPE_CHECKING:
     from ..web.browse.server import BrowseServer
 
 

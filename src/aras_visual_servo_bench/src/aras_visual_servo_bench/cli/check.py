@@ -29,7 +29,7 @@ def check_interaction(options: argparse.Namespace) -> int:
         return 1
     except CompilerError:
         raise
-    except USER_FAULTS as error:  # the user's feature raised an error
+    except USER_FAULTS as error:  # exceptions that the user's feature may raise
         traceback.print_exc()
         raise BenchError(f"{options.feature} raised {format_error(error)}") from error
     return 0

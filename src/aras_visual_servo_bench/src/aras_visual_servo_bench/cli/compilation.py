@@ -24,7 +24,7 @@ def prepare_simulation() -> None:
     Raises:
         CompilerError: Numba cannot be imported.
     """
-    # Garbage collection among Numba's objects would take a tenth of the time of a short run.
+    # Garbage collection while Numba is imported would take a tenth of the time of a short run.
     with fast_imports():
         import_numba()
     if find_program_name() != "bench":

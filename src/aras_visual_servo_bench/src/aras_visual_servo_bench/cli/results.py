@@ -10,9 +10,9 @@ from ..errors import StudyError, catch_write_errors, check_formats
 from ..studies import captions, compare, tables
 from ..studies.results import Results
 
-# If pandas is installed, pyarrow imports it (0.7 s of processor time) to check whether the first
-# value that it converts is a pandas object. The values of these commands are not. In a user's
-# program they can be, so the module `results` imports pyarrow without this change.
+# If pandas is installed, pyarrow imports it, which takes 0.7 s, to recognise pandas objects. The
+# commands of this module convert none, so the import is suppressed. In a user's program, such
+# objects are possible, so the module `results` does not suppress the import.
 import_without("pandas", "pyarrow.dataset")
 
 
@@ -38,7 +38,8 @@ def print_table(options: argparse.Namespace) -> int:
 
 def draw_plots(options: argparse.Namespace) -> int:
     """Draw figures of the results, and print their paths."""
-    from ..plots import study_figures  # this import takes 0.5 s and is needed only here
+    # this import takes 0.5 s, and not all commands of this module need it
+    from ..plots import study_figures
 
     found = [Results.read(folder) for folder in options.folders]
     out = options.out or options.folders[0] / "plots"

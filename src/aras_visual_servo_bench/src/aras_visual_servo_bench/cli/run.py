@@ -23,7 +23,7 @@ from ..studies.study import Study
 from ..studies.study_folder import StudyFolder, count_stored_runs
 from . import compilation
 
-SCREEN_ROWS = 40  # a table with more rows is not printed
+SCREEN_ROWS = 40  # largest number of rows of a table that is printed
 SCREEN_METRICS = ("settled", "final_distance", "image_excursion")
 
 
@@ -58,7 +58,8 @@ def run_study(options: argparse.Namespace, changes: dict[str, Any]) -> int:
     if options.dry_run:
         if room:
             print(room)
-        compilation.prepare_simulation()  # the estimate of the time needs two runs
+        # a dry run simulates run 0 twice to estimate the time of the study
+        compilation.prepare_simulation()
         for line in engine.dry_run(study, _read_workers(options)):
             print(line)
         return 0
@@ -116,7 +117,7 @@ def carry_out(folder: StudyFolder, options: argparse.Namespace) -> int:
 
 def _write_report(path: Path) -> None:
     """Write the table and figures into the study's folder, and print a short table."""
-    from ..plots import study_figures  # slow import (0.5 s) that the workers do not need
+    from ..plots import study_figures  # this import takes 0.5 s, and workers do not need it
 
     found = [Results.read(path)]
     table = tables.make_table(found)

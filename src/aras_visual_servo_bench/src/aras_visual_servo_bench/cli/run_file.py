@@ -20,7 +20,7 @@ from . import analyze, compilation
 
 def run_file(options: argparse.Namespace) -> int:
     """Run the experiment or the study of a file."""
-    # The first argument is an override, not a file: change the experiment of the demo.
+    # If the first argument is not a file but an override (key=value), change the demo's experiment.
     if "=" in str(options.study or "") and not options.study.exists():
         options.overrides.insert(0, str(options.study))
         options.study = None
@@ -28,7 +28,8 @@ def run_file(options: argparse.Namespace) -> int:
     experiment = _read_experiment(options.study, changes)
     if experiment is not None:
         return _run_experiment(experiment, options)
-    from . import run  # this import takes 0.3 s, and an experiment does not need it
+    # this import takes 0.3 s, and an experiment, unlike a study, does not need it
+    from . import run
 
     return run.run_study(options, changes)
 
@@ -64,7 +65,8 @@ def _run_experiment(experiment: Experiment, options: argparse.Namespace) -> int:
         run = loop.run(experiment)
         run.name = name
     else:
-        from ..studies import replay  # this import takes 0.3 s
+        # this import takes 0.3 s, and only the run of a study needs it
+        from ..studies import replay
 
         run = replay.run_with_images(experiment, name, str(source))
     analyze.write_reports([run], out)

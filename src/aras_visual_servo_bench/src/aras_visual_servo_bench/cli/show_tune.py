@@ -24,7 +24,7 @@ def show(options: argparse.Namespace) -> int:
         return _show_bag(options)
     if options.run is None:
         raise StudyError(f"give the number of a run: {find_program_name()} show {options.folder} 0")
-    from ..studies import replay  # slow import (0.5 s), only needed here
+    from ..studies import replay  # this import takes 0.5 s, and only this command needs it
     from ..web.report.video import write_with_video
 
     folder = StudyFolder.open(options.folder)
@@ -82,7 +82,8 @@ def tune(options: argparse.Namespace) -> int:
         run.find_study_file(options.study), overrides.parse_overrides(options.overrides)
     )
     ranges = [SearchRange.parse(text) for text in options.over]
-    # The search sets these settings, so their variations in the study are removed.
+    # The search sets the keys of the ranges, so the study's own variations of these keys are
+    # removed.
     keys = {r.key for r in ranges}
     study = dataclasses.replace(
         study, vary={key: values for key, values in study.vary.items() if key not in keys}

@@ -14,11 +14,12 @@ from aras_visual_servo_base.meshes.mesh import Mesh
 from .robot_visuals import Colour, collect_visuals
 from .shapes import FACES, LINES, Shape, transform_points
 
-# Edges are drawn between faces whose normals differ by at least 30 degrees.
+# An edge is drawn between two faces if the angle between their normals is at least 30 degrees.
 CREASE_COSINE = np.cos(np.radians(30.0))
-EDGE_COLOUR = (0.55, 0.58, 0.64, 1.0)  # lighter than a dark face, so that edges are visible on it
+# colour of edges; lighter than a dark face, so that edges are visible on it
+EDGE_COLOUR = (0.55, 0.58, 0.64, 1.0)
 EDGE_WIDTH = 0.001  # m
-# At most this many edges, and this many triangles of each colour, are drawn.
+# largest number of drawn edges, and of drawn triangles of each colour
 MAX_ELEMENTS = 2000
 
 

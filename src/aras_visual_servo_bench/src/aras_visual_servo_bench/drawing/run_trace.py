@@ -44,23 +44,23 @@ GOAL, NOW, PATH, IDEAL, FEATURE = (
     to_rgb(LIVE[name]) for name in ("goal", "now", "path", "ideal", "feature")
 )
 
-FRUSTUM_SIZE = 0.16  # m, distance from the optical centre to a corner of the drawn image
-AXIS_LENGTH = 0.05  # m, length of the axes of a drawn frame
-# An arrow of a linear velocity is as long as the path of the camera in this time, s.
+FRUSTUM_SIZE = 0.16  # distance from the optical centre to a corner of the drawn image, m
+AXIS_LENGTH = 0.05  # length of the axes of a drawn frame, m
+# Length of the arrow of a linear velocity, divided by this velocity, s.
 ARROW_SECONDS = 2.0
-TURN_LENGTH = 0.1  # m per rad/s, length of an arrow of an angular velocity
-MAX_ARROW = 0.3  # m, largest length of an arrow
-MIN_ARROW = 2e-3  # m; shorter arrows are not drawn
-IDEAL_PATH_POINTS = 24  # number of points of the straight path to the goal
-MIN_SPACING = 5e-4  # m, smallest distance between two points of the camera's path
+TURN_LENGTH = 0.1  # length of the arrow of an angular velocity, divided by this velocity, m s/rad
+MAX_ARROW = 0.3  # largest length of an arrow, m
+MIN_ARROW = 2e-3  # smallest length of an arrow that is drawn, m
+IDEAL_PATH_POINTS = 24
+MIN_SPACING = 5e-4  # smallest distance between two points of the camera's path, m
 # Smallest distance between two points of a feature's trajectory, normalised coordinates.
 MIN_IMAGE_SPACING = 2e-3
 # Offset of the text from the camera in the base frame, m. In the view of the rviz configuration,
 # the text is left of the arm, in front of the floor; on the right it would cover the gantry.
 TEXT_OFFSET = (0.29, -0.24, 0.19)
 MAX_ERRORS = 6  # largest number of feature errors that the text lists
-LETTER_HEIGHT, LINE_HEIGHT = 0.023, 0.028  # m, height of letters and distance between lines
-LEGEND = (  # text and colour of each line, from the lowest line to the highest
+LETTER_HEIGHT, LINE_HEIGHT = 0.023, 0.028  # height of letters and distance between lines of text, m
+LEGEND = (  # text and colour of each line of the legend, from bottom to top
     ("achieved rotation", to_rgb(LIVE["achieved-turn"])),
     ("desired rotation", to_rgb(LIVE["desired-turn"])),
     ("achieved velocity", to_rgb(LIVE["achieved"])), ("desired velocity", to_rgb(LIVE["desired"])),
@@ -114,8 +114,6 @@ class RunTrace:
         """Positions (n, 3) of the camera since servoing started, m."""
         return self._path.points
 
-    # -- inputs ----------------------------------------------------------------------------
-
     def set_joints(self, positions: Sequence[float]) -> None:
         """Set the joint positions (n,), in the order of the arm's joints."""
         self._pose = self.arm.pose(np.asarray(positions, float))
@@ -148,8 +146,6 @@ class RunTrace:
         if name not in self._trajectories:
             self._trajectories[name] = Track(2, MIN_IMAGE_SPACING)
         self._trajectories[name].add(np.array([x, y]))
-
-    # -- outputs ---------------------------------------------------------------------------
 
     def compute_ideal_path(self) -> np.ndarray:
         """Return points (n, 3) of the straight path from the start of servoing to the goal, m."""
@@ -219,7 +215,7 @@ class RunTrace:
         """Return the text next to the camera, and the legend of the colours above this text."""
         words, place = "\n".join(self.make_text_lines()), (self._pose[:3, 3] + TEXT_OFFSET)[None]
         shapes = [Shape("words", TEXT, place, (1.0, 1.0, 1.0, 1.0), LETTER_HEIGHT, words)]
-        # The position of a text is its middle; half of its lines are above this position.
+        # The position of a text is its middle, so half of its lines are above its position.
         above = 0.5 * (words.count("\n") + 1)
         for line, (text, colour) in enumerate(LEGEND, 1):
             up = (0.0, 0.0, LINE_HEIGHT * (above + line))

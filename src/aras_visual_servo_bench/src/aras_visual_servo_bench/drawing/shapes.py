@@ -12,11 +12,12 @@ from aras_visual_servo_camera.undistortion import CameraModel
 Rgba = tuple[float, float, float, float]
 
 LINES, STRIP, ARROW, TEXT, FACES = "lines", "strip", "arrow", "text", "faces"
-# Largest half angle of view that is drawn. At a larger angle, such as that of a fisheye lens, the
+# Largest half angle of view of a drawn camera, rad. For a larger angle, as of a fisheye lens, the
 # sides of the camera's pyramid would be flat or point backwards.
 MAX_VIEW_ANGLE = np.radians(70.0)
-DIGITS = 5  # number of decimals of lengths in m; a pixel of the page is about a millimetre
-# Number of points on each side of the image's border, which can be curved by lens distortion.
+# number of decimals of lengths in m that are sent to the page, where a pixel is about 1 mm
+DIGITS = 5
+# Number of points on each side of the border of an image; lens distortion can bend the border.
 POINTS_PER_SIDE = 8
 
 

@@ -6,7 +6,7 @@ from collections import deque
 
 import numpy as np
 
-MAX_POINTS = 600  # if a track has more points, every other point is removed
+MAX_POINTS = 600  # largest number of points; with more, every second point is removed
 
 
 class Track:
@@ -49,8 +49,8 @@ class Track:
 class RealTimeFactor:
     """Ratio of simulated time to wall time, measured over the last seconds."""
 
-    WINDOW = 2.0  # duration of the measurement, s of wall time
-    MIN_TIME = 0.3  # s of wall time after which the factor is known
+    WINDOW = 2.0  # length of the interval over which the factor is measured, s of wall time
+    MIN_TIME = 0.3  # shortest interval from which the factor is computed, s of wall time
 
     def __init__(self) -> None:
         self._samples: deque[tuple[float, float]] = deque()

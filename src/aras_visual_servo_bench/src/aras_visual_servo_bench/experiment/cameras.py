@@ -31,14 +31,15 @@ from .polygon_drawing import draw_polygon
 if TYPE_CHECKING:
     from aras_visual_servo_base.hand_eye import HandEyeCalibration
 
-HALF_TURN = 3.142  # rad; slightly more than pi, because files often contain rounded values
+# half a turn, rad; slightly more than pi, because files often contain rounded values
+HALF_TURN = 3.142
 MAX_DELAY = 10.0  # s
 PRESET_FOLDER = "config/cameras"
-PRESET_KEY = "preset"  # key that names a preset
-DEFAULT_PRESET = "original"  # preset that is used by default
+PRESET_KEY = "preset"  # key of a camera's settings that names a preset
+DEFAULT_PRESET = "original"
 NO_SETTINGS: Mapping[str, Any] = MappingProxyType({})
-WORLD = "world"  # value of HandEyeSpec.link if the camera is fixed
-# Grey levels of the table and of the target, equal to those in rendered images.
+WORLD = "world"  # value of HandEyeSpec.link for a camera that is fixed in the world
+# grey levels of the table and of the target; rendered images have the same levels
 WHITE_LEVEL, DARK_LEVEL = 255, 0
 
 
@@ -230,7 +231,8 @@ class CameraSetup:
         settings = merge(description_settings, overrides)
         config = make_camera_config(settings)
         published = true = read_camera_model(config.make_intrinsics())
-        if config.legacy_camera_info:  # then Gazebo's formulas give published intrinsics, not true
+        # published intrinsics then follow Gazebo's formulas and differ from the true ones
+        if config.legacy_camera_info:
             true = make_camera_model({**settings, "legacy_camera_info": False})
         return cls(
             name,
@@ -376,7 +378,8 @@ def is_in_view(outline: np.ndarray, camera: CameraModel, margin: float = 2.0) ->
         outline: corners (n, 2) in normalised coordinates.
         margin: minimum distance of the outline from the image border, px.
     """
-    edges = subdivide(outline) if camera.is_distorted else outline  # distorted edges are bent
+    # lens distortion bends edges, so their corners are not enough
+    edges = subdivide(outline) if camera.is_distorted else outline
     pixels = camera.project_points(edges)
     (left, top), (right, bottom) = pixels.min(axis=0).tolist(), pixels.max(axis=0).tolist()
     return (

@@ -26,13 +26,13 @@ PLANTS = ("bullet", "chain", "free", "ideal")
 FREE_CAMERA_PLANTS = ("free", "ideal")
 FEATURES = ("auto", "images", "exact")
 COMMANDS = ("joint_states", "images")
-# Keys of earlier versions and their new names, for error messages.
+# Keys of earlier versions, with their new names, for error messages.
 RENAMED_KEYS = {
     "believed": "calibration_offset", "linger": "time_after_convergence",
     "options": "controller_parameters", "traced": "record_peak_speeds",
 }  # fmt: skip
 RENAMED_FEATURES = {"pictures": "images"}
-# Controller parameters that are set by keys of the experiment, not by controller_parameters.
+# Controller parameters that an experiment sets by its own keys, not by `controller_parameters`.
 SHARED_PARAMETERS = ("scheme", "law", "gain", "duration")
 CLASS_HINT = "a name, a class, or 'package.module:Class'"
 

@@ -25,7 +25,7 @@ def find_unit(key: str) -> str:
     kind, path = (Settings, rest) if head == "controller_parameters" and rest else (Experiment, key)
     try:
         found = _find_fields(path, kind)
-    except StudyError:  # `key` can be the name of a study's cases, which is not a setting
+    except StudyError:  # `key` may be the name of a study's axis of cases, which is not a setting
         return ""
     units = {field.metadata.get("unit", "") for field in found}
     return units.pop().partition(", the")[0].replace(", ", " or ") if len(units) == 1 else ""
@@ -64,7 +64,7 @@ def _find_fields(key: str, kind: type) -> list[dataclasses.Field]:
         hint = next(h[part] for h in hints if part in h)
         options = _split_union(hint)
         if any(_has_free_keys(option) for option in options):
-            # The mapping accepts any keys; the code that reads it checks them.
+            # The keys of this mapping are free; the code that reads the mapping checks its keys.
             return found if so_far == f"{key}." else []
         kinds = tuple(option for option in options if dataclasses.is_dataclass(option))
         if not kinds and so_far != f"{key}.":

@@ -20,10 +20,10 @@ from .experiment import FREE_CAMERA_PLANTS, Experiment
 from .packages import PackagePath
 from .robots import ROBOT, Robot
 
-# A camera without an arm has no joint limits that have to be avoided.
+# A camera without an arm has no joint limits to avoid, and its command is a velocity.
 FREE_CAMERA_SETTINGS: dict[str, Any] = {"limit_avoidance": False, "output": "velocity"}
-# The ideal camera executes each command without delay. `lead`, which limits how far commands may
-# be ahead of the measured coordinates, is so large that it has no effect.
+# The ideal camera executes each command without delay. The parameter `lead` limits how far commands
+# may be ahead of the measured coordinates; 1e6 switches the limit off.
 IDEAL_CAMERA_SETTINGS: dict[str, Any] = {
     "delay": 0.0,
     "lockstep": False,
@@ -106,8 +106,8 @@ def _make_tracker_settings(target: TargetSpec) -> dict[str, Any]:
     """Return the tracker settings for a solid target: its mesh and its initial pose."""
     if not is_solid(target.shape):
         return {}
-    # The tracker starts its search at the target's true pose, unless controller_parameters
-    # contain another one.
+    # The tracker starts its search at the target's true pose, unless `controller_parameters` set
+    # another pose.
     mesh = str(target.placed_target.shape.path)
     return {"model": mesh, "model_start": {"pose": list(target.pose)}}
 

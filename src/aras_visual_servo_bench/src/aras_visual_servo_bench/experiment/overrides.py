@@ -14,7 +14,7 @@ from .cameras import DEFAULT_PRESET, PRESET_KEY
 from .starts import CameraPose, RelativeStart, Sampler
 
 CAMERAS_KEY = "cameras"
-PLACE_KEYS = ("start", "goal")  # keys of an experiment whose value can have different types
+PLACE_KEYS = ("start", "goal")  # keys of an experiment whose values have one of PLACE_TYPES
 PLACE_TYPES = (CameraPose, Sampler, RelativeStart)
 
 

@@ -12,7 +12,8 @@ from aras_visual_servo_base.setting_values import format_value
 
 from ..errors import ExperimentError
 
-_SOURCES = Path(__file__).resolve().parents[4]  # src/ if the package is not installed
+# folder src/ of the workspace, if the package is not installed
+_SOURCES = Path(__file__).resolve().parents[4]
 _SHARE = Path(os.sys.prefix) / "share"
 
 

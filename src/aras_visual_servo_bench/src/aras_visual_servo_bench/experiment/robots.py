@@ -47,11 +47,11 @@ CAMERA_FRAME_PREFIX = "camera_frame_of_"
 MOVED_FRAME_PREFIX = "moved_"
 # Prefix of the optical frame of a camera at its calibrated pose.
 CALIBRATED_FRAME_PREFIX = "believed_"
-CAMERA_LINK = "camera_link"  # link of the camera that camera_xyz and camera_rpy displace
-TARGET_LINK_PREFIX = "target_of_"  # prefix of the link of a camera's own target
+# link of the robot's own camera, which camera_xyz and camera_rpy displace
+CAMERA_LINK = "camera_link"
+TARGET_LINK_PREFIX = "target_of_"  # prefix of the link of a target that belongs to one camera
 NO_CAMERAS: Mapping[str, CameraSpec] = {}
-# Settings of a camera in a robot description that affect its images. The other settings concern its
-# pose and its topics.
+# Settings of a camera in a robot description that affect its images, not its pose or its topics.
 IMAGING_SETTINGS = frozenset((
     "width", "height", "horizontal_fov", "update_rate", "format", "near", "far", "lens",
     "camera_matrix", "cutoff_angle", "distortion_model", "distortion_coefficients", "effects",
@@ -415,7 +415,8 @@ class Robot:
             return self._original_urdf
         path = _find_joint_path(self._original_urdf, self._own_frame, self.spec.urdf)
         if not any(joint.child == CAMERA_LINK for joint in path):
-            link = optical_pose(np.eye(4))  # pose of a camera's link: x forward, y left, z up
+            # pose of a camera's link (x forward, y left, z up) in its optical frame
+            link = optical_pose(np.eye(4))
             frame, self._own_frame = self._own_frame, f"{MOVED_FRAME_PREFIX}{self._own_frame}"
             moved = inverse(link) @ link_T_link @ link
             return self._with_frame(self._original_urdf, self._own_frame, frame, moved)

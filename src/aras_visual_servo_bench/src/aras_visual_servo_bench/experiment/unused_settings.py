@@ -14,26 +14,27 @@ from ..errors import ExperimentError, require
 from .cameras import CameraSetup
 from .experiment import FREE_CAMERA_PLANTS, Experiment, IdealSpec
 
-# Keys that act only on some plants, as tuples: key; plants on which it acts; value that is
-# accepted on the other plants, too; meaning of the key for the error message "KEY is MEANING".
+# Keys that act only on some plants. Each tuple contains the key, the plants on which the key acts,
+# the value that other plants accept, and the reason for the error message.
 PLANT_SETTINGS = (
-    ("friction", ("bullet",), True, "the friction of simulated joints"),
-    ("lag", ("chain", "free"), 0.0, "the time constant of joints without dynamics"),
-    ("delay", ("bullet", "chain", "free"), 0.0, "the time until a command takes effect, and plant "
-    "ideal executes commands immediately"),
-    ("commands", ("bullet", "chain", "free"), "images", "the choice of when commands are sent, and "
-     "plant ideal executes one twist per image"),
-    ("target.box", ("bullet",), None, "a body in the simulated world"),
-    ("ideal", ("ideal",), IdealSpec(), "a group of settings of the ideal camera"),
+    ("friction", ("bullet",), True, "friction acts on the joints of the simulation with physics"),
+    ("lag", ("chain", "free"), 0.0, "lag is the time constant of joints without dynamics"),
+    ("delay", ("bullet", "chain", "free"), 0.0, "delay is the time until a command takes effect, "
+     "and plant ideal executes commands immediately"),
+    ("commands", ("bullet", "chain", "free"), "images", "commands is the choice of when commands "
+     "are sent, and plant ideal executes one twist per image"),
+    ("target.box", ("bullet",), None, "target.box is a body in the simulated world"),
+    ("ideal", ("ideal",), IdealSpec(), "ideal is the group of settings of the ideal camera"),
 )  # fmt: skip
-# Settings that change images but have no effect on exact features.
+# Settings that change images, but not features that are computed from the geometry.
 IMAGE_SETTINGS = ("target.perturbed", "target.occluder", "target.marker", "sun")
-# Camera effects that also act on exact features: the exposure times of the image rows and the loss
-# of images. All other effects only change grey levels.
+# Camera effects that also act on features that are computed from the geometry: exposure times of
+# the rows, and lost images. All other effects only change grey levels.
 FEATURE_EFFECTS = {"row_time", "rows_together", "drop_probability"}
-# Keys of a robot that only say where to find files. They also act on plants without an arm.
+# Keys of a robot that only say where files are, so that they are accepted on every plant.
 FILE_SETTINGS = ("cameras", "search")
-# Effects that the plant 'ideal' does not have, because it exposes an image at a single instant.
+# Effects that plant 'ideal' does not have, because all pixels of its image are exposed at one
+# instant.
 TIMED_EFFECTS = ("row_time", "exposure_time")
 LINK_OFFSETS = ("xyz", "rpy")
 GRAPH_SETTINGS = ("link", "trigger_topic")
@@ -46,11 +47,11 @@ def check_settings(experiment: Experiment) -> None:
         ExperimentError: a setting has no effect on this plant or on exact features.
     """
     plain = Experiment()
-    for key, plants, neutral, meaning in PLANT_SETTINGS:
+    for key, plants, neutral, reason in PLANT_SETTINGS:
         require(
             experiment.plant in plants
             or _read_value(experiment, key) in (neutral, _read_value(plain, key)),
-            f"{key} is {meaning}: leave it out on plant '{experiment.plant}', or use plant "
+            f"{reason}: leave {key} out on plant '{experiment.plant}', or use plant "
             f"{' or '.join(plants)}",
         )
     for key in () if experiment.has_images else IMAGE_SETTINGS:
@@ -137,7 +138,7 @@ def _find_changed_keys(overrides: Mapping[str, Any]) -> set[str]:
     found = {f.name for f in fields(CameraConfig)
              if f.name != "effects" and f.name in overrides
              and _to_plain(overrides[f.name]) != _to_plain(f.default)}  # fmt: skip
-    # exposure_samples is accepted everywhere: it divides the exposure time, which is checked.
+    # exposure_samples only divides exposure_time, which is checked, so it is always accepted.
     return found | {f"effects.{f.name}" for f in fields(Effects)
                     if f.name in effects and effects[f.name] != get_default(f)
                     and f.name != "exposure_samples"}  # fmt: skip

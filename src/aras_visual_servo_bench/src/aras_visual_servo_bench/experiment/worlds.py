@@ -26,7 +26,7 @@ from .packages import PackagePath
 
 log = logging.getLogger(__name__)
 
-# End of the first physics step, s. Lights that are on at this time are on when a goal is taught.
+# End of the first physics step, s. Lights that are on at this time are on while a goal is taught.
 FIRST_STEP = 1e-3
 WORLD_FILE = "package://aras_visual_servo_gazebo/world/{}.world"
 

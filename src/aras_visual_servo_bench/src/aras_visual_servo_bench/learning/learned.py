@@ -111,7 +111,7 @@ class LearnedScheme(Scheme):
         if self._goal is not goal:
             self.check(goal)
         prediction = self.predict(observation)
-        # The prediction is the goal's pose in the camera's frame. The error of the camera's pose
+        # The prediction is the goal's pose in the camera frame, so the error of the camera's pose
         # has the opposite sign.
         error = self._goal_prediction - prediction
         error[3] = wrap(error[3])
@@ -129,7 +129,6 @@ class LearnedScheme(Scheme):
         )
 
 
-# Distribution of the camera's poses in the training images.
 TRAINING_STARTS = Sampler(height=(0.15, 0.5), side=0.1)
 
 

@@ -42,13 +42,13 @@ from aras_visual_servo_controller.observation.observation import Need, Observati
 
 from .regressor import Regressor, fit_network, run_training
 
-COLUMNS, ROWS = 28, 21  # size of the network's input image
+COLUMNS, ROWS = 28, 21  # size of the network's input image, px
 HIDDEN_LAYERS = (160, 96)
 PROTOCOL, EPOCHS = "convergence_domain", 60
 TEXTURE_COUNT = 120  # number of perturbed posters in the training images
-PLACES_BETWEEN = 3  # number of training poses between each start and the goal
-# Standard deviation of the poses between start and goal from the straight path, m and degrees. It
-# decreases linearly to 0 towards the goal.
+PLACES_BETWEEN = 3  # number of training poses near the path from each start to the goal
+# Standard deviation of the training poses from the straight path to the goal, m and degrees: its
+# value at the start of the path, from which the deviation decreases linearly to 0 at the goal.
 PATH_DEVIATION = (0.02, 2.0)
 
 
@@ -159,7 +159,8 @@ def make_training_data(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarra
     textures = [poster.perturb(100_000 * (seed + 1) + i) for i in range(TEXTURE_COUNT)]
     x, y = [], []
     for number in range(-(-count // (1 + PLACES_BETWEEN))):
-        # These seeds differ from those of the study's runs, so no start of the study is used.
+        # These seeds are not used by the study, so the network is not trained on starts of the
+        # study.
         pose = base.with_changes(
             seed=1_000_000 * (seed + 1) + number
         ).with_absolute_start.start.pose

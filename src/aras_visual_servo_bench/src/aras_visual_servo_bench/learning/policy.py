@@ -37,21 +37,22 @@ from .learned import GoalPoseNetwork, LearnedScheme, compute_errors
 from .learned_pose import relu, shrink_image
 from .regressor import fit_network
 
-COLUMNS, ROWS = 40, 30  # size of the network's input image
+COLUMNS, ROWS = 40, 30  # size of the network's input image, px
 HIDDEN_LAYERS = (192, 96)
 TRAINING_STARTS = Sampler(height=(0.15, 0.4), side=0.1, turn=np.radians(45.0))
-# The simulated arm in front of the demo's target, in episodes of up to 4 s.
+# training episodes: the simulated arm in front of the demo's target, up to 4 s each
 TRAINING_EXPERIMENT = Experiment(
     plant="bullet", start=TRAINING_STARTS, duration=4.0, time_after_convergence=None, delay=0.0
 )
-DAGGER_ROUNDS = 4  # number of rounds; the expert controls the camera in the first round
-GAIN = 1.5  # 1/s, gain of the expert and of the policy
-# Standard deviation of the noise that is added to the actions, so that the images are not only from
-# good paths to the goal.
+DAGGER_ROUNDS = 4  # number of DAgger rounds; the expert controls the camera in the first round
+GAIN = 1.5  # gain of the expert and of the policy, 1/s
+# Standard deviation of the noise added to the actions, which are scaled to 1. Noise adds images
+# away from good paths to the goal.
 PERTURBATION = 0.3
-MAX_PERTURBATION_STEPS = 30  # the same noise is added in fewer consecutive steps than this
-EPOCHS = 30  # number of epochs at a learning rate of 1e-3
-REFINEMENTS = ((1e-4, 15), (1e-5, 5))  # learning rate and number of epochs of further training
+MAX_PERTURBATION_STEPS = 30  # upper bound of the number of consecutive steps with the same noise
+EPOCHS = 30  # number of training epochs at a learning rate of 1e-3
+# learning rate and number of epochs of each later training phase
+REFINEMENTS = ((1e-4, 15), (1e-5, 5))
 
 
 def make_inputs(grey: np.ndarray) -> np.ndarray:

@@ -168,7 +168,7 @@ def fit_network(
     out_mean, out_scale = y.mean(axis=0), y.std(axis=0)
     network = MLPRegressor(**options)
     with warnings.catch_warnings():
-        # The number of iterations is limited on purpose, so this warning is not helpful.
+        # The number of iterations is limited on purpose, so the warning about it is suppressed.
         warnings.simplefilter("ignore", ConvergenceWarning)
         network.fit(x := (x - mean) / scale, y := (y - out_mean) / out_scale)
         for rate, epochs in refinements:

@@ -9,20 +9,21 @@ from collections.abc import Callable, Iterable, Mapping
 NO_NUMBER = "–"  # text for NaN
 DIGITS = 3
 MAX_LINE = 120  # maximum number of characters in a line of a description
-# A group of numbers is printed without powers of ten if its largest number is in this range and its
-# smallest number is at least MIN_FIXED_POINT.
+# A group of numbers is printed without powers of ten if its largest number is between MIN_PLAIN and
+# MAX_PLAIN, and its smallest number is at least MIN_FIXED_POINT.
 MIN_PLAIN, MAX_PLAIN = 1e-3, 1e5
 MIN_FIXED_POINT = 1e-5
 NEARLY_ZERO = "≈0"  # text of a number that is negligible compared with the largest of its group
 # A number is negligible if it is this many decades smaller than the largest number of its group.
 NEGLIGIBLE_DECADES = 6
 
-# Prefixes of units by decreasing size. A quantity is shown with the first prefix with which its
-# number is at least MIN_IN_UNIT.
+# Prefixes of units, largest first, with their factors. A quantity is shown with the first prefix
+# for which its number is at least MIN_IN_UNIT.
 PREFIXES = (("", 1.0), ("m", 1e-3), ("µ", 1e-6))
 MIN_IN_UNIT = 0.1
 SCALABLE_UNITS = {"m": ("m", 1.0), "m/s": ("m/s", 1.0), "s": ("s", 1.0), "ms": ("s", 1e-3)}
-ANGLE_UNITS = {"rad": "°", "rad/s": "°/s"}  # angles are shown in degrees, like tolerances
+# unit in which an angle is shown, by its SI unit; tolerances are in degrees, too
+ANGLE_UNITS = {"rad": "°", "rad/s": "°/s"}
 
 
 def make_printable(text: object) -> str:

@@ -24,11 +24,14 @@ from . import decay
 SMALLER, GREATER, NEITHER = "smaller", "greater", ""
 # A joint is at a limit if its distance from the limit is at most this fraction of its range.
 LIMIT_MARGIN = 1e-3
-SETTLING_BAND = 0.02  # an error below this fraction of its first value is settled
-# The decay rate is measured while the error is between these fractions of its first value.
+# fraction of the largest first error below which the first error of a feature counts as 0
+SETTLING_BAND = 0.02
+# Metric `decay_rate`: the error is fitted while it is between these fractions of its first value.
 DECAY_START, DECAY_END = 0.80, 0.15
-REDUCTION = 0.1  # largest fraction of the first distance and angle at which `reduced` is 1
-LATE_PERIODS = 1.5  # an image is late if it arrives more than this number of periods after exposure
+# metric `reduced` is 1 if final distance and angle are at most this fraction of the initial ones
+REDUCTION = 0.1
+# an image is late if the time from exposure to arrival exceeds this number of image periods
+LATE_PERIODS = 1.5
 
 
 @dataclass(frozen=True)
@@ -137,11 +140,8 @@ def find_metric(name: str) -> Metric:
     return found
 
 
-# -- result of the run ------------------------------------------------------------------------
-
-
 @metric(
-    "", GREATER, "outcome of the loop and verdict by the true pose", default=True,
+    "", GREATER, "outcome of the loop, and verdict from the true camera pose", default=True,
     is_binary=True, has_tolerance=True,
 )  # fmt: skip
 def success(run: Run) -> float:
@@ -150,7 +150,7 @@ def success(run: Run) -> float:
 
 
 @metric(
-    "", GREATER, "verdict by the true pose, with the tolerance `reached`",
+    "", GREATER, "verdict from the true camera pose, with the experiment's tolerance `reached`",
     is_binary=True, has_tolerance=True,
 )  # fmt: skip
 def reached(run: Run) -> float:
@@ -159,7 +159,7 @@ def reached(run: Run) -> float:
 
 
 @metric(
-    "", GREATER, "final distance and angle relative to those at the start, both at most 0.1",
+    "", GREATER, "final distance and angle to the goal, each at most 0.1 of its initial value",
     is_binary=True,
 )  # fmt: skip
 def reduced(run: Run) -> float:
@@ -170,8 +170,8 @@ def reduced(run: Run) -> float:
 
 
 @metric(
-    "", SMALLER, "outcome of the loop compared with the verdict by the true pose", default=True,
-    is_binary=True, has_tolerance=True,
+    "", SMALLER, "outcome of the loop, compared with the verdict from the true camera pose",
+    default=True, is_binary=True, has_tolerance=True,
 )  # fmt: skip
 def contradicts(run: Run) -> float:
     """1 if the loop reports convergence away from the goal, or no convergence at the goal.
@@ -183,13 +183,16 @@ def contradicts(run: Run) -> float:
     return _score_verdict(run, not up_to and run.converged != run.verdict.is_reached)
 
 
-@metric("", NEITHER, "processed images, without the one that ended the run")
+@metric("", NEITHER, "number of processed images, without the image that ended the run")
 def iterations(run: Run) -> float:
     """Number of camera motions up to the last image."""
     return float(max(len(run.stamp) - 1, 0))
 
 
-@metric("s", SMALLER, "2 % settling time of the camera's true distance", default=True)
+@metric(
+    "s", SMALLER, "2 % settling time of the camera's true distance and angle to its goal",
+    default=True,
+)  # fmt: skip
 def settled(run: Run) -> float:
     """Time after which distance and angle to the goal stay below 2 % of their first values."""
     return _to_finite(run.compute_settling_time())
@@ -198,7 +201,7 @@ def settled(run: Run) -> float:
 @metric(
     "",
     SMALLER,
-    "largest error with the opposite sign of the first error, divided by the first error",
+    "largest error of a feature after a change of its sign, divided by its first error",
     is_feature_based=True,
     default=True,
 )
@@ -208,7 +211,8 @@ def overshoot(run: Run) -> float:
     if not error.size:
         return np.nan
     size = np.abs(error[0])
-    # A feature that starts at its goal is ignored, because its first error is 0.
+    # A feature that starts at its goal is ignored, because its overshoot is divided by its first
+    # error, 0.
     moving = size > SETTLING_BAND * np.max(size, initial=0.0)
     if not moving.any():
         return 0.0
@@ -216,49 +220,55 @@ def overshoot(run: Run) -> float:
     return float(max(excess.max(), 0.0))
 
 
-# -- positions of the camera ------------------------------------------------------------------
-
-
-@metric("m", SMALLER, "true camera pose in the simulation", default=True)
+@metric("m", SMALLER, "computed from the true camera pose in the simulation", default=True)
 def final_distance(run: Run) -> float:
     """Distance of the camera from its goal at the end."""
     return run.verdict.distance
 
 
-@metric("rad", SMALLER, "true camera pose in the simulation", default=True)
+@metric("rad", SMALLER, "computed from the true camera pose in the simulation", default=True)
 def final_angle(run: Run) -> float:
     """Angle between the camera and its goal at the end."""
     return run.verdict.angle
 
 
-@metric("m", SMALLER, "bound that the loop computes (99.7 %); NaN if it has not converged")
+@metric(
+    "m", SMALLER, "99.7 % bound that the loop computes; NaN if the loop has not converged"
+)  # fmt: skip
 def open_distance(run: Run) -> float:
     """Largest distance from the goal that the loop cannot exclude."""
     left = run.states[-1].arrival_status.pose_uncertainty if run.states else None
     return np.nan if left is None else left.distance
 
 
-@metric("rad", SMALLER, "bound that the loop computes (99.7 %); NaN if it has not converged")
+@metric(
+    "rad", SMALLER, "99.7 % bound that the loop computes; NaN if the loop has not converged"
+)  # fmt: skip
 def open_angle(run: Run) -> float:
     """Largest angle to the goal that the loop cannot exclude."""
     left = run.states[-1].arrival_status.pose_uncertainty if run.states else None
     return np.nan if left is None else left.angle
 
 
-@metric("m", NEITHER, "true_pose of the first joint state since the first image")
+@metric(
+    "m", NEITHER, "computed from the true camera pose at the first joint state while servoing"
+)  # fmt: skip
 def start_distance(run: Run) -> float:
     """Distance of the camera from its goal at the first image."""
     return _compute_initial_pose_error(run)[0]
 
 
-@metric("rad", NEITHER, "true_pose of the first joint state since the first image")
+@metric(
+    "rad", NEITHER, "computed from the true camera pose at the first joint state while servoing"
+)  # fmt: skip
 def start_angle(run: Run) -> float:
     """Angle between the camera and its goal at the first image."""
     return _compute_initial_pose_error(run)[1]
 
 
 @metric(
-    "m", SMALLER, "sum of the distances between joint states since the first image", default=True
+    "m", SMALLER, "sum of the distances between the true camera positions of successive joint "
+    "states since the first image", default=True,
 )
 def path_length(run: Run) -> float:
     """Length of the camera's path."""
@@ -268,14 +278,14 @@ def path_length(run: Run) -> float:
     return float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
 
 
-@metric("", SMALLER, "path_length / start_distance; 1 is a straight line", default=True)
+@metric("", SMALLER, "path_length / start_distance; 1 for a straight path", default=True)
 def path_ratio(run: Run) -> float:
     """Length of the camera's path relative to the distance from its start to its goal."""
     straight = _compute_initial_pose_error(run)[0]
     return path_length.measure(run) / straight if straight > 1e-6 else np.nan
 
 
-@metric("m", SMALLER, "largest z of the target's centre in the true camera frame, over all images")
+@metric("m", SMALLER, "largest z of the target's centre in the true camera frame over all images")
 def largest_depth(run: Run) -> float:
     """Largest depth of the target along the optical axis."""
     if run.target is None or not len(run.stamp):
@@ -286,11 +296,8 @@ def largest_depth(run: Run) -> float:
     return float(max(z for _, _, z, _ in middles))
 
 
-# -- joints ------------------------------------------------------------------------------------
-
-
 @metric(
-    "rad²/s", SMALLER, "integral of the squared joint speeds; m²/s for prismatic joints",
+    "rad²/s", SMALLER, "time integral of the squared joint speeds; m²/s for prismatic joints",
     default=True,
 )  # fmt: skip
 def energy(run: Run) -> float:
@@ -302,7 +309,10 @@ def energy(run: Run) -> float:
     return float(np.trapezoid(power, run.joint_stamp[after]))
 
 
-@metric("s", SMALLER, "joint states, and limits in the robot description", default=True)
+@metric(
+    "s", SMALLER, "computed from the joint states and the joint limits in the robot description",
+    default=True,
+)  # fmt: skip
 def limit_time(run: Run) -> float:
     """Time during which a joint is at one of its limits."""
     after = run.servoing
@@ -317,10 +327,10 @@ def limit_time(run: Run) -> float:
     return float(np.diff(run.joint_stamp[after])[is_at_limit[:-1]].sum())
 
 
-# -- the image ---------------------------------------------------------------------------------
-
-
-@metric("", SMALLER, "exact projection of the target's corners by the true camera", default=True)
+@metric(
+    "", SMALLER, "computed from the exact projection of the target's corners into the true camera",
+    default=True,
+)  # fmt: skip
 def image_excursion(run: Run) -> float:
     """Largest offset of a target corner from the image centre, in half image widths or heights.
 
@@ -341,12 +351,9 @@ def image_excursion(run: Run) -> float:
     return float(worst)
 
 
-# -- errors of the features --------------------------------------------------------------------
-
-
 @metric(
-    "1/s", GREATER, "slope of the error's logarithm between 80 and 15 % of the first value",
-    is_feature_based=True, default=True,
+    "1/s", GREATER, "negative slope of the logarithm of the error norm, fitted while this "
+    "norm is between 80 and 15 % of its first value", is_feature_based=True, default=True,
 )  # fmt: skip
 def decay_rate(run: Run) -> float:
     """Decay rate of the norm of the errors, each divided by its value at the first image."""
@@ -366,7 +373,7 @@ def decay_rate(run: Run) -> float:
     return float(-np.polyfit(stamp[start:end], np.log(norm[start:end]), 1)[0])
 
 
-@metric("1/s", NEITHER, "slowest root of the sampled, delayed loop: metrics/decay.py")
+@metric("1/s", NEITHER, "slowest pole of the sampled loop with delay, see metrics/decay.py")
 def decay_predicted(run: Run) -> float:
     """Decay rate of the errors that is predicted from the gain and the delay of the experiment."""
     if run.experiment is None or run.experiment.gain is None or len(run.stamp) < 2:
@@ -378,7 +385,7 @@ def decay_predicted(run: Run) -> float:
 
 
 @metric(
-    "s", SMALLER, "2 % settling time of the norm of the errors, each divided by its maximum",
+    "s", SMALLER, "2 % settling time of the norm of the errors, each divided by its largest value",
     is_feature_based=True,
 )  # fmt: skip
 def error_settled(run: Run) -> float:
@@ -391,29 +398,29 @@ def error_settled(run: Run) -> float:
     )
 
 
-# -- the loop ----------------------------------------------------------------------------------
-
-
-@metric("s", NEITHER, "stamps of the images")
+@metric("s", NEITHER, "last stamp minus first stamp of the processed images")
 def servoing_time(run: Run) -> float:
     """Time from the first to the last processed image."""
     return float(np.ptp(run.stamp)) if len(run.stamp) else 0.0
 
 
-@metric("m/s", NEITHER, "linear velocity of the twist that results from the joint velocities")
+@metric("m/s", NEITHER, "linear part of the camera twist at the commanded joint velocities")
 def top_speed(run: Run) -> float:
     """Largest linear speed of the camera at the commanded joint velocities."""
     return float(np.nanmax(np.linalg.norm(run.achieved_twist[:, :3], axis=1), initial=0.0))
 
 
-@metric("", GREATER, "L J of each image", is_feature_based=True)
+@metric(
+    "", GREATER, "smallest singular value of the task Jacobian L J over all images",
+    is_feature_based=True,
+)  # fmt: skip
 def smallest_singular_value(run: Run) -> float:
     """Smallest singular value of the task Jacobian L J over all images."""
     return _to_finite(np.nanmin(run.singular_LJ, initial=np.inf))
 
 
 @metric(
-    "", SMALLER, "largest over smallest singular value of L, largest of all images",
+    "", SMALLER, "largest ratio of the largest to the smallest singular value of L over all images",
     is_feature_based=True,
 )  # fmt: skip
 def condition_L(run: Run) -> float:
@@ -422,35 +429,36 @@ def condition_L(run: Run) -> float:
     return float(np.nanmax(found)) if not np.isnan(found).all() else np.nan
 
 
-@metric("", GREATER, "sqrt(det(L J J^T L^T)), smallest of all images", is_feature_based=True)
+@metric(
+    "", GREATER, "smallest value of sqrt(det(L J J^T L^T)) over all images", is_feature_based=True
+)  # fmt: skip
 def manipulability(run: Run) -> float:
     """Smallest product of the singular values of the task Jacobian L J over all images."""
     return _to_finite(np.nanmin(run.manipulability, initial=np.inf))
 
 
-@metric("", GREATER, "scale factor of the differential IK, smallest of all images")
+@metric("", GREATER, "smallest scale factor of the differential inverse kinematics over all images")
 def scale(run: Run) -> float:
     """Smallest factor by which limits reduced the camera velocity; 1 if they never did."""
     return _to_finite(np.nanmin(run.scale, initial=np.inf))
 
 
-# -- time and computer -------------------------------------------------------------------------
-
-
-@metric("", NEITHER, "exposures")
+@metric("", NEITHER, "number of exposures of the control camera")
 def images(run: Run) -> float:
     """Number of recorded images."""
     return float(len(run.control_record.stamp))
 
 
-@metric("Hz", NEITHER, "images per second of simulated time")
+@metric("Hz", NEITHER, "(number of images - 1) / (last stamp - first stamp)")
 def image_rate(run: Run) -> float:
     """Number of images per second of simulated time."""
     gaps = np.diff(run.control_record.stamp)
     return float(gaps.size / gaps.sum()) if gaps.size else np.nan
 
 
-@metric("", SMALLER, "n - 1 for a gap of n periods, plus 1 for an image later than 1.5 periods")
+@metric(
+    "", SMALLER, "sum of n - 1 for each gap of n periods, and 1 per image later than 1.5 periods"
+)  # fmt: skip
 def images_late(run: Run) -> float:
     """Number of images that are missing or arrived more than 1.5 periods after their exposure."""
     gaps = np.diff(run.control_record.stamp)
@@ -467,22 +475,23 @@ def images_late(run: Run) -> float:
 
 
 @metric(
-    "ms", NEITHER, "time of arrival by the recorder's clock; negative if this clock was late"
-)
+    "ms", NEITHER, "time of arrival on the recorder's clock minus stamp of the image; negative "
+    "if the clock was late",
+)  # fmt: skip
 def delay(run: Run) -> float:
     """Mean time from an exposure until the recorder received the image."""
     late = 1e3 * (run.control_record.arrival - run.control_record.stamp)
     return float(late.mean()) if late.size else np.nan
 
 
-@metric("ms", NEITHER, "processor time")
+@metric("ms", NEITHER, "processor time of the scheme, averaged over all images")
 def computing(run: Run) -> float:
     """Mean processing time of the scheme per image."""
     known = run.computation_time[np.isfinite(run.computation_time)]
     return 1e3 * float(known.mean()) if known.size else np.nan
 
 
-@metric("", NEITHER, "simulated time over wall time")
+@metric("", NEITHER, "simulated time divided by wall time, averaged while servoing")
 def real_time_factor(run: Run) -> float:
     """Ratio of simulated time to wall time while servoing."""
     stamp, factor = run.real_time_factors.reshape(-1, 2).T

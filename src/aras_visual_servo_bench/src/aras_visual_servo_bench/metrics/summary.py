@@ -13,9 +13,9 @@ from . import metrics
 from .formatting import NO_NUMBER, make_number_format
 
 COUNT_METRICS = ("iterations", "images", "images_late")
-FINAL_WINDOW = 1.0  # s; the mean error at the end is computed over this time before the end
-LAST = 2.0  # s; the largest error at the end is computed over this time before the end
-DIGITS = 4  # number of significant digits in a report
+FINAL_WINDOW = 1.0  # length of the interval at the end over which the mean error is computed, s
+LAST = 2.0  # length of the interval at the end over which the largest error is found, s
+DIGITS = 4  # number of significant digits of the numbers in a summary
 
 
 @dataclass(frozen=True)

@@ -146,14 +146,14 @@ class DynamicArm(Plant):
         self.control_camera_name = self._name
         first = mounted[0] if mounted else _make_default_camera(robot.find_optical_frame(""))
         if not (name or mounted and robot.has_camera_on(first.link)):
-            name = CAMERA  # the description has no camera sensor at the optical frame, so add one
+            # add a camera sensor, because the robot description has none at the optical frame
+            name = CAMERA
         self._link = first.link
         own: dict[str, Any] = {}
         for part in reversed(find_camera_name(first).split("/")):
             own = {part: own or dict(camera)}
         for settings in (camera, *other_cameras.values()):
-            # The simulator would silently omit a camera with invalid settings. This raises an error
-            # instead.
+            # Raise an error if the settings are invalid; the simulator would only omit the camera.
             cameras.make_camera_model(settings)
         if name:
             described = [_rename_camera(first, new, robot) for new in (name, *other_cameras)]
@@ -212,9 +212,8 @@ class DynamicArm(Plant):
         self._model = self._robot.model
         self._rows = [self._model.joint_names.index(name) for name in self.joint_names]
         self._robot.start([spec.joint_states, *self._controllers])
-        # Switch the controllers on before the first step, as the ROS service does at time 0. They
-        # then accept commands from the first step, and joint states have the same stamps as on a
-        # ROS graph.
+        # Switch the controllers on before the first step, as the ROS service does at time 0.
+        # Commands then act from the first step, and joint states have the same stamps as on ROS.
         self._robot.hardware.read()
         self._robot.manager.carry_out_switches(simulation.time_ns)
         self._joint_states, self._compiled_controller = spec.joint_states, None
@@ -277,7 +276,6 @@ class DynamicArm(Plant):
         self, driver: LoopRunner, listener: JointListener, read_end_ns: Callable[[], float]
     ) -> None:
         """Process joint states in compiled code; see Plant.attach_loop."""
-        # Imported here because most plants do not need it.
         from .compiled_arm_controller import CompiledArmController
 
         (kind,) = self.outputs

@@ -39,13 +39,14 @@ class FreeBody:
         """
         self.origin, self.mounting = np.array(origin, float), mounting
         self.chain = Chain.from_free_body(self.origin, mounting)
-        # Latest coordinates that were passed to `pose_and_jacobian`, and its result for them.
+        # Latest argument of `pose_and_jacobian`, and its result.
         self._cache: tuple[bytes, tuple[np.ndarray, np.ndarray]] = (b"", ())
         self.upper = np.full(6, np.inf)
         self.lower = -self.upper
         self.velocity = self.effort = self.upper
         self.is_prismatic = np.array([True] * 3 + [False] * 3)
-        largest = np.full(6, np.finfo(float).max)  # every finite coordinate is plausible
+        # a free camera has no coordinate limits, so every finite coordinate is plausible
+        largest = np.full(6, np.finfo(float).max)
         self.plausible_bounds = np.array([-largest, largest, largest])
 
     def __len__(self) -> int:
@@ -80,7 +81,8 @@ class FreeBody:
         """Return `pose(q)` and `jacobian(q)`; the arrays are read-only."""
         q = np.asarray(q, float)
         key, (cached_key, found) = q.tobytes(), self._cache
-        if key != cached_key:  # several parts of the loop need the same result for one image
+        # the result is cached, because several parts of the loop request it for each image
+        if key != cached_key:
             found = self.chain.compute_pose_and_jacobian(q)
             for array in found:
                 array.setflags(write=False)

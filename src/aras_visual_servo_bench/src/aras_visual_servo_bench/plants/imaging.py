@@ -25,8 +25,9 @@ from ..targets.geometry import PlacedTarget, Target, project
 from .base import CAMERA, CameraPlacement
 
 NS = 1_000_000_000
-OCCLUSION_LEVEL = 128  # a pixel with a grey level below this belongs to a dark shape
-MAX_TRIES = 100  # maximum number of noise draws for an outline whose edges do not cross
+OCCLUSION_LEVEL = 128  # grey level below which a pixel belongs to a dark shape
+# maximum number of noise draws until the edges of a noisy outline do not cross each other
+MAX_TRIES = 100
 
 
 @dataclass(frozen=True)
@@ -413,8 +414,8 @@ def make_exposure_schedules(
         random: random generator of the control camera's noise.
         seed: seed from which the random generators of the other cameras are made.
     """
-    # The other cameras are counted from 1, because the seed (seed, 0) gives the same random numbers
-    # as `seed`, which the control camera uses.
+    # The seeds of the other cameras start at (seed, 1), because (seed, 0) gives the random numbers
+    # of `seed`, which the control camera uses.
     return [ExposureSchedule(imaging, random)] + [
         ExposureSchedule(other, np.random.default_rng((seed, i)))
         for i, other in enumerate(other_imaging, 1)
@@ -467,7 +468,8 @@ def _interpolate_rolling_shutter(pixels: np.ndarray, bands: Sequence[RowBand]) -
         Pixels (n, 2) of the points.
     """
     rows = np.array([0.5 * (band.first + band.last - 1) for band in bands])
-    ahead = pixels[..., 1] - rows[:, None]  # row of each point minus the exposed row, px
+    # row of each point minus the middle row of each exposed band, px
+    ahead = pixels[..., 1] - rows[:, None]
     after = np.maximum(np.argmax(ahead <= 0.0, axis=0), 1)
     after = np.where((ahead > 0.0).all(axis=0), len(bands) - 1, after)
     n = np.arange(pixels.shape[1])

@@ -34,8 +34,8 @@ if TYPE_CHECKING:
 
     from .base import JointListener
 
-# Time from the start of each joint state period to the stamp of its joint state, ns. It is that of
-# the simulation with physics.
+# Time from the start of a joint state period to the stamp of its joint state, ns, as on the plant
+# with physics.
 JOINT_PHASE_NS = 1_000_000
 
 
@@ -81,7 +81,7 @@ class KinematicPlant(Plant):
         self._state = np.array([q, still, q, arm.lower, arm.upper, still, still], float)
         self._has_velocity_commands = False
         self._joint_period = NS / joint_rate
-        # Number of the next joint state, and its stamp, ns.
+        # Number of the next joint state, and its stamp (ns).
         self._samples, self._joints_ns = 0, JOINT_PHASE_NS
         self._updates: CompiledUpdates | None = None
 

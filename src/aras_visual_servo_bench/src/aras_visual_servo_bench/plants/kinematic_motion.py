@@ -13,9 +13,9 @@ from aras_visual_servo_controller.runner.compiled_updates import (
     process_joint_state,
 )
 
-# Rows of the state of a plant, each (n,): coordinates, their velocities, commanded coordinates,
-# lower and upper limits, and, while velocities are commanded, the velocity of the motion and the
-# commanded one. These two are twists of a free camera, or velocities of joints.
+# Rows of the state of a plant, each (n,): coordinates, velocities, commanded coordinates, lower
+# limits, upper limits, velocity of the motion, commanded velocity. The last two are used with
+# velocity commands: joint velocities, or the twist of a free camera.
 Q, V, COMMAND, LOWER, UPPER, MOTION, MOTION_COMMAND = range(7)
 NANOSECONDS = 1_000_000_000
 CHAIN = f"Tuple(({CHAIN_SIGNATURE}))"

@@ -19,14 +19,14 @@ from aras_visual_servo_base.poses import relative_pose, skew
 from ..errors import ViewError
 from ..targets.geometry import PlacedTarget, Target
 
-VIEW_SIZE = 32  # px; side of the square image in which the hidden pixels of the target are counted
-# m; a surface that is less than this in front of the target's face is part of the target
+VIEW_SIZE = 32  # side of the square image in which hidden pixels of the target are counted, px
+# Distance in front of the target's face up to which a surface is part of the target, m.
 FACE_MARGIN = 5e-3
-DEFAULT_NEAR = 0.1  # m; near clipping distance if the description has no camera
-# m; a smaller penetration is not reported as a collision, because Bullet's shapes have a margin of
-# this size
+DEFAULT_NEAR = 0.1  # near clipping distance if the robot description has no camera, m
+# Smallest penetration of two bodies that is reported as a collision, m: the margin of Bullet's
+# shapes.
 MIN_PENETRATION = 1e-3
-PLATE_THICKNESS = 1e-3  # m; minimum thickness of the collision shape of a flat target
+PLATE_THICKNESS = 1e-3  # minimum thickness of the collision shape of a flat target, m
 
 
 class StaticArm:
@@ -81,7 +81,7 @@ class StaticArm:
         self._model.set_joint_positions(joints)
         for overlap in find_overlaps(self._world, self._model, before_step=True):
             if overlap.depth > MIN_PENETRATION:
-                return f"its link '{overlap.link}' is in '{overlap.model}'"
+                return f"link '{overlap.link}' of the arm is in '{overlap.model}'"
         return ""
 
     def compute_occlusion(

@@ -18,17 +18,20 @@ from .palette import BLUE, COLOURS, INK, PALE_BLUE, SOFT_INK, VERMILION
 from .run_groups import MAX_CURVES, RunGroup, find_distance_tolerance, group_runs, label_groups
 from .style import escape_math, is_paper, make_axes
 
-# A longer name of a group than MAX_NAME, in a paper than MAX_LINE, has several lines of at most
-# MAX_LINE letters.
+# The name of a group has one line up to MAX_NAME letters (in a paper: up to MAX_LINE letters). A
+# longer name has several lines of at most MAX_LINE letters.
 MAX_NAME, MAX_LINE = 40, 24
-MAX_PAPER_LEGEND = 18  # a legend with a longer name has one column in a paper, letters
-MAX_COLUMNS, PANEL_WIDTH = 3, 3.8  # largest number of panels side by side; their width, inches
-# Heights of a row of a legend in a paper and on the screen, inches. The figures for the screen have
-# space for MAX_SCREEN_ROWS.
+# largest length of a name with which the legend of a paper's figure has two columns, letters
+MAX_PAPER_LEGEND = 18
+# largest number of panels side by side, and width of a panel, inches
+MAX_COLUMNS, PANEL_WIDTH = 3, 3.8
+# Height of a row of a legend in a paper and on the screen, inches, and number of rows for which a
+# figure for the screen has space.
 LEGEND_ROW, SCREEN_ROW, MAX_SCREEN_ROWS = 0.15, 0.2, 4
-LETTER, LEGEND_HANDLE = 0.075, 0.45  # width of a letter, and of the line of an entry, inches
-# Heights of a box or bar, of each line of its name if it has several, and of the axis below, in
-# inches; they are reduced to 66 % in a paper.
+# width of a letter of a legend, and of the coloured line of an entry, inches
+LETTER, LEGEND_HANDLE = 0.075, 0.45
+# Height of a box or bar, of a line of its name if the name has several lines, and of the axis below
+# all boxes, inches. Papers reduce these heights to 66 %.
 PAPER_ROW, PAPER_LINE, PAPER_AXIS = 0.3, 0.2, 0.9
 
 
@@ -66,7 +69,7 @@ def draw_boxes(all_results: Sequence[Results], metrics: Sequence[Metric]) -> Fig
     if not metrics or len(groups) < 2:
         return None
     columns = min(len(metrics), MAX_COLUMNS)
-    # Long names would take the width of the boxes, so each setting of a name has its own line.
+    # A long name in one line would leave no width for the boxes, so each setting has its own line.
     names = [split_lines(name) for name, *_ in groups]
     figure, axes = make_axes(len(metrics), find_height(names), columns, width=PANEL_WIDTH)
     for number, (axis, metric) in enumerate(zip(axes, metrics, strict=True)):
@@ -102,7 +105,7 @@ def draw_cumulative(axis: Axes, metric: Metric, groups: Sequence[RunGroup]) -> N
         if not known.size:
             axis.plot([], [], label=f"{name} (no value)", **style)
             continue
-        # If some runs have no value (they never settle), the curve ends below 100 %.
+        # Runs without a value (such as a settling time) count, so the curve can end below 100 %.
         fraction = np.arange(known.size + 1) / values.size
         axis.step(np.append(known[0], known), 100.0 * fraction, where="post", label=name, **style)
     set_scale(axis, "x", scaled)
@@ -199,7 +202,8 @@ def add_group_legend(figure: Figure, axis: Axes, title: str) -> Figure:
         return figure
     if is_paper():
         columns = 1 if max(map(len, labels)) > MAX_PAPER_LEGEND else 2
-        extra = LEGEND_ROW * (1 + -(-len(labels) // columns))  # with the title
+        # height of all rows of the legend and of its title, inches
+        extra = LEGEND_ROW * (1 + -(-len(labels) // columns))
     else:
         labels = [split_lines(label) for label in labels]
         longest = max(len(line) for label in labels for line in label.splitlines())
@@ -207,7 +211,8 @@ def add_group_legend(figure: Figure, axis: Axes, title: str) -> Figure:
         columns = min(len(labels), 3, max(fitting, 1))
         lines = max(1 + label.count("\n") for label in labels) * -(-len(labels) // columns)
         extra = SCREEN_ROW * max(lines - MAX_SCREEN_ROWS, 0)
-    figure.set_figheight(figure.get_figheight() + extra)  # the axes keep their height
+    # the figure grows by the legend's height, so that the axes keep their height
+    figure.set_figheight(figure.get_figheight() + extra)
     figure.legend(handles, labels, loc="outside lower center", ncols=columns, title=title)
     return figure
 

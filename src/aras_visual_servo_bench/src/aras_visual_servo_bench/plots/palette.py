@@ -7,8 +7,9 @@ between text and its background is at least 4.5 to 1.
 BLUE, VERMILION, GREEN, PURPLE = "#0072b2", "#d55e00", "#009e73", "#cc79a7"
 ORANGE, SKY, YELLOW = "#e69f00", "#56b4e9", "#f0e442"
 
-# -- colours on a white background ---------------------------------------------------------------
-COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)  # colours of the first, second, ... curve
+# Colours on a white background.
+# colours of the first, second, ... curve on a white background
+COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
 START, GOAL, PALE_BLUE = VERMILION, GREEN, "#cfe3f1"
 INK, SOFT_INK, GOOD, BAD, WARN = "#202124", "#5f6368", "#00734f", "#b3261e", "#8a5a00"  # of text
 FAINT, GRID, GROUND = "#9aa0a6", "#e6e8ea", "#f6f7f8"
@@ -25,10 +26,10 @@ REPORT = {
     "colour-map": ", ".join(COLOUR_MAP),
 }  # fmt: skip
 
-# -- colours on the dark background of the live page and of rviz ---------------------------------
+# Colours on the dark background of the live page and of rviz.
 LIVE_CURVES = (SKY, ORANGE, "#00bf8c", PURPLE, YELLOW, "#ff7b5a", "#b4a7ff", "#c8d0dc")
 LIVE = {
-    # 3-D drawing; the goal is blue, as in the overlay of the camera image
+    # colours of the 3-D drawing; the goal is blue, as in the overlay of the camera image
     "goal": "#3c78ff", "now": "#f2f2f2", "path": ORANGE, "ideal": "#bfc7d9", "feature": YELLOW,
     "desired": VERMILION, "achieved": "#00bf8c", "desired-turn": PURPLE, "achieved-turn": SKY,
     # letters

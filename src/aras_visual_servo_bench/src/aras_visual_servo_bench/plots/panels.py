@@ -10,17 +10,18 @@ import numpy as np
 from ..metrics.metrics import condition_number, error_settled, settled
 from ..recording.run import Run, normalize_errors
 
-MAX_CURVES = 24  # largest number of curves in a panel; a reader cannot distinguish more
-# If there are more features, the panels of several runs contain only the norm of the errors.
+MAX_CURVES = 24  # largest number of curves in a panel that a reader can distinguish
+# Largest number of features for which panels that compare runs show the error of each feature, not
+# only the norm of the errors.
 MAX_FEATURES = 6
 SETTLING_BAND = 0.02
-FLOOR = 1e-6  # lower end of the logarithmic axis of the norm, as a fraction of the first norm
-UNLIMITED = 100.0  # rad or m; a larger joint limit is ignored
-# A curve is interrupted at a time step that is longer than both: MAX_GAP_TIME, s, and
-# MAX_GAP_PERIODS times the median step.
+FLOOR = 1e-6  # lower end of the logarithmic axis of the error norm, relative to the initial norm
+UNLIMITED = 100.0  # joint limit above which a joint counts as unlimited, rad or m
+# A curve is interrupted at a gap longer than MAX_GAP_TIME (s) and longer than MAX_GAP_PERIODS times
+# the median time step.
 MAX_GAP_TIME, MAX_GAP_PERIODS = 0.3, 5.0
 MIN_POSE_ERROR = 1e-4  # lower end of the logarithmic axes of the pose error, mm and degrees
-# Curves of the joints start at this time relative to the start of servoing, s.
+# Start of the curves of the joints, relative to the start of servoing, s.
 TIME_BEFORE_START = -0.1
 
 
@@ -63,7 +64,7 @@ class Curve:
         )
 
 
-Texts = tuple[tuple[float, str], ...]  # pairs of a value and its label
+Texts = tuple[tuple[float, str], ...]  # values on the axis of a panel, each with its label
 
 
 @dataclass(frozen=True, eq=False)
@@ -377,7 +378,8 @@ def find_last_time(runs: Sequence[Run]) -> float:
     return max([1e-3, *(float(run.time[-1]) for run in runs if len(run.time))])
 
 
-Dots = list[tuple[str, np.ndarray, np.ndarray]]  # name, times (n,) and values (n,) of each series
+# series of a scatter plot: name, times (n,), values (n,)
+Dots = list[tuple[str, np.ndarray, np.ndarray]]
 
 
 def _compute_intervals(run: Run) -> Dots:

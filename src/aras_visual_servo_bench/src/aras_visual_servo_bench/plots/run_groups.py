@@ -13,9 +13,10 @@ from ..metrics.metrics import final_distance
 from ..studies.results import Results
 from .style import escape_math, is_paper
 
-MAX_GROUPS = 24  # largest number of boxes in a panel; more boxes are not legible
-MAX_CURVES = 8  # largest number of curves in a panel
-MAX_MAPS, MAX_PAPER_MAPS = 12, 6  # largest number of success maps in a figure
+MAX_GROUPS = 24  # largest number of boxes in a panel for which their labels are legible
+MAX_CURVES = 8
+# largest number of success maps in a figure: on the screen, and in a paper
+MAX_MAPS, MAX_PAPER_MAPS = 12, 6
 
 
 class RunGroup(NamedTuple):

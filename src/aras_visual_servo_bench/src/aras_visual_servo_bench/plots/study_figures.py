@@ -22,7 +22,7 @@ from .palette import COLOURS, INK, choose_text_colour
 from .style import FILE_FORMATS, add_title, apply_style, escape_math, make_axes
 from .success_figures import draw_success
 
-MAX_TRACES = 200  # approximate number of runs of a study in the figure of trajectories
+MAX_TRACES = 200  # approximate number of runs of a study whose trajectories are drawn
 CAPTIONS, PAPER_FIGURES = "captions.md", "figures.tex"
 
 

@@ -21,7 +21,7 @@ from matplotlib.transforms import ScaledTranslation
 from .palette import COLOURS, FAINT, GRID, INK, SOFT_INK
 
 STYLE = {
-    "figure.figsize": (7.2, 4.5),  # inches; the width of wide figures is WIDE_FIGURE
+    "figure.figsize": (7.2, 4.5),  # inches; wide figures have the width WIDE_FIGURE
     "figure.dpi": 110,
     "savefig.dpi": 150,
     "figure.facecolor": "white",
@@ -36,7 +36,8 @@ STYLE = {
     "axes.spines.right": False,
     "axes.grid": True,
     "axes.formatter.limits": (-3, 4),
-    "axes.formatter.use_mathtext": False,  # it is slow: all numbers on the axes become formulas
+    # mathtext would be slow, because all numbers on the axes would become formulas
+    "axes.formatter.use_mathtext": False,
     "grid.color": GRID,
     "grid.linewidth": 0.7,
     "axes.axisbelow": True,
@@ -220,7 +221,7 @@ def format_log_axis(axis: Axes) -> None:
         between = (1.0, 2.0, 5.0) if high < 50.0 * low else (1.0,)
         axis.yaxis.set_major_locator(LogLocator(subs=between))
         axis.yaxis.set_major_formatter("{x:g}")
-    elif not is_paper():  # plain text such as 10⁻³; the font of a paper lacks the character ⁻
+    elif not is_paper():  # the font of papers lacks the character ⁻ of powers such as 10⁻³
         axis.yaxis.set_major_formatter(FuncFormatter(_format_power))
     axis.yaxis.set_minor_formatter(NullFormatter())
 
@@ -254,9 +255,10 @@ def add_legend(axis: Axes, columns: int = 4, **options: object) -> None:
 
     found, count = _fit_legend(make_legend, min(columns, len(labels)), right - EDGE_MARGIN)
     titles = [a.title if a.get_title() else a._left_title for a in figure.axes]
-    box, up = found.get_window_extent(), 0.0  # up: upward shift of the legend, points
+    # extent of the legend, px, and its upward shift, points
+    box, up = found.get_window_extent(), 0.0
     if box.x0 < axis.get_window_extent().x0:
-        # Leave space for the upper half of the number at the top of the axis.
+        # The upper half of the number at the top of the axis needs space below the legend.
         up = 0.6 * axis.yaxis.get_ticklabels()[0].get_fontsize()
     if any(t.get_text() and box.overlaps(t.get_window_extent()) for t in titles):
         up = plt.rcParams["axes.titlepad"] + 1.2 * titles[0].get_fontsize()

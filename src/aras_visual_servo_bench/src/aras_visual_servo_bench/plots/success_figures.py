@@ -38,11 +38,11 @@ from .run_groups import (
 )
 from .style import add_title, escape_math, is_paper, make_axes
 
-# Space of the maps in a column of a paper, inches: width of all maps; width of a cell with a number
-# such as 10/10, and of the space beside a map; height of a cell, and of the axis below a map. The
-# heights are reduced to 66 % in a paper.
+# Sizes in a column of a paper, inches: width of all success maps; width of a cell with a number
+# such as 10/10; width of the space beside a map; height of a cell; height of the axis below a map.
+# Papers reduce the heights to 66 %.
 PAPER_WIDTH, PAPER_CELL, PAPER_GAP, PAPER_LINE, PAPER_AXIS = 3.2, 0.3, 0.1, 0.3, 0.85
-DISTANCE_RATIO = 1.4  # height of the panel of the final distance relative to a row of maps
+DISTANCE_RATIO = 1.4  # height of the panel of the final distance, relative to a row of success maps
 
 
 def draw_success(all_results: Sequence[Results]) -> Figure | None:
@@ -69,7 +69,8 @@ def _draw_success_bars(all_results: Sequence[Results], keys: Sequence[str]) -> F
         height, columns = find_height(names), 1
     figure, axes = make_axes(1 + has_distance, height, columns, width=4.4 if has_distance else 6.5)
     draw_bars(axes[0], rates, names)
-    interval = "" if is_paper() else ", Wilson's 95 % interval"  # a paper has it in the caption
+    # in a paper, the caption describes the interval
+    interval = "" if is_paper() else ", Wilson's 95 % interval"
     axes[0].set_xlabel(f"runs with success (%){interval}")
     add_title(axes[0], f"Success by {label_setting(keys[0])}" if keys else "Success")
     if has_distance:
@@ -101,7 +102,7 @@ def _draw_success_maps(all_results: Sequence[Results], keys: Sequence[str]) -> F
             axis.set_title((name if len(panels) > 1 else "Success") + escape_math(pool))
         else:
             add_title(axis, "Success")
-    if not is_paper():  # in a paper, the numbers in the cells are enough
+    if not is_paper():  # in a paper, the numbers in the cells replace the colour bar
         figure.colorbar(image, ax=axes, label="runs with success (%)", shrink=0.9)
     if distance_axis is not None:
         curve_keys = find_curve_keys(all_results)

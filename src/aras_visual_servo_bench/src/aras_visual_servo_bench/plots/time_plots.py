@@ -25,18 +25,22 @@ SYMBOLS = {
     **{f"v{axis}": f"$v_{axis}$" for axis in "xyz"},
     **{f"ω{axis}": rf"$\omega_{axis}$" for axis in "xyz"},
 }  # fmt: skip
-UNITLESS = ("error", "feature")  # axes that are labelled "no unit" if their values have no unit
+# names of axes that are labelled "no unit" if their values have no unit
+UNITLESS = ("error", "feature")
 MAX_NAMES = 12  # largest number of names in a legend
 NARROW_LEGEND = {"handlelength": 1.2, "columnspacing": 0.8}
-MIN_AXIS_RANGE = 0.004  # rad or m, smallest range of an axis of joint positions or velocities
-# Space above the curves, as a fraction of the axis, if the panel defines the axis's lower end.
+# smallest range of an axis of joint positions (rad, m) or joint velocities (rad/s, m/s)
+MIN_AXIS_RANGE = 0.004
+# Space above the curves, relative to the height of the axis, if the panel sets the axis's lower
+# end.
 HEADROOM = 0.15
-MIN_LINE_POINTS = 3  # a curve with fewer points is drawn as dots
+MIN_LINE_POINTS = 3  # smallest number of points of a curve that is drawn as a line, not as dots
 DASHES = ("-", (0, (4, 1.5)), (0, (1, 1.2)))
 MARKERS = ("o", "s", "^", "D", "v", "P")  # markers on the curves of the first, second, ... run
-MARKER_SPACING = 0.125  # distance between markers on a curve, as a fraction of the size of the axes
-EXTRA_WIDTH = 0.7  # the first of several curves is wider than the last by this fraction
-# The text of a mark is to the left of its line if the mark is after this fraction of the time axis.
+MARKER_SPACING = 0.125  # distance between markers on a curve, relative to the size of the axes
+# extra width of the first curve compared with the last, so that equal curves remain visible
+EXTRA_WIDTH = 0.7
+# Fraction of the time axis after which the text of a time mark is to the left of its line.
 TEXT_SIDE_SWITCH = 0.75
 
 
@@ -107,7 +111,7 @@ def draw_panels(
         _draw_panel(axis, panel, styles, columns > 1)
     if is_single:
         add_title(axes[0], title + _make_hints(panels))
-    else:  # one title only, because the legend with the names of the runs needs space
+    else:  # only the left panel has a title, because the legend with the runs' names needs space
         add_title(
             axes[0],
             f"{title} and {layout.second_column.lower()}" if layout.second_column else title,
@@ -214,7 +218,8 @@ def _draw_limits(axis: Axes, limits: Texts) -> None:
     if not limits:
         return
     low, high = axis.get_ylim()
-    if high - low < MIN_AXIS_RANGE:  # in a smaller range, a joint at rest would appear to move
+    # with a smaller range of the axis, a joint at rest would appear to move
+    if high - low < MIN_AXIS_RANGE:
         middle = 0.5 * (low + high)
         low, high = middle - 0.5 * MIN_AXIS_RANGE, middle + 0.5 * MIN_AXIS_RANGE
     room, far_limits = 0.6 * (high - low), []
@@ -228,7 +233,7 @@ def _draw_limits(axis: Axes, limits: Texts) -> None:
             far_limits.append(f"{bound:.3g}")
     axis.set_ylim(low, high)
     if len(far_limits) == len(limits) and not is_paper():
-        # Place the text above or below the second half of the curve, where there is more space.
+        # Place the text on the side of the curve's second half where there is more space.
         last_half = np.concatenate([y[len(y) // 2 :] for line in axis.lines
                                     if len(y := line.get_ydata()) > 2] or [[low]])  # fmt: skip
         below = np.nanmean(last_half) > 0.5 * (low + high)

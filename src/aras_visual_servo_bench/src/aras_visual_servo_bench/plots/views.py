@@ -28,15 +28,16 @@ from .style import (
 )
 from .time_plots import make_curve_styles
 
-IMAGE_CONTRAST = 0.35  # the contrast of an image behind curves is multiplied by this factor
-MIN_AXIS_RATIO = 0.35  # smallest length of an axis, as a fraction of the scene's size
-# A scene is tall if its height, divided by the larger of its other sides, is above this value.
+IMAGE_CONTRAST = 0.35  # factor of the contrast of an image on which curves are drawn
+MIN_AXIS_RATIO = 0.35  # smallest length of an axis, relative to the longest side of the scene
+# A scene is tall if its height, divided by its larger horizontal side, is above this value.
 MAX_HEIGHT_RATIO = 1.5
-FRUSTUM_SIZE = 0.12  # length of a drawn camera, as a fraction of the scene's size
+FRUSTUM_SIZE = 0.12  # length of a drawn camera, relative to the longest side of the scene
 LEGEND_HEIGHT = 0.5  # height of the legend of the camera's path, inches
-# The camera at the goal is drawn larger by this factor, so that the final camera does not hide it.
+# Size of the drawn camera at the goal relative to the drawn camera at the end of the path. If both
+# had one size, the camera at the end would hide the camera at the goal.
 GOAL_FRUSTUM_SCALE = 1.5
-IMAGE_MARGIN = 0.03  # margin around all images, inches
+IMAGE_MARGIN = 0.03  # margin around the block of images of a figure, inches
 TITLE_HEIGHT = 0.3  # height of the title above each image, inches
 IMAGE_GAP = 0.07  # distance between two images, inches
 
@@ -208,15 +209,17 @@ def draw_camera_path(runs: Sequence[Run]) -> Figure | None:
                     "goal" if number == 0 else None, "--")  # fmt: skip
         _draw_camera(axis, poses[-1], FRUSTUM_SIZE * size, colour, "end" if single else None)
     room = 0.5 * FRUSTUM_SIZE * size
-    # If the path is planar, the third axis is extended, so that the box is not flat.
+    # A planar path would give a flat box, so each axis has at least a length of MIN_AXIS_RATIO *
+    # size.
     padding = np.maximum(0.5 * (MIN_AXIS_RATIO * size - (high - low)), room)
     low, high = low - padding, high + padding
     axis.set(xlabel="x (m)", ylabel="y (m)", zlabel="z (m)",
              xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))  # fmt: skip
     extent = high - low
-    # A tall scene is drawn smaller, because its lower end would overlap the legend.
+    # A tall scene is drawn smaller, because the scene would overlap the legend below the axes.
     is_tall = extent[2] > MAX_HEIGHT_RATIO * extent[:2].max()
-    paper_scale = 0.82 if is_paper() else 1.0  # leaves space for the large letters of a paper
+    # zoom that leaves space for the larger letters of a paper
+    paper_scale = 0.82 if is_paper() else 1.0
     axis.set_box_aspect(extent, zoom=paper_scale * (0.82 if is_tall else 0.97))
     axis.view_init(elev=20, azim=-58)
     for pane in (axis.xaxis, axis.yaxis, axis.zaxis):

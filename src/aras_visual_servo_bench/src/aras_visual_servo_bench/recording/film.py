@@ -15,9 +15,11 @@ from aras_visual_servo_controller.observation.observation import CAMERA
 from ..experiment import cameras
 from .run import Film, Run
 
-MAX_FRAMES = 600  # maximum number of frames of a film
-MAX_BYTES = 8_000_000  # maximum size of all frames of a film; base64 makes them a third larger
-# Longest side (px) and JPEG quality. Each pair is tried in turn until the film is small enough.
+MAX_FRAMES = 600
+# maximum size of all frames of a film, bytes; base64 increases this size by a third
+MAX_BYTES = 8_000_000
+# Pairs of the longest side of a frame (px) and its JPEG quality, largest first. The first pair with
+# which the film is small enough is used.
 SIZES_AND_QUALITIES = ((640, 85), (480, 75), (400, 65), (320, 50), (240, 40), (160, 30))
 SMALL_SIZE_AND_QUALITY = (320, 65)
 
@@ -51,12 +53,13 @@ def encode_film(images: Iterable[tuple[float, np.ndarray]], count: int) -> Film:
     """
     remaining, level, frames = MAX_BYTES, 0, []
     for number, (stamp, image) in enumerate(images):
-        share = remaining / max(count - number, 1)  # largest size of this image, bytes
+        share = remaining / max(count - number, 1)  # largest allowed size of this image, bytes
         while (
             len(frame := _encode_jpeg(image, *SIZES_AND_QUALITIES[level])) > share
             and level < len(SIZES_AND_QUALITIES) - 1
         ):
-            level += 1  # use the next lower quality for this and all following images
+            # the smaller size and quality apply to this image and to all images after it
+            level += 1
         remaining -= len(frame)
         frames.append((stamp, frame))
     return tuple(frames)

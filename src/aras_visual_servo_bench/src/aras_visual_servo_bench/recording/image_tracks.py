@@ -15,11 +15,11 @@ from ..targets.geometry import PlacedTarget
 from .run import Run, normalize_errors
 
 POINT_NAME = re.compile(r"([xy])_?(\d+)$")
-# Tracks of corners are drawn only for targets with at most this number of corners. A disc, which is
-# approximated by a polygon, has more.
+# Largest number of corners of a target whose corner trajectories are drawn. The polygon that
+# approximates a disc has more corners.
 MAX_CORNERS = 16
-# A report shows an image when the error has decreased to each of these fractions of its initial
-# value.
+# A report shows the first image in which the error is at most each of these fractions of its
+# initial value.
 MILESTONES = (1.0, 0.7, 0.4, 0.2, 0.08)
 
 

@@ -131,7 +131,7 @@ class MessageRunBuilder:
         return with_images(run, images, frames)
 
     def _find_camera(self) -> CameraModel | None:
-        # The camera node reports invalid intrinsics when it receives them.
+        # Ignore invalid intrinsics, because the camera node has reported them.
         with contextlib.suppress(CalibrationError):
             return (
                 None
@@ -150,7 +150,8 @@ class MessageRunBuilder:
         """
         stamps, positions, velocities = [], [], []
         for message in self._recording.joints:
-            if not message.header.stamp:  # 0: the sender did not know the simulated time yet
+            # stamp 0: the publisher did not know the simulated time yet
+            if not message.header.stamp:
                 continue
             indices = {name: i for i, name in enumerate(message.name)}
             if not all(n in indices and indices[n] < len(message.position) for n in names):

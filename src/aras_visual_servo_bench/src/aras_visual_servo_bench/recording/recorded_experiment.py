@@ -28,15 +28,15 @@ from ..experiment.robots import RobotSpec
 from .parameters import find_branch
 from .run_recorder import describe_settings
 
-# Parameters of the controller node that are not copied to `controller_parameters` of an experiment,
-# because an experiment has another key for them, or does not have them.
+# Parameters of the controller node that an experiment sets by another key, or does not have, so
+# that they are not copied to `controller_parameters`.
 OWN_KEYS = {
     "scheme", "law", "gain", "start", "desired", "listeners", "package", "namespace",
     "camera_namespace", "description", "lockstep", "autostart", "dry", "duration", "command_topic",
     "controllers", "gains", "delay",
 }  # fmt: skip
-GOAL_FILE = re.compile(r"\w[\w .-]*\.ya?ml")  # a file name without a path to another folder
-DEFAULT_DURATION = 8.0  # s; used if the controller node had no duration
+GOAL_FILE = re.compile(r"\w[\w .-]*\.ya?ml")  # name of a goal file, without a folder
+DEFAULT_DURATION = 8.0  # duration of an experiment if the controller node had none, s
 
 
 def find_preset(settings: Mapping[str, Any]) -> str | dict[str, Any]:
@@ -75,11 +75,11 @@ class RecordedExperiment:
             if not isinstance(content, Mapping) or not isinstance(
                 content.get("parameters"), Mapping
             ):
-                raise ValueError("it has no parameters of the ROS graph; record the run again")
+                raise ValueError("there are no parameters of the ROS graph; record the run again")
             for key, kind in (("goals", dict), ("versions", dict), ("launch", list)):
                 if not isinstance(content.get(key, kind()), kind):
                     kind_name = "list" if kind is list else "mapping"
-                    raise ValueError(f"its '{key}' is not a {kind_name}")
+                    raise ValueError(f"the entry '{key}' is not a {kind_name}")
         except ValueError as error:
             return cls({}, [f"the bag's description of its run cannot be read: {error}"])
         return cls(content)
@@ -90,7 +90,8 @@ class RecordedExperiment:
         parameters = find_branch(
             self.content.get("parameters", {}), self.content.get("controller", "")
         )
-        parameters.pop("gains", None)  # not a parameter of the node: dynamic_reconfigure adds it
+        # dynamic_reconfigure adds this entry; the node has no parameter `gains`
+        parameters.pop("gains", None)
         return parameters
 
     @cached_property
@@ -175,8 +176,6 @@ class RecordedExperiment:
             yield
         except (ServoError, BenchError, ValueError, TypeError) as error:
             self.notes.append(f"{what}: {error}")
-
-    # -- the experiment --------------------------------------------------------------------
 
     @property
     def arguments(self) -> dict[str, str]:

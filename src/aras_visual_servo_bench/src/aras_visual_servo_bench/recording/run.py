@@ -21,10 +21,10 @@ from ..experiment.experiment import Experiment
 from ..targets.geometry import PlacedTarget
 from .run_presentation import RunPresentation
 
-Film = tuple[tuple[float, bytes], ...]  # stamp (s) and JPEG of each frame
+Film = tuple[tuple[float, bytes], ...]  # film of a run: stamp (s) and JPEG of each frame
 
 REACHED, MISSED = "goal_reached", "goal_missed"
-SETTLING_BAND = 0.02  # an error below this fraction of its initial value is settled
+SETTLING_BAND = 0.02  # fraction of its initial value below which an error is settled
 
 
 @dataclass(frozen=True)
@@ -191,8 +191,6 @@ class Run(RunPresentation):
         if len(self.tolerances) != count:
             self.tolerances = ()
 
-    # -- images ----------------------------------------------------------------------------
-
     @cached_property
     def stamp(self) -> np.ndarray:
         """Exposure times (n,) of the images, s of simulated time."""
@@ -313,8 +311,6 @@ class Run(RunPresentation):
         """Computation time (n,) of the scheme for each image, s; NaN if it was not measured."""
         return np.array([state.computation_time or np.nan for state in self.states], float)
 
-    # -- cameras ---------------------------------------------------------------------------
-
     @property
     def control_record(self) -> CameraRecord:
         """Record of the control camera, to which poses and twists of the run refer."""
@@ -324,8 +320,6 @@ class Run(RunPresentation):
     def camera(self) -> CameraModel | None:
         """True intrinsics of the control camera."""
         return self.control_record.model
-
-    # -- the end ---------------------------------------------------------------------------
 
     @property
     def converged(self) -> bool:
@@ -344,8 +338,6 @@ class Run(RunPresentation):
     def is_held_at_goal(self) -> bool:
         """True if the loop was in the converged phase at the end, whatever its outcome."""
         return self.converged or bool(self.states) and self.states[-1].phase == CONVERGED
-
-    # -- time ------------------------------------------------------------------------------
 
     @property
     def servoing(self) -> np.ndarray:
@@ -371,8 +363,6 @@ class Run(RunPresentation):
     def joint_time(self) -> np.ndarray:
         """Time (m,) of the joint states since `start_stamp`, s."""
         return self.joint_stamp - self.start_stamp
-
-    # -- camera path -----------------------------------------------------------------------
 
     def pose_error_history(self) -> tuple[np.ndarray, np.ndarray]:
         """Compute the distance and angle between the true camera pose and the goal pose.
@@ -401,8 +391,6 @@ class Run(RunPresentation):
                 latest, compute_settling_time(self.joint_stamp[after], error[after], least)
             )
         return latest
-
-    # -- outlines in the image -------------------------------------------------------------
 
     def project_outline(self, pose: np.ndarray, stamp: float) -> np.ndarray | None:
         """Return the corners (c, 2) of the target's silhouette in the image, px; None if unknown.

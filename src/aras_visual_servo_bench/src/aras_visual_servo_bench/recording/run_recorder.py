@@ -89,7 +89,7 @@ class RunRecorder:
         positions, velocities, commands = columns.swapaxes(0, 1)
         scheme: Scheme | JointController = parts.servo.scheme
         arm = parts.servo.arm
-        # If the loop has moved the arm to a start, the run starts after this motion.
+        # If the loop first moved the arm to a start, the recorded run starts after this motion.
         approach = [i for i, state in enumerate(self._states) if state.phase == APPROACHING]
         first = approach[-1] + 1 if approach else 0
         states, poses = self._states[first:], self._poses[first:]

@@ -37,7 +37,8 @@ STATE, REPORT, MOMENTS = (
 JOINTS, INFO, METRICS = (
     "sensor_msgs/JointState", "sensor_msgs/CameraInfo", "gazebo_msgs/PerformanceMetrics",
 )
-# Fields of each message type that a report needs. Some versions of the messages lack some of them.
+# For each message type, the fields that a report needs. Earlier versions of the messages lack some
+# of these fields.
 USED_FIELDS = {
     STATE: ("header", "scheme", "phase", "reason", "feature_names", "features", "desired_features",
             "error", "camera_twist", "joint_names", "joint_commands", "singular_values"),
@@ -46,15 +47,18 @@ USED_FIELDS = {
     MOMENTS: ("header", "valid", "order", "m", "mu"),
     METRICS: ("header", "real_time_factor"),
 }  # fmt: skip
-# For each field that was renamed, its name in earlier versions of the messages.
+# Names of renamed fields in earlier versions of the messages, by their present names.
 OLD_FIELDS = {
     "remedy": "mend", "desired_twist": "asked", "achieved_twist": "achieved",
     "infeasible_twist": "lost", "computation_time": "computing",
 }  # fmt: skip
 IMAGE, COMPRESSED = "sensor_msgs/Image", "sensor_msgs/CompressedImage"
-CLOCK_TOLERANCE_NS = 500_000_000  # ns; a larger decrease of the stamps is a reset of the clock
-EXPERIMENT_TOPIC = "experiment"  # last part of the name of the topic with the experiment
-CAMERA_NAMESPACE = "/labrob/camera/"  # topics of the camera that is used if a bag has several
+# largest decrease of the stamps that is not a reset of the clock, ns
+CLOCK_TOLERANCE_NS = 500_000_000
+# last part of the name of the topic with the description of the experiment
+EXPERIMENT_TOPIC = "experiment"
+# prefix of the topics of the camera that is preferred if a bag contains several cameras
+CAMERA_NAMESPACE = "/labrob/camera/"
 OPTICAL, LINK = "camera_optical_frame", "camera_link"
 TF, TF_STATIC = "/tf", "/tf_static"
 
@@ -136,14 +140,16 @@ def _reindex(path: Path) -> rosbag.Bag:
     import rosbag
 
     bag = rosbag.Bag(str(path), allow_unindexed=True)
-    # The connection records at the end of the file are not read, because they may be incomplete.
-    # The chunks contain them, too.
+    # The connection records at the end of the file may be incomplete, so they are not read. The
+    # chunks contain the same records.
     bag._reader._read_terminal_connection_records = lambda: None
-    # At its end, reindex tries to truncate the file, which fails because it is open for reading.
+    # `reindex` finally tries to truncate the file, which fails because the file is open for
+    # reading.
     with contextlib.suppress(io.UnsupportedOperation):
         for _ in bag.reindex():
             pass
-    for entries in bag._connection_indexes.values():  # drop the entries of the incomplete chunk
+    # the last chunk may be incomplete: drop the index entries of its messages
+    for entries in bag._connection_indexes.values():
         entries[:] = [entry for entry in entries if entry.chunk_pos in bag._chunk_headers]
     bag._connection_indexes_read = True
     return bag
@@ -191,8 +197,6 @@ class BagReader(GraphRecording):
         self._counts = {topic: one.message_count for topic, one in info.items()}
         self._transforms: dict[str, tuple[str, np.ndarray]] = {}
 
-    # -- reading ---------------------------------------------------------------------------
-
     def read(self, progress: Callable[[float], None]) -> None:
         """Read all messages except images, and the stamps of the images.
 
@@ -204,11 +208,11 @@ class BagReader(GraphRecording):
             t.moments: self.add_moments, t.joints: self.joints.append,
             t.info: self._add_info, t.metrics: self._add_metrics,
             t.experiment: self._add_experiment, TF: self._add_tf,
-            # If the bag contains /tf, a message of /tf_static does not give a camera pose of its
-            # own, because its stamp can be older than those of earlier messages.
+            # If the bag contains /tf, a message of /tf_static adds no camera pose, because the
+            # stamp of such a message can be older than stamps of earlier messages.
             TF_STATIC: self._add_transforms if TF in self._counts else self._add_tf,
         }  # fmt: skip
-        # Messages on these topics remain valid after a clock reset.
+        # Messages on these topics remain valid after a reset of the clock.
         always = (t.info, t.experiment, TF_STATIC)
         start = self._find_start()
         topics = [topic for topic in (*handlers, t.image) if topic in self._counts]

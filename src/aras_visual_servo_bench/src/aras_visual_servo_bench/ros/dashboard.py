@@ -24,8 +24,7 @@ from .graph_listener import GraphListener, make_listener_settings
 if TYPE_CHECKING:
     from ..web.live.requests import Request
 
-# Time between two updates of values that change rarely, such as the selection lists, s of wall
-# time.
+# Time between two updates of rarely changing values, such as selection lists, s of wall time.
 PERIOD = 0.5
 
 
@@ -99,8 +98,6 @@ class Dashboard:
                 for k in ("vx", "vy", "vz", "wx", "wy", "wz")]),
             "jog_joint": lambda g: teleoperator.move_joint(g["joint"], g["speed"]),
         }  # fmt: skip
-
-    # -- interface of the server -------------------------------------------------------------
 
     def make_update(self) -> dict[str, Any]:
         """Return a message with all values that have changed since the last call."""
@@ -186,8 +183,6 @@ class Dashboard:
             )
         return self._session_files.teach_goal(name, scheme)
 
-    # -- slowly changing state ---------------------------------------------------------------
-
     def refresh(self) -> None:
         """Update the robot, the controller, the target and the selection lists.
 
@@ -264,7 +259,8 @@ def main() -> int:
     except (BenchError, ServoError) as error:
         rospy.logfatal("%s", error)
         return 1
-    print(f"\n    {server.access.address}\n", flush=True)  # terminals show this line as a link
+    # the address has its own line, so that terminals show it as a link
+    print(f"\n    {server.access.address}\n", flush=True)
     status = 0
     try:
         for _ in iterate_at_period(PERIOD):
@@ -275,10 +271,11 @@ def main() -> int:
     server.close()
     dashboard.close()
     for thread in threading.enumerate():
-        if thread.name == "shutdown":  # wait until this thread of rospy has unregistered the node
+        # the thread in which rospy unregisters the node must end first
+        if thread.name == "shutdown":
             thread.join(5.0)
     sys.stdout.flush()
-    os._exit(status)  # a normal exit would wait for threads that run unfinished tools
+    os._exit(status)  # a normal exit would wait for the threads of tools that are still running
 
 
 if __name__ == "__main__":

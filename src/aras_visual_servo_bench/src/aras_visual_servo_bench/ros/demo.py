@@ -23,12 +23,14 @@ from .demo_arguments import LAUNCH_FILES, parse
 from .ros_launch import RosLaunch, find_free_port
 
 STARTUP_TIMEOUT = 300.0  # longest duration of each step of the startup, s of wall time
-# A message names a step of the startup that takes longer than this, s of wall time.
+# Duration of a step of the startup after which a message names this step, s of wall time.
 SLOW_START_NOTICE = 20.0
-MIN_REAL_TIME_RATIO = 6.0  # longest wall time of a run, divided by its limit of simulated time
+# wall time after which a run is ended, divided by its limit of simulated time
+MIN_REAL_TIME_RATIO = 6.0
 # Longest time for which the controller may hold the arm before servoing starts, s of wall time.
 HOLDING_TIMEOUT = 5.0
-TIME_AFTER_CONVERGENCE = 0.5  # time that is recorded after convergence, simulated s
+# time for which the recording continues after convergence, simulated s
+TIME_AFTER_CONVERGENCE = 0.5
 
 
 class Demo:
@@ -86,8 +88,8 @@ class Demo:
             STARTUP_TIMEOUT,
             "the simulated robot and the recorder",
         )
-        # rosbag connects to a new topic only after a second. With `listeners`, the controller waits
-        # until the recorder and this process have subscribed.
+        # rosbag subscribes to a new topic only after 1 s. With the parameter `listeners`, the
+        # controller first waits for two subscribers: the recorder and this process.
         node = "/aras_visual_servo_controller"
         rospy.set_param(f"{node}/listeners", 2)
         for name in ("law", "gain", "tracker"):

@@ -27,7 +27,7 @@ from ..targets.target_factory import find_default_size, find_tracker
 from ..targets.target_spec import TargetSpec
 
 LAUNCH_FOLDER = "package://aras_visual_servo_gazebo/launch/"
-# For each launch file, the arguments that the demo sets itself or by its own options.
+# For each launch file, the arguments that the demo or its options set.
 LAUNCH_FILES = {
     "aras_visual_servo.launch": {
         "camera", "camera_xyz", "camera_rpy", "urdf", "target", "target_size", "show_rviz",
@@ -36,7 +36,8 @@ LAUNCH_FILES = {
     "aras_visual_servo_nodes.launch": {"scheme", "law", "gain", "start", "goal", "desired"},
 }  # fmt: skip
 PLATES, NO_TARGET = "aras", "none"
-# x, y, z (m), roll, pitch, yaw (rad), equal to the argument target_place of the launch file.
+# Pose of the target in the world, x, y, z (m), roll, pitch, yaw (rad); equal to the argument
+# target_place of the launch file.
 TARGET_POSE = (0.0, 0.0, 0.591, 0.0, 0.0, 0.0)
 DEFAULT_ROBOT = RobotSpec()
 
@@ -233,7 +234,8 @@ def _teach_goal(arguments: argparse.Namespace, goal: Goal) -> Goal:
     Raises:
         ExperimentError: the scheme cannot servo to this view.
     """
-    from ..setup.assembly import assemble  # this import takes 1 s and is rarely needed
+    # this import takes 1 s, and few calls of the demo need it
+    from ..setup.assembly import assemble
 
     size = find_default_size(arguments.target)
     if arguments.target_size:

@@ -180,7 +180,7 @@ class GraphListener:
             message.deserialize(content)
             sample = run_trace.arm.read_joints(message.name, message.position, message.velocity)
         except (MeasurementError, genpy.MessageException, ValueError):
-            return  # the message is invalid, or has another type; the controller reports this
+            return  # the controller reports an invalid message or a message of another type
         stamp = message.header.stamp.to_sec()
         if stamp < self.stamp:
             run_trace.clear()
@@ -212,7 +212,7 @@ class GraphListener:
 
     def _on_goal(self, message: PoseStamped) -> None:
         position, orientation = message.pose.position, message.pose.orientation
-        with contextlib.suppress(ZeroDivisionError):  # a pose with a zero quaternion is ignored
+        with contextlib.suppress(ZeroDivisionError):  # ignore a pose with a zero quaternion
             quat = normalise((orientation.x, orientation.y, orientation.z, orientation.w))
             pose = Pose((position.x, position.y, position.z), quat).matrix()
             if np.isfinite(pose).all():
@@ -231,7 +231,8 @@ class GraphListener:
                     self.run_trace.add_image_point("centre", x, y)
 
     def _on_info(self, message: CameraInfo) -> None:
-        with contextlib.suppress(VisionError):  # the camera node reports invalid intrinsics
+        # ignore invalid intrinsics, because the camera node reports them
+        with contextlib.suppress(VisionError):
             self._camera = CameraModel.from_message(message)
 
 

@@ -13,8 +13,8 @@ from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.images import decode
 
 QUALITY = 80
-# Receive buffer of a subscriber, bytes. rospy drops old images only if the buffer holds several
-# images; otherwise they would wait in the socket, and the page would show them late.
+# Receive buffer of a subscriber, bytes. rospy drops old images only if its buffer holds several
+# images. With a smaller buffer, old images wait in the socket, and the page shows them late.
 BUFFER_BYTES = 2**24
 OVERLAY_NOTE = "green: detected target \u2002 blue: desired view"
 PLAIN_NOTE = "camera image; the camera node is not running"
@@ -78,7 +78,7 @@ class ImageSubscriber:
         try:
             bgr = np.ascontiguousarray(decode(message).rgb[:, :, ::-1])
         except VisionError:
-            return None  # the camera node reports an image that cannot be decoded
+            return None  # no error here: the camera node reports an image that cannot be decoded
         done, content = cv2.imencode(".jpg", bgr, (cv2.IMWRITE_JPEG_QUALITY, QUALITY))
         return content.tobytes() if done else None
 

@@ -14,12 +14,13 @@ from ..drawing.shapes import ARROW, FACES, LINES, STRIP, TEXT, Shape
 from .graph_listener import GraphListener, make_listener_settings
 from .target_watch import TargetWatch
 
-PERIOD = 0.1  # time between two publications, s of wall time
+PERIOD = 0.1  # time between two publications of the markers, s of wall time
 MARKER_TYPES = {
     LINES: Marker.LINE_LIST, STRIP: Marker.LINE_STRIP, ARROW: Marker.ARROW,
     TEXT: Marker.TEXT_VIEW_FACING, FACES: Marker.TRIANGLE_LIST,
 }  # fmt: skip
-HEAD_WIDTH, HEAD_LENGTH = 2.2, 3.0  # size of an arrow's head, divided by the width of its shaft
+# width and length of an arrow's head, divided by the width of its shaft
+HEAD_WIDTH, HEAD_LENGTH = 2.2, 3.0
 
 
 def make_marker(shape: Shape, frame: str) -> Marker:
@@ -30,7 +31,7 @@ def make_marker(shape: Shape, frame: str) -> Marker:
     frame: name of the frame of the points.
     """
     message = Marker(ns=shape.name, type=MARKER_TYPES[shape.kind], action=Marker.ADD)
-    message.header.frame_id = frame  # with the default stamp 0, rviz uses the latest transform
+    message.header.frame_id = frame  # the stamp remains 0, so that rviz uses the latest transform
     message.pose.orientation.w = 1.0
     if not len(shape.points):
         message.action = Marker.DELETE
@@ -43,7 +44,7 @@ def make_marker(shape: Shape, frame: str) -> Marker:
         position.x, position.y, position.z = (float(v) for v in shape.points[0])
         return message
     message.scale.x = width
-    if shape.kind == FACES:  # rviz multiplies the vertices of triangles by the scale
+    if shape.kind == FACES:  # rviz multiplies the vertices of a triangle list by the marker's scale
         message.scale.x = message.scale.y = message.scale.z = 1.0
     if shape.kind == ARROW:
         message.scale.y, message.scale.z = HEAD_WIDTH * width, HEAD_LENGTH * width

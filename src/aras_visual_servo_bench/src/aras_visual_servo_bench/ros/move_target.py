@@ -21,8 +21,8 @@ from ..errors import ExperimentError, StudyError
 from ..experiment.overrides import parse_overrides
 from ..targets.geometry import Motion
 
-RATE = 60.0  # updates of the pose, Hz in simulated time; twice the rate of images
-SERVICE_TIMEOUT = 10.0  # longest time to wait for the simulation, s
+RATE = 60.0  # rate of the updates of the pose, Hz in simulated time; twice the rate of images
+SERVICE_TIMEOUT = 10.0  # longest time to wait for the services of the simulation, s
 
 
 def parse_motion(arguments: list[str]) -> Motion:

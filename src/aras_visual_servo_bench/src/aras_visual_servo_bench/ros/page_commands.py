@@ -43,10 +43,11 @@ from .target_watch import TARGET_DESCRIPTION
 CONTROLLER, CAMERA = "/aras_visual_servo_controller", "/aras_visual_servo_camera"
 CAMERA_PARAMETERS = "/gazebo/cameras/labrob/camera"
 SERVICE_TIMEOUT = 5.0  # longest time to wait for a service, s of wall time
-# Longest time for nodes to start, s of wall time; it includes the compilation of functions.
+# Longest time to wait for restarted nodes, s of wall time, including the compilation of functions.
 START_TIMEOUT = 60.0
 STRICT_SWITCHING = 2
-POSE_TOLERANCE = 1e-5  # m and rad; a smaller deviation from the requested pose is not reported
+# smallest deviation of the camera from the requested pose that is reported, m and rad
+POSE_TOLERANCE = 1e-5
 DEFAULT_NODES = {"scheme": "moments", "law": "proportional", "start": "2016", "goal": "auto"}
 
 
@@ -69,12 +70,14 @@ class PageCommands:
         """
         self._listener, self._settings, self.directory = listener, settings, directory
         self.robot, self._namespace = robot, settings.namespace.rstrip("/")
-        self._lock = threading.Lock()  # one command at a time
+        # held by the command that is executed, so that only one command runs at a time
+        self._lock = threading.Lock()
         self.gains: dict[str, float] = {}
         self.selection: dict[str, str] = {}
         self._launch: RosLaunch | None = None
         self._packages = rospkg.RosPack()
-        # Settings of the camera in the robot description, and the name of their preset.
+        # Settings of the camera in the robot description, and the name of the preset with these
+        # settings.
         self._camera: tuple[dict[str, Any] | None, str] = None, ""
         rospy.Subscriber(f"{CONTROLLER}/gains/parameter_updates", Config, self._on_gains)
 
@@ -127,8 +130,6 @@ class PageCommands:
             self._camera = settings, preset if isinstance(preset, str) else ""
         return self._camera[1]
 
-    # -- simulator and controller ------------------------------------------------------------
-
     def control_loop(self, name: str) -> str:
         """Call the controller's service start, stop or hold."""
         answer = self._call(f"{self._namespace}/controller/{name}", Trigger,
@@ -168,8 +169,6 @@ class PageCommands:
                 f"the running control law has no gain {name}; its gains: {', '.join(after)}"
             )
         return f"{name} is {after[name]:.4g}"
-
-    # -- restarting the nodes ------------------------------------------------------------------
 
     def restart_nodes(self, scheme: str, law: str, start: str, goal: str) -> str:
         """Restart the camera node and the controller node with a scheme, law, start and goal."""
@@ -271,8 +270,6 @@ class PageCommands:
             rospy.delete_param(CONTROLLER)
         self.gains = {}
 
-    # -- replacing robot and target --------------------------------------------------------------
-
     def change_camera(self, preset: str) -> str:
         """Respawn the robot with another camera preset, and reload its controllers."""
         gazebo = Path(self._packages.get_path("aras_visual_servo_gazebo"))
@@ -319,8 +316,6 @@ class PageCommands:
             rospy.set_param(TARGET_DESCRIPTION, text)
         self.selection["target"] = name
         return f"the target is {name}"
-
-    # -- shared ------------------------------------------------------------------------------------
 
     def close(self) -> None:
         """Stop the nodes that were started by `restart_nodes` and `move_goal`."""

@@ -11,8 +11,8 @@ import time
 from pathlib import Path
 
 _PR_SET_PDEATHSIG = 1
-# The library is loaded here, because loading it between fork and exec could wait forever for a lock
-# that another thread holds.
+# Loaded before any fork: between fork and exec, loading the library could wait forever for a lock
+# of another thread.
 _PRCTL = ctypes.CDLL(None).prctl
 
 
@@ -99,7 +99,7 @@ class RosLaunch:
         found = []
         for entry in Path("/proc").glob("[0-9]*"):
             with contextlib.suppress(OSError):
-                # The fields after the command, which is in brackets, are: state, parent, group,
+                # The file contains the id, the command in brackets, then state, parent, group,
                 # session, ...
                 fields = (entry / "stat").read_bytes().rpartition(b")")[2].split()
                 if int(fields[3]) == self._process.pid and fields[0] != b"Z":

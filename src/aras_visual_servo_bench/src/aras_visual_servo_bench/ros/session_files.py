@@ -12,13 +12,13 @@ from pathlib import Path
 from ..errors import RefusedError, catch_write_errors
 from .ros_launch import RosLaunch
 
-# Longest times of the tools teach and analyze, and of opening a bag, s of wall time.
+# Longest time for the tool teach, for the tool analyze, and for creating a bag, s of wall time.
 TEACH_TIMEOUT, REPORT_TIMEOUT, CLOSE_TIMEOUT = 90.0, 180.0, 15.0
 IMAGE_TIMEOUT = 20.0  # longest time for which the tool teach waits for images, s of wall time
 REPORT_FOLDER = "report"
-ACTIVE_SUFFIX = ".active"  # suffix of a bag that rosbag has not closed
+ACTIVE_SUFFIX = ".active"  # suffix of a bag that rosbag is writing, or has not closed
 LOG_PREFIX = re.compile(r"^\[ ?\w+\] \[[\d., ]+\]: ")  # level and time at the start of a log line
-# Log line of the program report_recorder_end.
+# Log line in which the program report_recorder_end names an error of the recorder.
 RECORDER_ERROR = re.compile(r"^\[ERROR\] (the recorder .*)$", re.MULTILINE)
 
 
@@ -81,7 +81,7 @@ class SessionFiles:
         self._recorder.stop()
         bag, self.open_bag = self.open_bag, None
         if not bag.exists():
-            # The recorder was killed. A report can be created from its unclosed bag.
+            # The recorder was killed, so its bag is unclosed; analyze can still read this bag.
             bag = bag.with_name(bag.name + ACTIVE_SUFFIX)
         if not bag.exists():
             raise RefusedError(
@@ -116,7 +116,8 @@ class SessionFiles:
             raise RefusedError("nothing has been recorded yet")
         out = self._make_folder(REPORT_FOLDER) / self.last_bag.stem
         self._run(["rosrun", "aras_visual_servo_bench", "analyze", str(self.last_bag), "--out",
-                   str(out), "--formats", ""], REPORT_TIMEOUT)  # write the page, but no figures
+                   # no formats: analyze writes the page without separate figures
+                   str(out), "--formats", ""], REPORT_TIMEOUT)
         pages = sorted(out.rglob("*.html"))
         if not pages:
             raise RefusedError(f"analyze has written no page into {out}")
@@ -132,7 +133,7 @@ class SessionFiles:
         try:
             path = (root / name).resolve()
             return path if path.is_relative_to(root) and path.is_file() else None
-        except (OSError, ValueError):  # the name is invalid: it is too long or contains a NUL
+        except (OSError, ValueError):  # invalid name: too long, or with a NUL character
             return None
 
     def close(self) -> None:

@@ -8,8 +8,9 @@ from geometry_msgs.msg import Pose, PoseStamped
 
 TARGET = "target"  # name of the target's model in the launch files
 STATE, WORLD = "/gazebo/get_model_state", "/gazebo/get_world_properties"
-TOPIC = "/aras_visual_servo/target"  # topic with the target's pose, latched, for recorders
-# Largest change of a coordinate (m) or of a quaternion component of a target at rest.
+# latched topic with the target's pose, so that a recording contains the pose
+TOPIC = "/aras_visual_servo/target"
+# Smallest change of a coordinate (m) or quaternion component that counts as motion of the target.
 MIN_MOTION = 1e-5
 
 

@@ -17,7 +17,7 @@ from ..drawing.run_trace import RunTrace
 from .target_pose_reader import TARGET, TOPIC, TargetPoseReader
 
 TARGET_DESCRIPTION = "/target_description"
-PERIOD = 0.5  # shortest time between two queries of the pose, s of wall time
+PERIOD = 0.5  # shortest time between two queries of the target's pose, s of wall time
 
 
 class TargetWatch:
@@ -33,7 +33,8 @@ class TargetWatch:
         self._cached_drawing: tuple[str, ModelDrawing] = ("", EMPTY_DRAWING)
         self._shapes = EMPTY_DRAWING.make_shapes(None)
         self._pose_reader = TargetPoseReader()
-        self._recorded_pose: PoseStamped | None = None  # used if there is no simulation
+        # pose from a played recording, used if there is no simulator
+        self._recorded_pose: PoseStamped | None = None
         rospy.Subscriber(TOPIC, PoseStamped, self._on_target, queue_size=1)
 
     def update(self, run_trace: RunTrace, robot: str) -> None:

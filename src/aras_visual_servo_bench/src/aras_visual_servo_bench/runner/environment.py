@@ -26,7 +26,8 @@ from .loop import Loop
 
 ENVIRONMENT = "aras/Servo-v0"  # name of the environment in Gymnasium's registry
 OBSERVATIONS = ("features", "image")
-MAX_TWIST = (0.25, 0.25, 0.25, 1.5, 1.5, 1.5)  # m/s, rad/s; twist of an action of ones
+# twist of an action whose six components are 1, m/s and rad/s
+MAX_TWIST = (0.25, 0.25, 0.25, 1.5, 1.5, 1.5)
 
 
 class ExternalTwistScheme(Scheme):

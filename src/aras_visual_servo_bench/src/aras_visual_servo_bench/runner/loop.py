@@ -33,7 +33,8 @@ if TYPE_CHECKING:
     from .run_termination import RunTermination
 
 NS = 1_000_000_000
-FINAL_NS = 50_000_000  # additional time after the experiment's duration, for one more image
+# time added to the experiment's duration, ns, so that one more image is exposed
+FINAL_NS = 50_000_000
 FIRST_IMAGE_TIMEOUT_NS = 5 * NS
 OCCLUSION_NOTE = (
     "at the end the arm hides {:.0f} % of the target: on plant chain the arm is transparent, on "
@@ -135,14 +136,15 @@ class Loop:
             from .run_termination import RunTermination
 
             self._termination = RunTermination(experiment, parts)
-        # The wall clock is constant (float() is 0.0), so computing time does not count as a delay.
+        # `float` as wall clock is always 0.0, so the time of computations does not count as a
+        # delay.
         self._driver = LoopRunner(
             parts.servo, parts.rig, parts.settings, self,
             clock=lambda: to_seconds(self.plant.time_ns), wall_clock=float,
         )  # fmt: skip
         self._on_frame = on_frame
         self._has_new_state = False
-        # Heap of the frames that the loop has not received: (time of arrival (ns), number, frame).
+        # Heap of frames that have not arrived at the loop: (time of arrival (ns), number, frame).
         self._pending: list[tuple[int, int, Frame]] = []
         self._delayed_count = 0
         self._delays_ns = {name: round(cam.delay * NS) for name, cam in parts.cameras.items()}
@@ -150,8 +152,6 @@ class Loop:
         self._convergence_ns: int | None = None
         self._collision: tuple[str, str] | None = None
         self.plant.attach_loop(self._driver, self._recorder, self._find_end)
-
-    # -- LoopListener ----------------------------------------------------------------------
 
     def send(self, command: Command) -> None:
         """Send a command to the joints of the plant.
@@ -182,8 +182,6 @@ class Loop:
         """Log a message of the loop."""
         log.info("%s", text)
 
-    # -- the run ---------------------------------------------------------------------------
-
     @property
     def records(self) -> tuple[Record, ...]:
         """Records of the run up to now, as input of `diagnose(servo.diagnosis.run, records)`."""
@@ -206,7 +204,7 @@ class Loop:
         time_after_convergence = self.experiment.time_after_convergence
         if self._start_ns is None:
             return FIRST_IMAGE_TIMEOUT_NS - 1
-        # The loop needs one more image to detect that the duration is over.
+        # The loop detects the end of the duration at the next image, so one more image is exposed.
         last_ns = self._start_ns + self.experiment.duration * NS + FINAL_NS
         if time_after_convergence is None or self._convergence_ns is None or self._has_free_camera:
             return last_ns
@@ -259,7 +257,8 @@ class Loop:
             if reading.name not in self.parts.rig.observers:
                 continue
             if delay_ns := self._delays_ns[reading.name]:
-                self._delayed_count += 1  # frames that arrive at the same time retain their order
+                # the number keeps frames that arrive at the same time in their order
+                self._delayed_count += 1
                 heapq.heappush(pending, (reading.stamp_ns + delay_ns, self._delayed_count, reading))
             else:
                 yield reading
@@ -297,8 +296,8 @@ class Loop:
     def make_run(self) -> Run:
         """Return the record of the run up to the current time."""
         if self.is_over and self.servo.outcome.kind == "running":
-            # The loop detects the end of the duration only at an image with a measurement. Here,
-            # the last images have none, but too few of them for the outcome 'target lost'.
+            # The loop detects the end of the duration only at an image with a measurement. Here the
+            # last images have none, but they are too few for the outcome 'target lost'.
             self.servo.time_out(self.experiment.duration)
         outcome = self.servo.outcome
         if self._termination is not None:

@@ -11,11 +11,11 @@ from aras_visual_servo_controller.records.state import CONVERGED, ServoState
 from ..experiment.experiment import Experiment
 from ..setup.assembly import Assembly
 
-# Number of successive images without a measurement after which the target is lost. The camera does
-# not move without a measurement, so further images would not show the target, either.
+# Number of successive images without a measurement after which the target counts as lost. Without a
+# measurement the camera does not move, so later images would not show the target, either.
 MAX_BLIND_IMAGES = 5
-# A failed run is a camera retreat if the depth of the target exceeded this multiple of both the
-# initial and the desired depth.
+# Factor of the initial and of the desired depth of the target. A failed run in which the depth
+# exceeded both products is a camera retreat.
 MAX_RETREAT = 3.0
 
 
@@ -48,7 +48,7 @@ class RunTermination:
 
         pose: true world_T_camera (4, 4) of the control camera."""
         output = state.scheme_output
-        # The time is not derived from the number of images, because images may be dropped.
+        # The stamp is rounded to image periods, because counting images would miss dropped images.
         time = round(state.stamp / self._period) * self._period
         self._blind_images = self._blind_images + 1 if output is None else 0
         if state.phase != CONVERGED:

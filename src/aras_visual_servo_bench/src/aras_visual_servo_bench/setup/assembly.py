@@ -165,9 +165,6 @@ def check(experiment: Experiment) -> None:
         raise ExperimentError(str(error)) from error
 
 
-# -- goal ------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True, eq=False)
 class GoalLocation:
     """Camera pose and joints at the goal.
@@ -211,7 +208,7 @@ def _read_goal_joints(context: SetupContext) -> np.ndarray:
     """Return the joints (n,) of a goal that the experiment gives as joints."""
     try:
         joints = find_start_joints(context.experiment.goal, context.arm, context.settings.package)
-    except ConfigurationError as error:  # replace "parameter ~start" at the start of the message
+    except ConfigurationError as error:  # the message names `~start`, but the setting is `goal`
         raise ExperimentError(str(error).replace("parameter ~start", "goal", 1)) from error
     check_within_limits(joints, context.arm, "goal")
     return joints
@@ -347,7 +344,7 @@ def compute_goal(
     """
     goal = loaded_goal.for_cameras(arms)
     if any(context.has_own_target(n) and n not in loaded_goal.cameras for n in context.needs):
-        return None  # the file has no goal of a camera with its own target
+        return None  # the goal file has no entry for a camera that observes its own target
     if goal.target is not None and context.target.shape.is_solid:
         return None
     try:
@@ -374,9 +371,6 @@ def _scale_depth(goal: Goal, factor: float) -> Goal:
     depth = None if goal.depth is None else goal.depth * factor
     plane = None if goal.plane is None else Plane(*(part / factor for part in goal.plane))
     return replace(goal, depth=depth, plane=plane)
-
-
-# -- start, loop and plant ---------------------------------------------------------------------
 
 
 def find_start(

@@ -17,9 +17,11 @@ from ..targets.files import OCCLUDER_HEIGHT, write_description, write_occluder
 from .imaging_setup import make_imaging_settings, make_rendered_settings
 from .setup_context import SetupContext
 
-FIRST_IMAGE_TIMEOUT_NS = 1_000_000_000  # timeout for the image with which a goal is taught
-PLATES_FILE = "package://aras_visual_servo_gazebo/targets/aras.urdf"  # target of the demo
-PLATES_OFFSET = (0.0, 0.0, 0.591)  # m; origin of the model in PLATES_FILE, in the target frame
+# longest simulated time until the image with which a goal is taught, ns
+FIRST_IMAGE_TIMEOUT_NS = 1_000_000_000
+# model of the demo's target, two plates
+PLATES_FILE = "package://aras_visual_servo_gazebo/targets/aras.urdf"
+PLATES_OFFSET = (0.0, 0.0, 0.591)  # origin of the model in PLATES_FILE, in the target frame, m
 
 
 def find_mounted_targets(experiment: Experiment) -> dict[str, MountedTarget]:
@@ -87,8 +89,8 @@ def take_first_images(context: SetupContext, joints: np.ndarray) -> dict[str, Fr
         ExperimentError: a camera delivers no image within 1 s.
     """
     plant = make_dynamic_arm(context, joints, is_teaching=True)
-    # With effort controllers, gravity would move the arm before the first image is taken, which
-    # takes a few hundredths of a second.
+    # Without gravity, an arm with effort controllers stays at rest until the first image is taken,
+    # which takes a few hundredths of a second.
     plant.simulation.world.set_physics(gravity=(0.0, 0.0, 0.0))
     found: dict[str, Frame] = {}
     try:

@@ -30,13 +30,13 @@ if TYPE_CHECKING:
 
     from .postures import Postures
 
-# Data whose goal is taught from a rendered image, so that systematic errors of the image processing
-# are equal at the goal and in the run, and cancel.
+# Data that are measured in a rendered image when a goal is taught. Systematic errors of the image
+# processing are then equal at the goal and in the run, and cancel.
 RENDERED_NEEDS = {Need.IMAGE, Need.CONTOUR, Need.CORNERS}
-# Maximum relative difference between the area of a target in the image and the area of the polygon
-# of its configured corners.
+# Maximum difference between the area of the target in the image and the area of the polygon of its
+# corners, relative to the latter area.
 AREA_TOLERANCE = 0.1
-SUSPICIOUS_LENGTH = 1.0  # m; a longer solid probably has its lengths in millimetres
+SUSPICIOUS_LENGTH = 1.0  # length of a solid from which its file is probably in millimetres, m
 VIEW_REMEDY = "give a goal from which the camera sees the target, or move the target"
 
 
@@ -93,8 +93,8 @@ def needs_images(context: SetupContext) -> bool:
         return False
     needs = frozenset().union(*context.needs.values())
     solid = any(context.targets[name].shape.is_solid for name in context.needs)
-    # A target in the robot description may differ from the corners that the experiment gives, so
-    # its contour and corners are measured in a rendered image.
+    # A target in the robot description may differ from the experiment's corners, so its contour and
+    # corners are measured in a rendered image.
     in_description = any(context.find_target_spec(name).is_in_description for name in context.needs)
     rendered = (
         RENDERED_NEEDS | SEGMENTED
@@ -185,7 +185,7 @@ def teach_goal(
     control, target = views.pop(rig.control.name), context.target
     depth = target.shape.depth(target.target_T_camera(control.world_T_camera))
     if target.shape.is_solid:
-        depth = None  # `Goal.teach` then uses the depth of `observation.plane`
+        depth = None  # None makes `Goal.teach` use the depth of `observation.plane`
     observation = rig.merge_observations(control, views) if views else control
     return replace(Goal.teach(context.scheme, observation, name, depth), joints=dict(joints))
 
@@ -236,4 +236,4 @@ def _suggest_scale(target: PlacedTarget) -> str:
     length = float(np.ptp(target.shape.solid.vertices, axis=0).max())
     if length < SUSPICIOUS_LENGTH:
         return ""
-    return f"its mesh is {length:.3g} m long; if it is in millimetres, set target.scale to 0.001"
+    return f"the mesh is {length:.3g} m long; if it is in millimetres, set target.scale to 0.001"

@@ -23,9 +23,9 @@ from ..plants.imaging import ImagingSettings
 from ..targets.target_spec import TargetSpec
 from .setup_context import SetupContext
 
-# Prefixes of colour encodings. Without a renderer, such an image is delivered in grey (mono8).
+# Prefixes of colour encodings. Without a renderer, a colour image is replaced by a grey one.
 COLOUR_ENCODINGS = ("rgb", "bgr")
-# Random camera effects, which are switched off while a goal is taught.
+# Settings of random camera effects, which are switched off while a goal is taught.
 RANDOM_SETTINGS = {"noise_stddev", "shot_noise", "sensor", "drop_probability"}
 
 
@@ -56,7 +56,7 @@ def make_imaging_settings(
     effects = config.effects
     if is_teaching:  # the camera is at rest, so all rows can be exposed at one instant
         effects = replace(effects, row_time=0.0, exposure_time=0.0)
-    elif not has_images:  # no other effects act on exact features
+    elif not has_images:  # only FEATURE_EFFECTS act on features that are computed without an image
         effects = Effects(**{key: getattr(effects, key) for key in FEATURE_EFFECTS})
     blind = None
     if config.cutoff_angle is not None:
@@ -85,8 +85,8 @@ def make_imaging_settings(
         row_bands=make_row_bands(effects, config.height),
         vibration=vibration,
         blind_mask=blind,
-        # Clipping planes that the experiment sets also limit exact features and drawn images. Those
-        # of the robot description limit only rendered images.
+        # Clipping planes of the experiment also limit features without images and drawn images.
+        # Clipping planes of the robot description limit only rendered images.
         depth_range=(config.near, config.far) if {"near", "far"} & set(camera.overrides) else None,
     )  # fmt: skip
 
@@ -99,7 +99,7 @@ def make_rendered_settings(
     is_teaching: whether the image is for teaching a goal: random effects are then omitted.
     """
     settings = with_noise(camera.overrides, context.experiment, is_teaching)
-    settings.pop("latency", None)  # the control loop applies the latency, on every plant
+    settings.pop("latency", None)  # the control loop delays the frames, on every plant
     needs = context.needs.get(camera.name, frozenset())
     if context.has_depth or Need.DEPTH in needs:
         settings["depth"] = True

@@ -21,11 +21,11 @@ from ..experiment.worlds import read_world
 from ..plants.static_arm import StaticArm, without_visuals
 from ..targets.target_spec import TargetSpec
 
-# Minimum hidden fraction of the target that is reported as an occlusion. Smaller fractions result
-# from pixels at the border of the target.
+# Hidden fraction of the target from which an occlusion is reported. Smaller fractions result from
+# pixels at the target's border.
 MIN_OCCLUSION = 0.01
-# Cost of a posture in collision. It is larger than the cost of any occlusion, which is the hidden
-# fraction of the target.
+# Cost of a posture in collision. The cost of an occlusion, the hidden fraction of the target, is at
+# most 1.
 COLLISION_COST = 2.0
 
 
@@ -199,7 +199,7 @@ def _make_static_arm(postures: Postures) -> StaticArm | None:
     """
     spec, solid = postures.target, postures.is_solid
     has_target = postures.carrier or spec.is_provided
-    # A target that is a link of the robot does not hide itself, so this link is not rendered.
+    # A target that is a link of the robot is not rendered, because it does not hide itself.
     target_link = spec.link if spec.link and not spec.model else ""
     target = spec if solid and not has_target else None
     world = postures.world if solid else ""
@@ -219,7 +219,7 @@ def _make_static_arm(postures: Postures) -> StaticArm | None:
     return _static_arms.get(key, make)
 
 
-# At most two arms are cached, because each contains all meshes of a robot.
+# Each cached arm contains all meshes of a robot, so at most two arms are cached.
 _static_arms: ByteLimitedCache[tuple, StaticArm | None] = ByteLimitedCache(
     2, size=lambda arm: 1, drop=lambda arm: None if arm is None else arm.close()
 )

@@ -28,7 +28,8 @@ from .setup_context import SetupContext
 if TYPE_CHECKING:
     from ..experiment.added_links import MountedTarget
 
-IMAGE_ONLY_NEEDS = {Need.IMAGE, Need.KERNEL}  # data that exact features cannot provide
+# data that exist only in an image, not in features computed from the geometry
+IMAGE_ONLY_NEEDS = {Need.IMAGE, Need.KERNEL}
 
 SchemeWrapper = Callable[[Scheme | JointController], Scheme | JointController]
 
@@ -112,7 +113,7 @@ def read_robot(experiment: Experiment) -> tuple[Experiment, Robot]:
 def _make_robot(experiment: Experiment) -> Robot:
     mounted: Mapping[str, MountedTarget] = {}
     if experiment.plant == "bullet":
-        # Imported only here, because it imports the physics engine.
+        # This import loads the physics engine, which only plant 'bullet' needs.
         from .dynamic_arm_setup import find_mounted_targets
 
         mounted = find_mounted_targets(experiment)
@@ -180,9 +181,8 @@ def locate_cameras(
             arm = robot.make_arm(control.name)
             other, rest = robot.make_camera_kinematics(name, arm), np.zeros(len(arm.names))
             if isinstance(other, InverseCameraKinematics):
-                # The camera poses at all joints q satisfy
-                #     other(q) = target_T_control @ inverse(arm(q)) @ fixed_pose.
-                # This equation, at q = 0, gives target_T_control.
+                # For all joint positions q, other(q) = target_T_control @ inverse(arm(q)) @
+                # fixed_pose. At q = 0, this equation gives target_T_control.
                 target_T_control = other.pose(rest) @ inverse(other.fixed_pose) @ arm.pose(rest)
                 placements[name] = CameraPlacement(
                     other.fixed_pose, target_T_control=target_T_control

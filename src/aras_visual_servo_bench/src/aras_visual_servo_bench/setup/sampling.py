@@ -20,17 +20,17 @@ from ..plants.free_body import FreeBody
 from ..targets.geometry import PlacedTarget
 
 NEWTON_STEPS = 12  # maximum number of steps of Newton's method from one initial guess
-INITIAL_GUESSES = 4  # number of initial guesses
-GUESS_SPREAD = 0.5  # maximum random deviation of an initial guess, rad or m
-# Newton's method stops early if the error after EARLY_STEPS steps is larger than EARLY_TOLERANCE
-# (m, rad). For 67 poses with a solution, no search needed more than ten steps, and no error was
-# larger than EARLY_TOLERANCE after six steps.
+INITIAL_GUESSES = 4
+GUESS_SPREAD = 0.5  # maximum random deviation of an initial guess from the given joints, rad or m
+# Newton's method stops after EARLY_STEPS steps if the error of the pose is then larger than
+# EARLY_TOLERANCE, m and rad. For 67 reachable poses, the error was smaller after six steps, and no
+# search needed more than ten steps.
 EARLY_STEPS, EARLY_TOLERANCE = 6, 0.1
-# Maximum error of the pose, m and rad. It is larger than 2e-5, so that an arm that cannot roll the
-# camera can start at any rotation about the vertical: if the goal is tilted by a milliradian, such
-# starts need a small roll, and their error without this roll is 2e-5.
+# Maximum error of the pose of the camera, m and rad. An arm that cannot roll the camera has an
+# error of 2e-5 at a start that is rotated about the vertical, if the goal is tilted by a
+# milliradian. Such starts are allowed.
 POSE_TOLERANCE = 1e-4
-DAMPING = 1e-3  # damping of the least squares; m or rad of the camera per rad or m of a joint
+DAMPING = 1e-3  # damping of the least squares, in m or rad of the camera per rad or m of a joint
 
 
 def draw_start(
@@ -80,8 +80,8 @@ def draw_start(
                 if not is_in_view(outline, model, sampler.margin):
                     raise ViewError("cut off")
             near = goal_joints
-            # The camera is rotated by `turn` about the vertical, so the search for joints starts
-            # with the last joint rotated by -turn.
+            # The camera is rotated by `turn` about the vertical, so the initial guess rotates the
+            # last joint by -turn.
             if isinstance(arm, Arm):
                 near = goal_joints.copy()
                 near[-1] = _wrap_into_limits(near[-1] - turn, arm.lower[-1], arm.upper[-1])
@@ -125,11 +125,11 @@ def _find_joints(
         UnreachableError: no joints within the limits were found.
     """
     count = len(near)
-    # The lower rows of the matrix damp the least-squares problem, which is nearly singular if
-    # the elbow is almost stretched.
+    # The lower rows of the matrix are the damping, because the least-squares problem is nearly
+    # singular if the elbow is almost stretched.
     rows, error = np.vstack([np.zeros((6, count)), DAMPING * np.eye(count)]), np.zeros(6 + count)
     for _ in range(INITIAL_GUESSES):
-        # Newton's method fails at a stretched elbow, so a random deviation bends it.
+        # Newton's method fails at a stretched elbow, so the initial guess bends the elbow randomly.
         q = near + random.uniform(-GUESS_SPREAD, GUESS_SPREAD, len(near)) * (
             arm.upper - arm.lower < np.inf
         )

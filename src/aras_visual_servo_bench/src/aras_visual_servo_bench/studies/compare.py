@@ -30,11 +30,11 @@ if TYPE_CHECKING:
 
 SIGNIFICANCE_LEVEL = 0.05
 MAX_SHOWN = 20  # maximum number of differences that a printed comparison lists
-MIN_PAIRED = 0.9  # fraction of the runs that must have a partner for a paired test
+MIN_PAIRED = 0.9  # minimum fraction of the runs with a partner in the other study for a paired test
 SCHEME = "scheme"
-# Verdicts about the second study or case, compared with the first. DIFFERS: neither smaller nor
-# greater values of the metric are better, or only the distributions differ, not the medians.
-# UNTESTED: one of the samples has no values.
+# Verdicts about the second study or case, compared with the first. DIFFERS: the metric has no
+# better direction, or only the distributions differ, not the medians. UNTESTED: one of the samples
+# has no values.
 BETTER, WORSE, DIFFERS, CHANCE, UNTESTED = "better", "WORSE", "differs", "chance", "untested"
 
 
@@ -185,7 +185,7 @@ def _judge(difference: Difference, p: float, better: str) -> Difference:
         verdict = CHANCE
         if comparison.least_p >= SIGNIFICANCE_LEVEL:
             number = format_count(comparison.count, "pair" if comparison.paired else "run")
-            notes.insert(0, f"too few for p < {SIGNIFICANCE_LEVEL:g}: {number}")
+            notes.insert(0, f"the sample is too small for p < {SIGNIFICANCE_LEVEL:g}: {number}")
         elif comparison.before == comparison.after and comparison.p == 1.0:
             notes.insert(0, "no difference")
     return replace(difference, p=p, verdict=verdict, note="; ".join(notes))
@@ -213,8 +213,8 @@ def describe_differences(
             if d.verdict == CHANCE and d.comparison.least_p >= SIGNIFICANCE_LEVEL]
     if weak:
         lines.append(
-            f"{len(weak)} of them have too few runs to be significant: repeat each setting more "
-            "often (`repeats`), or compare larger groups (`by`)"
+            f"{len(weak)} of these differences have too few runs to be significant: repeat each "
+            "setting more often (`repeats`), or compare larger groups (`by`)"
         )
     if untested:
         names = ", ".join(dict.fromkeys(d.metric for d in untested))
@@ -238,9 +238,6 @@ def _describe_difference(d: Difference) -> str:
     return (f"{d.verdict:<8} {d.metric:<18} {before} -> {format_quantity(after, unit)}  {p}  "
             f"{pairs}  {sides}{d.group}{note}")  # fmt: skip
 
-
-
-# -- what is compared -----------------------------------------------------------------------------
 
 
 def _pair_groups(
@@ -312,9 +309,6 @@ def _select_comparable(results: Results, between: str, names: Sequence[str]) -> 
     return [m for m in chosen if m.name not in unlike]
 
 
-# -- pairs ----------------------------------------------------------------------------------------
-
-
 def _pair_rows(one: _Sample, two: _Sample) -> tuple[np.ndarray, np.ndarray, bool]:
     """Return the rows of both samples, and whether they are paired.
 
@@ -363,7 +357,7 @@ def _describe_confounding(one: _Sample, two: _Sample, between: str) -> str:
         if not values[0] & values[1]:
             shown = [min(v) if len(v) == 1 else "several values" for v in values]
             found.append(f"{key} ({shown[0]}, {shown[1]})")
-    return f"they also differ in {', '.join(found)}" if found else ""
+    return f"the compared runs also differ in {', '.join(found)}" if found else ""
 
 
 def _find_verdict(better: str, comparison: Comparison) -> str:

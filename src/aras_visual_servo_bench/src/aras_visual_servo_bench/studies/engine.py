@@ -22,7 +22,8 @@ from .study_folder import StudyFolder
 from .work import StudyTask
 
 SHOWN_RUNS = 3  # number of runs whose settings a dry run prints
-MAX_TRIALS = 200  # approximate number of experiments that are checked before the first run
+# approximate number of experiments of a study that are checked before its first run
+MAX_TRIALS = 200
 
 
 @dataclass(frozen=True)
@@ -131,7 +132,8 @@ def carry_out(
         if not running:
             break
         task, chunk_rows = pool.wait_for_chunk()
-        if chunk_rows is None:  # the worker died, so repeat the chunk with one process per run
+        # the worker has died, so repeat this chunk with a separate process for each run
+        if chunk_rows is None:
             pool.submit(task)
             continue
         running -= 1
@@ -152,7 +154,7 @@ def dry_run(study: Study, workers: int) -> list[str]:
 
     workers: number of parallel workers on which the estimated time is based.
     """
-    # Run 0 is tried twice, because the first attempt also loads libraries.
+    # The first computation of run 0 also loads libraries, so the shorter of two times is used.
     tried = [rows.compute_row(study, 0) for _ in range(2)]
     wall_times = [one.times[0]["wall"] for one in tried]
     seconds = min(wall_times) * study.run_count / max(workers, 1)
@@ -168,6 +170,7 @@ def dry_run(study: Study, workers: int) -> list[str]:
         text = ", ".join(f"{k}={v}" for k, v in settings.items())
         lines.append(f"run {run}: {text or 'base experiment'}; seed {study.compute_seed(run)}")
     first = tried[-1].values[0]
-    if first["outcome"] in (rows.REFUSED, rows.FAULT):  # then the estimate above is wrong
+    # run 0 ended early, so its time is no estimate of the study's time
+    if first["outcome"] in (rows.REFUSED, rows.FAULT):
         lines.append(f"run 0 as tried: {first['outcome']}: {first['reason']}")
     return lines

@@ -31,7 +31,7 @@ from .study import Study
 
 DEPTH_STEP = 1e-4  # m
 _FARTHEST = np.iinfo(np.uint16).max * DEPTH_STEP
-NUMBERS_BYTES = 600  # approximate size of a row without its images
+NUMBERS_BYTES = 600  # approximate size of a row without its images, bytes
 TIME_TOLERANCE = 1e-9  # s
 _LIST = pa.list_(pa.float64())
 
@@ -176,8 +176,8 @@ class ImageRecorder:
     def add_frame(self, loop: Loop, reading: Frame) -> None:
         """Add an image; the loop calls this method when a camera exposes an image."""
         if reading.name == loop.parts.rig.control.name:
-            # The plant is at the end of the step, but the exposure was within the step. Therefore
-            # extrapolate the joint positions back to the exposure.
+            # The plant is at the end of its step, and the exposure was earlier in the step, so the
+            # joint positions are extrapolated back to the exposure.
             positions, velocities = loop.plant.read_joints()
             elapsed = loop.plant.time_ns / NS - reading.stamp
             at_exposure = (positions - elapsed * velocities)[None]

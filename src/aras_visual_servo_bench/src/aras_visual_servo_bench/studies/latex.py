@@ -6,13 +6,17 @@ import itertools
 import re
 from collections.abc import Sequence
 
-COLUMN_WIDTH, TEXT_WIDTH = 252.0, 516.0  # of a two-column paper, pt
-# Widths in Computer Modern of 9 points (`\small`), which is wider than Times, pt.
+# widths of a column and of the text of a two-column paper, pt
+COLUMN_WIDTH, TEXT_WIDTH = 252.0, 516.0
+# Widths of a letter, of a punctuation mark and of the gap between columns, pt, in Computer Modern
+# of 9 points (`\small`), which is wider than Times.
 LETTER_WIDTH, PUNCTUATION_WIDTH, COLUMN_GAP = 4.7, 2.6, 12.0
-INTERVAL_SCALE = 0.92  # an interval is written in letters of 8 points
-CAPTION_LETTERS = 105  # number of letters of a caption in a line of the width of the text
-MAX_FLOAT_LINES = 50  # lines of a table with its caption; a page of IEEEtran has 58 lines
-LINES_AROUND = 6  # number of lines of a tabular, except its rows
+# size of the letters of an interval (8 points) relative to those of a cell (9 points)
+INTERVAL_SCALE = 0.92
+CAPTION_LETTERS = 105  # number of letters in a line of a caption that has the width of the text
+# largest number of lines of a table with its caption; a page of IEEEtran has 58 lines
+MAX_FLOAT_LINES = 50
+LINES_AROUND = 6  # number of lines of a tabular, without its rows
 
 _ESCAPES = {c: f"\\{c}" for c in "&%$#_{}"} | {
     "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}",
@@ -88,7 +92,7 @@ def format_tex_table(
     text, remarks = (" ".join(map(escape_tex, sentences)) for sentences in (caption, notes))
     letters = len(text) + len(remarks)
     free = max(MAX_FLOAT_LINES - letters // CAPTION_LETTERS, 2 * LINES_AROUND)
-    rows = free - LINES_AROUND  # maximum number of rows of a tabular
+    rows = free - LINES_AROUND  # largest number of rows in one tabular
     lines, floats = [r"% needs \usepackage{booktabs}"], 0
     for columns, first in itertools.product(parts, range(0, len(body), rows)):
         tabular = _make_tabular(heading, body[first : first + rows], fixed, columns)
@@ -141,7 +145,7 @@ def _estimate_width(cell: str) -> float:
     """Estimate the width of the text of a cell, pt."""
     width = 0.0
     for part, scale in zip(cell.split(r"\footnotesize "), (1.0, INTERVAL_SCALE), strict=False):
-        text = re.sub(r"\\([A-Za-z]+ ?|.)", "x", part)  # a command is a character
+        text = re.sub(r"\\([A-Za-z]+ ?|.)", "x", part)  # count each LaTeX command as one character
         text = re.sub(r"[{}$^]", "", text)
         narrow = sum(text.count(character) for character in ".,[] ")
         width += scale * (PUNCTUATION_WIDTH * narrow + LETTER_WIDTH * (len(text) - narrow))

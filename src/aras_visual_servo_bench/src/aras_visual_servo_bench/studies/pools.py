@@ -23,22 +23,24 @@ from . import rows, versions, work
 from .defaults import CHUNKS_BEFORE_RESTART
 from .work import StudyTask
 
-ANSWER_TIMEOUT = 10.0  # s; time within which a scheduler has to answer
-# s; a study fails after this time without any worker, at its start or later
+ANSWER_TIMEOUT = 10.0  # longest time within which a scheduler has to answer, s
+# time without any worker, at the start or later, after which a study fails, s
 WORKER_TIMEOUT = 300.0
-COUNT_PERIOD = 2.0  # s; period for counting the workers, which can change in a cluster
-# s; period for checking whether a chunk is finished. Workers do not wait during this time, because
-# each of them already has a second chunk.
+# time between two counts of the workers, s; in a cluster, their number can change
+COUNT_PERIOD = 2.0
+# Time between two checks whether a chunk is finished, s. No worker waits for the check, because
+# each worker already has a second chunk.
 POLL_PERIOD = 0.02
 # States of a nanny (Dask's process that starts and supervises a worker) with a living worker.
 STARTING_STATES = ("init", "starting", "running", "undefined")
-# Time within which a process has to connect; it is long, because the machine may be overloaded.
+# Longest time within which a process has to connect. An overloaded machine can be slow.
 CONNECT_TIMEOUT = "600s"
-TICK_PERIOD = "10s"  # time between self-checks of a worker or of the scheduler
-MAX_DEATHS = 5  # the study fails if more workers than this die while they run the same chunk
+TICK_PERIOD = "10s"  # time between two self-checks of a worker or of the scheduler
+# number of workers that may die while they run the same chunk before the study fails
+MAX_DEATHS = 5
 
 
-# A chunk, and its rows; the rows are None if the worker has died.
+# finished chunk with its rows; None instead of the rows if the worker has died
 FinishedChunk = tuple[StudyTask, rows.Rows | None]
 
 
@@ -231,8 +233,6 @@ class DaskPool(Pool):
         self.client = self.cluster = None
         self._scratch.cleanup()
 
-    # -- start and checks ------------------------------------------------------------------
-
     def _start_local_cluster(self, workers: int) -> Any:
         self.workers = workers
         return self._distributed.LocalCluster(
@@ -245,7 +245,7 @@ class DaskPool(Pool):
             if self.cluster is None:
                 asyncio.run(_check_scheduler(address))
             client = self._distributed.Client(address, timeout=ANSWER_TIMEOUT, set_as_default=False)
-        except (OSError, ValueError) as error:  # a timeout is an OSError, too
+        except (OSError, ValueError) as error:  # OSError includes timeouts
             reason = read_first_line(error)
             raise StudyError(
                 f"no scheduler answers at {address} ({reason}): start one, or correct the address"
@@ -333,7 +333,7 @@ class DaskPool(Pool):
             if with_nanny:
                 self.client.restart_workers(with_nanny, timeout=60, raise_for_error=False)
         except TimeoutError:
-            pass  # some workers are slow to restart; continue with the others
+            pass  # a slow worker restarts later, while the other workers continue
         except Exception as error:
             raise self._make_lost_error(error) from error
 
@@ -346,7 +346,7 @@ def _configure_dask() -> Any:
     """Configure Dask with short histories and few self-checks; return its module `distributed`."""
     try:
         import dask
-        import distributed  # imported before dask.config.set, because the import sets defaults
+        import distributed  # sets defaults, so this import must precede dask.config.set
     except ModuleNotFoundError as error:
         raise make_missing_library_error(error.name, "studies") from None
 
@@ -363,13 +363,13 @@ def _configure_dask() -> Any:
         "distributed.worker.daemon": True,
         "distributed.admin.log-length": 100,
         "distributed.admin.low-level-log-length": 100,
-        # By default, each event loop checks itself every 20 ms. This needs 5 % of a core.
+        # By default, each event loop checks itself every 20 ms, which takes 5 % of a core.
         "distributed.admin.tick.interval": TICK_PERIOD,
         "distributed.admin.tick.cycle": "60s",
         "distributed.admin.tick.limit": "1h",
         "distributed.admin.system-monitor.interval": TICK_PERIOD,
         # On an overloaded machine, a worker may start slowly, or may not answer for minutes. With
-        # these timeouts, Dask does not regard it as lost.
+        # the following timeouts, Dask does not regard such a worker as lost.
         "distributed.scheduler.worker-ttl": None,
         "distributed.comm.timeouts.connect": CONNECT_TIMEOUT,
         "distributed.comm.timeouts.tcp": CONNECT_TIMEOUT,
@@ -411,7 +411,7 @@ def _create_cluster(path: str) -> tuple[Any, int]:
             cluster.adapt(minimum=least, maximum=most)
         elif most:
             cluster.scale(most)
-    except Exception as error:  # a cluster class may raise any exception
+    except Exception as error:  # a user's cluster class may raise any exception
         raise StudyError(f"{path}: {content['class']}: {read_first_line(error)}") from None
     return cluster, most
 

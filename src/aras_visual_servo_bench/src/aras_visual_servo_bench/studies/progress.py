@@ -11,7 +11,8 @@ from typing import Any, TextIO
 from ..metrics.formatting import format_count, format_number
 from ..progress_bar import can_overwrite, format_bar
 
-LINE_PERIOD = 10.0  # s; time between two lines if the output is no terminal and no notebook
+# time between two lines of progress, s, if the output is neither a terminal nor a notebook
+LINE_PERIOD = 10.0
 
 
 class Progress:
@@ -36,10 +37,11 @@ class Progress:
         self._total, self._finished = total, finished
         self._out = sys.stderr if out is None else out
         self._clock = clock
-        # Time at which the first chunk was finished, and number of finished runs at this time.
+        # Time at which the first chunk was finished, s, and number of runs finished by then.
         self._first: tuple[float, int] | None = None
         self._print_time = float("-inf")
-        self._warm_workers: set[str] = set()  # names of the workers that have finished a run
+        # names of the workers that have finished at least one run
+        self._warm_workers: set[str] = set()
         self._workers, self._timed_runs, self._wall_time = 1, 0, 0.0
         self.failed = 0
 
@@ -58,7 +60,8 @@ class Progress:
         self.failed += failed
         self._workers = max(workers, 1)
         for row in times:
-            # The first run of a worker may compile code, so its time is not counted.
+            # The first run of a worker may include compilation, so the time of this run is not
+            # counted.
             if row["worker"] in self._warm_workers:
                 self._timed_runs += 1
                 self._wall_time += row.get("wall", 0.0)

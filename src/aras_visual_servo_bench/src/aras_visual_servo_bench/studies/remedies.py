@@ -115,9 +115,6 @@ def _multiply(value: Any, factor: float, key: str) -> Any:
     return value * factor
 
 
-# -- lengths that depend on several keys -------------------------------------------------------
-
-
 def _scale_target(experiment: Experiment, factor: float) -> Experiment:
     """Return the experiment with the lengths of its target multiplied by a factor."""
     target = experiment.target

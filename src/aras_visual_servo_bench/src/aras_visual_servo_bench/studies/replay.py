@@ -47,7 +47,7 @@ def replay(
         new = {**rows.make_blank_row(study, number), **rows.make_result_columns(study, run)}
     except ExperimentError as error:
         raise StudyError(f"run {number}: {error}") from error
-    except Exception as error:  # a programming error, usually in the user's scheme or metric
+    except Exception as error:  # an unexpected exception, usually from the user's scheme or metric
         raise StudyError(f"run {number}: {type(error).__name__}: {error}") from error
     stored = _read_stored_row(folder, number)
     changed = {

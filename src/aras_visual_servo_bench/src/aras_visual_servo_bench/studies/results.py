@@ -31,15 +31,16 @@ from .tolerance import SuccessTolerance, find_tolerance
 if TYPE_CHECKING:
     import pandas
 
-SHOWN_ENDS = 4  # largest number of different outcomes that the text of Results lists
+SHOWN_ENDS = 4  # largest number of different outcomes that the text of a Results object lists
 REAL_TIME_MULTIPLE = Metric(
     "real_time_multiple", "", metrics.GREATER,
-    "wall time of the worker, stored in a separate file",
+    "simulated time divided by the worker's wall time, which a separate file contains",
     lambda finished: float("nan"),
 )  # fmt: skip
 
 
-RELATIVE_TOLERANCE = 0.01  # maximum relative difference between a value and the published value
+# maximum difference between a value and the published value, relative to the published value
+RELATIVE_TOLERANCE = 0.01
 
 
 def is_met(value: Any, published: Any) -> bool:
@@ -104,7 +105,7 @@ class Results:
         """Read the finished runs of an open folder; see `read`."""
         table, times = folder.read_results(), folder.read_results(folders.TIMES)
         runs, timed = table["run"].to_numpy(), times["run"].to_numpy()
-        # Both tables are sorted by the number of the run.
+        # Both tables are sorted by run number, so that a binary search finds the time of a run.
         indices = np.minimum(np.searchsorted(timed, runs), len(timed) - 1)
         wall = np.where(timed[indices] == runs, _to_numbers(times["wall"])[indices], np.nan)
         simulated = _to_numbers(table["simulated"])
@@ -233,7 +234,7 @@ class Results:
     @cached_property
     def tolerance(self) -> SuccessTolerance:
         """Tolerance within which the runs are at their goal."""
-        stored = (  # not by earlier versions
+        stored = (  # earlier versions did not store these columns
             self.read_numbers(name) if name in self.table.column_names else np.zeros(0)
             for name in ("distance_tolerance", "angle_tolerance")
         )

@@ -29,17 +29,18 @@ from . import images
 from .study import Study
 from .variations import Axis, RandomVariation
 
-# Outcomes that do not come from the control loop. In this order: the settings were refused, an
-# error was raised, the process ended, the run exceeded its time limit.
+# Outcomes that do not come from the control loop: the settings were refused, an error was raised,
+# the process of the run died, the run exceeded its time limit.
 REFUSED, FAULT, DIED, LATE = "refused", "fault", "process_died", "time_limit"
 MAX_REASON_LENGTH = 500
 FIXED_COLUMNS = {
     "run": pa.int64(), "point": pa.int64(), "repeat": pa.int64(), "seed": pa.int64(),
     "outcome": pa.string(), "verdict": pa.string(), "reason": pa.string(), "remedy": pa.string(),
     "images": pa.int64(), "simulated": pa.float64(),
-    "distance_tolerance": pa.float64(), "angle_tolerance": pa.float64(),  # m and rad
+    # largest distance (m) and angle (rad) at which a camera is at its goal
+    "distance_tolerance": pa.float64(), "angle_tolerance": pa.float64(),
 }  # fmt: skip
-LABEL_COLUMNS = ("code", "versions")  # columns whose values are equal in all rows of a study
+LABEL_COLUMNS = ("code", "versions")  # columns with the same value in all rows of a study
 TIMES_SCHEMA = pa.schema([
     ("run", pa.int64()), ("wall", pa.float64()), ("processor", pa.float64()),
     ("worker", pa.string()),
@@ -204,7 +205,7 @@ def make_schema(study: Study, labels: Mapping[str, str]) -> pa.Schema:
     fixed = list(FIXED_COLUMNS.items())
     parameters = [(key, _find_type(study, key)) for key in study.keys if key != "seed"]
     metrics = [(find_column_name(name), pa.float64()) for name in study.metric_names]
-    # The type `dictionary` stores the constant text of a column only once.
+    # A constant column of type `dictionary` stores its text only once.
     constants = [(name, pa.dictionary(pa.int32(), pa.string())) for name in labels]
     return pa.schema([*fixed[:4], *parameters, *fixed[4:], *metrics, *constants])
 

@@ -32,12 +32,13 @@ from ..metrics import metrics as known_metrics
 from ..metrics.formatting import format_count, format_rows
 from .variations import Axis, RandomVariation, draw_values, parse_variation
 
-MAX_RUNS = 100_000_000  # 1e6 chunks of 100 runs; a scheduler cannot handle more chunks
+# largest number of runs of a study: 1e6 chunks, the most that a scheduler handles, of 100 runs
+MAX_RUNS = 100_000_000
 MAX_CHUNK = 10_000
-IMAGE_CHUNK = 4  # maximum number of runs per chunk if images are stored, because of their memory
+IMAGE_CHUNK = 4  # maximum number of runs per chunk if images are stored, which need much memory
 IMAGE_CHOICES = ("none", "first", "all")
 SAMPLINGS, SEEDS = ("random", "sobol"), ("runs", "repeats", "counted")
-# Keys that describe a study but do not change its runs.
+# Keys of a study that describe its results and do not change its runs.
 DESCRIPTIVE_KEYS = ("source", "chosen", "judged")
 
 
@@ -160,7 +161,7 @@ class Study(KeywordSettings):
                 f"{self.run_count:.3g} runs are more than {MAX_RUNS:g}: make the grid, samples or "
                 "repeats smaller"
             )
-        # Check the metrics before the start; a worker would only find an error after a run.
+        # An unknown metric is reported here, because a worker would report it only after a run.
         for name in self.metric_names:
             try:
                 known_metrics.find_metric(name)
@@ -190,8 +191,6 @@ class Study(KeywordSettings):
             "metrics": ", ".join(self.metrics),
         })  # fmt: skip
 
-    # -- reading ---------------------------------------------------------------------------
-
     @classmethod
     def from_mapping(cls, values: Any) -> Study:
         """Make a study from keys and values.
@@ -218,7 +217,7 @@ class Study(KeywordSettings):
             raise StudyError(f"{path} is not a study: write keys with values into it")
         values = dict(values)
         base = values.get("experiment")
-        # A path is relative to the folder of the study's file or to the current folder.
+        # A relative path starts at the folder of the study's file or at the current folder.
         if isinstance(base, str):
             sibling = Path(path).parent / base
             content = read_yaml(sibling if sibling.is_file() else base, StudyError)
@@ -237,8 +236,6 @@ class Study(KeywordSettings):
         settings = {k: v for k, v in self.to_mapping().items() if k not in DESCRIPTIVE_KEYS}
         text = json.dumps(settings, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
-
-    # -- runs ------------------------------------------------------------------------------
 
     def run(
         self, path: str | Path | None = None, progress: bool = True, workers: int = 1
@@ -374,7 +371,7 @@ class Study(KeywordSettings):
             return self.seed + run % self.repeats
         number = run % self.repeats if self.seeds == "repeats" else run
         sequence = np.random.SeedSequence(self.seed, spawn_key=(number,))
-        # The seed has 63 bits: with 32 bits, two of 1e5 runs would probably have equal seeds.
+        # The seed has 63 bits. With 32 bits, two of 1e5 runs would probably have the same seed.
         return int(sequence.generate_state(1, np.uint64)[0] >> np.uint64(1))
 
     def make_experiment(self, run: int) -> Experiment:
@@ -462,7 +459,7 @@ def _apply_overrides(values: dict[str, Any], overrides: Mapping[str, Any]) -> di
 def _to_plain(value: Any) -> Any:
     if isinstance(value, Mapping):
         return dict(value)
-    # YAML can also contain dates and sets.
+    # YAML can also contain dates and sets, which a study cannot use.
     raise StudyError(
         f"{value!r} cannot be used in a study: use numbers, texts, lists and mappings"
     )

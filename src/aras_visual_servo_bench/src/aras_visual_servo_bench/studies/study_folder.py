@@ -33,7 +33,7 @@ from .study import Study
 STUDY, MANIFEST, LOCK = "study.yaml", "manifest.json", ".lock"
 PARTS, TIMES, TRACES = "parts", "times", "traces"
 CHECKSUM_FILE = "sha256sums.txt"
-FORMAT_VERSION = 3  # in version 3, the columns mend and asked became remedy and desired_twist
+FORMAT_VERSION = 3  # since version 3, the columns mend and asked are named remedy and desired_twist
 _DISK_FULL = (errno.ENOSPC, errno.EDQUOT)
 
 
@@ -53,10 +53,9 @@ class StudyFolder:
             "code": manifest["code"],
             "versions": " ".join(f"{k}={v}" for k, v in manifest["versions"].items()),
         }
-        # For each path: (modification time, size) of the file, and its content.
+        # Content of each file that was read, by its path, with the file's modification time and
+        # size.
         self._cached_tables: dict[Path, tuple[tuple[int, int], pa.Table]] = {}
-
-    # -- opening ---------------------------------------------------------------------------
 
     @classmethod
     def create(cls, path: Path, study: Study, text: str) -> StudyFolder:
@@ -77,7 +76,8 @@ class StudyFolder:
             if folder.has_runs:
                 folder.check_same(study)
                 return folder
-            # The folder has no stored run, for example because no scheduler answered.
+            # A folder without stored runs is created again. Its study may have failed at its start,
+            # for example because no scheduler answered.
             with folder.lock():
                 (path / MANIFEST).unlink()
                 (path / STUDY).unlink(missing_ok=True)
@@ -193,8 +193,6 @@ class StudyFolder:
                 with contextlib.suppress(OSError):
                     (self.path / LOCK).unlink()
 
-    # -- parts -----------------------------------------------------------------------------
-
     def find_part(self, chunk: int, kind: str = PARTS) -> Path:
         """Return the path of a chunk's file.
 
@@ -231,7 +229,7 @@ class StudyFolder:
                     chunk_rows.images, schema=images.make_schema(self.study)
                 )
                 self._write_table(TRACES, chunk, table)
-            # This file is written last, because a chunk is finished if this file exists.
+            # This file is written last, because its existence marks the chunk as finished.
             self._write_table(
                 PARTS, chunk, rows.make_table(self.study, chunk_rows.values, self.labels)
             )
@@ -321,7 +319,8 @@ class StudyFolder:
         try:
             for kind in self._stable_kinds:
                 path = self.find_part(chunk, kind)
-                if not path.is_file():  # also excludes a pipe, which has no end when it is read
+                # is_file() is False for a pipe, which could be read without end
+                if not path.is_file():
                     return False
                 data = path.read_bytes()
                 if hashlib.sha256(data).hexdigest() != sums.get(self._find_name(path)):
@@ -340,7 +339,8 @@ class StudyFolder:
         path, data = self.find_part(chunk, kind), sink.getvalue().to_pybytes()
         path.parent.mkdir(exist_ok=True)
         if kind in self._stable_kinds:
-            # The hash is written first, because the chunk is finished as soon as the file exists.
+            # The hash is written before the file, because the existence of the file marks the chunk
+            # as finished.
             with open(self.path / CHECKSUM_FILE, "a", encoding="utf-8") as sums:
                 sums.write(f"{hashlib.sha256(data).hexdigest()}  {self._find_name(path)}\n")
         _write_file(path, data)

@@ -27,7 +27,7 @@ from .latex import escape_tex, format_tex_interval, format_tex_table
 from .results import Results
 
 FORMATS = ("md", "csv", "tex")
-RATE, MEDIAN, QUARTILES = "rate", "median", "quartiles"  # kinds of columns
+RATE, MEDIAN, QUARTILES = "rate", "median", "quartiles"
 FAILURE_HEADING = "commonest failure"
 MAX_REASON_LENGTH = 90  # maximum number of characters of a reason in a cell
 NUMBER = re.compile(r"[-+]?\d+(\.\d+)?")
@@ -143,7 +143,7 @@ def _find_commonest_failure(failed: Sequence[tuple[str, str]]) -> str:
     if not failed:
         return ""
     (end, count), = Counter(end for end, _ in failed).most_common(1)
-    # Reasons that differ only in numbers are treated as the same reason; the first one is printed.
+    # Reasons that differ only in their numbers count as one reason; the first of them is printed.
     kinds = Counter(NUMBER.sub("", reason) for outcome, reason in failed if outcome == end)
     (kind, _), = kinds.most_common(1)
     reason = next(r for outcome, r in failed if outcome == end and NUMBER.sub("", r) == kind)
@@ -177,8 +177,8 @@ def _list_numbers(table: Table) -> list[list[float]]:
     return [[n for e in column for n in (e.value, e.low, e.high)] for column in columns]
 
 
-# Function that combines the texts of a value, its lower bound and its upper bound into a cell; the
-# bounds are None without an interval.
+# Function that makes the text of a cell from the texts of a value, its lower bound and its upper
+# bound; both bounds are None without an interval.
 IntervalFormat = Callable[[str, str | None, str | None], str]
 
 

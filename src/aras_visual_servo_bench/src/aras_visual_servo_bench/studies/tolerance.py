@@ -12,9 +12,10 @@ from aras_visual_servo_controller.diagnosis.pose_uncertainty import NEGLIGIBLE_U
 from ..metrics.formatting import choose_unit, format_in_unit, format_number, format_quantity
 from .study import Study
 
-KEY = "reached"  # key of an experiment that sets the tolerance: distance and angle
-MAX_LISTED = 3  # maximum number of tolerances that are listed; the range of more is stated
-DIGITS = 6  # tolerances that agree to this number of digits are the same
+# key of an experiment that sets the tolerance of the final pose: distance and angle
+KEY = "reached"
+MAX_LISTED = 3  # maximum number of tolerances that are listed; of more, the range is stated
+DIGITS = 6  # number of significant digits to which equal tolerances agree
 
 
 @dataclass(frozen=True)

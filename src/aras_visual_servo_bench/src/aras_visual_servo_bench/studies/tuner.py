@@ -26,8 +26,8 @@ from ..metrics.metrics import GREATER, Metric
 from .results import Results
 from .study import Study
 
-LOGARITHMIC_RATIO = 10.0  # a range with high/low of at least this value has a logarithmic scale
-DIGITS = 6  # number of significant digits of a candidate's values
+LOGARITHMIC_RATIO = 10.0  # ratio high/low of a search range from which its scale is logarithmic
+DIGITS = 6  # number of significant digits of the settings of a candidate
 MIN_CANDIDATES = 8  # minimum number of candidates per generation
 
 
@@ -155,8 +155,8 @@ class Tuner:
             )
         rng = np.random.default_rng(self._study.seed)
         first = qmc.LatinHypercube(len(self._ranges), rng=rng).random(size)
-        # SciPy evaluates the constraint and then the cost of each candidate. The runs of a
-        # candidate are cached, so they are made only once.
+        # SciPy evaluates the constraint and then the cost of each candidate. Results are cached, so
+        # the runs of a candidate are computed once.
         differential_evolution(
             lambda x: np.array([c.cost for c in self._evaluate(x.T)]),
             [(0.0, 1.0)] * len(self._ranges),
@@ -215,7 +215,7 @@ class Tuner:
         for values, rows in results.group_rows(keys).items():
             known = measured[rows][np.isfinite(measured[rows])]
             rate = float(success[rows].mean())
-            # If the excursion of a run is unknown, assume that the target left the image.
+            # An unknown excursion counts as infinite, as if the target had left the image.
             worst = float(np.max(np.where(np.isnan(excursion[rows]), np.inf, excursion[rows])))
             self._cached_candidates[values] = Candidate(
                 values, sign * float(known.mean()) if known.size else np.inf,

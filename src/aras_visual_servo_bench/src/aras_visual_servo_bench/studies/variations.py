@@ -31,7 +31,8 @@ from aras_visual_servo_base.settings import convert
 from ..errors import StudyError
 
 SOBOL_BLOCK = 1024  # number of points of a Sobol sequence that are computed together
-STREAM_KEY = 0x706F696E  # makes the random numbers of settings independent of those of runs
+# part of the seed of settings, so that settings and runs have independent random numbers
+STREAM_KEY = 0x706F696E
 MAX_VALUES = 1_000_000
 
 
@@ -174,8 +175,8 @@ def draw_values(
     else:
         seeds = np.random.SeedSequence(entropy, spawn_key=(STREAM_KEY, sample))
         unit = np.random.default_rng(seeds).random(len(variations))
-    # The lower bound prevents an infinite value of a normal distribution at 0. The random numbers
-    # are always below 1.
+    # The lower bound prevents -infinity, the quantile of a normal distribution at 0. An upper bound
+    # is not needed, because the random numbers are always below 1.
     bounded = np.maximum(unit, 1e-12).tolist()
     return {draw.key: draw.value(u) for draw, u in zip(variations, bounded, strict=True)}
 

@@ -16,20 +16,20 @@ from typing import Any
 from ..errors import ExperimentError
 from ..experiment.packages import PackagePath
 
-SOURCE_FOLDER = Path(__file__).resolve().parents[4]  # src/ of the workspace
-INSTALL_FOLDER = Path(__file__).resolve().parents[2]  # contains all packages after installation
+SOURCE_FOLDER = Path(__file__).resolve().parents[4]  # folder src/ of the workspace
+INSTALL_FOLDER = Path(__file__).resolve().parents[2]  # folder of all packages after an installation
 PACKAGES = (
     "aras_sim_bridge", "aras_visual_servo_camera", "aras_visual_servo_controller",
     "aras_visual_servo_bench", "aras_visual_servo_gazebo",
 )  # fmt: skip
-# Files of studies are excluded, because the folder of a study contains its own settings.
+# Folder without influence on the code version, because a study stores its own settings.
 EXCLUDED_FOLDER = ("config", "studies")
 SOURCE_SUFFIXES = (
     ".py", ".yaml", ".urdf", ".world", ".dae", ".glb", ".gltf", ".stl", ".obj", ".mtl", ".png",
     ".npz",
 )  # fmt: skip
 CLASS_PATH = re.compile(r"([A-Za-z_]\w*(?:\.\w+)*):[A-Za-z_]\w*")  # package.module:Class
-# Libraries that affect the numbers of a run.
+# libraries whose version can change the numbers of a run
 LIBRARIES = ("numpy", "scipy", "numba", "pin", "pybullet", "opencv-python-headless", "pyarrow")
 UNKNOWN = "unknown"
 
@@ -103,7 +103,7 @@ def _digest_module(name: str) -> str:
         spec = importlib.util.find_spec(name)
         return hashlib.sha256(Path(spec.origin).read_bytes()).hexdigest()[:16]
     except (ImportError, AttributeError, TypeError, ValueError, OSError):
-        return UNKNOWN  # the run that imports this module reports the error
+        return UNKNOWN  # no error here: the run that imports this module reports the error
 
 
 def read_commit() -> str:

@@ -19,16 +19,17 @@ from ..errors import StudyError
 from . import rows, versions
 from .study import Study
 
-# Environment variables that limit libraries (BLAS, OpenMP, numba, OpenCV, Mesa) to one thread.
-# Their default is one thread per core.
+# Environment variables that limit libraries (BLAS, OpenMP, numba, OpenCV, Mesa) to one thread per
+# process. By default, these libraries use one thread per core.
 ONE_THREAD = {
     "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1",
     "BLIS_NUM_THREADS": "1", "VECLIB_MAXIMUM_THREADS": "1", "NUMEXPR_NUM_THREADS": "1",
     "NUMBA_NUM_THREADS": "1", "OPENCV_FOR_THREADS_NUM": "1", "LP_NUM_THREADS": "1",
 }  # fmt: skip
-GRACE_TIME = 60.0  # s; time for the start of a child process, in addition to the limit of a run
-# Maximum number of attempts of a run that ends its process. A second attempt is useful, because the
-# process may have been killed from outside.
+# time allowed for the start of a child process, added to the time limit of a run, s
+GRACE_TIME = 60.0
+# Maximum number of attempts of a run whose process dies. The process may have been killed from
+# outside, so a second attempt can succeed.
 MAX_TRIES = 2
 
 
@@ -68,7 +69,7 @@ def carry_out(task: StudyTask) -> rows.Rows:
             raise StudyError(
                 f"a worker has other versions: {difference}; install the same versions there"
             )
-    limit_threads()  # called for each chunk, because new workers can start at any time
+    limit_threads()  # before each chunk, because a worker can have started at any time
     return _run_isolated_chunk(task) if task.is_isolated else _run_directly(task)
 
 
@@ -95,9 +96,6 @@ def _run_directly(task: StudyTask) -> rows.Rows:
 def make_worker_name() -> str:
     """Return the name of this process for the table of wall times."""
     return f"{socket.gethostname()}:{os.getpid()}"
-
-
-# -- child processes -----------------------------------------------------------------------
 
 
 def _run_isolated_chunk(task: StudyTask) -> rows.Rows:
@@ -153,7 +151,7 @@ def _run_child(study: str, todo: range, limit: float) -> tuple[rows.Rows, str | 
             watchdog = threading.Timer(limit, kill_child)
             watchdog.start()
     except BrokenPipeError:
-        pass  # the child ended before its first run; _describe_exit gives the reason
+        pass  # the child process ended before it read its task; _describe_exit gives the reason
     finally:
         code = child.wait()
         watchdog.cancel()
@@ -171,8 +169,8 @@ def _read_pickles(pipe: BinaryIO) -> Iterator[Any]:
 
 def _describe_exit(code: int) -> str:
     if code < 0:
-        return f"its process was ended by {signal.Signals(-code).name}"
-    return f"its process ended with exit code {code}"
+        return f"the process of the run was ended by {signal.Signals(-code).name}"
+    return f"the process of the run ended with exit code {code}"
 
 
 def _run_as_child() -> None:
@@ -191,7 +189,7 @@ def _run_as_child() -> None:
 
 
 if __name__ == "__main__":
-    # Import this module by its full name, so that the parent process can unpickle the rows.
+    # With the module's full name instead of __main__, the parent process can unpickle the rows.
     from aras_visual_servo_bench.studies import work
 
     work._run_as_child()

@@ -29,7 +29,7 @@ from .target_spec import BoxSpec, TargetSpec, Vector2
 if TYPE_CHECKING:
     from .solids import SolidTarget
 
-OCCLUDER_HEIGHT = 5e-4  # m; distance of an occluder from the face of its target
+OCCLUDER_HEIGHT = 5e-4  # distance of an occluder from the face of its target, m
 URDF = """<?xml version="1.0"?>
 <robot name="{name}">
   <link name="{name}">

@@ -27,11 +27,12 @@ from aras_visual_servo_controller.observation.target_geometry import (
 
 from ..errors import ExperimentError, ViewError, require
 
-ROUNDING = 1e-12  # m; maximum rounding error of a point on the edge of a box
-POSE_TOLERANCE = 1e-9  # a pose is recorded if an element of its matrix has changed by more
+ROUNDING = 1e-12  # maximum rounding error of a point on the edge of a box, m
+# smallest change of an element of a pose matrix with which the pose is recorded
+POSE_TOLERANCE = 1e-9
 TIME_TOLERANCE = 1e-7  # s
-MIN_DEPTH = 1e-3  # m; minimum depth of a point that is projected
-IMAGE_FLIP = (1.0, -1.0)  # factors that convert (x, y) with y up to y down, and back
+MIN_DEPTH = 1e-3  # minimum depth of a point that is projected, m
+IMAGE_FLIP = (1.0, -1.0)  # factors of (x, y) that convert y up to y down, and y down to y up
 
 
 class Target(ABC):
@@ -164,8 +165,8 @@ class RoundTarget(PolygonTarget):
         return None
 
 
-# Target of the demo, in base_link, with the values of robots/aras_visual_servo.urdf. The top of the
-# table is the plane z = 0.59; the lower half of the square plate is inside the table.
+# Target of the demo in the frame base_link, with the values of robots/aras_visual_servo.urdf. The
+# top of the table is the plane z = 0.59, so the lower half of the square plate is inside the table.
 ARAS = BoxesTarget(
     TargetGeometry.from_values(
         np.array(

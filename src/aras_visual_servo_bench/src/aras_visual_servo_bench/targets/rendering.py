@@ -20,12 +20,12 @@ from .scratch import make_scratch_folder
 from .target_spec import Vector2
 
 MAX_DEPTH = 1e3  # m
-# Only ambient light, so that a flat target has the same colours in the image as in its texture.
+# Light without direction, so that the colours of a flat target are those of its texture.
 FLAT_LIGHT = Lighting(ambient=1.0, diffuse=0.0, background=(1.0, 1.0, 1.0, 1.0))
-# With directional light, because differences in brightness make the faces of a solid visible.
+# Light with a direction, so that differences in brightness make the faces of a solid visible.
 SHADED_LIGHT = Lighting(background=(1.0, 1.0, 1.0, 1.0))
-CACHED_TARGETS = 2  # number of cached renderers; a texture can need 11 MB
-CANVAS_BYTES = 1 << 22  # size of the cached camera buffers of a renderer
+CACHED_TARGETS = 2  # number of cached renderers; the texture of one target can need 11 MB
+CANVAS_BYTES = 1 << 22  # size of the cached camera buffers of a renderer, bytes
 
 
 class _StaticWorld:

@@ -107,7 +107,7 @@ def make_solid(corners: np.ndarray, name: str) -> SolidTarget:
     return SolidTarget(solid, _write_mesh(corners, name), is_temporary=True)
 
 
-@lru_cache(maxsize=4)  # a small cache, because meshes are large
+@lru_cache(maxsize=4)  # the cache is small, because meshes are large
 def read_solid_target(
     path: Path, size: tuple[float, ...] | None = None, scale: float | None = None
 ) -> SolidTarget:
@@ -140,7 +140,8 @@ def read_solid_target(
         raise ExperimentError(f"target.shape: {error}{key}") from error
     if factor == (1.0,) * 3:
         return SolidTarget(solid, path.resolve())
-    written = _write_mesh(corners * factor, path.stem)  # the tracker needs a mesh file in metres
+    # the tracker reads a file, and its unit is the metre
+    written = _write_mesh(corners * factor, path.stem)
     return SolidTarget(solid, written, coloured_path=path.resolve(), scale=factor)
 
 

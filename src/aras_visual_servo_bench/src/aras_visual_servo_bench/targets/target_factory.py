@@ -27,19 +27,21 @@ if TYPE_CHECKING:
     from svgelements import Shape
 
 Corners = tuple[tuple[float, float], ...]
-DEFAULT_SIZE = (0.2, 0.2)  # m; size of a target if neither its file nor its settings give one
+DEFAULT_SIZE = (0.2, 0.2)  # size of a target if neither its file nor its settings give one, m
 CIRCLE_EDGES = 180  # number of edges that approximate a full circle of an SVG
 MESHES = (".stl", ".obj", ".dae", ".glb", ".gltf")
 CLASS_PATH = re.compile(r"[\w.]+:\w+")  # 'package.module:Class'
 MAX_SVG_BYTES = 1_000_000
-UNITS = ("", "mm", "cm", "in", "pt", "pc", "px")  # units of width and height of an SVG page
-PPI = 96.0  # px per inch in CSS
+# allowed units of the width and the height of an SVG page
+UNITS = ("", "mm", "cm", "in", "pt", "pc", "px")
+PPI = 96.0  # pixels per inch, as defined by CSS
 MAX_ELEMENTS = 10_000  # maximum number of elements of an SVG, including the copies by <use>
 SAMPLES = 24  # number of edges that approximate a curve of an SVG path
-# Maximum relative difference between the aspect ratios of page and viewBox; it allows for rounded
-# values in files.
+# Maximum relative difference between the aspect ratios of an SVG's page and of its viewBox. Files
+# often contain rounded values.
 ASPECT_TOLERANCE = 0.01
-MAX_CORNER_DISTANCE = 100.0  # maximum distance of a corner from the page centre, in page sizes
+# maximum distance of a corner from the centre of an SVG page, in page sizes
+MAX_CORNER_DISTANCE = 100.0
 
 
 def find_shape(shape: str | Corners) -> type[TargetShape] | None:
@@ -71,7 +73,7 @@ def find_tracker(shape: str | Corners) -> str:
         return MODEL_TRACKER
     found = find_shape(shape)
     if found is None and isinstance(shape, str):
-        # An image of a flat shape is named after the shape, for example four_dots.png.
+        # The file of an image of a flat shape has the shape's name, for example four_dots.png.
         found = SHAPES.get(Path(shape).stem)
         found = None if found is None or found.is_solid else found
     return OUTLINE_TRACKER if found is None else found.tracker
@@ -108,7 +110,7 @@ def make_target(
     return _make_target(shape, size, scale, marker)
 
 
-@lru_cache(maxsize=4)  # a small cache, because images and meshes are large
+@lru_cache(maxsize=4)  # the cache is small, because images and meshes are large
 def _make_target(
     shape: str | Corners, size: tuple[float, ...] | None, scale: float | None, marker: str
 ) -> Target:
@@ -155,9 +157,6 @@ def _make_shape(name: str, parameters: Mapping[str, Any]) -> Target:
             f"target shape '{name}': its method make returned {type(target).__name__}, must return "
             "a Target")
     return target
-
-
-# -- SVG ---------------------------------------------------------------------------------------
 
 
 class SvgOutline(NamedTuple):

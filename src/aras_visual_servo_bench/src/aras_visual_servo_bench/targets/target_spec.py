@@ -17,7 +17,7 @@ from .geometry import Motion, PlacedTarget, PoseHistory
 from .shapes import SHAPES
 from .target_factory import find_shape, is_solid, list_parameters, make_target
 
-MAX_TARGET_SIZE = 2.0  # m; side of the table
+MAX_TARGET_SIZE = 2.0  # maximum size of a target, m: the side of the table
 Vector2 = tuple[float, float]
 PoseValues = tuple[float, float, float, float, float, float]
 

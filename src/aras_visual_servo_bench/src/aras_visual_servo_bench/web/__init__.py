@@ -5,4 +5,4 @@ Only commands and nodes that serve or write a page import this package.
 
 from pathlib import Path
 
-SHARED = Path(__file__).parent / "page"  # folder of scripts and styles that several pages share
+SHARED = Path(__file__).parent / "page"  # folder of the scripts and styles that several pages use

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from ipaddress import IPv4Address, IPv6Address, ip_address
 
 LOCAL_HOSTS = (IPv4Address("127.0.0.1"), "localhost")
-# Form of the Host header: a name or an IPv6 address in brackets, and optionally a port.
+# Form of a Host header: a name or an IPv6 address in brackets, with an optional port.
 HOST_PATTERN = re.compile(
     r"(?:\[(?P<six>[^][]+)\]|(?P<name>[^][:@/?#\\\s]+))(?::(?P<port>[0-9]{1,5}))?"
 )
@@ -77,8 +77,8 @@ class Access:
         name = _normalize_host(found["six"] or found["name"])
         if isinstance(name, IPv6Address) != bool(found["six"]):
             return False
-        # A server that listens on all addresses does not know its names on other machines. It
-        # accepts any IP address, because DNS rebinding needs a name.
+        # A server on all addresses does not know its own names. Any IP address in the Host header
+        # is accepted, because an attack by DNS rebinding needs a name.
         if self._is_wildcard:
             is_own = not isinstance(name, str)
         else:

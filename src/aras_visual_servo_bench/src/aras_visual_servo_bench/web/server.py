@@ -25,7 +25,7 @@ import tornado.web
 from ..errors import BenchError
 from .access import Access
 
-MAX_PORTS = 20  # number of successive ports that are tried
+MAX_PORTS = 20  # number of successive ports that are tried if ports are taken
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; "
     "img-src 'self' blob: data:; connect-src 'self'; base-uri 'none'; form-action 'none'; "
@@ -36,8 +36,7 @@ HEADERS = {
     "Cross-Origin-Resource-Policy": "same-origin",
 }
 
-# Content-Security-Policy of a report, which is a single file with inline scripts, styles and
-# images.
+# Content-Security-Policy of a report, a single file with inline scripts, styles and images.
 REPORT_POLICY = ("default-src 'none'; style-src 'unsafe-inline'; img-src data:; "
                  "script-src 'unsafe-inline'; base-uri 'none'; form-action 'none'; "
                  "frame-ancestors 'none'")  # fmt: skip
@@ -80,9 +79,9 @@ class WebServer(ABC):
         workers: threads for slow tasks.
     """
 
-    index: Path  # path of the HTML file of the page
+    index: Path  # HTML file of the page
     max_message_bytes = 65536  # largest length of a request, bytes
-    is_compressed = True  # True if the responses are compressed
+    is_compressed = True
 
     def __init__(self, access: Access, sockets: list[socket.socket]) -> None:
         """Create a server.

@@ -28,7 +28,7 @@ def read_uplot(file: tuple[str, str]) -> str:
         BenchError: the file is missing or has a different hash.
     """
     name, digest = file
-    found = importlib.util.find_spec(CARRIER_PACKAGE)  # find the package without importing it
+    found = importlib.util.find_spec(CARRIER_PACKAGE)  # locates the package without importing it
     if found is None or not found.submodule_search_locations:
         raise make_missing_library_error("uPlot, the plotting library of the pages,")
     path = Path(found.submodule_search_locations[0]) / "vendor" / name

@@ -28,7 +28,8 @@ class Marker(FlatShape):
 
         choice = MarkerChoice.read(self.marker, "target.marker")
         pixels, _ = make_blank_image(self.size)
-        cells = choice.cells + 2  # cells along a side, with a white border of one cell
+        # number of cells along a side, including a white border of one cell
+        cells = choice.cells + 2
         side = min(pixels.shape) // cells * choice.cells
         tag = choice.draw_marker(side)
         top, left = ((n - side) // 2 for n in pixels.shape)

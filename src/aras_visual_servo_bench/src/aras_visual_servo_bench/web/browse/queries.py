@@ -25,13 +25,17 @@ from ...metrics.statistics import Estimate, proportion
 from .studies import END, STUDY, Snapshot
 
 OPERATORS = ("=", "≠", "<", "≤", ">", "≥", "contains", "is known", "is not known")
-MAX_ROWS, MAX_GROUPS = 200, 200  # largest numbers of rows and of groups in one answer
-MAX_LISTED_VALUES = 60  # the values of a column are listed if there are at most this many
-MAX_CELLS = 24  # largest number of distinct values for which each value has its own cell
-BINS = 12  # number of cells of a numeric column with more than MAX_CELLS distinct values
-MAX_SHADES = 7  # largest number of colour classes of points; all other values are one more class
-MAX_EXACT_INTEGER = 2**53  # larger integers are not exact in JavaScript
-WIDE_RATIO = 100.0  # cells are logarithmic if maximum / minimum is larger than this
+MAX_ROWS, MAX_GROUPS = 200, 200  # largest number of rows, and of groups, in one answer
+# largest number of distinct values of a column that are listed for a selection
+MAX_LISTED_VALUES = 60
+# largest number of distinct values of a column for which each value has its own cell of a map
+MAX_CELLS = 24
+BINS = 12  # number of cells of a map for a numeric column with more than MAX_CELLS distinct values
+# largest number of values of a column with their own colour; all further values share one colour
+MAX_SHADES = 7
+MAX_EXACT_INTEGER = 2**53  # largest magnitude for which every integer is exact in JavaScript
+# ratio of a column's maximum to its minimum above which its cells are logarithmic
+WIDE_RATIO = 100.0
 
 
 @dataclass(frozen=True)
@@ -195,9 +199,6 @@ def is_number(column: pa.ChunkedArray) -> bool:
     return pa.types.is_integer(column.type) or pa.types.is_floating(column.type)
 
 
-# -- columns, rows, one run -----------------------------------------------------------------------
-
-
 def describe_columns(snapshot: Snapshot) -> list[dict[str, Any]]:
     """Return a description of each column.
 
@@ -263,9 +264,6 @@ def find_run_row(snapshot: Snapshot, study: str, run: int) -> dict[str, Any]:
     raise StudyError(f"study {study} has no stored result of run {run} yet")
 
 
-# -- groups and maps ------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class Cells:
     """Cells into which the values of a column are divided.
@@ -304,7 +302,8 @@ def divide_into_cells(
             counts = np.bincount(codes[codes >= 0], minlength=len(values))
             known = sorted(known, key=lambda i: -counts[i])[:max_cells]
         known.sort(key=lambda i: values[i])
-        cell_of_value = np.full(len(values) + 1, -1)  # the last entry is for unknown values
+        # the additional last entry is the cell of unknown values, whose code is -1
+        cell_of_value = np.full(len(values) + 1, -1)
         cell_of_value[known] = np.arange(len(known))
         labels = [to_json_value(values[i]) for i in known]
         return Cells(labels, [[("=", label)] for label in labels], cell_of_value[codes])
@@ -476,9 +475,6 @@ def compute_success_map(snapshot: Snapshot, query: MapQuery) -> dict[str, Any]:
             for row in values.reshape(height, width).tolist()],
         "uncounted": int((group < 0).sum()),
     }  # fmt: skip
-
-
-# -- points ---------------------------------------------------------------------------------------
 
 
 def find_points(snapshot: Snapshot, query: PointQuery) -> dict[str, Any]:

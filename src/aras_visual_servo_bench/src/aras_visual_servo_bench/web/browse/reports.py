@@ -22,8 +22,8 @@ from typing import IO
 from ...errors import StudyError
 from .studies import StudyEntry
 
-MAX_JOBS = 2  # largest number of reports that are computed at the same time
-EXTRA_TIME = 120.0  # time for the report, in addition to the study's time limit for a run, s
+MAX_JOBS = 2  # largest number of reports that are made at the same time
+EXTRA_TIME = 120.0  # time allowed for making a report, added to the study's time limit for a run, s
 PAGE_FILE = "report.html"
 
 

@@ -73,7 +73,8 @@ class BrowseServer(WebServer):
     """Web server of the results browser."""
 
     index = FILES / "index.html"
-    is_compressed = False  # compressing megabytes of points would take longer than sending them
+    # compressing megabytes of points would take longer than sending the points uncompressed
+    is_compressed = False
 
     def __init__(
         self, studies: Studies, access: Access, sockets: list[socket.socket]

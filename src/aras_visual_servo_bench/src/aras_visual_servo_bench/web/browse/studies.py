@@ -28,9 +28,9 @@ from ...studies.results import Results
 from ...studies.study_folder import MANIFEST, PARTS, TIMES, StudyFolder
 
 READ_PERIOD = 1.0  # shortest time between two readings of the folders, s
-MAX_FOLDER_DEPTH = 4  # number of levels below a given folder that are searched for studies
+MAX_FOLDER_DEPTH = 4  # number of folder levels that are searched for studies below a given folder
 MAX_STUDIES = 200
-STUDY, END = "study", "end"  # columns that are added: name of the study, outcome of the run
+STUDY, END = "study", "end"  # names of the added columns: name of the study, outcome of the run
 SETTING, METRIC, OTHER = "setting", "metric", "run"
 
 
@@ -185,11 +185,12 @@ def _update_entry(entry: StudyEntry) -> bool:
         return False
     before, entry.fingerprint, entry.note = entry.fingerprint, fingerprint, ""
     try:
-        if entry.folder is None or before[:1] != fingerprint[:1]:  # the manifest has changed
+        # the manifest is new or has changed
+        if entry.folder is None or before[:1] != fingerprint[:1]:
             entry.folder = StudyFolder.open(entry.path)
             entry.run_count = entry.folder.study.run_count
         entry.results = Results.from_folder(entry.folder)
-    except StudyError as error:  # the previous results are retained
+    except StudyError as error:  # the results that were read before remain visible
         entry.note = str(error)
         if not fingerprint[0]:
             entry.results, entry.folder, entry.note = None, None, f"{entry.path} was removed"

@@ -13,8 +13,9 @@ from typing import Any
 
 from .samples import CLEAR
 
-MAX_UNACKNOWLEDGED = 3  # largest number of messages that are sent without acknowledgement
-ACKNOWLEDGED = "ack"  # text with which a viewer acknowledges an update or an image
+# largest number of messages to a viewer that the viewer has not acknowledged
+MAX_UNACKNOWLEDGED = 3
+ACKNOWLEDGED = "ack"  # text that a viewer sends to acknowledge an update or an image
 
 
 def merge_updates(older: dict[str, Any], newer: dict[str, Any]) -> dict[str, Any]:

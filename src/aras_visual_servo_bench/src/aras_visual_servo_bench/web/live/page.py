@@ -38,8 +38,6 @@ class Page:
         self._controller_state: dict[str, Any] = {}
         self._shapes: dict[str, dict[str, Any]] = {}
 
-    # -- input -----------------------------------------------------------------------------
-
     def set_robot(self, names: Sequence[str], lower: Sequence[float], upper: Sequence[float],
               velocity: Sequence[float], prismatic: Sequence[bool]) -> None:  # fmt: skip
         """Set the joints of the robot and their limits.
@@ -125,7 +123,7 @@ class Page:
         names = set()
         for shape in shapes:
             if shape.kind == TEXT:
-                continue  # the page shows texts outside the 3-D view
+                continue  # the page shows texts outside its 3-D view
             names.add(shape.name)
             fingerprint = np.round(shape.points, DIGITS).tobytes()
             if self._sent_values.get(f"shape {shape.name}") == fingerprint:

@@ -17,9 +17,11 @@ from aras_visual_servo_base.settings import build, parameter
 
 from ...errors import RefusedError
 
-MAX_STEPS = 10_000  # largest number of time steps in one request: 10 s with steps of 1 ms
-MAX_OFFSET, MAX_TURN = 0.3, math.pi  # limits of the offset from the goal, m and rad
-MAX_SPEED, MAX_TURN_RATE = 0.25, 1.0  # limits of the camera's twist when jogging, m/s and rad/s
+MAX_STEPS = 10_000  # largest number of simulation steps in one request: 10 s with steps of 1 ms
+# largest distance (m) and angle (rad) of the offset from the goal
+MAX_OFFSET, MAX_TURN = 0.3, math.pi
+# largest speed (m/s) and angular speed (rad/s) of the camera when jogging
+MAX_SPEED, MAX_TURN_RATE = 0.25, 1.0
 NAME_PATTERN = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,39}")
 
 
@@ -50,7 +52,7 @@ def _limit_magnitude(most: float) -> tuple[type, Any]:
     return float, parameter(0.0, least=-most, most=most)
 
 
-# For each request, the dataclass of its fields.
+# Dataclass of the fields of each request, by the name of the request.
 REQUESTS: dict[str, type] = {
     **dict.fromkeys(("start", "stop", "hold", "reset", "pause", "resume", "record", "stop_record",
                      "report"), _make_request_type()),
@@ -67,7 +69,8 @@ REQUESTS: dict[str, type] = {
                   wy=_limit_magnitude(MAX_TURN_RATE), wz=_limit_magnitude(MAX_TURN_RATE)),
     "jog_joint": _make_request_type(joint=str, speed=(float, parameter(least=-1.0, most=1.0))),
 }  # fmt: skip
-# For each request, the fields whose value must be in a selection list, and the key of this list.
+# For each request, the fields whose value must come from a selection list of the page, and the key
+# of this list.
 CHOICE_FIELDS = {
     "gain": {"name": "gains"}, "camera": {"preset": "cameras"}, "target": {"name": "targets"},
     "servo": {"scheme": "schemes", "law": "laws", "start": "starts", "goal": "goals"},

@@ -15,7 +15,8 @@ from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 
 from ...drawing.robot_visuals import collect_visuals
 
-MAX_TRIANGLES = 400_000  # a browser without graphics card is too slow for more triangles
+# largest number of triangles that a browser without graphics card draws fast enough
+MAX_TRIANGLES = 400_000
 
 
 def make_robot_model(urdf: str, resolve: ResolvePackage = find_package) -> dict[str, Any]:

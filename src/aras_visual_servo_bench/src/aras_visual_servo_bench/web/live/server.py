@@ -29,9 +29,9 @@ from .requests import REQUESTS, Request, read_request
 FILES = Path(__file__).parent / "page"
 UPDATE_RATE = 15.0  # rate of updates to each viewer, Hz
 IMAGE_RATE = 10.0  # rate of images to each viewer, Hz
-MAX_VIEWERS = 8  # largest number of open pages, because each of them needs processor time
+MAX_VIEWERS = 8  # largest number of open pages; each page needs processor time
 MAX_REQUESTS = 8  # largest number of requests of one viewer that are executed at the same time
-# Messages to a viewer are dropped while its send buffer contains more bytes.
+# Size of the send buffer of a viewer above which messages to this viewer are dropped, bytes.
 MAX_UNREAD_BYTES = 2_000_000
 
 
@@ -84,7 +84,7 @@ class LiveServer(WebServer):
             BenchError: the plotting library uPlot is not installed.
         """
         super().__init__(access, sockets)
-        read_uplot(SCRIPT)  # raise an error now if the library is missing
+        read_uplot(SCRIPT)  # raises an error at once if the plotting library is missing
         self.host = host
         self.viewers: set[Viewer] = set()
 

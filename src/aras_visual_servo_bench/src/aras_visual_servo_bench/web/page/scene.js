@@ -24,10 +24,10 @@ void main() {
   gl_Position = a + vec4(across * side * width / size * a.w, -0.0005 * a.w, 0.0);
   tone = colour;
 }`;
-// A drawing that takes longer than REST_THRESHOLD, ms, is followed by a pause. If several drawings take longer
-// than SLOW, ms, the resolution is reduced.
+// Time of a drawing above which a pause follows, and time above which several drawings in sequence reduce the
+// resolution, ms.
 const REST_THRESHOLD = 40, SLOW = 120;
-// Length of this pause divided by the time of the drawing, and longest pause, ms.
+// Length of the pause after a drawing divided by the time of the drawing, and longest pause, ms.
 const REST_FACTOR = 3, MAX_REST = 1000;
 const MOTION_TOLERANCE = 1e-4;  // rad or m; smaller motions of a joint are not drawn
 export const HALF_ANGLE = 0.39;  // half of the vertical angle of view, rad

@@ -19,7 +19,7 @@ from ...recording.run_presentation import describe_verdict
 from .missing_data import MIN_CURVE_IMAGES, explain_missing_data
 from .page import render_tiles
 
-MAX_TEXT = 400  # characters of a reason, remedy or note
+MAX_TEXT = 400  # largest number of characters of a reason, a remedy or a note
 MAX_NOTES = 3
 PANEL_HEIGHT, DPI = 1.9, 60  # inches, and pixels per inch of the curve
 
@@ -69,7 +69,7 @@ def _render_curve(run: Run) -> str:
     """Return the norm of the errors over time; '' with less than two measurements."""
     if np.isfinite(run.error).all(axis=1).sum() < MIN_CURVE_IMAGES or not run.names:
         return ""
-    panels = make_error_panels([run])[-1:]  # the last panel shows the norm
+    panels = make_error_panels([run])[-1:]  # the last of the error panels shows the norm
     with style.apply_style():
         figure = time_plots.draw_panels(panels, [run], "Norm of the errors", Layout(PANEL_HEIGHT))
         if figure is None:

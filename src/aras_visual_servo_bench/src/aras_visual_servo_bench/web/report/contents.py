@@ -209,7 +209,7 @@ def _make_scene(runs: Sequence[Run]) -> dict[str, Any] | None:
     size = max(float(np.linalg.norm(high - low)), MIN_SCENE_SIZE)
     borders = [None if run.camera is None else compute_image_border(run.camera) for run in runs]
     shapes: dict[str, list[Shape]] = {"target": _triangulate_face(corners)}
-    several = len(runs) > 1  # colours then distinguish the runs
+    several = len(runs) > 1  # with several runs, colours distinguish the runs
     for number, (run, path, border) in enumerate(zip(runs, paths, borders, strict=True)):
         colour = _choose_colour(number)
         if not len(path):

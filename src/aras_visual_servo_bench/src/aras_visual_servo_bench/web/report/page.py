@@ -21,8 +21,8 @@ from .contents import make_contents
 from .headline import find_transient, list_remarks, make_headline, make_title
 from .missing_data import explain_missing_data
 
-# Numbers at the top of the page of a single run: metric, factor that converts it to the unit on the
-# page, this unit, and description.
+# Numbers at the top of the page of one run: metric, factor from the metric's unit to the unit on
+# the page, unit on the page, description.
 TILES = (
     ("settled", 1.0, "s", "settling time (to 2 % of the initial distance)"),
     ("final_distance", 1e3, "mm", "final position error"),
@@ -35,7 +35,7 @@ TILES = (
 )
 
 
-MAX_ROWS = 250  # largest number of rows in a table; a browser needs seconds to show thousands
+MAX_ROWS = 250  # largest number of rows in a table; a browser needs seconds for thousands of rows
 PAGE_FOLDER = Path(__file__).parent / "page"
 SCRIPTS = (*(SHARED / f"{name}.js" for name in ("scene", "charts")),
            *(PAGE_FOLDER / f"{name}.js" for name in ("film", "report")))

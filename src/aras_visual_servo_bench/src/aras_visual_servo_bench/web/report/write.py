@@ -68,11 +68,11 @@ class Chapter:
 
 MEASURED, POSES = "images that the scheme has measured", "true camera poses while servoing"
 
-# All chapters. The figures of a row are shown side by side, so they have equal heights.
+# Chapters of a report, by row. Figures of a row are shown side by side with equal heights.
 CHAPTERS: tuple[tuple[Chapter, ...], ...] = (
     (Chapter("filmstrip", "Filmstrip", "Images of the camera while the error decreases. Green: "
              "the desired outline.", views.draw_filmstrip,
-             needs="stored images, as run_with_images and load_run store them"),),
+             needs="stored images: run_with_images and load_run store the images of a run"),),
     (Chapter("feature_errors", "Errors", "Errors of the features by unit, and the norm of all "
              "errors, each divided by its maximum.", None, panels.make_error_panels,
              "Feature errors s − s*", Layout(1.75, legend_columns=6), MEASURED),
@@ -106,8 +106,8 @@ CHAPTERS: tuple[tuple[Chapter, ...], ...] = (
              "time.", None, panels.make_timing_panels, "Time between images",
              Layout(1.5), "at least three images")),
 )  # fmt: skip
-# Number of processes that draw figures. More would not be faster, because the slowest row
-# determines the time.
+# Number of processes that draw figures. More processes would not help, because the slowest row of
+# chapters determines the time.
 DRAWING_PROCESSES = 2
 CHAPTER_NAMES = tuple(part.name for row in CHAPTERS for part in row)
 
@@ -287,7 +287,7 @@ def _set_shared_report(report: _ReportWriter) -> None:
     """Set the report whose figures this forked process draws."""
     global _shared
     _shared = report
-    gc.disable()  # garbage collection would be slow, and is not needed in a process that ends soon
+    gc.disable()  # garbage collection is slow, and this process ends soon
 
 
 def _draw_row(number: int) -> tuple[int, list[Path]]:

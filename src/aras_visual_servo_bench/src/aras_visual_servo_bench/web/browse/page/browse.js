@@ -38,8 +38,6 @@ const columnLabel = (name) => formatHeading(name, column(name).unit);
 const selection = () => ({ studies: view.hidden_studies.length ? page.studies.map((s) => s.name).filter((name) => !view.hidden_studies.includes(name)) : [],
   filters: view.filters.map(([column, operator, value]) => ({ column, operator, value })) });
 
-// -- studies and columns ----------------------------------------------------------------------------
-
 async function updateStudies(force = false) {
   let answer;
   try { answer = await sendQuery({ do: "studies", force }); } catch (error) { showError(error.message); return; }
@@ -138,8 +136,6 @@ function fillValues() {
   $("value").placeholder = kind === "word" ? "text" : unit || "number";
 }
 
-// -- selection ----------------------------------------------------------------------------------------
-
 function applySelection() {
   view.first = 0;
   refresh();
@@ -190,8 +186,6 @@ async function refresh() {
 }
 
 const rowQuery = () => ({ do: "rows", ...selection(), sort: page.columns.some((c) => c.name === view.sort) ? view.sort : "", descending: view.descending, first: view.first, count: ROWS });
-
-// -- map, points, groups ------------------------------------------------------------------------------
 
 function showMap(answer, { x, y, value }) {
   drawMap($("cells"), $("scale"), answer, { x: column(x), y: column(y), value, unit: column(value).unit, isRate: column(value).is_binary }, addFilters);
@@ -254,8 +248,6 @@ function showGroups(answer, { by, values }) {
   if (answer.count > answer.groups.length) table.append(make("caption", `${answer.groups.length} of ${answer.count} groups`));
 }
 
-// -- runs ---------------------------------------------------------------------------------------------
-
 function storeRows(answer) {
   const all = page.studies.filter((s) => !view.hidden_studies.includes(s.name)).reduce((sum, s) => sum + s.runs, 0);
   const rate = answer.total ? ` ${answer.success_count} of them (${percent(answer.success_count / answer.total)} %) succeeded.` : "";
@@ -307,8 +299,6 @@ function showRows() {
   $("next-page").disabled = view.first + page.rows.length >= page.total;
 }
 
-// -- one run ------------------------------------------------------------------------------------------
-
 async function openRun(study, run) {
   const box = $("run");
   let row;
@@ -359,8 +349,6 @@ function closeRun() {
   document.body.classList.remove("with-run");
 }
 
-// -- two studies --------------------------------------------------------------------------------------
-
 async function compare() {
   $("comparison").textContent = "comparing …";
   $("differences").textContent = "";
@@ -387,8 +375,6 @@ async function compare() {
     }
   }
 }
-
-// -- controls -----------------------------------------------------------------------------------------
 
 $("filter").addEventListener("submit", (event) => {
   event.preventDefault();

@@ -33,8 +33,6 @@ function showError(text) {
   $("error").hidden = !text;
 }
 
-// -- requests ----------------------------------------------------------------------------
-
 const running = new Map();  // start time (ms) of each request in progress
 const NO_CONNECTION = "no connection to the simulator", NO_CONTROLLER = "no controller is running: start the nodes with a scheme";
 const controllerReason = () => state.values.controller ? "" : state.values.missing || NO_CONTROLLER;
@@ -105,8 +103,6 @@ function showAnswer(answer) {
   $("answer").textContent = answer.text;
   $("answer").classList.toggle("refused", !answer.ok);
 }
-
-// -- messages ----------------------------------------------------------------------------
 
 function connect() {
   socket = new WebSocket(`ws://${location.host}/live?token=${encodeURIComponent(token)}`);
@@ -266,8 +262,6 @@ async function showImage(bytes) {
     canvas.getContext("2d").drawImage(bitmap, 0, 0);
   } finally { decoding = false; }
 }
-
-// -- choices -----------------------------------------------------------------------------
 
 const CHOICE_IDS = ["scheme", "law", "start", "goal", "camera", "target"];
 for (const id of CHOICE_IDS) {

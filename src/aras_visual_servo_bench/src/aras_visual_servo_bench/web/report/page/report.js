@@ -32,8 +32,6 @@ const page = {
   },
 };
 
-// -- updates ---------------------------------------------------------------------------------
-
 const charts = [], films = [];
 let space = null, isUpdateRequested = false;
 
@@ -104,8 +102,6 @@ function drawPhases() {
   c.fillStyle = page.colour("ink");
   c.fillRect(X(page.time) - 1.5, 0, 3, 6);
 }
-
-// -- plots, films, path --------------------------------------------------------------------------
 
 const visibilityObserver = new IntersectionObserver((entries) => {
   for (const entry of entries) {
@@ -182,8 +178,6 @@ if ($("space")) {
     $("space").hidden = true;
   }
 }
-
-// -- controls ----------------------------------------------------------------------------------
 
 const times = (films[0] && films[0].time) || (charts[0] && charts[0].curves[0].time) || new Float32Array([0]);
 $("time").addEventListener("input", () => page.setTime(+$("time").value));

@@ -29,7 +29,7 @@ def of(loop=None, simulator=None, **more):
     ("[]", "there are no parameters of the"), ("{}", "there are no parameters of the"),
     ('{"parameters": {}, "goals": []}', "the entry 'goals' is not a mapping"),
     ('{"parameters": {}, "versions": []}', "the entry 'versions' is not a mapping"),
-    ('{"parameters": {}, "launch": {}}', "its 'launch' is not a list"),
+    ('{"parameters": {}, "launch": {}}', "the entry 'launch' is not a list"),
 ])
 def test_a_description_that_is_none_is_a_note(text, why):
     found = RecordedExperiment.from_text(text)

@@ -47,8 +47,8 @@ def _read_attribute(scheme: str, count: int, attribute: str) -> tuple[Any, ...]:
         )
     except (ServoError, ValueError, TypeError):
         return ()
-    # If all features have the same value, `count` may be any number: the number of features of a
-    # scheme of points depends on the target.
+    # If all features have the same value, this value holds for any `count`, the number of features,
+    # which can depend on the target.
     if len(set(values)) == 1:
         return tuple(values[:1]) * count
     return tuple(values) if len(values) == count else ()

@@ -215,7 +215,7 @@ class RunTrace:
         """Return the text next to the camera, and the legend of the colours above this text."""
         words, place = "\n".join(self.make_text_lines()), (self._pose[:3, 3] + TEXT_OFFSET)[None]
         shapes = [Shape("words", TEXT, place, (1.0, 1.0, 1.0, 1.0), LETTER_HEIGHT, words)]
-        # The position of a text is its middle, so half of its lines are above its position.
+        # A text is centred on its position, so half of the text's lines are above this position.
         above = 0.5 * (words.count("\n") + 1)
         for line, (text, colour) in enumerate(LEGEND, 1):
             up = (0.0, 0.0, LINE_HEIGHT * (above + line))

@@ -34,15 +34,16 @@ def draw_polygon(polygon, outside, inside, image):
     for n in range(count):
         left, right = min(left, polygon[n, 0]), max(right, polygon[n, 0])
         top, bottom = min(top, polygon[n, 1]), max(bottom, polygon[n, 1])
-    # Compare before the conversion to integers, which cannot represent every number.
+    # The limits are compared before the conversion to integers, which cannot represent large
+    # numbers.
     if not (right >= -0.5 and left <= columns - 0.5 and bottom >= -0.5 and top <= rows - 0.5):
         return
     first_column = int(np.floor(max(left, 0.0) + 0.5))
     first_row = int(np.floor(max(top, 0.0) + 0.5))
     end_column = min(int(np.floor(min(right, float(columns)) + 0.5)) + 1, columns)
     end_row = min(int(np.floor(min(bottom, float(rows)) + 0.5)) + 1, rows)
-    # Covered area of the pixel of a column by edges that cross this pixel, and by edges that have
-    # all pixels up to this column on their left.
+    # Signed area of each pixel of a row: the part from edges that cross the pixel, and the part
+    # that edges add to a pixel and to all pixels on its left.
     crossed, beyond = np.zeros(columns + 1), np.zeros(columns + 1)
     for row in range(first_row, end_row):
         for n in range(count):

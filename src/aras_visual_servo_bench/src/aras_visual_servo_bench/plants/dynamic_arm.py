@@ -384,7 +384,7 @@ def _parse_target(urdf: Path) -> RobotDescription:
 
 def _rename_camera(camera: CameraDescription, name: str, robot: Robot) -> CameraDescription:
     """Copy the robot's camera, with the name and at the optical frame of another camera."""
-    plugin = replace(  # without a plug-in the camera would have no name
+    plugin = replace(  # a new plug-in, if the camera has none, gives the camera its name
         camera.plugin or CameraPlugin(), camera_name=name, robot_namespace="", trigger_topic=""
     )
     renamed = replace(camera, name=name, plugin=plugin, shutter="")

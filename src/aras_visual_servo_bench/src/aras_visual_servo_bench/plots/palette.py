@@ -7,8 +7,7 @@ between text and its background is at least 4.5 to 1.
 BLUE, VERMILION, GREEN, PURPLE = "#0072b2", "#d55e00", "#009e73", "#cc79a7"
 ORANGE, SKY, YELLOW = "#e69f00", "#56b4e9", "#f0e442"
 
-# Colours on a white background.
-# colours of the first, second, ... curve on a white background
+# Colours on a white background; COLOURS are those of the first, second, ... curve.
 COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
 START, GOAL, PALE_BLUE = VERMILION, GREEN, "#cfe3f1"
 INK, SOFT_INK, GOOD, BAD, WARN = "#202124", "#5f6368", "#00734f", "#b3261e", "#8a5a00"  # of text
@@ -46,7 +45,8 @@ LIVE = {
     **{f"curve-{i}": colour for i, colour in enumerate(LIVE_CURVES)},
 }  # fmt: skip
 
-LIVE_LIGHT = {  # colours of the light live page, with the names of LIVE; its 3-D drawing stays dark
+# colours of the live page in light mode, with the keys of LIVE; the 3-D drawing stays dark
+LIVE_LIGHT = {
     **{name: LIVE[name] for name in ("goal", "now", "path", "ideal", "feature", "desired",
                                      "achieved", "desired-turn", "achieved-turn", "white")},
     "text": INK, "quiet": SOFT_INK, "label": SOFT_INK, "message": WARN, "address": BLUE, "red": BAD,
@@ -56,7 +56,7 @@ LIVE_LIGHT = {  # colours of the light live page, with the names of LIVE; its 3-
     **{f"curve-{i}": colour for i, colour in enumerate(CURVE_COLOURS)},
 }  # fmt: skip
 
-REPORT_DARK = {  # colours of the dark report page, with the names of REPORT
+REPORT_DARK = {  # colours of the report page in dark mode, with the keys of REPORT
     "ink": LIVE["text"], "soft": LIVE["quiet"], "line": LIVE["line"], "ground": LIVE["back"],
     "good": LIVE["ok"], "bad": "#ff8a80", "warn": LIVE["caution"], "mark": LIVE["address"],
     "bad-ground": "#33201f", "warn-ground": "#2e2818", "box": LIVE["box"], "badge": LIVE["back"],

@@ -89,7 +89,7 @@ class GraphListener:
         self._camera: CameraModel | None = None
         space = settings.namespace.rstrip("/")
         self.joints_topic = f"{space}/joint_states"
-        # Joint states arrive at 100 Hz. Only the latest is deserialized, by `refresh`.
+        # Joint states arrive at 100 Hz, so only the latest one is deserialized, by `refresh`.
         self._joints_subscriber = rospy.Subscriber(
             self.joints_topic, rospy.AnyMsg, self._on_joints, queue_size=1, tcp_nodelay=True
         )

@@ -48,7 +48,8 @@ class RunTermination:
 
         pose: true world_T_camera (4, 4) of the control camera."""
         output = state.scheme_output
-        # The stamp is rounded to image periods, because counting images would miss dropped images.
+        # The stamp is rounded to image periods. Counting images instead would be wrong if images
+        # are dropped.
         time = round(state.stamp / self._period) * self._period
         self._blind_images = self._blind_images + 1 if output is None else 0
         if state.phase != CONVERGED:

@@ -85,7 +85,7 @@ def make_imaging_settings(
         row_bands=make_row_bands(effects, config.height),
         vibration=vibration,
         blind_mask=blind,
-        # Clipping planes of the experiment also limit features without images and drawn images.
+        # Clipping planes that the experiment sets also limit exact features and drawn images.
         # Clipping planes of the robot description limit only rendered images.
         depth_range=(config.near, config.far) if {"near", "far"} & set(camera.overrides) else None,
     )  # fmt: skip

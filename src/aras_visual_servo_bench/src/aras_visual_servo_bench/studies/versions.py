@@ -22,7 +22,7 @@ PACKAGES = (
     "aras_sim_bridge", "aras_visual_servo_camera", "aras_visual_servo_controller",
     "aras_visual_servo_bench", "aras_visual_servo_gazebo",
 )  # fmt: skip
-# Folder without influence on the code version, because a study stores its own settings.
+# Folder that the digest of the code leaves out, because a study stores its own settings.
 EXCLUDED_FOLDER = ("config", "studies")
 SOURCE_SUFFIXES = (
     ".py", ".yaml", ".urdf", ".world", ".dae", ".glb", ".gltf", ".stl", ".obj", ".mtl", ".png",

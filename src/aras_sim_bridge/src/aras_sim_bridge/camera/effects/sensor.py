@@ -150,7 +150,6 @@ class Effects:
                 "exposure_time, which is 0: set one above 0, or remove the dark current"
             )
 
-
     def make_further(self) -> list[Effect]:
         """Create the effects of `further`.
 

@@ -117,7 +117,6 @@ class CommandedController(Controller):
             for number, joint in zip(given, joints, strict=True)
         ])  # fmt: skip
 
-
     def starting(self, time_ns: int) -> None:
         """Hold the current positions, or command 0 to effort and velocity joints."""
         super().starting(time_ns)

@@ -33,7 +33,7 @@ MAX_CELLS = 24
 BINS = 12  # number of cells of a map for a numeric column with more than MAX_CELLS distinct values
 # largest number of values of a column with their own colour; all further values share one colour
 MAX_SHADES = 7
-MAX_EXACT_INTEGER = 2**53  # largest magnitude for which every integer is exact in JavaScript
+MAX_EXACT_INTEGER = 2**53  # largest magnitude of integers that are exact in JavaScript
 # ratio of a column's maximum to its minimum above which its cells are logarithmic
 WIDE_RATIO = 100.0
 

@@ -64,8 +64,6 @@ class Page:
             to_json_numbers(state.achieved_twist), to_json_numbers(joints),
         ])  # fmt: skip
 
-    # -- messages --------------------------------------------------------------------------
-
     def make_full_message(self) -> dict[str, Any]:
         """Return the full message for a new viewer."""
         return {

@@ -52,7 +52,7 @@ def _limit_magnitude(most: float) -> tuple[type, Any]:
     return float, parameter(0.0, least=-most, most=most)
 
 
-# Dataclass of the fields of each request, by the name of the request.
+# Type with the fields of a request, by the name of the request.
 REQUESTS: dict[str, type] = {
     **dict.fromkeys(("start", "stop", "hold", "reset", "pause", "resume", "record", "stop_record",
                      "report"), _make_request_type()),

@@ -8,11 +8,12 @@ from typing import Any
 
 import numpy as np
 
-# Largest number of samples: 100 s at 30 images/s. It is larger than the number of pixels of a plot,
-# and a full message with 20 numbers per sample is then about 0.5 MB.
+# Largest number of samples: 100 s at 30 images/s. A plot has fewer pixels, and a full message with
+# 20 numbers per sample has about 0.5 MB.
 MAX_SAMPLES = 3000
-CLEAR = ["clear"]  # in a list of samples: forget all samples before
-CLOCK_RESET = -1.0  # the plots restart if the change of the stamp is below this value, s
+CLEAR = ["clear"]  # row in a list of samples after which all earlier samples are removed
+# change of the stamp below which the plots restart, because the clock was reset, s
+CLOCK_RESET = -1.0
 
 
 def to_json_numbers(values: Sequence[float], digits: int = 6) -> list[float | None]:

@@ -103,7 +103,8 @@ class LiveServer(WebServer):
         text = path.read_text(encoding="utf-8")
         if name != "style.css":
             return text
-        dark = make_css(LIVE, "[data-theme=dark], #scene-box")  # the scene is always dark
+        # the 3-D scene is dark also in light mode
+        dark = make_css(LIVE, "[data-theme=dark], #scene-box")
         return make_css(LIVE_LIGHT) + dark + read_uplot(STYLE) + text
 
     def on_start(self) -> None:

@@ -29,7 +29,7 @@ void main() {
 const REST_THRESHOLD = 40, SLOW = 120;
 // Length of the pause after a drawing divided by the time of the drawing, and longest pause, ms.
 const REST_FACTOR = 3, MAX_REST = 1000;
-const MOTION_TOLERANCE = 1e-4;  // rad or m; smaller motions of a joint are not drawn
+const MOTION_TOLERANCE = 1e-4;  // smallest motion of a joint that is drawn, rad or m
 export const HALF_ANGLE = 0.39;  // half of the vertical angle of view, rad
 const sleep = (time) => new Promise((resolve) => setTimeout(resolve, time));
 const FRAGMENT = "precision mediump float; varying vec4 tone; void main() { gl_FragColor = tone; }";

@@ -21,7 +21,8 @@ from .page import render_tiles
 
 MAX_TEXT = 400  # largest number of characters of a reason, a remedy or a note
 MAX_NOTES = 3
-PANEL_HEIGHT, DPI = 1.9, 60  # inches, and pixels per inch of the curve
+# height (inches) and resolution (pixels per inch) of the panel with the error curve
+PANEL_HEIGHT, DPI = 1.9, 60
 
 
 def make_card(run: Run) -> str:

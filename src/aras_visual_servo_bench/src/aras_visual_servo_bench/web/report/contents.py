@@ -27,9 +27,9 @@ from ...recording.image_tracks import compute_tracks, find_milestones
 from ...recording.run import Run
 
 MAX_POSES = 2000  # largest number of poses of a camera path
-# Largest number of points of an image trajectory, which the film draws again at each time.
+# Largest number of points of an image trajectory, because the film draws all points at each time.
 MAX_TRACK_POINTS = 5000
-FRUSTUM_SIZE = 0.2  # length of a drawn camera, as a fraction of the scene's size
+FRUSTUM_SIZE = 0.2  # length of a drawn camera, relative to the size of the scene
 MIN_SCENE_SIZE = 0.02  # smallest size of the scene, m
 START, GOAL, IDEAL, FACE, RIM = (
     to_rgb(SCENE[name]) for name in ("start", "goal", "ideal", "face", "rim")

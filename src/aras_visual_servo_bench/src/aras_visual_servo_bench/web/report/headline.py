@@ -24,11 +24,13 @@ COLUMNS = (
     ("final_distance", "final distance"), ("final_angle", "final angle"),
     ("settled", "settling time"),
 )  # fmt: skip
-MAX_ROWS = 8  # more runs are grouped: a reader compares about this many rows at a glance
-MAX_GROUPS = 24  # largest number of groups, as in the figures of studies
-# Settings that differ between repetitions of the same experiment, and the command of a recording.
+# largest number of runs that have their own rows, for comparison at a glance; more are grouped
+MAX_ROWS = 8
+MAX_GROUPS = 24  # largest number of groups of runs, as in the figures of studies
+# Settings that do not distinguish experiments: the seed differs between repetitions, and the
+# command line between recordings.
 REPETITION_KEYS = ("seed", "launched by")
-MAX_LISTED = 3  # more different schemes, plants or targets are counted in a title
+MAX_LISTED = 3  # largest number of schemes, plants or targets that a title names; more are counted
 
 
 @dataclass(frozen=True)

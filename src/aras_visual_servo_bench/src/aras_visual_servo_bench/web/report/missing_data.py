@@ -7,7 +7,7 @@ import numpy as np
 from ...recording.run import Run
 
 MIN_CURVE_IMAGES = 2
-# A camera that has moved less than this, m and rad, has not moved.
+# Motion up to which a camera counts as at rest, m and rad.
 NO_MOTION = 1e-9
 
 
@@ -26,7 +26,8 @@ def explain_missing_data(run: Run) -> list[str]:
     else:
         if gaps := last + 1 - measured:
             found.append(f"The curve has gaps: {gaps} of {count} images have no measurement.")
-        if (lost := count - 1 - last) > 1:  # the last image of a timed-out run is never measured
+        # 1 is normal, because the last image of a timed-out run is not measured
+        if (lost := count - 1 - last) > 1:
             found.append(f"The last {lost} of {count} images have no measurement.")
     if not run.verdict.name:
         found.append("No verdict: the true poses are unknown.")

@@ -362,8 +362,6 @@ $("teach-name").addEventListener("input", updateButtons);
 for (const what of ["all", "run"]) $(`view-${what}`).addEventListener("click", () => scene && follow(scene, what));
 startJogging({ startRequest, sendRequest });
 
-// -- plots -------------------------------------------------------------------------------
-
 for (const part of ["whole", "newest"]) $(`show-${part}`).addEventListener("click", () => timeRange.show(part));
 
 function drawPlots() {

@@ -113,7 +113,8 @@ def test_the_report_of_a_run_is_computed_and_shown(page, browser, served, folder
     tab.wait("document.getElementById('waiting') "
              "&& document.body.innerText.includes('Repeating the run')")  # fmt: skip
     tab.wait("!!window.arasReport", 90.0)
-    assert tab.js("document.querySelector('h1').textContent") == "run:1"
+    assert tab.js("document.querySelector('h1').textContent").startswith("moments, plant free")
+    assert tab.js("document.querySelector('.meta').textContent").startswith("run:1 · ")
     assert tab.js("arasReport.charts.length") > 3
     tab.close()
     assert (folder / "run" / "show-1" / "report.html").is_file()
@@ -254,6 +255,7 @@ def test_nothing_hinders_readers_nor_sticks_out(watched, served, width, theme):
 @pytest.mark.parametrize("page", [SIZES[1]], indirect=True)
 def test_the_outcome_is_on_a_narrow_screen_and_the_reason_is_complete(page):
     only(page, "made")
+    add_filter(page, "outcome", "=", "oscillating")
     box = "document.querySelector('#rows tbody .end').getBoundingClientRect()"
     assert page.js(f"{box}.left") >= 0 and page.js(f"{box}.right") <= SIZES[1]
     cells = "[...document.querySelectorAll('#rows td.long')].filter((c) => c.innerText !== '–')"

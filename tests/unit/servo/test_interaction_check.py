@@ -129,6 +129,11 @@ def test_the_worst_of_several_poses_is_reported() -> None:
             check_interaction_matrix(feature, world_T_camera=wrong)
 
 
+def test_an_error_above_100_percent_has_no_exponent() -> None:
+    with pytest.raises(InteractionMatrixError, match=r"is off by \d{3} % \(tolerance"):
+        check_interaction_matrix(Wrong(3, 1, -1.0))
+
+
 def test_entries_are_compared_in_units_of_the_depth() -> None:
     """1 1/m at a depth of 0.3 m is less than 0.5."""
 

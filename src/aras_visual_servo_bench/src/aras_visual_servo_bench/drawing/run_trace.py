@@ -57,7 +57,7 @@ MIN_SPACING = 5e-4  # smallest distance between two points of the camera's path,
 MIN_IMAGE_SPACING = 2e-3
 # Offset of the text from the camera in the base frame, m. In the view of the rviz configuration,
 # the text is left of the arm, in front of the floor; on the right it would cover the gantry.
-TEXT_OFFSET = (0.29, -0.24, 0.19)
+TEXT_OFFSET = (0.24, -0.2, 0.19)
 MAX_ERRORS = 6  # largest number of feature errors that the text lists
 LETTER_HEIGHT, LINE_HEIGHT = 0.023, 0.028  # height of letters and distance between lines of text, m
 LEGEND = (  # text and colour of each line of the legend, from bottom to top

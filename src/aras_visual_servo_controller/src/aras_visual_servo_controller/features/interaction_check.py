@@ -258,7 +258,8 @@ def _name_rows(feature: Feature, count: int) -> tuple[str, ...]:
 
 
 def _format_percent(part: float) -> str:
-    return f"{100.0 * part:.2g}"
+    """Return a fraction in percent with two digits, and without an exponent above 100 %."""
+    return f"{100.0 * part:.2g}" if part < 0.995 else f"{100.0 * part:.0f}"
 
 
 def _make_exact_observer(feature: Feature) -> Observe:

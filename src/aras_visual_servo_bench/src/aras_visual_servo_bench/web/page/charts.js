@@ -235,6 +235,8 @@ export class Chart {
 
   setRange() {
     if (this.plot) {
+      // uPlot reports the cursor again at the same pixel, which would move the time of the page.
+      this.isSettingCursor = true;
       this.plot.setData(this._joinCurves(), false);
       this.plot.setScale("x", { min: this.page.range[0], max: this.page.range[1] });
     }

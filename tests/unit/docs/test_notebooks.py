@@ -1,0 +1,85 @@
+"""The notebooks of the documentation run from the first to the last cell, and are short."""
+
+import os
+import sys
+
+import nbformat
+import pytest
+from blocks import ROOT
+
+sys.path.append(str(ROOT / "docs"))
+
+import run_notebooks  # noqa: E402
+
+NAMES = ("first_servo", "my_scheme", "my_study")
+MOST_BYTES = 250_000  # of a notebook with its outputs; the largest has 220 kB
+MOST_LINES = 35  # of output in one cell
+
+
+def paths():
+    return sorted(run_notebooks.NOTEBOOKS.glob("*.ipynb"))
+
+
+def streams(cell, name):
+    """Text that a cell has written to a stream."""
+    return "".join(output.text for output in cell.outputs
+                   if output.output_type == "stream" and output.name == name)  # fmt: skip
+
+
+def kinds(cell):
+    """Kinds of the outputs of a cell, without texts on the standard error."""
+    return [sorted(output.get("data", {output.get("name"): ""})) for output in cell.outputs
+            if output.get("name") != "stderr"]  # fmt: skip
+
+
+def code_cells(notebook):
+    return [cell for cell in notebook.cells if cell.cell_type == "code"]
+
+
+def test_there_are_three_notebooks():
+    assert [path.stem for path in paths()] == list(NAMES)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_notebook_is_stored_with_small_outputs(name):
+    path = run_notebooks.NOTEBOOKS / f"{name}.ipynb"
+    stored = nbformat.read(path, as_version=4)
+    nbformat.validate(stored)
+    assert path.stat().st_size < MOST_BYTES
+    assert [cell.execution_count for cell in code_cells(stored)] == [
+        k + 1 for k in range(len(code_cells(stored)))
+    ]
+    for cell in code_cells(stored):
+        assert cell.outputs, f"run docs/run_notebooks.py {name}: no output of\n{cell.source}"
+        assert len(streams(cell, "stdout").splitlines()) <= MOST_LINES
+        assert "\x1b" not in streams(cell, "stderr") + streams(cell, "stdout")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_notebook_runs(name, tmp_path, monkeypatch):
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(sys.path))  # of the kernel
+    path = run_notebooks.NOTEBOOKS / f"{name}.ipynb"
+    stored = nbformat.read(path, as_version=4)
+    made = run_notebooks.execute(path, tmp_path)
+    for cell in code_cells(made):
+        if "progress=True" in cell.source or "study.run(" in cell.source:
+            assert "\r[#" in streams(cell, "stderr"), "the progress bar is not visible"
+    run_notebooks.reduce_progress(made)
+    for cell, before in zip(code_cells(made), code_cells(stored), strict=True):
+        assert kinds(cell) == kinds(before), f"run docs/run_notebooks.py {name}: {cell.source}"
+    if name == "my_study":
+        assert "\\toprule" in (tmp_path / "table.tex").read_text()
+        assert (tmp_path / "figures" / "success.pdf").stat().st_size > 1000
+
+
+def test_a_failing_cell_fails(tmp_path):
+    """The test above would not notice an error if errors were only stored."""
+    notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell("1 / 0")])
+    nbformat.write(notebook, tmp_path / "wrong.ipynb")
+    with pytest.raises(Exception, match="ZeroDivisionError"):
+        run_notebooks.execute(tmp_path / "wrong.ipynb", tmp_path)
+
+
+def test_an_unknown_notebook_gets_the_list():
+    with pytest.raises(SystemExit, match="no notebook my_studdy; there are: first_servo, my_sch"):
+        run_notebooks.main(["my_studdy"])

@@ -554,7 +554,7 @@ def test_latex_compiles_without_overfull_lines(tmp_path, capsys):
 
 
 def test_latex_has_no_number_that_tex_cannot_set():
-    column = tables.Column("energy", "", tables.MEDIAN)
+    column = tables.StatisticColumn("energy", "", tables.MEDIAN)
     estimate = tables.Estimate(-math.inf, 1e-9, math.inf, 3)
     text = tables.format_table(tables.Table((), (column,), (((), 3, (estimate,)),)), "tex")
     assert r"$-\infty$ {\footnotesize $[1.00 \cdot 10^{-9}, \infty]$}" in text

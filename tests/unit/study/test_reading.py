@@ -145,7 +145,7 @@ def test_a_setting_has_the_unit_that_its_class_says(key, unit):
 
 
 def test_words_are_safe_in_latex_and_markdown():
-    rate = (tables.Column("success", "", tables.RATE),)
+    rate = (tables.StatisticColumn("success", "", tables.RATE),)
     table = tables.Table(("my_key",), rate, ((("50 % | x",), 2, (
         statistics.proportion(1, 2),)),))  # fmt: skip
     tex = tables.format_table(table, "tex")
@@ -160,7 +160,7 @@ def test_words_are_safe_in_latex_and_markdown():
     ((3e5, 2e4, 3e4), "3.00e+05 [2.00e+04, 3.00e+04]"), ((5e4, 4e4, 6e4), "50000 [40000, 60000]"),
 ])  # fmt: skip
 def test_a_number_and_its_interval_are_written_alike(numbers, told):
-    column = tables.Column("energy", "rad²/s", tables.MEDIAN)
+    column = tables.StatisticColumn("energy", "rad²/s", tables.MEDIAN)
     table = tables.Table((), (column,), (((), 3, (statistics.Estimate(*numbers, 3),)),))
     assert f"| {told}" in tables.format_table(table, "md")
 

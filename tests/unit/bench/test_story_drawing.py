@@ -109,7 +109,7 @@ def test_a_shape_is_told_in_hundredths_of_a_millimetre():
 def test_words_stand_beside_the_camera_and_the_legend_above_them(story):
     found = shapes(story)
     words, camera = found["words"], story.pose[:3, 3]
-    np.testing.assert_allclose(words.points, [camera + [-0.29, 0.24, 0.19]])
+    np.testing.assert_allclose(words.points, [camera + [0.24, -0.2, 0.19]])
     assert words.colour == (1.0, 1.0, 1.0, 1.0)
     legend = [s for s in found.values() if s.name.startswith("legend ")]
     up = np.array([s.points[0] - words.points[0] for s in legend])

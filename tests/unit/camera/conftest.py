@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from aras_sim_bridge import rendering
-from aras_visual_servo_base.compiled import lowest_bit
+from aras_visual_servo_base.compiled_bits import lowest_bit
 
 sys.path.insert(0, str(Path(__file__).parent))
 

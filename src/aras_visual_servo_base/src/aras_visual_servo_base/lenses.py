@@ -15,20 +15,20 @@ def brown(x: np.ndarray, y: np.ndarray, D: Sequence[float]) -> tuple[np.ndarray,
     The formulas are those of OpenCV (calib3d, "Detailed description").
 
     Args:
-        x, y: undistorted normalised coordinates, (n,) each.
+        x, y: undistorted normalised coordinates, of equal shape, such as (n,).
         D: up to 14 coefficients: k1 k2 p1 p2 k3 k4 k5 k6, the thin prism coefficients s1 s2 s3 s4,
             and the tilt of the sensor taux tauy (rad). Coefficients omitted at the end are zero.
 
     Returns:
         Distorted x and y; and a, b, c, d of the Jacobian [[a, b], [c, d]] of the distorted
-        coordinates with respect to the undistorted ones. Each is (n,).
+        coordinates with respect to the undistorted ones. Each has the shape of x.
     """
     from .brown_distortion import distort_points  # loads Numba
 
     x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
-    out = np.empty((6, len(x)))
-    distort_points(x, y, *_fill_coefficients(tuple(D)), out)
-    return tuple(out)
+    out = np.empty((6, x.size))
+    distort_points(x.ravel(), y.ravel(), *_fill_coefficients(tuple(D)), out)
+    return tuple(out.reshape(6, *x.shape))
 
 
 def undistort_brown(
@@ -44,10 +44,13 @@ def undistort_brown(
     from .brown_distortion import undistort_points  # loads Numba
 
     xd, yd = np.asarray(xd, dtype=float), np.asarray(yd, dtype=float)
-    out, valid = np.empty((2, len(xd))), np.empty(len(xd), np.bool_)
+    out, valid = np.empty((2, xd.size)), np.empty(xd.size, np.bool_)
     radius = min(largest_radius, fold_radius(tuple(D)))
-    undistort_points(xd, yd, *_fill_coefficients(tuple(D)), radius, out, valid)
-    return out[0], out[1], valid
+    undistort_points(
+        xd.ravel(), yd.ravel(), *_fill_coefficients(tuple(D)), radius, out, valid
+    )
+    x, y = out.reshape(2, *xd.shape)
+    return x, y, valid.reshape(xd.shape)
 
 
 @functools.lru_cache(maxsize=32)

@@ -418,8 +418,8 @@ def compute_logarithm(
     angle = math.sqrt(square)
     # `factor` is (1 - angle/2 cot(angle/2)) / angle^2, which tends to 1/12 for small angles.
     factor = (1.0 - 0.5 * angle / math.tan(0.5 * angle)) / square if angle > 1e-4 else 1.0 / 12.0
-    # The linear part of the twist is p - w x p / 2 + factor w x (w x p), with w = (a, b, c) and p =
-    # (x, y, z).
+    # With w = (a, b, c) and p = (x, y, z), the linear part of the twist is p - w x p / 2 + factor w
+    # x (w x p).
     return (
         x - 0.5 * (b * z - c * y) + factor * (a * along - x * square),
         y - 0.5 * (c * x - a * z) + factor * (b * along - y * square),

@@ -95,8 +95,8 @@ def rotate_third(third, angle):
     third: mu30, mu21, mu12, mu03 of the shape. The result has the same order.
     """
     a, b, c, d = third
-    # The complex moment mu30 + mu12 + i (mu21 + mu03) rotates by the angle, and
-    # mu30 - 3 mu12 + i (3 mu21 - mu03) by three times the angle.
+    # The complex moment mu30 + mu12 + i (mu21 + mu03) rotates by the angle. The complex moment mu30
+    # - 3 mu12 + i (3 mu21 - mu03) rotates by three times the angle.
     once = complex(a + c, b + d) * complex(cos(angle), sin(angle))
     thrice = complex(a - 3 * c, 3 * b - d) * complex(cos(3 * angle), sin(3 * angle))
     m30, m12 = (3 * once.real + thrice.real) / 4, (once.real - thrice.real) / 4

@@ -12,8 +12,8 @@ from ..urdf import Rgba
 
 # Faces that meet at less than this angle are shaded as one smooth surface.
 CREASE_ANGLE = np.radians(35.0)
-# A vertex with more faces than this, such as the tip of a cone, is not smoothed, because the time
-# for smoothing increases with the square of the number of faces.
+# A vertex with more faces than this, such as the tip of a cone, is not smoothed. The time for
+# smoothing increases with the square of the number of faces.
 _MOST_CORNERS = 128
 _LARGEST_COORDINATE = 1e9  # largest number in a mesh file, in any unit
 # Triangles are dropped if twice their area is smaller than this, in the squared unit of the file.

@@ -17,8 +17,8 @@ from ..errors import ModelError
 # size.
 WELD_TOLERANCE = 1e-6
 # If the normals of two faces differ by less than CREASE_ANGLE, the faces belong to a smooth
-# surface, such as a cylinder, and their common edge is visible only on the outline. If they differ
-# by less than FLAT_ANGLE, the faces are one flat face, and the edge is never visible.
+# surface, such as a cylinder. Their common edge is then visible only on the outline. If the normals
+# differ by less than FLAT_ANGLE, the faces are one flat face, and the edge is never visible.
 CREASE_ANGLE, FLAT_ANGLE = np.radians(35.0), 1e-4
 MIN_SIZE, MAX_SIZE = 2e-3, 5.0  # m; a mesh outside this range is probably not in metres
 # Each eigenvector of the surface's slippage matrix (6, 6) is a motion. The motion leaves the

@@ -34,7 +34,9 @@ MAX_RADIUS_PART = 0.1  # distance between two image points, in radii of the targ
 SAME_POSE = 2e-3
 # If the target plane at a pose differs from the goal's by less than this, the pose is the goal
 # turned about the target's normal, as for a symmetric target. Such a pose is not listed as
-# ambiguous.
+# Kinematics predict the target's plane in the camera frame. Of two poses, the prediction selects
+# the one with the smaller difference from it. That difference has to be less than this fraction of
+# the difference at the second pose.
 SAME_PLANE = 0.02
 # Kinematics predict the target's plane in the camera frame. The prediction decides for one of two
 # poses if it differs from the plane at that pose by less than this fraction of its difference from

@@ -39,8 +39,8 @@ if TYPE_CHECKING:
 # Largest offset from the goal of a camera that has arrived: translation as a fraction of the
 # target's depth, rotation in rad. It is chosen so that the offset times OFFSET_FACTORS, which
 # account for an inaccurate L, stays below NEGLIGIBLE_UNCERTAINTY. The tolerances of the features
-# alone may allow an offset of 6 mm in a direction that hardly changes the features (measured with
-# four points on a plane that is tilted by 40 degrees).
+# alone may allow an offset of 6 mm in a direction that hardly changes the features. This was
+# measured with four points on a plane that is tilted by 40 degrees.
 GOAL_TOLERANCE = (8e-4, 3.5e-3)
 # After its arrival, the camera may exceed the tolerances of the features and GOAL_TOLERANCE by this
 # factor.

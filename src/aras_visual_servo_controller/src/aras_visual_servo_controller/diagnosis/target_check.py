@@ -170,8 +170,8 @@ class TargetCheck:
     # factor, the camera follows the moving target.
     MIN_DEPTH_FACTOR = 0.3
     # A wrong camera model is also fitted if the ratio of measured to predicted squared motion lies
-    # between this and the inverse of this, because the camera may move in another direction than
-    # predicted.
+    # between MIN_MOTION_PART and 1 / MIN_MOTION_PART. The camera may then move in another direction
+    # than predicted.
     MIN_MOTION_PART = 0.2
     # Smallest scale of the translation along or the rotation about an axis that a wrong camera
     # model can explain. A scale of 0.5 corresponds to a focal length that is wrong by a factor of

@@ -32,7 +32,7 @@ from ..goals.goal import Goal
 from ..observation.observation import Need, Observation
 from .base import FEATURES, DepthFraction, Feature, FeatureMeasurement, wrap
 
-# The features control vx, vy, vz and wz of the six camera directions vx ... wz.
+# Of the six camera directions vx ... wz, the features control vx, vy, vz and wz.
 LEVEL_CAMERA = (True, True, True, False, False, True)
 ALPHA, FULL_ALPHA = "alpha", "alpha_full"
 # Order of the moments that are needed for alpha over the full turn, and for its L.

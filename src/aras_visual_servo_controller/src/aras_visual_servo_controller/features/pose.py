@@ -27,7 +27,7 @@ from .points import TOLERANCE
 from .points import backproject as places_of
 
 MAX_ITERATIONS, CONVERGED_STEP = 10, 1e-13
-# Points are collinear if the ratio of their smaller to their larger singular value is below this.
+# Points are collinear if the ratio of their second to their largest singular value is below this.
 PLANARITY_TOLERANCE = 1e-9
 
 

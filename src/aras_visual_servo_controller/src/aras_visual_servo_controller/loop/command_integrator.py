@@ -19,8 +19,9 @@ if TYPE_CHECKING:
     from ..kinematics.limits import Limits
 
 
-# A joint has jumped between two samples if it moved farther than JUMP times `lead`, and farther
-# than JUMP_SPEEDS times the distance that it covers at the greater of the two measured speeds.
+# A joint has jumped between two samples if it moved farther than JUMP times `lead`. It must also
+# have moved farther than JUMP_SPEEDS times the distance that it covers at the greater of the two
+# measured speeds.
 JUMP, JUMP_SPEEDS = 0.5, 4.0
 
 

@@ -40,8 +40,8 @@ class CameraRetreat(RunDiagnosis):
     # The camera has returned if its distance from the target is less than RETURN_FACTOR times the
     # larger of the distances at the start and at the goal.
     RETURN_FACTOR = 1.5
-    # The joints confirm a retreat if the camera's distance from the target according to kinematics
-    # is at least this fraction of the distance that follows from the target's size in the image.
+    # The joints confirm a retreat if the camera's distance from the target by kinematics is at
+    # least this fraction of the distance by the target's size in the image.
     CONFIRMED_PART = 0.6
 
     def __init__(self) -> None:

@@ -67,9 +67,9 @@ class ShapeCheck:
     # Largest ratio of the visible object's spread to the target's; a target tilted by 40 degrees
     # has a smaller ratio.
     MAX_COMPACTNESS_RATIO = 1.25
-    # The shape is not evaluated if the angle between the target's normal and the optical axis
-    # exceeds MAX_TILT (rad) and differs from the angle at the goal by more than MIN_TILT_DIFFERENCE
-    # (rad). Both values are tuned on runs of the canonical tasks that diverge.
+    # Limits of the angle between the target's normal and the optical axis, rad. The shape is not
+    # evaluated if the angle exceeds MAX_TILT and differs from the angle at the goal by more than
+    # MIN_TILT_DIFFERENCE. Both values are tuned on runs of the canonical tasks that diverge.
     MAX_TILT, MIN_TILT_DIFFERENCE = 0.7, 0.2
     MAX_ANISOTROPY_DIFFERENCE = 0.3
     MIN_IMAGES = 3

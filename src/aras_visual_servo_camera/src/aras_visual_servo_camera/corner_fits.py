@@ -41,7 +41,7 @@ def locate_edge(weights, edge, found):
         u, v = edge[n, 0], edge[n, 1]
         left, right = max(u - 1, 0), min(u + 1, columns - 1)
         up, down = max(v - 1, 0), min(v + 1, rows - 1)
-        # Sobel kernels: for a slope of one grey level per pixel, their result is 8.
+        # The Sobel kernels give 8 for a slope of the coverage of one per pixel.
         gx = (
             weights[up, right] + 2.0 * weights[v, right] + weights[down, right]
             - weights[up, left] - 2.0 * weights[v, left] - weights[down, left]

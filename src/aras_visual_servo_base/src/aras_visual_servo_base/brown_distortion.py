@@ -9,8 +9,8 @@ from __future__ import annotations
 from .compiled import jit, jit_inline
 
 ITERATIONS = 30
-# Newton's method stops at this error of the distorted coordinates; a point is valid below the
-# second one.
+# Errors of the distorted coordinates, normalised: Newton's method stops below GOAL_ERROR, and its
+# result is valid below VALID_ERROR.
 GOAL_ERROR, VALID_ERROR = 1e-14, 1e-10
 
 

@@ -170,7 +170,7 @@ def compile_packages(
         report: function that is called with the compiled fraction, 0 to 1.
     """
     try:
-        import_numba()  # forked processes share the modules that are already imported
+        import_numba()  # import Numba before the fork, so that the processes share it
         missing = {package: _import_modules(package, folder) for package in packages}
     except CompilerError as error:
         return CompilationResult([str(error)], "")
@@ -199,7 +199,7 @@ def compile_packages(
                     if process.exitcode:
                         faults.append(_describe_failure(process.exitcode, part))
     finally:
-        for process, _ in running.values():  # there are some only after an exception
+        for process, _ in running.values():  # after an exception, some processes still run
             process.terminate()
     return CompilationResult(faults, uncached)
 
@@ -230,8 +230,10 @@ def _import_modules(package: str, folder: Path | None) -> str:
 def _compile(packages: Sequence[str], sender: Connection) -> None:
     """Compile packages in a process. For each function, send '' or why it cannot be cached."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C ends the process without a traceback
-    logging.disable(logging.WARNING)  # the caller reports that functions cannot be cached, once
-    # Numba creates many objects. Garbage collection would take one eighth of the compilation time.
+    # the parent process already reports functions that cannot be cached
+    logging.disable(logging.WARNING)
+    # Numba creates many objects, and garbage collection would take one eighth of the compilation
+    # time.
     gc.disable()
     for package in packages:
         for function in list_functions(package):

@@ -33,7 +33,7 @@ _log = logging.getLogger(__name__)
 _compile_lock = threading.RLock()
 # All functions with the decorator `jit`, by module and name.
 _functions: dict[tuple[str, str], CompiledFunction] = {}
-# Why functions that this process has compiled could not be cached.
+# Reasons why compiled functions of this process could not be written to Numba's cache.
 uncached_reasons: list[str] = []
 
 
@@ -46,7 +46,8 @@ def import_numba() -> ModuleType:
     """
     try:
         import numba
-    except (ImportError, OSError) as error:  # OSError: llvmlite cannot load LLVM's library
+    # OSError is raised if llvmlite cannot load LLVM's library
+    except (ImportError, OSError) as error:
         raise CompilerError(
             f"cannot import Numba, which compiles functions ({error}): run ./setup.sh; without "
             "ROS, pip install --force-reinstall numba"
@@ -105,7 +106,8 @@ class CompiledFunction:
         """Numba's statistics, which tell whether the function was compiled or loaded."""
         return self.compile().stats
 
-    # Numba reads the next two attributes where a compiled function calls this one.
+    # When a compiled function calls this function, Numba reads `_numba_type_` and
+    # `targetoptions`.
     @property
     def _numba_type_(self) -> numba.types.Type:
         return import_numba().typeof(self.compile())
@@ -131,10 +133,10 @@ def jit(signature: str, allocates: bool = True) -> Callable[[Callable], Compiled
             function is compiled without reference counting and is faster.
     """
     def compile_function(function: Callable) -> CompiledFunction:
-        # The additional C wrapper is not compiled, because no other language calls the function.
-        # `_nrt` is a private option of Numba, but there is no public option that disables reference
-        # counting. With reference counting, a step of the simulated arm takes 8.0 µs of processor
-        # time instead of 6.2 µs (+28 %).
+        # No C wrapper is compiled, because no other language calls the function. `_nrt` is a
+        # private option of Numba, but no public option disables reference counting. With reference
+        # counting, a step of the simulated arm takes 8.0 µs of processor time instead of 6.2 µs
+        # (+28 %).
         made = CompiledFunction(function, partial(_compile, function, signature, {
             "nogil": True, "error_model": "numpy", "_nrt": allocates, "no_cfunc_wrapper": True,
         }))  # fmt: skip
@@ -171,8 +173,8 @@ def _compile(function: Callable, signature: str, options: dict[str, object]) -> 
     arguments = tuple(
         kind.copy(readonly=True) if getattr(kind, "layout", "") == "A" else kind for kind in given
     )
-    # Numba's cache identifies a function only by its file and its name. Therefore a checksum of
-    # everything else on which the compiled code depends is added to the name.
+    # Numba's cache identifies a function only by its file and its name. Therefore the name gets a
+    # checksum of everything else on which the compiled code depends.
     name = function.__qualname__
     function.__qualname__ = f"{name}-{_compute_checksum(function):08x}"
     try:
@@ -181,7 +183,7 @@ def _compile(function: Callable, signature: str, options: dict[str, object]) -> 
         if "cannot cache" not in str(error):
             raise
         warn_uncached("no folder for them is writable")
-    except OSError as error:  # for example because the disk is full
+    except OSError as error:  # the cache cannot be written, for example because the disk is full
         warn_uncached(error.strerror or str(error))
     finally:
         function.__qualname__ = name

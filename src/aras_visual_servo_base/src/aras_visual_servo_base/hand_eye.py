@@ -35,14 +35,14 @@ from .yaml_files import parse_yaml, read_text
 
 # Largest distance from a camera to the link that carries it, m.
 LONGEST_TRANSLATION = 2.0
-# Smallest distance from a camera to the link that carries it, m. A smaller distance means that the
-# setting `units` is wrong; without this setting, it is accepted.
+# Smallest distance, m, from a camera to the link that carries it. A smaller distance shows a wrong
+# `units`; without the setting `units`, the distance is accepted.
 SHORTEST_TRANSLATION = 1e-3
-# Largest accepted absolute element of R R^T - I. It is not zero, because numbers in files are
-# rounded.
+# Largest absolute element of R R^T - I of a rotation R. It is not zero, because numbers in files
+# are rounded.
 ROTATION_TOLERANCE = 1e-3
-# Names of a rotation and a translation in lower case. They may end with the names of two frames,
-# such as _cam2gripper.
+# Names of a rotation or a translation in lower case, with or without the names of two frames, such
+# as r_cam2gripper.
 R_AND_T = re.compile(r"(r|rot|rotation|rvec|t|trans|translation|tvec)(_?(\w+?)(2|_to_)(\w+))?")
 PAIRS = {"r": "t", "rot": "trans", "rotation": "translation", "rvec": "tvec"}
 PUBLISHER_FLAGS = {"x", "y", "z", "qx", "qy", "qz", "qw", "roll", "pitch", "yaw", "frame-id",
@@ -117,9 +117,6 @@ def _convert_to_metres(
                            "correct units")  # fmt: skip
     matrix[:3, 3] = t
     return replace(calibration, link_T_camera=matrix)
-
-
-# -- formats -----------------------------------------------------------------------------------
 
 
 def _parse_rows(text: str) -> list[list[float]] | None:
@@ -245,7 +242,8 @@ def _read_publisher_arguments(arguments: Sequence[str], path: Path) -> HandEyeCa
             (i for i, word in enumerate(arguments) if _parse_float(word) is None), len(arguments)
         )
         link, frame, *rest = (*arguments[count:], "", "")
-        # In ROS 1, a number after the frames is the publisher's period. It is ignored.
+        # In ROS 1, the arguments of static_transform_publisher end with the period, a number, which
+        # is ignored.
         rest = [word for word in rest if word and _parse_float(word) is None]
         arguments = arguments[:count]
     numbers = [_parse_float(word) for word in arguments]
@@ -281,7 +279,8 @@ def _read_mapping(text: str, path: Path) -> tuple[HandEyeCalibration, str]:
     if not isinstance(data, Mapping):
         return HandEyeCalibration(_pose_from_rows(data, str(path))), ""
     units = str(data.get("units", data.get("unit", "")))
-    if "rows" in data and "data" in data:  # the YAML form of ViSP's arrays
+    # a YAML file of ViSP contains an array as rows, cols and data
+    if "rows" in data and "data" in data:
         numbers = _flatten(data["data"], f"{path}: data")
         if len(numbers) != _count_entries(data, path):
             raise HandEyeError(f"{path}: data has {len(numbers)} numbers, but rows and cols are "

@@ -7,7 +7,7 @@ import numpy as np
 
 from aras_visual_servo_base.errors import DescriptionError
 
-LARGEST_IMAGE = 64_000_000  # largest number of pixels of an image
+LARGEST_IMAGE = 64_000_000  # largest accepted number of pixels of an image
 
 
 def read_image_size(path: str | Path) -> tuple[int, int] | None:

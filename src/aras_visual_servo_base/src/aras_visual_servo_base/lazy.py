@@ -40,8 +40,8 @@ def lazy_exports(package: str, places: Mapping[str, str]) -> tuple[Getter, Liste
         from .names import suggest  # imported here because it is only needed for errors
 
         hint = suggest(name, list_names())
-        # The statement `from package import name` calls this function, too. It would replace the
-        # message of an AttributeError by its own, but it does not replace that of an ImportError.
+        # The statement `from package import name` calls this function, too. It replaces the message
+        # of an AttributeError, but not that of an ImportError.
         if sys._getframe(1).f_globals.get("__name__") == "importlib._bootstrap":
             text = f"cannot import name {name!r} from {package!r}: {hint}"
             raise ImportError(text, name=package)

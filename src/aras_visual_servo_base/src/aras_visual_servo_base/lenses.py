@@ -85,7 +85,8 @@ def fold_radius(D: tuple[float, ...]) -> float:
     one = np.polynomial.Polynomial([1.0])
     s = np.polynomial.Polynomial([0.0, 1.0])  # r squared
     n, d = one + k1 * s + k2 * s**2 + k3 * s**3, one + k4 * s + k5 * s**2 + k6 * s**3
-    # With s = r^2, the radius r n(s) / d(s) has its maximum where n d + 2 s (n' d - n d') = 0.
+    # With s = r^2, the distorted radius r n(s) / d(s) has its maximum where n d + 2 s (n' d - n d')
+    # = 0.
     slope = n * d + 2.0 * s * (n.deriv() * d - n * d.deriv())
     roots = np.concatenate([slope.roots(), d.roots() if d.degree() else []])
     real = roots[(np.abs(roots.imag) < 1e-9) & (roots.real > 1e-12)].real

@@ -9,8 +9,8 @@ from types import ModuleType
 from typing import Any
 
 Fault = type[Exception]
-# Exceptions that a user's class or module may raise. They must not end the program; this includes
-# SystemExit, which sys.exit raises.
+# Exceptions that a user's class or module may raise, and that must not end the program. They
+# include SystemExit, which sys.exit raises.
 USER_FAULTS = (Exception, SystemExit)
 
 

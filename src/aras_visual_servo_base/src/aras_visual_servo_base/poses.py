@@ -363,7 +363,7 @@ def compute_exponential(
     angle = math.sqrt(square)
     if angle > 1e-8:
         first = math.sin(angle) / angle
-        second = 0.5 * (math.sin(0.5 * angle) / (0.5 * angle)) ** 2  # (1 - cos) / angle^2
+        second = 0.5 * (math.sin(0.5 * angle) / (0.5 * angle)) ** 2  # (1 - cos(angle)) / angle^2
         third = (1.0 - first) / square
     else:
         first, second, third = 1.0, 0.5, 1.0 / 6.0
@@ -392,8 +392,8 @@ def compute_logarithm(
     zx: float, zy: float, zz: float, z: float,
 ) -> tuple[float, ...]:
     """Return `logarithm` (6,) of a pose's first three rows; compiled functions use it, too."""
-    # Use the antisymmetric part of the rotation, because arccos of the trace is inaccurate for
-    # small angles.
+    # Use the antisymmetric part of the rotation R, because arccos of the trace of R is inaccurate
+    # for small angles.
     a, b, c = zy - yz, xz - zx, yx - xy
     sine, cosine = 0.5 * math.sqrt(a * a + b * b + c * c), 0.5 * (xx + yy + zz - 1.0)
     angle = math.atan2(sine, cosine)
@@ -416,9 +416,10 @@ def compute_logarithm(
         a, b, c = factor * u, factor * v, factor * w
     along, square = a * x + b * y + c * z, a * a + b * b + c * c
     angle = math.sqrt(square)
-    # (1 - angle/2 cot(angle/2)) / angle^2
+    # `factor` is (1 - angle/2 cot(angle/2)) / angle^2, which tends to 1/12 for small angles.
     factor = (1.0 - 0.5 * angle / math.tan(0.5 * angle)) / square if angle > 1e-4 else 1.0 / 12.0
-    # The linear part is p - w x p / 2 + factor w x (w x p), with w = (a, b, c) and p = (x, y, z).
+    # With w = (a, b, c) and p = (x, y, z), the linear part of the twist is p - w x p / 2 + factor w
+    # x (w x p).
     return (
         x - 0.5 * (b * z - c * y) + factor * (a * along - x * square),
         y - 0.5 * (c * x - a * z) + factor * (b * along - y * square),

@@ -77,7 +77,7 @@ class Registry(Mapping[str, type]):
         self.kind, self.bases, self.fault = kind, bases, fault
         self._package, self._fallbacks, self._first = package, fallbacks, first
         self._entries: dict[str, type] = {}
-        # Modules of the package that have not been imported yet; None before they are listed.
+        # Modules of the package that have not been imported yet; None until the modules are listed.
         self._unimported: list[str] | None = None
 
     def register(self, name: str) -> Callable[[C], C]:

@@ -7,7 +7,8 @@ from xml.parsers import expat
 from aras_visual_servo_base.errors import DescriptionError
 from aras_visual_servo_base.poses import Pose, Vector3
 
-# Largest number of characters. The largest common robot descriptions have about a million.
+# Largest number of characters of an XML text. The largest common robot descriptions have about a
+# million.
 LARGEST_TEXT = 16 * 1024 * 1024
 LARGEST_DEPTH = 64
 LARGEST_COUNT = 400_000
@@ -40,7 +41,8 @@ def parse(
     if not xml.strip():
         raise DescriptionError(f"{what}: the description is empty")
     text = _remove_comments(xml).lstrip("\ufeff \t\r\n")
-    first_line = xml.count("\n") - text.count("\n")  # number of lines before `text`
+    # number of lines that were removed before `text`
+    first_line = xml.count("\n") - text.count("\n")
     builder = TreeBuilder()
     parser = expat.ParserCreate()
     parser.buffer_text = True

@@ -24,7 +24,7 @@ _TYPE_NAMES = {
 # Numbers such as 1e1 and -.5, which are numbers in YAML 1.2 but texts in YAML 1.1.
 _TEXT_NUMBER = re.compile(r"[-+]?(\.\d+([eE][-+]?\d+)?|\d+(\.\d*)?[eE][-+]?\d+)", re.ASCII)
 _PLAIN_TYPES = {float, int, str, bool, type(None)}  # types of the numbers and texts in files
-LONGEST_VALUE = 200  # largest number of characters of a value in a message
+LONGEST_VALUE = 200  # largest number of characters of a setting's value in an error message
 
 
 def as_number(value: Any, infinite: bool = False) -> float | None:
@@ -55,7 +55,8 @@ def convert_to_file_types(value: Any) -> Any:
         return list(value)
     if isinstance(value, os.PathLike):
         return os.fspath(value)
-    if not isinstance(value, type) and hasattr(value, "tolist"):  # arrays and numbers of NumPy
+    # arrays and numbers of NumPy have the method `tolist`
+    if not isinstance(value, type) and hasattr(value, "tolist"):
         return value.tolist()
     return value
 
@@ -99,8 +100,8 @@ def check_value(value: Any, where: str, fault: Fault, rules: Mapping[str, Any]) 
                 raise fault(f"{where} is {value}, must be {sign} {bound:g}{text}")
 
 
-# A number that is too large may be in a wrong unit. For each correct unit: the name of the wrong
-# unit that users often write, and its size in the correct unit.
+# A number that is too large may be in a wrong unit. For each correct unit: the wrong unit that
+# users often use, and the size of the wrong unit in the correct one.
 _COMMON_UNIT_MISTAKES = {"rad": ("degrees", math.pi / 180.0), "s": ("ms", 1e-3)}
 _BOUNDS = (
     ("least", ">=", lambda value, bound: value >= bound),

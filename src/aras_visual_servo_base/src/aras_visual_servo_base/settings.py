@@ -269,7 +269,7 @@ def _convert(
     value: Any, hint: Any, where: str, fault: Fault, rules: Mapping[str, Any] = NO_RULES
 ) -> Any:
     if type(value) is hint and (hint in (str, bool) or hint is float and math.isfinite(value)):
-        return value  # this is the usual case
+        return value  # usually, the value already has the right type
     origin = typing.get_origin(hint) or hint
     if origin in (typing.Union, types.UnionType):
         return _convert_union(value, hint, where, fault, rules)
@@ -288,7 +288,7 @@ def _convert(
     elif hint is int:
         fits = isinstance(value, numbers.Integral) and as_number(value) is not None
         found = int(value) if fits else None
-    else:  # bool, str and None are not converted
+    else:  # values of type bool, str and None are not converted
         found = value if isinstance(value, hint) else None
     if found is None and hint is not type(None) or hint is type(None) and value is not None:
         expected = (
@@ -316,7 +316,7 @@ def _convert_union(
             return build(chosen, value, where, fault)
     expected_kind = Mapping if isinstance(value, Mapping) else tuple
     alike = [kind for kind in kinds if _is_kind(kind, expected_kind)]
-    # If only one type of the union fits, the errors of its items are reported.
+    # If only one type of the union is a mapping or a sequence like the value, errors name the item.
     if isinstance(value, Mapping | list | tuple) and len(alike) == 1:
         return _convert(value, alike[0], where, fault, rules)
     for kind in kinds:
@@ -388,7 +388,7 @@ def check(settings: Any, fault: Fault, where: str = "") -> None:
             continue
         found = convert(value, hints[name], join_path(where, name), fault, field.metadata)
         if found is not value:
-            object.__setattr__(settings, name, found)  # settings may be a frozen dataclass
+            object.__setattr__(settings, name, found)  # also works for a frozen dataclass
 
 
 def to_mapping(settings: Any) -> dict[str, Any]:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Hashable, Sequence
 from typing import Any
 
-# Largest number of incomplete exposures. If the messages of one topic arrive more than this number
-# of exposures later than those of another topic, exposures are lost.
+# Largest number of exposures for which messages of some topics are still missing. If one topic is
+# later than another by more exposures than this, exposures are lost.
 MOST_PENDING = 8
 
 

@@ -26,7 +26,7 @@ from aras_visual_servo_base.safe_xml import (
 )
 
 ZERO: Vector3 = (0.0, 0.0, 0.0)
-Rgba = tuple[float, float, float, float]  # red, green, blue, opacity, each 0 to 1
+Rgba = tuple[float, float, float, float]  # red, green, blue and opacity of a colour, each 0 to 1
 MOVING_KINDS = ("revolute", "continuous", "prismatic")
 CAMERA_KINDS = ("camera", "depth", "wideanglecamera", "multicamera")
 JOINT_KINDS = (*MOVING_KINDS, "fixed", "floating", "planar")
@@ -46,7 +46,8 @@ class FramedElement:
     def with_pose(self, pose: Pose) -> Self:
         """Return a copy of the element with another pose."""
         return replace(self, origin_xyz=pose.xyz, origin_rpy=pose.rpy)
-OPTICAL, LINK = "_optical_frame", "_link"  # suffixes of a camera's optical frame and link
+# suffixes of the names of a camera's optical frame and camera link
+OPTICAL, LINK = "_optical_frame", "_link"
 
 
 @dataclass(frozen=True)
@@ -332,7 +333,8 @@ def _read_limits(element: Element, kind: str, where: str) -> JointLimits | None:
     upper = parse_number(node.get("upper"), f"{where}: limit upper", 0.0)
     if bounded and lower > upper:
         raise DescriptionError(f"{where}: limit lower {lower} is above upper {upper}; swap them")
-    required = None if bounded else math.inf  # limits of continuous joints are optional
+    # effort and velocity limits of continuous joints are optional
+    required = None if bounded else math.inf
     effort = parse_number(node.get("effort"), f"{where}: limit effort", required)
     velocity = parse_number(node.get("velocity"), f"{where}: limit velocity", required)
     if effort < 0.0 or velocity < 0.0:

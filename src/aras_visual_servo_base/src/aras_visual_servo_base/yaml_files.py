@@ -34,11 +34,13 @@ def read_text(path: str | Path, fault: type[Exception], what: str = "") -> str:
     path = Path(path).expanduser()
     cannot = " ".join(filter(None, ("cannot read", what, str(path))))
     try:
-        if not stat.S_ISREG(path.stat().st_mode):  # reading a pipe would block
+        # reading a pipe instead of a regular file would block
+        if not stat.S_ISREG(path.stat().st_mode):
             raise fault(f"{cannot}: it is not a regular file")
         with open(path, "rb") as file:
             data = file.read(LARGEST_FILE + 1)
-    except (OSError, ValueError) as error:  # ValueError: the name contains a null byte
+    # a ValueError is raised if the name contains a null byte
+    except (OSError, ValueError) as error:
         raise fault(f"{cannot}: {getattr(error, 'strerror', None) or error}") from None
     if len(data) > LARGEST_FILE:
         raise fault(

@@ -27,14 +27,15 @@ from .undistortion import CameraModel
 # alone, five to eight corners were found in a fifth of these images, and in most images of
 # quadrilaterals that were 10 to 17 px wide.
 MAX_BEND, MIN_BEND, MIN_SIDE = 0.012, 1.2, 2.0
-# The lines are fitted twice: between the rough corners, then between the corners of the first fit.
+# Number of times that lines are fitted to the sides: first between the rough corners, then between
+# the corners of the first fit.
 FIT_ITERATIONS = 2
 OUTLINE_SAMPLES = 128  # number of points at which an outline is compared with a model
-# Rms error of a corner, px, in addition to the error that the line fits predict. It was measured on
+# Rms error of a corner, px, in addition to the error predicted by the line fits. It was measured on
 # 840 quadrilaterals with a width of 12 to 180 px and noise of up to 5 grey levels.
 CORNER_ACCURACY = 0.022
-# Largest accepted distance of a corner from its place in the fitted model: one pixel plus this
-# fraction of the rms distance of the outline's points from their mean.
+# Largest accepted distance of a corner from its position in the fitted model, as a fraction of the
+# rms distance of the outline's points from their mean. One pixel is added to it.
 MAX_CORNER_DISTANCE = 0.1
 
 
@@ -108,7 +109,8 @@ def fit_corners(outline: Array, max_bend: float = MAX_BEND) -> tuple[Array, Arra
     """
     points, middle, pixel, length = _centre_polygon(outline)
     width = max(max_bend * length, MIN_BEND * pixel)
-    # approxPolyDP uses float32, so coordinates relative to the middle lose fewer digits.
+    # approxPolyDP uses float32. Coordinates relative to the middle of the outline lose fewer
+    # digits.
     rough = cv2.approxPolyDP(points.astype(np.float32)[:, None], width, True)
     corners = rough[:, 0].astype(float)
     corners, lines = _fit_sides(points, corners[: merge_corners(corners, MIN_SIDE * pixel)])
@@ -156,7 +158,7 @@ def match_corners(outline: Array, model: Array) -> Array:
             f"the target is too small to separate its {len(model_points)} corners: move the camera "
             "closer"
         )
-    # Two views of a plane are related approximately by an affine map.
+    # Two views of a plane are related approximately by an affine map, which is fitted here.
     homogeneous = np.column_stack([model_points, np.ones(len(model_points))])
     deviation = corners - homogeneous @ np.linalg.lstsq(homogeneous, corners, rcond=None)[0]
     pixel = float(np.median(np.linalg.norm(np.diff(points, axis=0), axis=1)))

@@ -9,10 +9,11 @@ from aras_visual_servo_base.compiled import jit
 from .line_fits import PARALLEL
 
 MAX_CORNERS = 32
-# Smallest slope of the coverage at an outline, 1/px. A flatter edge cannot be located.
+# Smallest slope of the coverage (part of a pixel that the target covers) at an outline, 1/px. An
+# edge with a smaller slope is too blurred to be located.
 MIN_SLOPE = 0.05
-# The coverage is integrated over STEPS intervals of STEP px, from -REACH to REACH px along the
-# normal of the edge.
+# The coverage is integrated along the normal of the edge, from -REACH to REACH px, over STEPS
+# intervals of STEP px.
 STEPS, STEP, REACH = 16, 0.25, 2.0
 MAX_OFFSET = 1.5  # px
 
@@ -40,7 +41,7 @@ def locate_edge(weights, edge, found):
         u, v = edge[n, 0], edge[n, 1]
         left, right = max(u - 1, 0), min(u + 1, columns - 1)
         up, down = max(v - 1, 0), min(v + 1, rows - 1)
-        # Sobel kernels: for a slope of one per pixel, their result is 8.
+        # The Sobel kernels give 8 for a slope of the coverage of one per pixel.
         gx = (
             weights[up, right] + 2.0 * weights[v, right] + weights[down, right]
             - weights[up, left] - 2.0 * weights[v, left] - weights[down, left]
@@ -56,8 +57,9 @@ def locate_edge(weights, edge, found):
         covered = 0.0
         for k in range(STEPS + 1):
             at = k * STEP - REACH
-            # Bilinear interpolation between pixels; beyond the border, the coverage is constant.
-            # Positions have single precision, so that corners equal those of cv2.remap to 1e-9.
+            # Bilinear interpolation between pixels; beyond the image's border, the coverage is
+            # constant. Positions have single precision, so that the corners equal those computed
+            # with cv2.remap to 1e-9.
             x, y = np.float32(u + nx * at), np.float32(v + ny * at)
             x0, y0 = int(np.floor(x)), int(np.floor(y))
             a, b = x - np.float32(x0), y - np.float32(y0)
@@ -161,7 +163,8 @@ def _find_breaks(points, corners, breaks):
                 place, least = n, dx * dx + dy * dy
         if k == 0:
             first = place
-        # Insert the index in the order of its distance from the first index along the outline.
+        # The indices of the corners are sorted by their distance along the outline from the first
+        # corner.
         place = (place - first) % total
         n = count
         while n > 0 and breaks[n - 1] > place:
@@ -186,8 +189,8 @@ def _fit_line(points, first, last, line):
     total = len(points)
     count = (last - first) % total
     count = total if count == 0 else count
-    # The grey levels near a corner depend on both sides, so the points next to the ends are
-    # omitted: three at each end, or a third of a side with fewer than nine points.
+    # The grey levels near a corner depend on both sides, so points near the ends of a side are
+    # omitted: three at each end, or a third of the points if there are fewer than nine.
     cut = min(3, count // 3)
     size = count - 2 * cut + 1
     x = y = 0.0
@@ -244,7 +247,7 @@ def fit_sides(points, rough, repeats, corners, lines):
             da = ax * lines[before, 0] + ay * lines[before, 1]
             db = bx * lines[n, 0] + by * lines[n, 1]
             cross = ax * by - ay * bx
-            if abs(cross) < PARALLEL:  # parallel lines do not intersect
+            if abs(cross) < PARALLEL:  # parallel lines have no intersection
                 corners[n, 0], corners[n, 1] = points[breaks[n], 0], points[breaks[n], 1]
             else:
                 corners[n, 0] = (da * by - db * ay) / cross

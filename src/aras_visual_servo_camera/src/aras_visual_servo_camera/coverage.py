@@ -16,8 +16,8 @@ from .segmented_target import Mask, SegmentedTarget
 # Half width, px, of the square around a pixel over which the local grey level of the background or
 # of the target is averaged.
 BAND_WIDTH = 3
-# If the local grey levels of background and target differ by less than this value, the weight of a
-# pixel at the edge is 1 if it is in the target's mask, otherwise 0.
+# Smallest difference of the local grey levels of background and target. With a smaller difference,
+# the weight of a pixel at the edge is 1 if the pixel is in the target's mask, and 0 if not.
 MIN_CONTRAST = 8.0
 
 

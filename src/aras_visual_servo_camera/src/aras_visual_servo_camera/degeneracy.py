@@ -11,8 +11,9 @@ from math import comb, sqrt
 
 from .moments import Moments
 
-# A feature is undefined if its dimensionless denominator is below this value. The denominator has
-# rounding errors of about 1e-13, so a feature near this limit has about four correct digits.
+# A feature is undefined if the dimensionless denominator of its formula is below this value. The
+# denominator has rounding errors of about 1e-13, so a feature near this limit has about four
+# correct digits.
 DEFAULT_TOLERANCE = 1e-9
 
 

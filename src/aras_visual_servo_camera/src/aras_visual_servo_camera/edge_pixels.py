@@ -79,8 +79,8 @@ def locate_covered_parts(x, y, area, weights, left, top, found):
             if weight != 1.0:
                 up, down = max(row - 1, 0), min(row + 1, last_row)
                 before, after = max(column - 1, 0), min(column + 1, last_column)
-                # The tables have no valid slope next to a pixel outside the range of the lens
-                # model.
+                # If a neighbour of this pixel is outside the range of the lens model, the slope of
+                # the tables of x, y and area is not valid.
                 if min(area[row, before], area[row, after], area[up, column],
                        area[down, column]) > 0.0:  # fmt: skip
                     u, v = find_edge_moment(weights, i, j)

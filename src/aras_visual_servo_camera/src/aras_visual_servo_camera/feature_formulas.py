@@ -16,7 +16,7 @@ from __future__ import annotations
 from .formula import Formula
 
 _SOURCES = {
-    # Centre of gravity and area, normalised such that they are linear in the camera's translation
+    # Centre of gravity and area, normalised so that they are linear in the camera's translation
     # (Tahri and Chaumette 2005).
     "an": "Z_star * sqrt(a_star / a)",
     "xn": "an * xg",
@@ -73,7 +73,8 @@ _SOURCES = {
     "C8": "I12 / I10",
     "C9": "I13 / I15",
     "C10": "I14 / I15",
-    # Chaumette 2004: Sx and Sy are for asymmetric objects, Px and Py for symmetric objects.
+    # Features of Chaumette 2004: Sx and Sy are for asymmetric objects, Px and Py for symmetric
+    # objects.
     "cos2": "mu20 - mu02",
     "sin2": "2 * mu11",
     "cos3": "mu03 - 3 * mu21",
@@ -94,8 +95,8 @@ _SOURCES = {
     "Sxn": "(cos3 * cos4 + sin3 * sin4) / Kn",
     "Syn": "(sin3 * cos4 - cos3 * sin4) / Kn",
     "Pyn": "m00 * J2 / J3**3",
-    # Names in Tahri and Chaumette 2005: c_i are the invariants C_i, and r1 and r2 are the
-    # invariants for the two tilt angles.
+    # Names of Tahri and Chaumette 2005: c_i for the invariant C_i, and r1 and r2 for the invariants
+    # that control the two tilt angles.
     **{f"c{k}": f"C{k} + 0" for k in range(1, 11)},
     "r1": "I13 / I15",
     "r2": "I14 / I15",

@@ -135,7 +135,7 @@ class _Node(NamedTuple):
     name.
     """
 
-    formula: Formula | None  # None for a leaf
+    formula: Formula | None  # formula of the feature; None for a leaf
     leaves: frozenset[str]
     denominators: tuple[str, ...]
 
@@ -206,8 +206,8 @@ def _make_plan(names: tuple[str, ...], kind: str) -> _Plan:
     raw = [_find_leaf_order(n, kind) for n in leaves if re.match(r"m\d", n)]
     rest = [_find_leaf_order(n, kind) for n in leaves if not re.match(r"m\d", n)]
     centred_order, raw_order = max([1, *rest]), max([1, *raw]) if raw else -1
-    # `_compute_leaf_rows` stacks the rows in this order: area, xg, yg, a row of zeros, all mu_ij,
-    # all m_ij.
+    # The rows of all leaves are stacked in this order: area, xg, yg, a row of zeros, all mu_ij, all
+    # m_ij.
     first_raw = 4 + len(exponents(centred_order))
 
     def find_position(leaf: str) -> int:

@@ -68,7 +68,7 @@ class CompiledFormulas:
         self._find_formula, self._same_slope = find_formula, same_slope
         self._lines: list[str] = []
         # For each formula or leaf: the variable in the generated source that contains its value,
-        # and for each leaf the variable that contains the derivative with respect to this leaf.
+        # and, for each leaf, the variable that contains the derivative with respect to the leaf.
         self._local_names: dict[str, tuple[str, dict[str, str]]] = {}
         found = [self._get_locals(name) for name in names]
         values = _format_tuple(value for value, _ in found)
@@ -104,7 +104,8 @@ class CompiledFormulas:
         arguments = [self._get_locals(name) for name in formula.names]
         variable = f"_{len(self._local_names)}"
         partials = [f"{variable}_{k}" for k in range(len(arguments))]
-        # In the expression, replace each name by the variable that contains its value.
+        # In the formula, replace each name by the variable of the generated source that contains
+        # its value.
         local_values = {
             name: value for name, (value, _) in zip(formula.names, arguments, strict=True)
         }

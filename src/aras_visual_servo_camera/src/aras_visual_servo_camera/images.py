@@ -99,7 +99,7 @@ def decode(message: Any) -> Image:
             f"the image's step is {step}, must be at least {line}, the number of bytes in a row "
             f"of {columns} {encoding} pixels"
         )
-    # The padding after the last row may be missing.
+    # In an image message, the padding after the last row may be missing.
     if len(message.data) < step * (rows - 1) + line:
         raise ImageError(
             f"the image's data are truncated: {len(message.data)} bytes, must be "
@@ -113,7 +113,7 @@ def decode(message: Any) -> Image:
         pixels = np.lib.stride_tricks.as_strided(
             data, (rows, line), (step, 1), writeable=False
         ).reshape(shape)
-    if depth == 2:  # keep the upper byte of each channel
+    if depth == 2:  # of 16 bits per channel, keep the upper byte
         start = 0 if message.is_bigendian else 1
         pixels = np.ascontiguousarray(pixels[:, start::2])
         if channels > 1:

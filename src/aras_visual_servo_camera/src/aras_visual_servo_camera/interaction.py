@@ -238,12 +238,13 @@ def _compute_centred_rows(centred, A, B, C, xg, yg, order, delta):
         The matrix (2, 6) of xg and yg; and the matrix of the mu_ij, as in `_compute_rows`.
     """
     velocity = image_velocity(A, B, C, xg, yg)
-    # About the centre of gravity, m10 = m01 = 0, so the row of xg is the row of m10 divided by m00.
+    # About the centre of gravity, m10 = m01 = 0, so the interaction row of xg is that of m10
+    # divided by m00.
     first_rows, centre = _compute_rows(centred, velocity, 1, delta), np.empty((2, 6))
     for i in range(6):
         for k in range(2):
             centre[k, i] = first_rows[1 + k, i] / centred[0, 0]
-            # Subtract the velocity of the centre from the constant terms of x' and y'.
+            # Subtract the velocity of the centre of gravity from the constant terms of x' and y'.
             velocity[i, 6 * k] -= centre[k, i]
     rows = _compute_rows(centred, velocity, order, delta)
     for i in range(6):

@@ -20,7 +20,7 @@ from .polygons import Array
 
 # Size of a pixel in the original simulator, m: from row to row (x) and from column to column (y).
 DELTA_X, DELTA_Y = 0.017, 0.0185
-KERNEL_POWER = -2  # exponent p of the kernels x^p and y^p
+KERNEL_POWER = -2  # exponent p of the weighting functions x^p and y^p
 
 
 @dataclass(frozen=True, eq=False)

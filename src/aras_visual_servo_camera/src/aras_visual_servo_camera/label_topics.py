@@ -14,7 +14,7 @@ from .labels import TargetLabels, read_labels
 from .segmentation import Segmentation
 from .segmented_target import Mask
 
-# Size of a subscriber's buffer, bytes. It holds several images. With a buffer smaller than an
+# Size of a subscriber's buffer, bytes, enough for several images. With a buffer smaller than an
 # image, rospy would deliver old images.
 BUFFER_SIZE = 2**24
 LabelCallback = Callable[[str, ImageMessage], None]

@@ -19,10 +19,11 @@ from aras_visual_servo_base.compiled import jit
 
 from .polygons import Array
 
-# The variance assumed for a line's points is a weighted mean of two values: the variance of these
-# points (weight: its number of degrees of freedom) and the average variance over all lines (weight:
-# SHARED_ERROR). The first value alone is too small if there are few points, or if the line is
-# parallel to the rows or columns, because all its points then have nearly the same error.
+# The variance assumed for a line's points is a weighted mean of two values: the variance of its own
+# points (weight: their number of degrees of freedom) and the average variance over all lines
+# (weight SHARED_ERROR). The first value alone is too small if there are few points. It is also too
+# small if the line is parallel to the rows or columns, because all its points then have nearly the
+# same error.
 SHARED_ERROR = 6.0
 PARALLEL = 0.05  # two lines are parallel if the sine of their angle is below this value
 

@@ -29,7 +29,7 @@ from aras_visual_servo_base.yaml_files import parse_yaml
 
 from .errors import VisionError
 
-# For each dictionary, the number of cells across a marker, including the black rim.
+# For each marker dictionary, the number of cells across a marker, including the black rim.
 DICTIONARIES = {
     **{f"DICT_{bits}X{bits}_{count}": bits + 2 for bits in (4, 5, 6, 7)
        for count in (50, 100, 250, 1000)},
@@ -37,9 +37,9 @@ DICTIONARIES = {
     "DICT_APRILTAG_25h9": 7, "DICT_APRILTAG_36h10": 8, "DICT_APRILTAG_36h11": 8,
 }  # fmt: skip
 DEFAULT_DICTIONARY = "DICT_APRILTAG_36h11"
-# Dictionaries that are searched in this order if the choice does not contain a dictionary. A
-# dictionary of 1000 markers contains the markers of the smaller dictionaries with the same number
-# of bits. DICT_4X4_1000 is not searched, because one of 16 random squares is one of its markers.
+# Dictionaries that are searched in this order if the setting names no dictionary. A dictionary of
+# 1000 markers contains the markers of the smaller dictionaries with the same number of bits.
+# DICT_4X4_1000 is not searched, because one of 16 random squares is one of its markers.
 SEARCHED_DICTIONARIES = ("DICT_4X4_50", "DICT_APRILTAG_36h11", "DICT_5X5_1000", "DICT_6X6_1000",
             "DICT_7X7_1000", "DICT_ARUCO_ORIGINAL", "DICT_APRILTAG_25h9", "DICT_APRILTAG_36h10",
             "DICT_ARUCO_MIP_36h12", "DICT_APRILTAG_16h5")  # fmt: skip

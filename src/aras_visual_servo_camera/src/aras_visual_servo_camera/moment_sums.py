@@ -106,8 +106,9 @@ def sum_samples(x, y, weight, table):
                 px[k + 1, n] = px[k, n] * px[1, n]
         for i in range(SIZE):
             for j in range(SIZE - i):
-                # Halves of the products are added until one is left: unlike a plain sum, these
-                # loops can be vectorised without changing the order of the summands.
+                # The second half of the products is added to the first half until one product is
+                # left. Unlike a plain sum, this loop can be vectorised without changing the order
+                # of the summands.
                 for n in range(padded):
                     products[n] = px[i, n] * py[j, n]
                 half = padded // 2
@@ -129,7 +130,7 @@ def translate(table, dx, dy):
     size = table.shape[0]
     rows, moved = np.zeros((size, size)), np.zeros((size, size))
     for i in range(size):
-        factor = 1.0  # C(i, k) dx^(i-k), which is 1 for the first k = i
+        factor = 1.0  # C(i, k) dx^(i-k); it is 1 for k = i, where the loop starts
         for k in range(i, -1, -1):
             for j in range(size):
                 rows[i, j] += factor * table[k, j]

@@ -40,7 +40,8 @@ from .polygons import Array, find_crossing_edges
 DENSE = "dense"
 POINTS = "points"
 
-# Gauss-Legendre quadrature on [0, 1]: four nodes integrate polynomials up to degree 7 exactly.
+# Nodes and weights of Gauss-Legendre quadrature on [0, 1]: four nodes integrate polynomials up to
+# degree 7 exactly.
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(MAX_ORDER // 2 + 1)
 _NODES = 0.5 * (_NODES + 1.0)
 _WEIGHTS = 0.5 * _WEIGHTS
@@ -102,8 +103,6 @@ class Moments:
     yg: float
     centred: Array
 
-    # -- access ----------------------------------------------------------------------------
-
     @cached_property
     def raw(self) -> Array:
         """Raw moments (order+1, order+1), m_ij at [i, j], zero for i + j > order; read-only."""
@@ -150,8 +149,6 @@ class Moments:
                 f"moment ({i}, {j}) is not available: i + j must be at most {self.order}, the "
                 "order with which the moments were computed"
             )
-
-    # -- constructors ----------------------------------------------------------------------
 
     @classmethod
     def from_arrays(cls, m: ArrayLike, mu: ArrayLike, order: int, kind: str = DENSE) -> Moments:

@@ -71,7 +71,8 @@ class CameraNode:
             image = decode(messages["image"])
             with self._lock:
                 if message.header.stamp < self._stamp:
-                    self.pipeline.reset()  # the stamps have jumped back, e.g. at a reset
+                    # the stamps have jumped back, e.g. at a reset of the simulation
+                    self.pipeline.reset()
                 self._stamp = message.header.stamp
                 if (labels := self._label_topics) is not None:
                     image = replace(image, target_mask=labels.make_mask(messages["labels"]))

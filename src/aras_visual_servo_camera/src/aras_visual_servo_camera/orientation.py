@@ -25,9 +25,9 @@ from .moment_sums import translate
 from .moments import DENSE, Moments
 from .polygons import Array
 
-# A shape is symmetric under half a turn if the norm of its third-order moments, divided by
-# m00 rg^3, is below this value. For a rectangle, it is up to 2e-3, because of the pixels and the
-# truncated expansion. For shapes with a visible direction, it is at least 1e-2.
+# A shape is symmetric under half a turn if the norm of its third-order moments, divided by m00
+# rg^3, is below this value. The norm of a rectangle is up to 2e-3, because of the pixels and the
+# truncated expansion. The norm of shapes with a visible direction is at least 1e-2.
 SYMMETRY_TOLERANCE = 0.003
 # Types of the arguments that describe a view: the centred moments; A, B, C of the plane; xg; yg;
 # and 3 for a region or 0 for a set of points.
@@ -95,8 +95,8 @@ def rotate_third(third, angle):
     third: mu30, mu21, mu12, mu03 of the shape. The result has the same order.
     """
     a, b, c, d = third
-    # The complex moment mu30 + mu12 + i (mu21 + mu03) rotates by the angle, and
-    # mu30 - 3 mu12 + i (3 mu21 - mu03) by three times the angle.
+    # The complex moment mu30 + mu12 + i (mu21 + mu03) rotates by the angle. The complex moment mu30
+    # - 3 mu12 + i (3 mu21 - mu03) rotates by three times the angle.
     once = complex(a + c, b + d) * complex(cos(angle), sin(angle))
     thrice = complex(a - 3 * c, 3 * b - d) * complex(cos(3 * angle), sin(3 * angle))
     m30, m12 = (3 * once.real + thrice.real) / 4, (once.real - thrice.real) / 4
@@ -163,21 +163,22 @@ def _compute_plane_moments(centred, A, B, C, xg, yg, shrinking):
         of_x_tilt[r + 1], of_y_tilt[r + 1] = of_x_tilt[r] * ex, of_y_tilt[r] * ey
     for order in range(min(3, known) + 1):
         k = order + shrinking
-        # projected[b]: integral of x^(order-b) y^b / (1 + e.d)^k
+        # `projected[b]` is the integral of x^(order-b) y^b / (1 + e.d)^k, with e = (ex, ey) and d =
+        # (x, y).
         projected = np.zeros(order + 1)
         for b in range(order + 1):
-            # Coefficient of t^r in the series of (1 + t)^-k, where t = ex x + ey y. It is
-            # (-1)^r C(k+r-1, r).
+            # Coefficient of t^r in the power series of (1 + t)^-k, which is (-1)^r C(k+r-1, r).
+            # Here t = ex x + ey y.
             binomial = 1.0
             for r in range(known - order + 1):
-                choice = 1.0  # binomial coefficient C(r, y)
+                choice = 1.0  # binomial coefficient C(r, y) of the power t^r
                 for y in range(r + 1):
                     moment = centred[order - b + r - y, b + y]
                     projected[b] += binomial * choice * of_x_tilt[r - y] * of_y_tilt[y] * moment
                     choice *= (r - y) / (y + 1.0)
                 binomial *= -(k + r) / (r + 1.0)
         for of_x in range(order + 1):
-            # Coefficients of the polynomial (gx.d)^of_x (gy.d)^(order - of_x), by increasing power
+            # Coefficients of the polynomial (gx.d)^of_x (gy.d)^(order - of_x), by increasing powers
             # of y, where d = (x, y).
             form = np.zeros(order + 1)
             form[0] = 1.0

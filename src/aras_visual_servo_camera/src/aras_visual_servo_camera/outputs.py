@@ -69,7 +69,7 @@ class ImagePublishers:
         method = self._parameters.pipeline_settings.segmentation.method
         self._moments_publisher.publish(make_moments_message(detection, message.header, method))
         if not detection.valid:
-            # Reasons that differ only in numbers are the same kind of error.
+            # Reasons that differ only in numbers are logged as the same kind of error.
             kind = re.sub(r"[\d.]+", "#", detection.reason)
             self._log(kind, f"no measurement: {detection.reason}")
         if self._kernel_publisher.get_num_connections():

@@ -74,7 +74,7 @@ class VisionParameters:
                 "parameter ~desired_outline must be empty, or a list of x and y of at least three "
                 "corners"
             )
-        _ = self.pipeline_settings  # raises ParameterError if settings conflict
+        _ = self.pipeline_settings  # raises a ParameterError if settings conflict
 
     @classmethod
     def from_mapping(cls, mapping: Mapping[str, Any]) -> VisionParameters:

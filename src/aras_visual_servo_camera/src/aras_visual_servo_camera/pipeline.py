@@ -37,7 +37,7 @@ class PipelineSettings:
     original_threshold: float = parameter(250.0, least=0.0, most=255.0)
 
 
-Settings = PipelineSettings  # short name, which the examples in the documentation use
+Settings = PipelineSettings  # the documentation's examples use this short name
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +90,8 @@ class Pipeline:
         """Use the given intrinsics from the next image on."""
         if camera != self.camera:
             if camera.is_distorted:
-                _ = camera.tables  # compute the tables now, so that the next image is not delayed
+                # compute the lens tables now, so that the next image is not delayed
+                _ = camera.tables
             self.camera, self.camera_fault = camera, ""
 
     def drop_camera(self, fault: str) -> None:
@@ -113,8 +114,8 @@ class Pipeline:
                    image.target_mask)  # fmt: skip
         target = segment(grey, *options)
         if target.reason and grey is not image.grey:
-            # No target was found without the blind pixels. Segment the original image, so that the
-            # reason is correct for it.
+            # No target was found in the image whose blind pixels are masked. Segment the original
+            # image, so that the reported reason applies to it.
             target = segment(image.grey, *options)
         reason = target.reason
         if not reason and camera is None:

@@ -13,7 +13,7 @@ from .errors import SegmentationError, VisionError
 METHODS = ("fixed", "otsu", "adaptive", "colour", "nearest_colour", "label")
 BY_COLOUR = ("colour", "nearest_colour")
 COMPONENTS = ("all", "largest", "nearest", "mask")
-MAX_HSV = (179, 255, 255)  # largest hue, saturation and value in OpenCV
+MAX_HSV = (179, 255, 255)  # largest hue, saturation and value in OpenCV's HSV images
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,8 @@ from .segmentation import BY_COLOUR, Segmentation
 Mask = NDArray[np.uint8]
 Box = tuple[int, int, int, int]
 
-UNEVEN_METHODS = (*BY_COLOUR, "label")  # methods whose target can have several grey levels
+# segmentation methods whose target can have several grey levels
+UNEVEN_METHODS = (*BY_COLOUR, "label")
 # Weight of lightness in the distance of two colours. It is low, because shading changes the
 # lightness, but not the hue.
 LIGHTNESS = 0.25
@@ -274,7 +275,8 @@ def _count_components(mask: Mask) -> int:
     Their outer contours are counted, which takes a tenth of the time of labelling their pixels.
     """
     _, hierarchy = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE)
-    return int((hierarchy[0, :, 3] < 0).sum())  # contours of holes have a parent
+    # outer contours have no parent (-1), contours of holes have one
+    return int((hierarchy[0, :, 3] < 0).sum())
 
 
 def _choose_component(
@@ -324,7 +326,7 @@ def _choose_component(
         chosen = int(distance.argmin())
     else:
         chosen = 1 + int(stats[1:, cv2.CC_STAT_AREA].argmax())
-    if count == 2:  # with 'mask', the only component
+    if count == 2:  # `mask` has only one component, so it is complete
         return mask, box, 1
     left, top, width, height = (int(k) for k in stats[chosen, :4])
     new_box = (box[0] + left, box[1] + top, width, height)

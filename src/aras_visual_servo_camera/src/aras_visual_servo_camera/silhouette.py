@@ -15,7 +15,7 @@ import numpy as np
 from .errors import ModelError
 from .interaction import Plane
 
-SILHOUETTE_SAMPLES = 360  # number of points at equal distances along the outline
+SILHOUETTE_SAMPLES = 360  # number of sample points at equal distances along the outline
 # Largest rms deviation of the outline from the plane, as a fraction of its depth. It was determined
 # with boxes up to 0.24 m high and a camera 0.25 m above and up to 0.12 m to the side. All runs with
 # a deviation of up to 0.088 and a height of up to 0.18 m converged. With a deviation of 0.101, the
@@ -67,7 +67,7 @@ def fit_rim(points: np.ndarray) -> Rim:
         ModelError: a vertex is not in front of the camera.
     """
     corners = find_silhouette_points(points)
-    # 1/Z is linear in the image along a straight edge, so it can be interpolated.
+    # Along a straight edge of the outline, 1/Z is linear in the image, so it can be interpolated.
     samples = np.column_stack([corners[:, :2], np.ones(len(corners))]) / corners[:, 2:]
     steps = np.linalg.norm(np.diff(samples[:, :2], axis=0, append=samples[:1, :2]), axis=1)
     arc_length = np.concatenate([[0.0], steps.cumsum()])

@@ -32,7 +32,8 @@ from .polygons import Array
 PINHOLE_MODELS = ("", "plumb_bob", "rational_polynomial")
 FISHEYE_MODELS = ("equidistant", "fisheye")
 
-# Memory of the tables of recently used cameras. The tables of a camera with 640 x 480 px take 7 MB.
+# Size of the cached tables of recently used cameras, bytes. The tables of a camera with 640 x 480
+# px take 7 MB.
 CACHE_BYTES = 64_000_000
 # Rays at a larger angle to the optical axis are rejected, because x = X/Z is infinite at 90 deg.
 _MAX_FIELD_ANGLE = np.deg2rad(88.0)
@@ -57,7 +58,8 @@ class PixelTables(NamedTuple):
         r0, r1 = max(row - 1, 0), min(row + 1, rows - 1)
         across = np.array([t[row, c1] - t[row, c0] for t in (self.x, self.y)]) / max(c1 - c0, 1)
         down = np.array([t[r1, column] - t[r0, column] for t in (self.x, self.y)]) / max(r1 - r0, 1)
-        # The variance of the points in a unit square is 1/12 along each side.
+        # The variance of points that are distributed uniformly in a unit square is 1/12 along each
+        # side.
         variance = (np.outer(across, across) + np.outer(down, down)) / 12.0
         return float(variance[0, 0]), float(variance[0, 1]), float(variance[1, 1])
 

@@ -85,5 +85,5 @@ _FURTHER = {
 }
 FIRST_PROJECT = tuple(_FIRST)
 __all__ = [*_FIRST, *_FURTHER]
-if not TYPE_CHECKING:  # a type checker that sees a module __getattr__ would accept any name
+if not TYPE_CHECKING:  # a type checker would accept any name of a module that has __getattr__
     __getattr__, __dir__ = lazy_exports(__name__, {**_FIRST, **_FURTHER})

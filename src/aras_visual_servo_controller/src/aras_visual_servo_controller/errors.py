@@ -1,6 +1,6 @@
 """Exceptions of the controller. Each message says what is wrong, where, and how to fix it."""
 
-# Message for a target behind the camera according to kinematics, or for a view of the target's
+# Message if kinematics place the target behind the camera, or if the camera views the target's
 # back.
 POINT_BEHIND_CAMERA = "a point of the target lies behind the camera"
 

@@ -16,7 +16,7 @@ from .kinematics import Arm
 from .laws.base import MAX_GAIN
 from .records.state import PerJoint, ServoSettings, joint_parameter
 
-# Parameters for which a mapping from joint names to values can be given.
+# Parameters that accept a mapping from joint names to values.
 BY_JOINT = ("max_velocity", "max_acceleration", "lower", "upper", "posture", "elbow", "lead",
             "stiffness", "damping", "controllers")  # fmt: skip
 MODEL_TRACKER = "model"  # name of the tracker that measures the pose of a known mesh

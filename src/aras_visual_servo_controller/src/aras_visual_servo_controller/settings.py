@@ -124,7 +124,7 @@ class Settings(Parameters):
             if f.name not in raw_settings
             and getattr(robot_settings, f.name) != getattr(defaults, f.name)
         }
-        for key in BY_JOINT if self.joints else ():  # remove the values of joints that are not used
+        for key in BY_JOINT if self.joints else ():  # drop the values of unused joints
             if isinstance(value := known.get(key), Mapping):
                 known[key] = {name: v for name, v in value.items() if name in self.joints} or (
                     getattr(defaults, key)
@@ -304,7 +304,7 @@ class Settings(Parameters):
             raise ConfigurationError(
                 f"parameter ~elbow is {list(sides)}, must be -1 or 1, or {{joint: -1 or 1}}"
             )
-        if sides and self.joints:  # elbows are ignored if not all of their joints are in use
+        if sides and self.joints:  # elbows are ignored if one of their joints is not used
             elbow_names = [arm.names[elbow.joint] for elbow in elbows]
             sides = {n: s for n, s in sides.items() if n in elbow_names or n not in arm.names}
         if sides:
@@ -358,13 +358,13 @@ class Settings(Parameters):
             goal = self.load_goal().for_cameras(
                 {self.list_cameras(scheme)[0]: arm, **other_cameras}
             )
-            # Only the corners of the goal's outline can be computed; other points have to be
-            # taught.
+            # Only the corners of the goal's outline can be computed from geometry; other points
+            # have to be taught.
             if self.tracker == OUTLINE_TRACKER:
                 from .loop.teaching import complete_by_geometry
 
                 goal = complete_by_geometry(goal, scheme)
-        # Its prismatic joints move the camera, so their `lead` and `arrived` are scaled with the
+        # Prismatic joints move a free camera, so their `lead` and `arrived` are scaled with the
         # scene.
         if is_free_camera(arm):
             for name in ("lead", "arrived"):

@@ -40,8 +40,8 @@ def read(data: bytes, folder: Path, check_size: Callable[[int, int], None],
     """
     root = _parse_root(data)
     try:
-        # pycollada loses text that follows a comment. Therefore it gets the XML of `root`, which
-        # contains no comments.
+        # pycollada loses text that follows a comment. Therefore pycollada gets the XML of `root`,
+        # which contains no comments.
         checked = ElementTree.tostring(root)
         document = collada.Collada(io.BytesIO(checked), ignore=_UNSUPPORTED)
     except Exception as error:  # pycollada raises errors of many types for damaged files
@@ -186,7 +186,7 @@ def _find_geometries(scene: collada.scene.Scene | None
 
 
 def _triangulate(polygons: collada.polylist.Polylist) -> collada.triangleset.TriangleSet:
-    if (polygons.vcounts < 3).any():  # _check_primitive checks <polylist>, but not <polygons>
+    if (polygons.vcounts < 3).any():  # the function _check_primitive does not check <polygons>
         raise DescriptionError("<polygons> has a polygon with fewer than three corners")
     return polygons.triangleset()
 

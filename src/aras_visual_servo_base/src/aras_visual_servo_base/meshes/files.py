@@ -26,20 +26,20 @@ from ..safe_xml import shorten
 from ..urdf import Rgba
 from .mesh import Mesh, from_corners, from_indices
 
-LARGEST_FILE = 256 * 1024 * 1024  # largest size of a file, bytes
-# Largest number of triangles in a file. Reading that many from an STL file takes 3 s. Simulated
-# time stops for another 3 s while Bullet and the renderer load them.
+LARGEST_FILE = 256 * 1024 * 1024  # largest size of a mesh file, bytes
+# Largest number of triangles in a mesh file. Reading 300 000 triangles from an STL file takes 3 s.
+# Simulated time stops for another 3 s while Bullet and the renderer load the mesh.
 MOST_TRIANGLES = 300_000
-MOST_MESHES = 10_000  # largest number of meshes in a file
+MOST_MESHES = 10_000  # largest number of meshes in a mesh file
 GREY: Rgba = (0.7, 0.7, 0.7, 1.0)  # colour of surfaces whose material or texture is missing
 _log = logging.getLogger(__name__)
-_LARGEST_CACHE = 256 * 1024 * 1024  # largest size of all cached arrays, bytes
-# Number of bytes before the triangles in a binary STL file. The last four are the number of
-# triangles.
+_LARGEST_CACHE = 256 * 1024 * 1024  # largest total size of the cached mesh arrays, bytes
+# Number of bytes before the triangles in a binary STL file, of which the last four are the number
+# of triangles.
 _STL_HEADER = 84
 _STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("colour", "<u2")])
 
-_State = tuple[int, int]  # size of a file (bytes), and time of its last change (ns)
+_State = tuple[int, int]  # size of a mesh file (bytes), and time of its last change (ns)
 _cache: OrderedDict[str, tuple[dict[Path, _State | None], tuple[Mesh, ...]]] = OrderedDict()
 _cache_lock = threading.Lock()
 
@@ -236,7 +236,7 @@ def _parse_element(kind: str, fields: list[str]) -> list[float]:
     count = 2 if kind == "vt" else 3
     values = [float(word) for word in fields[:count]]
     if kind == "vt" and len(values) == 1:
-        values.append(0.0)  # the second coordinate is optional
+        values.append(0.0)  # the second texture coordinate is optional and 0 by default
     if len(values) < count or not all(map(math.isfinite, values)):
         what = {"v": "vertex", "vt": "texture coordinate", "vn": "normal"}[kind]
         raise DescriptionError(f"a {what} needs {'two' if count == 2 else 'three'} finite numbers")
@@ -292,7 +292,7 @@ def find_texture(file: Path, what: str) -> str | None:
 
 
 def _read_dae(data: bytes, folder: Path, _states: dict[Path, _State | None]) -> list[Mesh]:
-    from . import collada_files  # imported here because this takes 0.07 s and is rarely needed
+    from . import collada_files  # imported here because pycollada takes 0.07 s and is rarely needed
 
     return collada_files.read(data, folder, _check_size, find_texture, GREY)
 

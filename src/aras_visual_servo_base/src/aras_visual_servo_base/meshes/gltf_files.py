@@ -24,9 +24,9 @@ from .mesh import Mesh, from_indices
 if TYPE_CHECKING:
     import trimesh
 
-# Number of bytes before the first chunk of a .glb file. A chunk starts with its length and type.
+# Number of bytes before the first chunk of a .glb file.
 _HEADER = 12
-_TRIANGLES = 4  # number of glTF's default primitive mode, "triangles"
+_TRIANGLES = 4  # glTF's number of the primitive mode "triangles", the default
 _NONE = np.zeros((0, 3))
 
 
@@ -45,7 +45,7 @@ def read(data: bytes, path: Path, check_size: Callable[[int, int], None],
     Raises:
         DescriptionError: the file is invalid; the message says what is missing or wrong.
     """
-    import trimesh  # imported here because this takes half a second and is rarely needed
+    import trimesh  # imported here because trimesh takes half a second and is rarely needed
 
     tree = _parse_tree(data)
     normals = _check_tree(tree, check_size)

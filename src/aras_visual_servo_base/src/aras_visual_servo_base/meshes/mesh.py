@@ -12,8 +12,8 @@ from ..urdf import Rgba
 
 # Faces that meet at less than this angle are shaded as one smooth surface.
 CREASE_ANGLE = np.radians(35.0)
-# A vertex with more faces than this, such as the tip of a cone, is not smoothed, because the time
-# of smoothing increases with the square of this number.
+# A vertex with more faces than this, such as the tip of a cone, is not smoothed. The time for
+# smoothing increases with the square of the number of faces.
 _MOST_CORNERS = 128
 _LARGEST_COORDINATE = 1e9  # largest number in a mesh file, in any unit
 # Triangles are dropped if twice their area is smaller than this, in the squared unit of the file.
@@ -73,7 +73,8 @@ class Mesh:
         axis = np.abs(self.normals).argmax(axis=1)
         sign = np.take_along_axis(self.normals, axis[:, None], axis=1)[:, 0] > 0.0
         across = np.where(axis == 0, share[:, 1], share[:, 0])
-        across = np.where(sign == (axis == 1), 1.0 - across, across)  # to the right from outside
+        # seen from outside, the texture's first coordinate increases to the right
+        across = np.where(sign == (axis == 1), 1.0 - across, across)
         up = np.where(axis == 2, share[:, 1], share[:, 2])
         return replace(self, uv=np.stack([across, up], axis=1).astype(np.float32), texture=texture)
 
@@ -98,7 +99,8 @@ class Mesh:
         low, high = self.positions.min(axis=0), self.positions.max(axis=0)
         if (point < low).any() or (point > high).any():
             return False
-        direction = np.array([0.5773, 0.5411, 0.6119])  # parallel to no edge of typical objects
+        # direction of the ray; typical objects have no edge parallel to it
+        direction = np.array([0.5773, 0.5411, 0.6119])
         a, b, c = self.positions[self.triangles].astype(float).transpose(1, 0, 2)
         e1, e2, to = b - a, c - a, point - a
         p = np.cross(direction, e2)
@@ -171,7 +173,8 @@ def from_indices(index: np.ndarray, v: np.ndarray, vt: np.ndarray, vn: np.ndarra
     mapped = bool(len(vt)) and (index[..., 1] >= 0).all()
     textured = texture is not None and mapped
     if textured:
-        read_image_size(texture)  # reports a texture that is too large before it is rendered
+        # a texture that is too large is reported now, and not when it is rendered
+        read_image_size(texture)
     else:
         texture = None
     given = len(vn) and (index[..., 2] >= 0).all()

@@ -12,17 +12,18 @@ import numpy as np
 
 from aras_visual_servo_base.compiled import jit
 
-MAX_CANDIDATES = 4  # edge candidates per point
+MAX_CANDIDATES = 4  # largest number of edge candidates per sample point
 MAX_LEVEL_PIXELS = 3  # largest number of pixels whose mean is the grey level on one side of an edge
-# The interval over which levels are summed is longer than the edge's blur by this length at each
-# end, px. The edge is therefore inside the interval even if it is this far from its expected place.
+# Grey levels are summed over an interval that is longer than the edge's blur by this length at each
+# end, px. The interval therefore contains the edge even if the edge is this far from its expected
+# place.
 SEARCH_SLACK = 0.35
 MAX_DISTANCE = 1.5  # px; largest distance of a measured edge from its expected place
-# Largest deviation of a pixel from the grey level on its side of the edge, as a fraction of the
-# contrast.
+# Largest deviation of a pixel's grey level from the mean on its side of the edge, as a fraction of
+# the edge's contrast.
 MAX_UNEVENNESS = 0.35
 UNKNOWN_LEVEL = -1.0  # placeholder for an unknown grey level
-LEARNING_RATE = 0.2  # weight of the newest image in the stored grey levels
+LEARNING_RATE = 0.2  # weight of the newest image in the running mean of the stored grey levels
 NOISE_ROWS = 8  # number of image rows in which the noise is measured
 
 
@@ -50,7 +51,8 @@ def find_candidates(grey, pixel, normal, expected_levels, reach, min_change, tol
         k = 0 if abs(normal[n, 0]) >= abs(normal[n, 1]) else 1
         along = normal[n, k]
         line = int(np.rint(pixel[n, 1 - k]))
-        # Position at which the expected edge crosses the middle of this row or column.
+        # Position at which the expected edge crosses the middle line of the pixel row or column
+        # `line`.
         edge_position = pixel[n, k] - (line - pixel[n, 1 - k]) * normal[n, 1 - k] / along
         middle = int(np.rint(edge_position))
         span = int(reach / abs(along)) + 1
@@ -59,7 +61,8 @@ def find_candidates(grey, pixel, normal, expected_levels, reach, min_change, tol
         other = rows if k == 0 else columns
         if line < 0 or line >= other or high - low < 2:
             continue
-        for i in range(low, high + 1):  # change of level between pixels i and i + 1
+        # smoothed change of the grey level between the pixels i and i + 1
+        for i in range(low, high + 1):
             if k == 0:
                 step = (np.float64(grey[line, i + 1]) + grey[line, i + 2]
                         - grey[line, i] - grey[line, i - 1])  # fmt: skip
@@ -90,7 +93,7 @@ def find_candidates(grey, pixel, normal, expected_levels, reach, min_change, tol
             bend = before - 2.0 * c + behind
             shift = 0.5 * (before - behind) / bend if bend < 0.0 else 0.0
             offset = (i + 0.5 + shift - edge_position) * along
-            # Insert the candidate such that the distances increase.
+            # The candidates of a point are sorted by their distance from the expected edge.
             place = count
             while place > 0 and abs(candidates[n, place - 1]) > abs(offset):
                 if place < MAX_CANDIDATES:
@@ -135,7 +138,7 @@ def measure_edges(grey, pixel, normal, room, expected_levels, min_change, tolera
         inside = counted = 0
         slope_of = 0.0
         for _ in range(3):
-            # Half of the interval that contains all pixels that the edge crosses.
+            # Half length of the interval that contains all pixels crossed by the edge, px.
             half = 0.5 * (1.0 + slope) + SEARCH_SLACK
             first, last = int(np.ceil(place - half)), int(np.floor(place + half))
             before = min(
@@ -168,7 +171,7 @@ def measure_edges(grey, pixel, normal, room, expected_levels, min_change, tolera
             for i in range(behind):
                 spread = max(spread, abs(values[count - 1 - i] - right))
             slope_of = max(spread - 3.0 * noise, 0.0)
-            if slope_of > 0.0:  # the surface is shaded: extrapolate the levels to the edge
+            if slope_of > 0.0:  # the surface is shaded: extrapolate the grey levels to the edge
                 left, right = values[before - 1], values[count - behind]
                 if before > 1:
                     left += 0.5 * (left - values[before - 2])
@@ -222,7 +225,7 @@ def estimate_noise(grey):
             counts[abs(bend)] += 1
             total += 1
     low, high, passed = -1, -1, 0
-    for bend in range(len(counts)):  # the median is the mean of `low` and `high`
+    for bend in range(len(counts)):  # the median of |bend| is the mean of `low` and `high`
         passed += counts[bend]
         if low < 0 and 2 * passed >= total:
             low = bend

@@ -24,13 +24,15 @@ from .pose_fitting import INLIER_DISTANCE, assess_pose, fit_pose
 from .solid import Solid
 from .visible_edges import EdgePoints, sample_visible_edges
 
-# Distance between two points on an edge, px, for the search for edges and for their measurement.
+# Distance between two sample points on an edge, px, when edges are searched and when they are
+# measured.
 SEARCH_SPACING, MEASUREMENT_SPACING = 6.0, 4.0
-MIN_POINTS = 60  # if a small solid has fewer points, they are sampled at a smaller distance
+MIN_POINTS = 60  # smallest number of edge points; small solids are sampled more densely
 SEARCH_RANGE = 10.0  # px; edges are searched up to this distance from their expected place
-# Search ranges for a rough start pose, px. They are tried in this order.
+# Search ranges for edges if only a rough start pose is known, px, in the order in which they are
+# tried.
 START_SEARCH_RANGES = (20.0, 10.0, 40.0)
-# Largest number of searches for edges, and of measurements of edges, in one image.
+# Largest numbers of searches for the edges, and of accurate measurements of the edges, per image.
 MAX_SEARCHES, MAX_MEASUREMENTS = 4, 3
 # In each image, edges are first searched, several times if necessary, and then measured accurately.
 # The search ends as soon as it changes the pose by less than this distance in the image, px.
@@ -38,8 +40,8 @@ MEASUREMENT_RANGE = 0.7
 REPEAT_CHANGE = 0.1  # px; after a larger change of the pose, the edges are measured again
 # Smallest change of grey level at an edge: in grey levels, and as a multiple of the noise.
 MIN_CHANGE, MIN_NOISE_RATIO = 10.0, 3.5
-# Lower limits of the estimated standard deviation of the residuals, px: (first step, last step) of
-# a fit, for the search and for the measurement. Residuals of several standard deviations are
+# Lower limits of the estimated standard deviation of the residuals, px, in the (first, last) step
+# of a fit, for searched and for measured edges. Residuals of several standard deviations are
 # rejected. If the first limit were as small as the last, a fit with a wrong initial pose would
 # reject correct edges.
 SEARCH_SCALES, MEASUREMENT_SCALES = (0.5, 0.5), (0.3, 0.02)
@@ -48,11 +50,11 @@ LEVEL_TOLERANCE = 25.0  # largest difference of a measured grey level from the s
 # The solid is lost if fewer than MIN_INLIERS edge points are inliers, or less than the fraction
 # MIN_INLIER_SHARE of the visible edge points.
 MIN_INLIERS, MIN_INLIER_SHARE = 15, 0.45
-DEPTH_SPACING = 8  # px; distance between the pixels of a depth image that are used
-# No search for edges is needed if the fraction of inliers, divided by that of the last image, is
-# above this value.
+DEPTH_SPACING = 8  # px; every DEPTH_SPACING-th pixel of a depth image is used
+# The search for edges is skipped if the fraction of inliers, divided by that fraction in the last
+# image, is above this value.
 MIN_SHARE_RATIO = 0.9
-MIN_ROOM = 4.0  # px; a point cannot be measured if another edge is nearer
+MIN_ROOM = 4.0  # px; an edge point cannot be measured if another edge is nearer than this
 NO_POINTS = np.empty((0, 3))
 
 
@@ -140,7 +142,8 @@ class ModelTracking:
             attempts = [(expected_pose, reach) for reach in START_SEARCH_RANGES]
         else:  # measure the edges at their expected places first, then search for them
             attempts = [(expected_pose, 0.0), (expected_pose, SEARCH_RANGE)]
-        if np.abs(self._motion).max() > 0.0:  # if the motion has stopped, the last pose is better
+        # the camera may have stopped, so also try the last pose
+        if np.abs(self._motion).max() > 0.0:
             attempts.append((last_pose, SEARCH_RANGE))
         best = None
         for pose, reach in attempts:
@@ -186,7 +189,8 @@ class ModelTracking:
             samples = self._sample_edges(camera, pose, MEASUREMENT_SPACING)
             values = measure_edges(grey, samples.pixels, samples.normals, samples.room,
                 self._predict_levels(samples), min_change, tolerance, noise)  # fmt: skip
-            weight = 1.0 / (EDGE_ACCURACY**2 + values[:, 3])  # NaN where no edge is measured
+            # the weight is NaN where no edge is measured
+            weight = 1.0 / (EDGE_ACCURACY**2 + values[:, 3])
             pose, change, residuals, A = self._fit_pose(
                 samples, np.ascontiguousarray(values[:, :1]), weight, pose, MEASUREMENT_SCALES)
             if change < REPEAT_CHANGE:

@@ -30,16 +30,16 @@ import numpy as np
 from aras_visual_servo_base.compiled import jit, jit_inline
 
 MAX_ITERATIONS = 6  # largest number of Gauss-Newton steps
-CONVERGED_CHANGE = 0.01  # px; the iteration stops after a smaller change of the pose
+CONVERGED_CHANGE = 0.01  # px; the iteration stops if a step moves the edges by less than this
 SCALE_REDUCTION = 0.3  # each step multiplies the lower limit of Tukey's scale by this factor
-# Step size of a motion that the edges do not determine, in radii of the solid (5 mm for a radius of
-# 5 cm).
+# Typical step of a motion that the edges do not determine, in radii of the solid (5 mm for a radius
+# of 5 cm).
 MAX_FREE_STEP = 0.1
 # Lower limit of the estimated standard deviation of the points of a depth image, in radii of the
 # solid (0.3 mm for a radius of 5 cm).
 FLATNESS = 6e-3
 TUKEY_CONSTANT = 4.685  # the weight of a residual is zero beyond this many standard deviations
-INLIER_DISTANCE = 1.0  # px; a measured edge is an inlier if it is nearer to the solid's edge
+INLIER_DISTANCE = 1.0  # px; a measured edge is an inlier if the solid's edge is nearer than this
 UNOBSERVABLE_VARIANCE = 1e4  # m^2, variance of a motion that the edges do not determine
 MAD_FACTOR = 1.4826  # ratio of the standard deviation to the median absolute deviation
 

@@ -13,17 +13,19 @@ from aras_visual_servo_base.meshes import files
 
 from ..errors import ModelError
 
-# Corners of triangles at a smaller distance, as a fraction of the mesh's size, are merged.
+# Corners of triangles are merged if their distance is smaller than this fraction of the mesh's
+# size.
 WELD_TOLERANCE = 1e-6
 # If the normals of two faces differ by less than CREASE_ANGLE, the faces belong to a smooth
-# surface, such as a cylinder, and their common edge is visible only on the outline. If they differ
-# by less than FLAT_ANGLE, the faces are one flat face, and the edge is never visible.
+# surface, such as a cylinder. Their common edge is then visible only on the outline. If the normals
+# differ by less than FLAT_ANGLE, the faces are one flat face, and the edge is never visible.
 CREASE_ANGLE, FLAT_ANGLE = np.radians(35.0), 1e-4
 MIN_SIZE, MAX_SIZE = 2e-3, 5.0  # m; a mesh outside this range is probably not in metres
-# Each eigenvector of the surface's slippage matrix (6, 6) is a motion. It leaves the surface
-# unchanged if its eigenvalue, divided by the largest eigenvalue, is below this value.
+# Each eigenvector of the surface's slippage matrix (6, 6) is a motion. The motion leaves the
+# surface unchanged if its eigenvalue, divided by the largest eigenvalue, is below this value.
 FREE_MOTION_TOLERANCE = 1e-4
-# Triangles with a smaller area, as a fraction of the square of the mesh's size, are dropped.
+# Triangles are dropped if their area is smaller than this fraction of the square of the mesh's
+# size.
 MIN_TRIANGLE_AREA = 1e-9
 
 

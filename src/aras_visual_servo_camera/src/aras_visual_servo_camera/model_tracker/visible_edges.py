@@ -11,9 +11,9 @@ from aras_visual_servo_base.compiled import jit
 from ..undistortion import CameraModel
 from .solid import Solid
 
-MIN_DEPTH = 0.01  # m along the optical axis; nearer edges are ignored
-MAX_POINTS = 1200  # largest number of sample points per image
-# If an edge is longer than SHORT_EDGE, px, no points are sampled within END_MARGIN, px, of its
+MIN_DEPTH = 0.01  # m, depth along the optical axis; nearer edges are ignored
+MAX_POINTS = 1200  # largest number of sample points on edges per image
+# On an edge longer than SHORT_EDGE, px, no points are sampled within END_MARGIN, px, of the edge's
 # ends.
 END_MARGIN, SHORT_EDGE = 4.0, 16.0
 BORDER = 5.0  # px; no points are sampled closer to the border of the image
@@ -21,9 +21,9 @@ BORDER = 5.0  # px; no points are sampled closer to the border of the image
 # is in this range. The creases of such a face are not used, because they nearly coincide in the
 # image, and a small error of the pose makes the face visible or invisible.
 GRAZING_COSINES = (-0.01, 0.03)
-# A face hides a point if it is nearer by at least this fraction of the depth.
+# A face hides a point if the face is nearer to the camera by at least this fraction of the depth.
 OCCLUSION_TOLERANCE = 2e-3
-NO_EDGE_DISTANCE = 1e6  # px; distance to the next edge if there is no other edge
+NO_EDGE_DISTANCE = 1e6  # px; stands for the distance to the next edge if there is none
 BAND = 16  # px; height of the bands of rows and width of the bands of columns that list the edges
 STEP = 1e-4  # step of the numerical derivatives of the lens model, in normalised coordinates
 
@@ -94,7 +94,7 @@ def _distort_samples(
     """
     x, y = image_points.T
     u, v = camera.project(x, y)
-    derivative = np.empty((len(x), 2, 2))  # d(pixel) / d(normalised coordinates)
+    derivative = np.empty((len(x), 2, 2))  # derivatives of (u, v) by (x, y), px
     for k, (dx, dy) in enumerate(((STEP, 0.0), (0.0, STEP))):
         more, less = camera.project(x + dx, y + dy), camera.project(x - dx, y - dy)
         derivative[:, 0, k] = (more[0] - less[0]) / (2.0 * STEP)
@@ -230,7 +230,8 @@ def _sample_edges(vertices, faces, normals, edges, edge_faces, is_crease, is_out
         The fields of EdgePoints, in order.
     """
     fx, fy, cx, cy = lens
-    projected = np.zeros((len(vertices), 3))  # u, v, 1/Z; 1/Z is 0 for a vertex that is too near
+    # u, v (px) and 1/Z of each vertex; 1/Z = 0 if it is too near
+    projected = np.zeros((len(vertices), 3))
     for i in range(len(vertices)):
         x, y, z = vertices[i]
         depth = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
@@ -240,7 +241,8 @@ def _sample_edges(vertices, faces, normals, edges, edge_faces, is_crease, is_out
             v = (T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]) / depth
             projected[i, 0], projected[i, 1] = fx * u + cx, fy * v + cy
     front, grazing = np.zeros(len(faces), np.bool_), np.zeros(len(faces), np.bool_)
-    front_faces = np.empty(len(faces), np.int64)  # faces that face the camera and can hide a point
+    # faces on the camera's side, which can hide a point
+    front_faces = np.empty(len(faces), np.int64)
     count = 0
     camera_position = np.empty(3)  # position of the camera in the solid's frame
     for k in range(3):
@@ -304,7 +306,8 @@ def _sample_edges(vertices, faces, normals, edges, edge_faces, is_crease, is_out
                 (front[a] and is_outermost[a]) or (front[b] and is_outermost[b])
             ) and _is_hidden(u, v, w, projected, faces, front_faces, a, b):
                 continue
-            # s is the fraction of the edge's length in the image, part that of its length in space.
+            # s is the fraction of the edge's length in the image, `part` the fraction of its length
+            # in space.
             part = s * projected[j, 2] / w
             for k in range(3):
                 solid_points[found, k] = vertices[i, k] + part * (vertices[j, k] - vertices[i, k])

@@ -26,10 +26,11 @@ MIN_ROUNDNESS, MAX_ROUNDNESS, COARSE_AREA, MIN_COARSE_ROUNDNESS, MAX_ELONGATION 
     0.6,
     4.0,
 )
-# Margin around a dot's bounding box from which the level of the background is measured, px.
+# Margin around a dot's bounding box in which the grey level of the background is measured, px.
 GROUND_WIDTH = 3
 EDGE_WIDTH = 1.5  # px; width of the blurred edge around a dot
-# The centre is computed twice, each time from the pixels in an ellipse about the previous centre.
+# Number of times that the centre of a dot is computed, each time from the pixels in an ellipse
+# about the previous centre.
 DOT_ITERATIONS = 2
 
 

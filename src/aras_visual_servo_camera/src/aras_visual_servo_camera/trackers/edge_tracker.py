@@ -62,8 +62,8 @@ class EdgeTracker(Tracker):
         middle = points.mean(axis=0)
         dx, dy, x, y = _fit_line(points - middle, cv2.DIST_HUBER)
         near = EdgeTracker._is_near(points - middle, x, y, dx, dy)
-        # Outliers displace the first line (Huber's loss) by some hundredths of a pixel. The second
-        # fit (least squares) uses only the other points.
+        # Outliers displace the line of the first fit (Huber's loss) by some hundredths of a pixel.
+        # The second fit (least squares) therefore uses no outliers.
         if near.sum() > 1:
             dx, dy, x, y = _fit_line((points - middle)[near], cv2.DIST_L2)
         return middle + (x, y), np.array([dx, dy])

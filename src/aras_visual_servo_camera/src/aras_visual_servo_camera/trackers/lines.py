@@ -12,10 +12,11 @@ from ..undistortion import CameraModel
 from .base import TRACKERS, sort_by_angle
 from .edge_tracker import EdgeTracker
 
-MIN_DRAWING_AREA = 400  # smallest area of a drawing's bounding box, pixels
-MAX_LINE_WIDTH = 0.2  # largest width of a line, as a fraction of the drawing's size
+MIN_DRAWING_AREA = 400  # smallest area of a line drawing's bounding box, pixels
+MAX_LINE_WIDTH = 0.2  # largest width of a drawn line, as a fraction of the drawing's size
 SOLID_TARGET_REASON = "the dark drawing is not bounded by lines: use tracker 'outline'"
-# Number of profiles across a line, and smallest number of profiles that contain only this line.
+# Number of profiles across a drawn line, and smallest number of profiles that contain only this
+# line.
 PROFILE_COUNT, MIN_PROFILES = 48, 10
 
 
@@ -37,8 +38,9 @@ class LineTracker(EdgeTracker):
         rough, width = self._find_rough_corners(grey, camera, scale)
         lines = []
         for start, end in zip(rough, np.roll(rough, -1, axis=0), strict=True):
-            # The line's middle is half a line width inside the rough side, which is the outer edge.
-            # The second fit starts from the first, so a smaller range suffices.
+            # The rough side is the outer edge of a drawn line, so the middle of the line is half a
+            # line width inside it. The second fit starts from the first, so a smaller search range
+            # suffices.
             for reach in (1.5 * width + 3.0, width + 2.0):
                 points, direction = self._fit_side(grey, camera, scale, (start, end), reach)
                 along = (np.array([start, end]) - points) @ direction
@@ -114,7 +116,8 @@ class LineTracker(EdgeTracker):
         total = darkness.sum(axis=1)
         is_isolated = np.maximum(darkness[:, 0], darkness[:, -1]) < 0.3 * darkness.max()
         good = is_isolated & (total > 0.0)
-        if good.sum() >= MIN_PROFILES:  # reject profiles with another line, which are darker
+        # reject profiles that are darker because they contain another line
+        if good.sum() >= MIN_PROFILES:
             typical = np.median(total[good])
             good &= np.abs(total - typical) < 0.25 * typical
         if good.sum() < MIN_PROFILES:

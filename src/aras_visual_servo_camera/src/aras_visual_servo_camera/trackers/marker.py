@@ -21,12 +21,12 @@ from .edge_tracker import EdgeTracker
 
 # Smallest difference between the grey levels of a marker's surroundings and of its black rim.
 MIN_CONTRAST = 20.0
-RIM_FITS = 2  # number of fits of lines to the edges of the black rim
+RIM_FITS = 2  # number of times that lines are fitted to the edges of the black rim
 RIM_STATIONS = (24, 64)  # smallest and largest number of profiles across an edge of the rim
-RIM_SPACING = 0.5  # distance between two profiles, px
+RIM_SPACING = 0.5  # distance between two profiles along an edge of the rim, px
 RIM_PART = 0.8  # profiles are taken from this fraction of an edge's length, around its middle
 # Half length of a profile: 1.5 px or 0.6 cells, whichever is longer, but at most RIM_MAX_REACH. It
-# is longer than half a cell, so that a profile contains black and white, and shorter than a cell.
+# is longer than half a cell, so that the profile contains black and white, and shorter than a cell.
 RIM_REACH = (1.5, 0.6)
 RIM_MAX_REACH = 8.0  # px
 RIM_STEP = 0.4  # approximate distance between two samples of a profile, px
@@ -43,9 +43,9 @@ class MarkerTracker(EdgeTracker):
     only three pixels wide.
     """
 
-    # The error is 0.005 px in images without overexposed white. If white is overexposed, an edge is
-    # displaced by some hundredths of a pixel, depending on where it lies between the texels of the
-    # simulated marker's texture.
+    # Error of a corner, px. It is 0.005 px in images without overexposed white. If white is
+    # overexposed, an edge is displaced by some hundredths of a pixel, depending on where it lies
+    # between the texels of the simulated marker's texture.
     accuracy = 0.025
 
     marker: str | Mapping[str, Any] | MarkerChoice = parameter(
@@ -88,7 +88,7 @@ class MarkerTracker(EdgeTracker):
                 f"{self.choice}: the visible markers do not determine its plane; check the "
                 "markers' positions on the board"
             )
-        # The corners of the board are extrapolated if markers are hidden, which increases their
+        # If markers are hidden, the corners of the board are extrapolated, which increases their
         # error.
         beyond = np.ptp(rectangle, axis=0).max() / np.ptp(places, axis=0).max()
         points = cv2.perspectiveTransform(rectangle[None], H)[0]
@@ -131,7 +131,7 @@ class MarkerTracker(EdgeTracker):
                         f"brighter than its black rim, must be {MIN_CONTRAST:.0f} levels brighter; "
                         "use more light or a white margin"
                     )
-                # The position of the edge follows from the length of the black part of the profile,
+                # The length of the black part of the profile determines the position of the edge,
                 # even if the edge is blurred.
                 darkness = (white - values) / (white - black)
                 edge_offset = np.trapezoid(darkness, across, axis=1) - reach
@@ -139,7 +139,8 @@ class MarkerTracker(EdgeTracker):
                 place, (dx, dy) = self._fit_robust_line(edge)
                 lines.append((place, np.array([dx, dy])))
                 near = edge[self._is_near(edge, *place, dx, dy)]
-                # The errors of profiles less than one pixel apart are not independent.
+                # Profiles less than one pixel apart have dependent errors, so they do not count as
+                # separate points.
                 count = min(float(len(near)), RIM_PART * length)
                 sides.append(FittedLine.fit(near, np.array([-dy, dx]), count))
             corners = self._intersect_lines(lines)

@@ -21,7 +21,7 @@ from ..undistortion import CameraModel
 from .base import TRACKERS, TrackedPoints, Tracker
 from .start_pose import StartPose
 
-BEST_ACCURACY = 0.01  # px; smallest error of the points, added to the error due to the pose
+BEST_ACCURACY = 0.01  # px; error of the points in addition to the error due to the pose
 
 
 @TRACKERS.register("model")
@@ -78,7 +78,7 @@ class ModelTracker(Tracker):
         found = tracking.track(grey, camera, expected, depth)
         if found.loss_reason:
             if self._world_T_solid is None or self._start_pose.kind == "marker":
-                tracking.start(None)  # the next image uses the start pose again
+                tracking.start(None)  # track the next image from the start pose again
             raise VisionError(found.loss_reason)
         pose = found.camera_T_solid
         if world_T_camera is not None:

@@ -10,28 +10,28 @@ from ..records.outcomes import START_CLOSER, Outcome
 from ..records.remedy import Change, Remedy, multiply, remove, set_value
 from ..schemes.base import JointController, Scheme, SchemeBase
 
-# A loop with the dead time T (s) oscillates with a constant amplitude at f = 1 / (4 T). Its error
-# decays fastest without oscillation at the gain 1 / (e T) = 1.5 f. The suggested factor is smaller,
-# as a reserve.
+# A loop with the dead time T (s) oscillates with a constant amplitude at the frequency f = 1 / (4
+# T). Its error decays fastest without oscillation at the gain 1 / (e T) = 1.5 f. A smaller factor
+# than 1.5 is suggested, as a reserve.
 GAIN_PER_HERTZ = 1.2  # suggested gain per frequency of the oscillation, 1/s per Hz
-# In theory a loop that oscillates at f has the gain 2 pi f or more. A configured gain down to this
-# fraction of 2 pi f is accepted, because the effective gain is higher than the configured one if L
-# is too small.
+# In theory a loop that oscillates at the frequency f has a gain of 2 pi f or more. A configured
+# gain down to this fraction of 2 pi f is accepted, because the effective gain is higher than the
+# configured one if L is too small.
 MIN_GAIN_PART = 0.3
 MAX_GAIN_FACTOR = 0.6  # a suggested gain is at most this fraction of the present gain
 MIN_GAIN_FACTOR = 0.02  # a suggested gain is at least this fraction of the present gain
 TIME_RESERVE = 1.5  # safety factor on the predicted time to the goal
 MAX_TIME_FACTOR = 50.0  # the suggested duration is at most this many times the present one
-# Additional factor on the remaining time if a joint moves at its speed limit, because another joint
-# may become the slowest one later.
+# Additional factor on the remaining time if a joint moves at its speed limit, because later a
+# different joint may be the slowest one.
 LINEAR_RESERVE = 2.0
-TIME_CONSTANTS = 8.0  # time constants (1 / gain) that a run needs to reach its goal
-# Up to this noise of the error, in tolerances, the remedy is a larger target; for more noise, it is
-# less image noise.
+TIME_CONSTANTS = 8.0  # time that a run needs to reach its goal, in time constants (1 / gain)
+# If the noise of the error is up to this many tolerances, a larger target is suggested; if it is
+# more, less image noise.
 NOISE_OF_SMALL_TARGET = 2.0
-NOISE_WHEN_UNKNOWN = 50.0  # noise that is assumed if it was not measured, in tolerances
+NOISE_WHEN_UNKNOWN = 50.0  # noise of the error, in tolerances, if it was not measured
 TOLERATED_NOISE = 0.5  # noise of the error that the suggested change leaves, in tolerances
-SETTLING_TIME = 3.0  # time for which the error has to stay small, s, with a reserve
+SETTLING_TIME = 3.0  # time for which a small error has to last, s, with a reserve
 # Schemes that can turn the camera by 180 degrees on a straight path from most starts.
 HALF_TURN_SCHEMES = "pose, two_and_half_d or polar_points"
 PACKAGE = __name__.partition(".")[0]

@@ -24,25 +24,29 @@ from ..features.pose import are_collinear, refine_pose
 from ..goals.goal import Goal
 from ..observation.observation import Observation
 
-# At an ambiguous pose each image point is at most this far from the goal's point. Features may
-# accept such a difference as converged. The smaller of the two limits applies.
-MAX_POINT_DISTANCE = 5e-3  # normalised
-MAX_RADIUS_PART = 0.1  # limit as a fraction of the target's radius in the image
+# At an ambiguous pose the distance of each image point from the goal's point is below
+# MAX_POINT_DISTANCE and below MAX_RADIUS_PART. Features may accept so small a distance as
+# converged.
+MAX_POINT_DISTANCE = 5e-3  # distance between two image points, normalised
+MAX_RADIUS_PART = 0.1  # distance between two image points, in radii of the target's image
 # Two poses are the same if they differ by less than this: translation as a fraction of the depth,
 # rotation in rad.
 SAME_POSE = 2e-3
-# A pose whose target plane differs from the goal's by less than this is the goal turned about the
-# target's normal, as for a symmetric target. Such a pose is not listed as ambiguous.
+# If the target plane at a pose differs from the goal's by less than this, the pose is the goal
+# turned about the target's normal, as for a symmetric target. Such a pose is not listed as
+# Kinematics predict the target's plane in the camera frame. Of two poses, the prediction selects
+# the one with the smaller difference from it. That difference has to be less than this fraction of
+# the difference at the second pose.
 SAME_PLANE = 0.02
-# Kinematics predict the target's plane in the camera frame. This prediction decides for one of two
-# poses if its difference from the plane at that pose is less than this fraction of its difference
-# from the plane at the other pose.
+# Kinematics predict the target's plane in the camera frame. The prediction decides for one of two
+# poses if it differs from the plane at that pose by less than this fraction of its difference from
+# the plane at the second pose.
 NEARER_FACTOR = 0.5
-# The image decides between two poses if the squared image errors of their fits differ by more than
-# this, in units of the variance of a corner.
+# The image decides between two poses if the sums of squared image errors of their fits differ by
+# more than this many variances of a corner.
 MIN_FIT_DIFFERENCE = 25.0
-EXACT_ACCURACY = 1e-6  # normalised accuracy that is assumed for points without noise
-# largest residual of an affine map to the goal's points, as a fraction of the target's radius
+EXACT_ACCURACY = 1e-6  # assumed accuracy of points without noise, normalised
+# largest residual when an affine map is fitted to the goal's points, in radii of the target
 AFFINE_TOLERANCE = 0.1
 
 

@@ -39,35 +39,37 @@ if TYPE_CHECKING:
 # Largest offset from the goal of a camera that has arrived: translation as a fraction of the
 # target's depth, rotation in rad. It is chosen so that the offset times OFFSET_FACTORS, which
 # account for an inaccurate L, stays below NEGLIGIBLE_UNCERTAINTY. The tolerances of the features
-# alone may allow an offset of 6 mm in a direction that hardly changes the features (measured with
-# four points on a plane that is tilted by 40 degrees).
+# alone may allow an offset of 6 mm in a direction that hardly changes the features. This was
+# measured with four points on a plane that is tilted by 40 degrees.
 GOAL_TOLERANCE = (8e-4, 3.5e-3)
-# A camera that has arrived may exceed the tolerances and the offset by this factor.
+# After its arrival, the camera may exceed the tolerances of the features and GOAL_TOLERANCE by this
+# factor.
 HYSTERESIS = 1.5
 # The uncertainty of a mean offset is this number of its standard deviations.
 KNOWN_DEVIATIONS = 2.0
-# Largest rms scatter of the errors about their mean, in tolerances. A larger scatter is due to
+# Largest rms deviation of the errors from their mean, in tolerances. A larger deviation is due to
 # motion, not to noise.
 MAX_SCATTER = 3.0
-# The mean of a few images could hide a motion. If the window contains fewer than FEW_IMAGES images,
-# each single image therefore has to be within the tolerances.
+# The mean of a few images could hide a motion. If fewer than FEW_IMAGES images are averaged, each
+# single image therefore has to be within the tolerances.
 FEW_IMAGES = 5
 MIN_IMAGES = 3  # smallest number of images that can show an arrival
-MAX_WINDOW = 120  # largest number of images in a mean
+MAX_WINDOW = 120  # largest number of images over which the error is averaged
 # If an error exceeds this number of tolerances (four times the largest noise), the stored offsets
-# are removed, because the linearisation by L is not valid so far from the goal.
+# of the camera are removed. So far from the goal, the linearisation by L is not valid.
 FAR_TOLERANCES = 12.0
-# The uncertainty is computed again when the mean error has decreased to this fraction of the error
-# for which it was computed last.
+# The uncertainty of the pose is computed again when the mean error has decreased to this fraction
+# of the error for which the uncertainty was computed last.
 RENEWAL_RATIO = 0.7
-# Largest difference between the offset of the latest image and the mean offset, in standard
-# deviations. A larger difference shows that kinematics do not describe the camera's motion.
+# Largest difference between the camera's offset in the latest image and the mean offset, in
+# standard deviations. A larger difference shows that kinematics do not describe the camera's
+# motion.
 OUTLIER_DEVIATIONS = 5.0
 NOISE_STEPS = 8  # minimum number of images from which the noise is estimated
-# If L has more rows than this, its least-squares problem is solved by the normal equations.
+# If L has more rows than this, least-squares problems with L are solved by the normal equations.
 MAX_ROWS = 64
-# After an arrival, each of the first VIEW_PERIOD images is compared with the goal, then only every
-# VIEW_PERIOD-th.
+# After an arrival, the first VIEW_PERIOD images are compared with the goal, then only every
+# VIEW_PERIOD-th image.
 VIEW_PERIOD = 8
 ALIKE_REASON = "several camera poses give the same image points as the goal"
 OTHER_VIEW_REASON = "every feature is at its goal, but the image differs from the goal's"
@@ -99,7 +101,7 @@ class ArrivalCheck:
         self._view_check.clear()
         self._is_reached = False
         self._margin: ArrivalMargin | None = None
-        # Ambiguous pose at which the camera is, and all ambiguous poses at which it may be.
+        # Ambiguous pose at which the camera is, and all ambiguous poses at which the camera may be.
         self._other_pose, self._possible_poses = None, ()
         self._wrong_pose_reason, self._unseen_motion, self._images = "", np.zeros(6), 0
         self._error_size = 0.0  # mean error, in tolerances, for which the margin was computed
@@ -144,7 +146,7 @@ class ArrivalCheck:
                 self._view_check.clear()
             self._is_reached, self._margin = False, None
             return ArrivalStatus(pending_reason=reason)
-        if not self._is_reached:  # images from before the arrival are ignored
+        if not self._is_reached:  # the camera has just arrived: ignore the images from before
             self._images = 0
             self._view_check.retain(max(1 if offsets is None else offsets.count, MIN_VIEWS))
         self._is_reached = True
@@ -178,8 +180,8 @@ class ArrivalCheck:
         # The features become more accurate as the camera approaches the goal.
         if self._margin is None or size < RENEWAL_RATIO * self._error_size:
             self._error_size = size
-            # Estimate the accuracy from the same images as the offset, so that both belong to the
-            # same distance from the goal.
+            # The accuracy is estimated from the same images as the offset, so that both belong to
+            # the same distance from the goal.
             latest = errors[-max(offsets.count, MIN_VIEWS) :]
             self._margin = margin = ArrivalMargin(
                 scheme_output, observation, goal, latest.mean(axis=0),
@@ -191,8 +193,8 @@ class ArrivalCheck:
 
                 self._ambiguous_poses = AmbiguousPoses(goal)
             self._other_pose, self._possible_poses = self._ambiguous_poses.find_pose(observation)
-            # With a residual (error of a whole image), L describes the residual and not the
-            # features.
+            # If the scheme has a residual (error of a whole image), L describes the residual and
+            # not the features.
             if scheme_output.residual is None:
                 L = scheme_output.L / tolerances[:, None] / np.repeat((1.0, goal.distance), 3)
                 self._view_check.set_expected_place(
@@ -259,8 +261,8 @@ class ArrivalCheck:
     def _has_settled(self, stamp: float, tolerances: np.ndarray) -> bool:
         """Return whether the mean error of the last `hold` seconds is within `tolerances` (k,)."""
         recent = self._errors
-        # Keep one image from before the last `hold` seconds, which shows that images cover all of
-        # them.
+        # One image from before the last `hold` seconds is kept, which shows that the images cover
+        # all of these seconds.
         stamps = recent.stamps
         old_count = int(stamps.searchsorted(stamp - self.hold + ROUNDING, "right"))
         min_count = MIN_IMAGES if self.hold > 0.0 else 1
@@ -366,7 +368,8 @@ def compute_speed(stamps: np.ndarray, rows: np.ndarray) -> tuple[float, float]:
     if len(rows) < 2 or stamps[-1] <= stamps[-2]:
         return 0.0, 0.0
     by_images = _compute_lengths((rows[-1, :6] - rows[-2, :6]).tolist())
-    # NaN if the poses are unknown; fmin then returns the estimate from the images.
+    # If the camera poses are unknown, the estimate by kinematics is NaN, and fmin returns the
+    # estimate from the images.
     by_kinematics = _compute_lengths(_compute_motion_since(rows, len(rows) - 2).tolist())
     dt = float(stamps[-1] - stamps[-2])
     speeds = np.fmin(by_images, by_kinematics) / dt
@@ -499,8 +502,8 @@ def _average_offsets(rows, observable, count, limit):
     m = rows.shape[0]
     count = min(max(count, 1), m)
     while True:
-        # Sums of the offsets as measured (index 0), and of the offsets transformed to the present
-        # pose (index 1).
+        # Sums of the offsets as measured (index 0), and of the offsets transformed to the camera's
+        # present pose (index 1).
         total, square = np.zeros((2, 6)), np.zeros((2, 6, 6))
         off = np.empty((2, 6))
         for i in range(m - count, m):
@@ -520,7 +523,7 @@ def _average_offsets(rows, observable, count, limit):
                 mean = total[n, a] / count
                 variances[n, a // 3] += max(square[n, a, a] / count - mean * mean, 0.0) / count
             scatter[n] = variances[n, 0] / limit[0] ** 2 + variances[n, 1] / limit[1] ** 2
-        n = 1 if scatter[1] <= scatter[0] else 0  # scatter[1] is NaN if poses are unknown
+        n = 1 if scatter[1] <= scatter[0] else 0  # scatter[1] is NaN if camera poses are unknown
         is_enough = variances[n, 0] <= limit[0] ** 2 and variances[n, 1] <= limit[1] ** 2
         if is_enough or count == m:
             mean, scattered = total[n] / count, square[n] / count

@@ -39,7 +39,7 @@ class RunDiagnosis(ABC):
 DIAGNOSES = Registry(
     "diagnosis", f"{__package__}.diagnoses", (RunDiagnosis,), ConfigurationError
 )
-# The diagnoses process each image in this order; the first outcome is reported.
+# Diagnoses in the order in which they process each image; the first outcome is reported.
 ORDER = (
     "scheme_failed",
     "stopped",

@@ -50,34 +50,35 @@ class CameraCheck:
     # Predicted motion of the features in one row of the fit, in tolerances. With less motion, noise
     # and joint friction would dominate.
     MIN_ROW = 3.0
-    # Largest number of images per row of the fit. If the motion of so many images is smaller than
-    # MIN_ROW, it is discarded, because it may be the target's own motion.
+    # Largest number of images per row of the fit. If the motion in so many images is smaller than
+    # MIN_ROW, the images are discarded, because their motion may be the target's own.
     MAX_IMAGES_PER_ROW = 4
     MIN_PATH = 40.0  # predicted motion of the features before the first decision, in tolerances
-    # A camera model is wrong if one factor on all translations (a wrong depth) leaves a residual
-    # larger than both of these limits.
-    MAX_MISFIT_PART = 0.04  # limit as a fraction of the squared motion
-    MIN_MISFIT = 1.5  # limit of the rms residual, in tolerances per image
-    # The camera model is reported as wrong only if the residuals of successive rows have at least
-    # this correlation.
+    # A camera model is wrong if the residual of a fit is larger than MAX_MISFIT_PART and
+    # MIN_MISFIT. The fit has one factor on all translations, which stands for a wrong depth.
+    MAX_MISFIT_PART = 0.04  # residual as a fraction of the squared motion
+    MIN_MISFIT = 1.5  # rms residual, in tolerances per image
+    # A wrong camera model is reported only if the residuals of successive rows of the fit have at
+    # least this correlation.
     MIN_CORRELATION = 0.2
-    # A scale is wrong if it differs from its expected value by more than MIN_DIFFERENCE plus
-    # MIN_DEVIATIONS standard deviations.
+    # The scale of a camera motion (measured / predicted motion of the features) is wrong if it
+    # differs from its expected value by more than MIN_DIFFERENCE plus MIN_DEVIATIONS standard
+    # deviations.
     MIN_DIFFERENCE, MIN_DEVIATIONS = 0.04, 4.0
-    # The scale of a translation is evaluated only if this translation alone has moved the features
-    # by at least so much, in tolerances.
+    # The scale of a translation is evaluated only if the translation alone has moved the features
+    # by at least this many tolerances.
     MIN_TRANSLATION = 3.0
-    # The scale of a rotation is evaluated only if this rotation alone has moved the features by at
-    # least so much, in tolerances. The limit is larger than for a translation, because shaking
-    # joints tilt the camera and this motion is not measured.
+    # The scale of a rotation is evaluated only if the rotation alone has moved the features by at
+    # least this many tolerances. The limit is larger than for a translation, because shaking joints
+    # tilt the camera by angles that are not measured.
     MIN_ROTATION = 8.0
     MIN_NOISE = 0.05  # lower bound of the estimated noise of a row, in tolerances
-    # Typical motion of the features due to shaking joints, as a fraction of its upper bound (see
-    # `_estimate_shaking`). The rms value of a recorded run.
+    # Rms motion of the features due to shaking joints in a recorded run, as a fraction of the upper
+    # bound that `_estimate_shaking` computes.
     SHAKING_FACTOR = 0.3
     # Fraction of an image period in which a joint may still move at its previous speed.
     LATE_PART = 0.25
-    # The mean L of two images is used only if the difference between their two L changes the
+    # The mean of the L of two images is used only if the difference between both L changes the
     # predicted motion by less than this fraction. For six moments and rotations near 180 degrees
     # the change is 0.5 to 2 times the predicted motion, and the mean L leaves a third of the motion
     # unexplained.
@@ -315,7 +316,7 @@ def _fit_scales(
     expected, damped = np.ones(6), normal.copy()
     for i in range(6):
         expected[i] = depth if i < 3 else 1.0
-        damped[i, i] += 0.1  # a direction without motion keeps its expected scale
+        damped[i, i] += 0.1  # without motion in a direction, its scale stays as expected
     spread = _invert(damped)
     scale, left, misfit = np.zeros(6), square, square
     for i in range(6):
@@ -337,7 +338,8 @@ def _fit_scales(
             if not is_rotation:
                 variance += spread[j, j] - 2.0 * spread[i, j]
             deviation, unit = np.sqrt(variance), 1.0 if is_rotation else abs(depth)
-            # An error of the camera's motion makes the fitted scales too small.
+            # An error in the camera's measured motion makes the fitted scales too small by this
+            # bias.
             bias = max(left, 0.0) * variance
             excess = (abs(difference) - deviations * noise * deviation) / unit - bias
             excess -= min_difference

@@ -18,15 +18,15 @@ from .advice import suggest_longer_watchdog
 from .base import DIAGNOSES, ORDER
 from .evidence import Evidence
 
-# While the arm servoes, a new kind of outcome is reported only after it has been found for at least
-# STEADY_TIME (s). This holds if both the old and the new kind are in WHILE_SERVOING.
+# While the arm servoes, a new kind of outcome replaces the reported one only after it has been
+# found for at least STEADY_TIME, s. This holds if both kinds are in WHILE_SERVOING.
 STEADY_TIME = 1.0
 WHILE_SERVOING = (
     "running", "target_moves", "wrong_camera_model", "gain_too_high", "joint_limit", "singular",
     "local_minimum", "camera_retreat", "out_of_reach", "saturation", "too_noisy", "no_progress",
     "wrong_object",
 )  # fmt: skip
-# Stops by the watchdog are forgotten when this time has passed without another stop, s.
+# Stops by the watchdog are forgotten after this time without a further stop, s.
 RECOVERY_TIME = 10.0
 
 
@@ -73,7 +73,7 @@ class Diagnosis:
         self._last_stamp: float | None = None  # stamp of the last image, s
         self._longest_gap = 0.0  # longest time without an image, s
         self._outcome_stamp = -np.inf  # time at which the present outcome was first reported, s
-        # Kind of the outcome that may replace the present one, and the time (s) at which it was
+        # Kind of outcome that may replace the present one, and the time (s) at which this kind was
         # first found.
         self._candidate: tuple[str, float] | None = None
         self._is_ended = False
@@ -99,8 +99,6 @@ class Diagnosis:
         else:
             self._add_event(record)
         return self.outcome
-
-    # -- events between images ---------------------------------------------------------------
 
     def _add_event(self, event: RunEvent) -> None:
         if event.kind == "started":
@@ -155,8 +153,9 @@ class Diagnosis:
             found = evidence.add_advice(
                 self._explain_timeout(f"not at the goal after {duration:.1f} s{last}")
             )
-            # Such an image interrupts the loop, and the camera then has to settle again for `hold`
-            # seconds. A recent failure therefore explains why the run did not converge in time.
+            # An image for which the scheme failed interrupts the loop, and the camera then has to
+            # settle again for `hold` seconds. A recent failure therefore explains why the run did
+            # not converge in time.
             recent = self._faults and self._faults[-1][0] > (evidence.measured_stamp or 0.0) - (
                 self.run_context.settings.hold
             )
@@ -171,8 +170,6 @@ class Diagnosis:
         found = self.evidence.progress_check.explain_timeout(reason)
         is_slow = found.kind in ("no_progress", "timed_out")
         return is_slow and self.evidence.gain_check.explain_timeout(reason) or found
-
-    # -- images --------------------------------------------------------------------------------
 
     def _add_image(self, record: ImageRecord) -> None:
         stamp, evidence, joints = record.state.stamp, self.evidence, record.joints

@@ -15,10 +15,10 @@ from .target_check import TargetCheck
 # An oscillation is remembered for this time, s, because it may be the cause of a later loss of the
 # target.
 OSCILLATION_MEMORY = 1.0
-# Largest product of the gain and the delay from image to command. At this product the response
-# overshoots by a third of the initial error; at pi / 2 the loop oscillates for ever.
+# Largest product of the gain (1/s) and the delay from image to command (s). At a product of 0.8 the
+# response overshoots by a third of the initial error; at pi / 2 the loop oscillates for ever.
 MAX_GAIN_TIMES_AGE = 0.8
-AGE_FILTER = 0.1  # weight of a new value in the running mean of the age
+AGE_FILTER = 0.1  # weight of a new image's age (time since its exposure, s) in the running mean
 OSCILLATION_RATIO = 0.25  # an oscillation due to a delay T has the frequency 0.25 / T
 
 
@@ -36,7 +36,8 @@ class GainCheck:
         """
         self._duration, self._oscillation = duration, OscillationCheck()
         self._scheme: Scheme | JointController | None = None
-        self._mean_age: float | None = None  # mean age of the images plus half an image period, s
+        # mean time since the exposure of an image, plus half an image period, s
+        self._mean_age: float | None = None
         self._last_stamp: float | None = None  # stamp of the last image, s
         self._last_oscillation: tuple[float, Outcome] | None = None
         self._is_fast = False

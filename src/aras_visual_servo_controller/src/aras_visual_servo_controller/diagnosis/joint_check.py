@@ -19,23 +19,23 @@ class JointCheck:
     distance.
     """
 
-    SPAN = 1.5  # duration of the evaluated joint states, s
-    # If the loop waits for any joint in more than this fraction of the images, every joint lags for
-    # which it waits.
+    SPAN = 1.5  # duration over which joint states are evaluated, s
+    # If the loop waits for any joint in more than this fraction of the images, each joint that the
+    # loop has waited for lags.
     MAX_WAITING_PART = 0.6
-    # Even if the loop waits in fewer images than that, a joint lags if the loop waits for it in
-    # more than this fraction of the images, and if it makes less than MIN_MOTION_PART of its
-    # commanded motion.
+    # If the loop waits in a smaller fraction of the images than MAX_WAITING_PART, a joint lags
+    # under two conditions: the loop waits for the joint in more than MIN_WAITING_PART of the
+    # images, and the joint makes less than MIN_MOTION_PART of its commanded motion.
     MIN_WAITING_PART = 0.1
     MIN_MOTION_PART = 0.1
-    # The joints are slow, not blocked, if all lagging joints move faster than this (rad/s or m/s).
+    # Lagging joints are slow, and not blocked, if all of them move faster than this (rad/s or m/s).
     SLOW_SPEED = 1e-3
-    # A joint oscillates if the rms difference between its measured and commanded velocity exceeds
-    # MIN_SPEED_ERROR (rad/s or m/s) and SPEED_ERROR_FACTOR times the rms commanded velocity.
+    # A joint oscillates if the rms difference between its measured and commanded velocities exceeds
+    # both MIN_SPEED_ERROR (rad/s or m/s) and SPEED_ERROR_FACTOR times its rms commanded velocity.
     MIN_SPEED_ERROR, SPEED_ERROR_FACTOR = 0.5, 3.0
     CHECK_PERIOD = 5  # number of images between two evaluations of the joints
-    # Data of at least this duration, s, are needed to detect an oscillation. A lagging joint is
-    # detected after SPAN.
+    # An oscillation of a joint is detected from joint states that cover at least this duration, s.
+    # A lagging joint is detected after SPAN.
     MIN_SPAN = 0.3
 
     def __init__(self, names: Sequence[str] = (), lengths: np.ndarray | float = 1.0) -> None:

@@ -13,25 +13,26 @@ from .joint_check import join_names
 from .step_check import StepCheck
 from .target_check import TargetCheck, compute_centre
 
-# The features agree with L if the correlation of their motion with the prediction exceeds this.
+# The features agree with L if the correlation of measured and predicted motion exceeds this.
 MIN_CORRELATION = 0.5
-# A feature moves opposite to its prediction if its correlation is lower than this.
+# A feature moves opposite to its prediction if the correlation of measured and predicted motion is
+# below this.
 OPPOSING_CORRELATION = -0.7
-# The correlation is evaluated only if the ratio of measured to predicted motion is between
-# 1 / MAX_MOTION_RATIO and MAX_MOTION_RATIO. A moving target causes other ratios: the features move
-# farther than predicted, or hardly at all if the camera follows the target.
+# The correlation of measured and predicted motion is evaluated only if their ratio is between 1 /
+# MAX_MOTION_RATIO and MAX_MOTION_RATIO. A moving target causes ratios outside this range: the
+# features move farther than predicted, or hardly at all if the camera follows the target.
 MAX_MOTION_RATIO = 2.0
 # L is wrong if the ratio of measured to predicted motion is lower than this.
 MIN_MOTION_RATIO = 0.2
-# The scheme is wrong if the unexplained steps of its features are more than this many times those
-# of the target's centre, both in tolerances.
+# The scheme is wrong if the unexplained steps of its features exceed those of the target's centre
+# by this factor, both in tolerances.
 SCATTER_FACTOR = 50.0
-# The measured motion of the target's centre is compared with the prediction whenever the predicted
-# motion reaches this, in tolerances. The value is small, because a camera that moves in a wrong
+# The measured motion of the target's centre is compared with its prediction whenever the predicted
+# motion reaches this, in tolerances. The limit is small, because a camera that moves in a wrong
 # direction loses its target within 0.2 s.
 CENTRE_MIN_ROW = 3.0
-# The scheme's L is wrong if the features contradict the camera's motion, but the motion of the
-# target's centre has at least this correlation with its prediction.
+# The scheme's L is wrong if the features contradict the camera's motion, but the measured and
+# predicted motion of the target's centre have at least this correlation.
 SURE_CORRELATION = 0.8
 
 

@@ -20,14 +20,16 @@ class OscillationCheck:
     often.
     """
 
-    # Time spans that are searched, s. A delay of 0.4 s causes oscillations with periods of 1.6 to 3
-    # s.
+    # Durations of the error that are searched for oscillations, s. A delay of 0.4 s causes
+    # oscillations with periods of 1.6 to 3 s.
     SPANS = (2.0, 5.0, 12.0)
-    CHECK_PERIODS = (1, 6, 12)  # number of images between two searches, for each span
-    MIN_HEIGHT = 6.0  # smallest peak-to-peak height, in tolerances; noise is smaller
+    # number of images between two searches for an oscillation, for each of SPANS
+    CHECK_PERIODS = (1, 6, 12)
+    # smallest peak-to-peak height of an oscillation, in tolerances; noise is smaller
+    MIN_HEIGHT = 6.0
     MIN_REVERSALS = 5
-    # If no frequency is determined, an error oscillates only if the mean number of images between
-    # two reversals is at least this.
+    # If no frequency can be determined, an error oscillates only if the mean number of images
+    # between two reversals of its direction is at least this.
     MIN_IMAGES_PER_REVERSAL = 4.0
 
     def __init__(self) -> None:
@@ -84,7 +86,7 @@ class OscillationCheck:
         error = errors[:, _find_largest_error(errors)].copy()
         peaks = _find_peaks(error, self.MIN_HEIGHT)[-count:]
         changes_sign = (np.diff(np.sign(error[peaks])) != 0.0).all()
-        # Noise reverses at about every second image, an oscillation less often.
+        # Noise reverses its direction at about every second image, an oscillation less often.
         is_smooth = len(peaks) > 1 and np.diff(peaks).mean() >= self.MIN_IMAGES_PER_REVERSAL
         return error[peaks] if changes_sign and is_smooth else np.zeros(0)
 
@@ -202,21 +204,22 @@ def _find_frequency(stamps, errors, min_height, reversals):
     if between < reversals or late < 0.5 * before:
         return 0.0
     since, until, half_periods = stamps[peaks[1]], stamps[peaks[-1]], len(peaks) - 2
-    # An oscillation without a peak in the last one and a half periods has ended and is not
-    # reported.
+    # An oscillation has ended, and is not reported, if the error had no peak during the last one
+    # and a half periods.
     if until <= since or stamps[-1] - until > 1.5 * (until - since) / half_periods:
         return 0.0
     near_frequency = 0.5 * half_periods / (until - since)
-    # Fit all data first, then only the second half: in a loop that oscillates between joint limits,
-    # only the last periods may be similar.
+    # All data are fitted first, then only the second half: in a loop that oscillates between joint
+    # limits, only the last periods may be similar.
     for start in (0, count // 2):
-        # Number of values minus the six parameters of the line and the wave.
+        # Degrees of freedom: number of values minus the six parameters of the fitted line and wave.
         free = count - start - 6
         if free < 6:
             break
         frequency, rest = _find_dominant_wave(stamps[start:], error[start:].copy(), near_frequency)
-        # The residual has to be at most half of the squared error. It also has to be so small that
-        # white noise reaches it at a tested frequency with a probability of at most MAX_CHANCE.
+        # An error oscillates if the residual of the fitted wave is at most half of the squared
+        # error. The residual also has to be so small that white noise reaches it at a tested
+        # frequency with a probability of at most MAX_CHANCE.
         if rest < min(0.5, MAX_CHANCE ** (2.0 / free)):
             return frequency
     return 0.0

@@ -35,13 +35,13 @@ if TYPE_CHECKING:
     from ..schemes.base import SchemeOutput
     from .ambiguous_poses import AmbiguousPose
 
-# A camera whose uncertainty is below this is reported as 'converged' without the uncertainty.
-# Translation as a fraction of the target's depth (0.3 mm at 0.2 m), rotation in rad.
+# If the uncertainty of the camera's pose is below this, 'converged' is reported without the
+# uncertainty. Translation as a fraction of the target's depth (0.3 mm at 0.2 m), rotation in rad.
 NEGLIGIBLE_UNCERTAINTY = (1.5e-3, radians(0.3))
 # A camera is at rest if it moves less than this between two images according to the joints:
 # translation as a fraction of the depth, rotation in rad.
 REST_MOTION = (5e-5, 1e-4)
-# The camera keeps its speed of the last image for at most this time, s, because the next command
+# After an image, the camera keeps its speed for at most this time, s, because the next command
 # takes effect gradually.
 REACTION_TIME = 0.06
 # Factors on the translation and the rotation of an offset that exceeds the noise. They account for
@@ -56,35 +56,36 @@ TAIL_FACTOR = 1.1
 Z_997 = 2.748  # 99.7 % quantile of a normal distribution
 # Part of the standard deviation of one image that averaging does not remove, because the clipping
 # of noise at black and white shifts the measurement. Measured with corners and markers, averaged
-# over 25 images with a noise of 5 grey levels: independent noise would leave an error of 0.2
+# over 25 images with a noise of 5 grey levels. Independent noise would leave an error of 0.2
 # standard deviations of one image. The error is at least twice as large in a quarter of the cases,
 # and at least four times as large in one case of twenty.
 SYSTEMATIC_PART = 0.25
-# A direction is not measured if its singular value of L is below this fraction of the largest one.
+# A direction of camera motion is not measured if its singular value of L is below this fraction of
+# the largest one.
 RANK_TOLERANCE = 1e-6
-# Largest offset for which the linearisation by L is valid: translation as a fraction of the depth,
-# rotation in rad. A direction that is known less accurately is treated as not measured. For
-# example, a small plate looks the same from two sides; there, an estimated offset of 0.08 was 0.19
-# in truth.
+# Largest offset of the camera for which the linearisation by L is valid: translation as a fraction
+# of the depth, rotation in rad. A direction that is known less accurately is treated as not
+# measured. For example, a small plate looks the same from two sides; there, an estimated offset of
+# 0.08 was 0.19 in truth.
 MAX_LINEAR_OFFSET = 0.05
-# Largest standard deviation of the offset between single images, in the same units as
+# Largest standard deviation of the camera's offset between single images, in the same units as
 # MAX_LINEAR_OFFSET. The limit is larger than MAX_LINEAR_OFFSET, because the mean over several
 # images is more accurate.
 MAX_SCATTER = 0.08
-# An unmeasured direction is treated as a pure translation if its translation exceeds its scaled
-# rotation by this factor, otherwise as a rotation about an axis.
+# An unmeasured direction of camera motion is treated as a pure translation if its translation
+# exceeds its scaled rotation by this factor; if not, as a rotation about an axis.
 MIN_TRANSLATION_RATIO = 20.0
-# The error that no camera motion explains is evaluated only if L has at most this many rows.
-# Features with more components declare their accuracy.
+# The part of the error that no camera motion explains is evaluated only if L has at most this many
+# rows. Features with more components declare their accuracy.
 MAX_RESIDUAL_ROWS = 64
-# A direction of the camera is measured poorly if its singular value of L is below this fraction of
-# the largest one. A nearby pose in this direction may have the same features.
+# A direction of camera motion is measured poorly if its singular value of L is below this fraction
+# of the largest one. A nearby pose in this direction may have the same features.
 WEAK_DIRECTION = 0.05
-# In `_compute_plane_offset`, a camera motion is ignored if it changes the target's plane by less
-# than this fraction of the largest change.
+# When the offset is computed from the target's plane, a camera motion is ignored if it changes the
+# plane by less than this fraction of the largest change.
 MIN_PLANE_CHANGE = 0.05
 NO_OFFSET, IDENTITY = np.zeros(6), np.eye(6)
-# An error of more than this many standard deviations is not explained by noise.
+# Noise does not explain an error of more than this many standard deviations.
 NOISE_DEVIATIONS = 3.0
 USE_LARGER_TARGET = suggest_larger_target(1.5)
 ADD_FEATURE = Remedy("if the exact pose matters, add a feature that measures these motions")
@@ -178,17 +179,18 @@ class ArrivalMargin:
             variance = ((along * scale) @ scatter * (along * scale)).sum(axis=1)
             is_measured &= np.sqrt(np.maximum(variance, 0.0)) <= MAX_SCATTER * depth
         inverse = np.divide(1.0, s, out=np.zeros_like(s), where=is_measured)
-        out = free.T @ vt.T * inverse  # (6, f), maps U^T e to an offset, where L = U S V^T
+        # `out` (6, f) maps U^T e to an offset of the camera, where L = U S V^T.
+        out = free.T @ vt.T * inverse
         spread = out @ spread
-        # The factor 2 accounts for the measurement of the goal, which has the same accuracy.
+        # The factor 2 accounts for the goal, which was measured with the same accuracy.
         self._measurement_covariance = 2.0 * TAIL_FACTOR**2 * spread @ spread.T
         rows = min(len(L), len(s))
         self._coupling = np.eye(6) - out[:, :rows] @ u.T[:rows] @ L
         self._unseen_directions = along[~is_measured]
-        # A computed goal has an exact pose, so that the plane predicted by kinematics can be
-        # compared in all directions. If this camera has taught the goal, the target may have been
-        # moved since. Then only the direction of the plane's normal is compared, and only for
-        # camera directions that the features measure poorly.
+        # A computed goal has an exact pose, so the target's plane predicted by kinematics can be
+        # compared in all directions. If the goal was taught with the present camera, the target may
+        # have been moved since. Then only the direction of the plane's normal is compared, and only
+        # for camera directions that the features measure poorly.
         self._is_goal_camera = goal.camera is not None and goal.camera == observation.camera
         self._plane_offset: tuple[float, float] | None = None
         self._doubtful_directions = (
@@ -239,7 +241,8 @@ class ArrivalMargin:
             remedy = ADD_FEATURE
         else:
             cause, remedy = "because of noise and limited image accuracy", USE_LARGER_TARGET
-            # Computed only once, because the camera is at rest after its arrival.
+            # The offset of the plane is computed only once, because the camera is at rest after its
+            # arrival.
             if self._plane_offset is None:
                 offset = self.compute_offset(observation, offsets.mean)
                 self._plane_offset = self._compute_plane_offset(observation, offset)
@@ -326,7 +329,8 @@ class ArrivalMargin:
         )
         if len(self._unseen_directions) > 1 or distance > MIN_TRANSLATION_RATIO * angle:
             return inf, pi
-        return 2.0 * distance * self._depth / angle, pi  # a rotation about an axis
+        # the unmeasured motion is a rotation about an axis
+        return 2.0 * distance * self._depth / angle, pi
 
 
 def split_directions(
@@ -414,7 +418,7 @@ def compute_confidence_length(mean, covariance):
             variance += 2.0 * covariance[i, j] ** 2 + 4.0 * mean[i] * covariance[i, j] * mean[j]
     if variance <= 0.0 or square <= 0.0:
         return np.sqrt(max(square, 0.0))
-    # This is 2 / (9 n) of the Wilson-Hilferty formula, with n degrees of freedom.
+    # `inverse` is 2 / (9 n) in the Wilson-Hilferty formula, with n degrees of freedom.
     inverse = variance / (9.0 * square * square)
     return np.sqrt(square * (1.0 - inverse + Z_997 * np.sqrt(inverse)) ** 3)
 
@@ -438,7 +442,7 @@ def _compute_bounds(mean, scatter, measured, scatter_part, coupling, held_offset
         for i in range(3 * block, 3 * block + 3):
             square += mean[i] ** 2
             noise += scatter_part * scatter[i, i]
-        # OFFSET_FACTORS apply only as far as the offset exceeds the noise.
+        # OFFSET_FACTORS apply only to the part of the offset that exceeds the noise.
         certainty = 1.0 - noise / square if noise < square else 0.0
         factors[block] = 1.0 + (OFFSET_FACTORS[block] - 1.0) * certainty
     for i in range(6):

@@ -19,25 +19,29 @@ from .advice import suggest_larger_target, suggest_longer_watchdog, suggest_more
 if TYPE_CHECKING:
     from ..kinematics.ik_solution import IKSolution
 
-WINDOW = 1.5  # time over which progress is evaluated, s
+WINDOW = 1.5  # time over which the decrease of the error is evaluated, s
 # There is no progress if the mean error in the second half of WINDOW exceeds this fraction of the
 # mean error in the first half.
 MIN_PROGRESS = 0.9
 STALL_REASON = "the error does not decrease"
-# The error decreases slowly if the ratio of the two mean errors is between MIN_PROGRESS and this
-# value; the run then needs more time. A gain of 0.1 1/s gives a ratio of 0.93.
+# The error decreases slowly if the mean error in the second half of WINDOW, divided by that in the
+# first half, is between MIN_PROGRESS and this value. The run then needs more time. A gain of 0.1
+# 1/s gives a ratio of 0.93.
 SLOW_PROGRESS = 0.98
-# A cause is reported if at least this fraction of the images in the window shows it.
+# A cause of missing progress is reported if at least this fraction of the images in WINDOW shows
+# it.
 MIN_IMAGE_PART = 0.6
 # The error is too noisy to show whether the camera is at its goal if its scatter from image to
-# image exceeds both of these limits.
-MIN_NOISE = 1.0  # limit in tolerances
-MIN_NOISE_PART = 0.5  # limit as a fraction of the total scatter of the error
-FULL_SPEED = 0.99  # a joint limits the motion if the velocities are scaled by less than this
+# image exceeds both MIN_NOISE and MIN_NOISE_PART.
+MIN_NOISE = 1.0  # scatter from image to image, in tolerances
+MIN_NOISE_PART = 0.5  # scatter from image to image, as a fraction of the total scatter
+FULL_SPEED = 0.99  # a joint limits the motion if all velocities are multiplied by less than this
 # The run needs more time if a joint limits the motion in more than this fraction of its images.
 MIN_SLOWED_PART = 0.3
-MIN_SPEED = 1e-3  # smallest commanded camera speed that is evaluated, in target depths per second
-MAX_LOST_PART = 0.3  # a motion is infeasible if the arm loses more than this part of the twist
+# smallest commanded camera speed that is evaluated, in depths of the target per second
+MIN_SPEED = 1e-3
+# a motion is infeasible if the arm cannot execute more than this part of the twist
+MAX_LOST_PART = 0.3
 ROTATION_WEIGHT = 0.5  # translation that counts as much as 1 rad/s, in target depths per second
 # The camera is in a local minimum if, according to L, no camera motion reduces the error by at
 # least this fraction.
@@ -64,7 +68,7 @@ class _ServoedImage:
     ik_solution: IKSolution | None
     is_stretched: bool = False
 
-    # The following properties are cached, because each image is evaluated many times.
+    # The properties are cached, because each image is evaluated many times.
     @cached_property
     def rank(self) -> int:
         """Return the rank of L."""
@@ -104,7 +108,7 @@ class ProgressCheck:
         self._window: deque[_ServoedImage] = deque()
         self._duration = duration
         self._image_count = self._slowed_count = 0
-        # Time (s) and size of the error (in tolerances) at the first image, and at the last image
+        # Time (s) and size of the error (in tolerances), at the first image and at the last image
         # at which a limit reduced the velocity.
         self._first: tuple[float, float] | None = None
         self._last_slowed, self._limiting_joint = (0.0, 0.0), ""
@@ -172,7 +176,7 @@ class ProgressCheck:
             return Outcome("running", state.reason)
         if self.is_shrinking:
             # The mean error is within its tolerances, but the camera has not arrived: a limit of
-            # the arm may prevent the rest of the motion.
+            # the arm may prevent the last part of the motion.
             held_back = _is_within_tolerances(images[len(images) // 2 :]) and (
                 _find_limit(images) or _find_infeasibility(images)
             )
@@ -260,7 +264,7 @@ class ProgressCheck:
         slow = self.is_shrinking or after < SLOW_PROGRESS * before
         rate = float(np.log(max(before, 1e-9) / max(after, 1e-9))) / (0.5 * WINDOW)
         if (noise := self.noise) > 0.0:
-            # With noise, the measured rate of decrease is not reliable.
+            # If the error is noisy, the measured rate of its decrease is not reliable.
             slow = after < MIN_PROGRESS * before
             others = suggest_more_time(self._duration, after, rate).changes if slow else ()
             return replace(make_outcome(
@@ -298,9 +302,9 @@ def _estimate_noise(images: Sequence[_ServoedImage]) -> float:
     scatter = errors.std(axis=0)
     largest = int(scatter.argmax())
     change = np.diff(errors[:, largest])
-    # The mean square of the second difference is 0 for a steady motion and 6 times the variance for
-    # white noise. The mean square of the first difference is twice the variance for white noise,
-    # and 4 times the variance for an error that changes its sign at every image.
+    # The mean square of the second difference is 0 for a steady motion, and 6 times the variance
+    # for white noise. The mean square of the first difference is twice the variance for white
+    # noise, and 4 times the variance for an error that changes its sign at every image.
     noise = float(np.sqrt((np.diff(change) ** 2).mean() / 6.0))
     if (change**2).mean() > 3.0 * scatter[largest] ** 2:
         return 0.0
@@ -326,7 +330,7 @@ def _describe_accuracy(images: Sequence[_ServoedImage]) -> str:
 
 
 def _find_limit(images: Sequence[_ServoedImage]) -> Outcome | None:
-    # Lists are made instead of generators, because a call for each image takes too long.
+    # Lists are faster than generators here, which would take a call for each image.
     stopped = [s.ik_solution.stopped_joints for s in images
                if s.ik_solution is not None and s.ik_solution.stopped_joints]  # fmt: skip
     if not images or len(stopped) < MIN_IMAGE_PART * len(images):

@@ -60,27 +60,28 @@ class StepCheck:
         typical_step: usual size of the unexplained steps, in tolerances.
     """
 
-    # The error jumps repeatedly if it jumps FREQUENT_JUMPS times within JUMP_WINDOW seconds.
+    # The error jumps repeatedly if it has jumped FREQUENT_JUMPS times within JUMP_WINDOW seconds.
     JUMP_WINDOW, FREQUENT_JUMPS = 2.0, 4
-    # A jump is a step that exceeds MIN_JUMP tolerances, and JUMP_FACTOR times both the explained
-    # step and the typical step.
+    # A step of the error between two images is a jump if it exceeds MIN_JUMP tolerances, and
+    # JUMP_FACTOR times both the step explained by the camera's motion and the typical step.
     MIN_JUMP, JUMP_FACTOR = 20.0, 8.0
-    STEP_MEMORY = 0.9  # weight of the old value in the running means
-    # `unchanged_since` is set when the error has not changed in UNCHANGED_IMAGES images although
-    # the predicted motion of the features is MIN_PREDICTED_MOTION tolerances.
+    STEP_MEMORY = 0.9  # weight of the old value in the running means of the steps
+    # `unchanged_since` is set if the error has not changed in UNCHANGED_IMAGES images although the
+    # features should have moved by MIN_PREDICTED_MOTION tolerances.
     MIN_PREDICTED_MOTION, UNCHANGED_IMAGES = 5.0, 8
     # The steps of successive images are added up until their predicted motion is at least this
-    # large, in tolerances; then noise is a small part of the sum. Such a sum of measured and
-    # predicted motion is called a row.
+    # large, in tolerances; then noise is a small part of the sum. The sums of measured and of
+    # predicted steps are together called a row.
     MIN_ROW = 8.0
-    MIN_ROWS = 5  # number of rows from which a correlation is computed
+    MIN_ROWS = 5  # smallest number of rows from which a correlation is computed
     RECENT_IMAGES = 5
     # The features drift although the camera is at rest if their motion exceeds MIN_DRIFT
     # tolerances, and if a steady drift explains more than MIN_DRIFT_PART of the squared steps.
     # (Noise in n images gives 1/n.)
     MIN_DRIFT, MIN_DRIFT_PART = 2.5, 0.7
     MAX_REST_MOTION = 0.05  # largest predicted motion of a camera at rest, in tolerances
-    # A drift at rest is searched for in at least and at most this number of images.
+    # Smallest and largest number of images in which a drift of the features is searched for while
+    # the camera is at rest.
     MIN_REST_IMAGES, MAX_REST_IMAGES = 4, 30
     # Smallest motion between two images that is a jump of the target's centre, normalised.
     MIN_CENTRE_JUMP = 0.02
@@ -88,11 +89,12 @@ class StepCheck:
     # images and stays invisible for RECENT_IMAGES images. The area is corrected for the distance,
     # which follows from kinematics.
     MIN_HIDDEN_PART = 0.06
-    # Two images are compared for an occlusion only if the squared distance between camera and
-    # target changes by less than this fraction between them.
+    # The areas of the target in two images are compared only if the squared distance between camera
+    # and target changes by less than this fraction between the images.
     MAX_DISTANCE_CHANGE = 0.2
-    # An occlusion is not searched for if the predicted area, relative to the area at the goal, is
-    # below this: the camera is then more than 100 times as far from the target as at the goal.
+    # An occlusion is not searched for if the target's predicted area, relative to the area at the
+    # goal, is below this. The camera is then more than 100 times as far from the target as at the
+    # goal.
     MIN_PREDICTED_AREA = 1e-4
 
     def __init__(self, min_row: float = MIN_ROW) -> None:
@@ -110,27 +112,29 @@ class StepCheck:
         self._last_measurement: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
         self.typical_step, self._count = 1.0, 0
         self._same_count, self._same_stamp, self._path = 0, 0.0, 0.0
-        # Since the camera is at rest: number of images, sum of the squared steps, and sum of the
-        # steps (k,), in tolerances.
+        # Since the camera is at rest: number of images, sum of the squared steps of the features,
+        # and sum of the steps (k,), in tolerances.
         self._rest_sums: tuple[int, float, np.ndarray | float] = 0, 0.0, 0.0
         self.has_drift = False
         self._steps: deque[tuple[float, float, float]] = deque(maxlen=self.RECENT_IMAGES)
-        # Predicted squared distance at the last image, relative to the goal's.
+        # Predicted squared distance of the camera from the target in the last image, relative to
+        # that at the goal.
         self._scale = 1.0
-        # Area of the target in the last image, corrected for the distance, relative to the goal's.
+        # Area of the target in the last image, corrected for the distance, relative to the area at
+        # the goal.
         self._last_area = 0.0
-        # Running mean of the corrected area, and its usual relative deviation.
+        # Running mean of the target's corrected area, and its typical relative deviation.
         self._mean_area = self._area_deviation = 0.0
         # Number of images since a part of the target disappeared, and the stamp (s) of the first of
-        # them.
+        # these images.
         self._hidden_count, self._hidden_stamp = 0, 0.0
-        self._whole_area = 0.0  # corrected area before the target was covered
+        self._whole_area = 0.0  # target's corrected area before a part disappeared
         self.next_region: tuple[tuple[float, float], tuple[float, float]] | None = None
         self._centre: tuple[float, float] | None = None
         self._centre_jumps = 0
         # Sums over all complete rows, (3, k): measured times predicted motion, squared measured
-        # motion, squared predicted motion. The next attribute is the incomplete row, (2, k):
-        # measured and predicted motion so far.
+        # motion, squared predicted motion. The incomplete row, (2, k), contains the measured and
+        # predicted motion so far.
         self._correlation_sums: np.ndarray | None = None
         self._row = np.zeros((2, 0))
 
@@ -149,7 +153,8 @@ class StepCheck:
         whole = rest = predicted = 0.0
         for step in self._steps:
             whole, rest, predicted = whole + step[0], rest + step[1], predicted + step[2]
-        # Any mounting error could explain a smaller motion of the features by the camera's motion.
+        # An error of the camera's mounting could explain a smaller motion of the features by the
+        # camera's motion.
         return rest / whole if whole > max(self.MIN_JUMP, self.JUMP_FACTOR * predicted) else 0.0
 
     @property
@@ -299,8 +304,8 @@ class StepCheck:
         dx, dy = (0.0, 0.0) if self._centre is None else (x - self._centre[0], y - self._centre[1])
         self._centre = x, y
         jumped = max(abs(dx), abs(dy)) > self.MIN_CENTRE_JUMP
-        # The centre is extrapolated by twice its last displacement. In the next image, the target
-        # should be within one target size of this point.
+        # The target's centre is extrapolated by twice its last displacement. In the next image, the
+        # target should be within one target size of this point.
         x, y, size = x + 2.0 * dx, y + 2.0 * dy, sqrt(moments.m00)
         self.next_region = (x - size, x + size), (y - size, y + size)
         self._centre_jumps = min(self._centre_jumps + 1, self.FREQUENT_JUMPS) if jumped else max(

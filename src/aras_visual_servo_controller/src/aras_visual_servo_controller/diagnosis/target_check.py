@@ -144,24 +144,24 @@ class TargetCheck:
     """
 
     ROW_PERIOD = 0.12  # one row of the fit is the motion during at least this time, s
-    SPAN = 6.0  # time over which the motion is fitted, s
-    MIN_ROWS = 10  # number of rows before the first fit
-    CHECK_PERIOD = 5  # number of rows between two fits
-    # Smallest number of values in a fit of single rows. A wrong camera model is fitted with 18
-    # factors, which would explain any small set of values.
+    SPAN = 6.0  # time over which the target's motion is fitted, s
+    MIN_ROWS = 10  # number of rows (motions of ROW_PERIOD) before the first fit
+    CHECK_PERIOD = 5  # number of new rows (motions of ROW_PERIOD) between two fits
+    # Smallest number of values in a fit if rows are not summed. A wrong camera model is fitted with
+    # 18 factors, which would explain any small set of values.
     MIN_NUMBERS = 60
-    # Numbers of rows in a group. If groups of one row show no motion, larger groups are tried: a
-    # target at 1 mm/s moves by less than the tolerances within ROW_PERIOD, and the sum over a group
-    # has no more noise than one row.
+    # Numbers of rows in a group of rows that are summed. If groups of one row show no motion,
+    # larger groups are tried: a target at 1 mm/s moves by less than the tolerances within
+    # ROW_PERIOD, and the sum over a group has no more noise than one row.
     ROWS_PER_SUM = (1, 3, 6, 12)
-    # Minimum rms residual for a target at rest, in tolerances, for each number of rows in a group.
-    # A motion of the target is fitted only if the residual exceeds it.
+    # A motion of the target is fitted only if the rms residual for a target at rest exceeds this,
+    # in tolerances, for each number of rows in a group.
     MIN_RESIDUAL = (0.3, 0.3, 0.3, 0.15)
     MIN_SUMMED_NUMBERS = 12  # smallest number of values in a fit if rows are summed in groups
-    # An oscillation is fitted only to rows that cover at least this time, s.
+    # An oscillation of the target is fitted only to rows that cover at least this time, s.
     MIN_OSCILLATION_SPAN = 2.5
-    # The target moves if its motion reduces the residual to less than this fraction of the residual
-    # for a target at rest.
+    # The target moves if a motion of the target reduces the residual to less than this fraction of
+    # the residual for a target at rest.
     MAX_RESIDUAL_PART = 0.1
     # The residual for a moving target also has to be less than this fraction of the residual for a
     # wrong camera model.
@@ -170,7 +170,8 @@ class TargetCheck:
     # factor, the camera follows the moving target.
     MIN_DEPTH_FACTOR = 0.3
     # A wrong camera model is also fitted if the ratio of measured to predicted squared motion lies
-    # between this and its inverse, because the camera may move in another direction than predicted.
+    # between MIN_MOTION_PART and 1 / MIN_MOTION_PART. The camera may then move in another direction
+    # than predicted.
     MIN_MOTION_PART = 0.2
     # Smallest scale of the translation along or the rotation about an axis that a wrong camera
     # model can explain. A scale of 0.5 corresponds to a focal length that is wrong by a factor of
@@ -185,8 +186,8 @@ class TargetCheck:
     CENTRE_TOLERANCE = 1e-3
 
     def __init__(self) -> None:
-        # Whether, at the last fit, a wrong camera model explained the motion as well as a moving
-        # target.
+        # Whether, at the last fit, a wrong camera model explained the features' motion as well as a
+        # moving target did.
         self.has_camera_explanation = False
         self._rows: deque[_Row] = deque()
         self._origin = np.zeros(3)  # reference point of the target's twist, in m and world axes
@@ -294,10 +295,10 @@ class TargetCheck:
             rest = rows.compute_rest_residual(max(depth, self.MIN_DEPTH_FACTOR))
             square = float(rest @ rest)
             if group == 1 and square * self.ROWS_PER_SUM[-1]**2 < self.MIN_RESIDUAL[-1]**2 * count:
-                return ""  # no group of rows can reach its MIN_RESIDUAL
+                return ""  # no sum of rows can reach the required MIN_RESIDUAL
             if square >= min_residual**2 * count:
                 if np.linalg.matrix_rank(self._rows[-1].L[:, :3]) < 2:
-                    return ""  # L has rank 1 and does not determine the motion
+                    return ""  # L of rank 1 does not determine the target's motion
                 return self._explain_motion(rows, depth, square)
         return ""
 
@@ -318,15 +319,15 @@ class TargetCheck:
         bound = min(self.MAX_RESIDUAL_PART * residual, self.MAX_CAMERA_PART * camera_residual)
         # The first column fits the deviation of the depth factor from 1. If the camera follows its
         # target at constant speed, the features do not move. The regularised fit must then find a
-        # target velocity, and not a depth factor of 0.
+        # velocity of the target, and not a depth factor of 0.
         constant, velocity = _fit_columns(columns[:, :4], motion - effect)
         if constant < bound:
             return f"it moves at {1e3 * float(np.linalg.norm(velocity[1:])):.1f} mm/s"
-        # The sums over large groups are few and change smoothly, so that a rotation or an
-        # oscillation can explain half of their motion by chance. Therefore a lower residual is
-        # required of them.
+        # The sums over large groups of rows are few and change smoothly, so a rotation or an
+        # oscillation can explain half of their motion by chance. Therefore the sums need a lower
+        # residual.
         bound = min(self.MAX_RESIDUAL_PART / rows.rows_per_sum**2 * residual, bound)
-        # With fewer than six values per image, a rotation cannot be distinguished from a
+        # With fewer than six feature values per image, a rotation cannot be distinguished from a
         # translation.
         columns = columns if len(self._rows[-1].feature_motion) >= 6 else columns[:, :4]
         if _fit_columns(columns, motion)[0] < bound:
@@ -347,7 +348,7 @@ class TargetCheck:
         span = time[-1]
         if span < self.MIN_OSCILLATION_SPAN:
             return ""
-        # Remove the effects of depth and constant twist here, once for all frequencies.
+        # The effects of the depth and of a constant twist are removed once for all frequencies.
         base = np.linalg.qr(columns)[0]
         feature_motion = feature_motion - base @ (base.T @ feature_motion)
         min_residual, best_frequency = np.inf, 0.0
@@ -460,7 +461,8 @@ def _fit_columns(columns: np.ndarray, values: np.ndarray) -> tuple[float, np.nda
     Returns:
         The squared residual, and the factors (m,) of the columns.
     """
-    # A small regularisation makes the solution unique if two columns are almost equal.
+    # A small regularisation makes the least-squares solution unique if two columns are almost
+    # equal.
     normal = columns.T @ columns
     normal += (1e-9 * np.trace(normal) + 1e-300) * np.eye(len(normal))
     factors = np.linalg.solve(normal, columns.T @ values)

@@ -25,22 +25,23 @@ if TYPE_CHECKING:
     from ..goals.goal import Goal
     from ..observation.observation import Observation
 
-MIN_VIEWS = 3  # smallest number of images for a comparison
-NOISE_DEVIATIONS = 3.0  # a mean difference of less than this many standard deviations is noise
-MAX_WINDOW = 120  # largest number of images in a mean
+MIN_VIEWS = 3  # smallest number of images that are compared with the goal
+# a mean difference from the goal below this many standard deviations is noise
+NOISE_DEVIATIONS = 3.0
+MAX_WINDOW = 120  # largest number of images that are averaged
 # Tolerances of the scale-free central moments. Converged runs with five cameras, with and without
 # noise, differ from the goal by 0.2 % in the second order and 6e-5 in the third order. The closest
-# wrong pose that was found is rotated by 18 degrees and differs by 0.6 % and 5e-4.
+# wrong pose found so far is rotated by 18 degrees and differs by 0.6 % and 5e-4.
 SECOND_ORDER_TOLERANCE = 0.02  # relative to the goal's largest second-order moment
 THIRD_ORDER_TOLERANCE = 2.5e-4
 # Tolerance of the target's centre (normalised) and size (relative), in addition to the noise and to
 # the accuracy of the features.
 MAX_PLACE_DIFFERENCE = 4e-3
-# The features do not measure a direction of the camera if a motion of this size along it changes no
-# feature by more than its tolerance: translation as a fraction of the depth, rotation in rad.
+# A direction of camera motion is not measured if a motion of this size changes no feature by more
+# than its tolerance. Translation as a fraction of the depth, rotation in rad.
 UNSEEN_MOTION = 0.05
-# Position and size of the target can show a camera motion in such an unmeasured direction only if
-# they change by at least this fraction of the motion.
+# The target's position and size in the image show a camera motion that the features do not measure
+# only if they change by at least this fraction of the motion.
 MIN_SHOWN_PART = 0.05
 SHAPE_NUMBERS = 7  # number of second- and third-order moments, which describe the shape
 PLACE_FEATURES = ("xg", "yg", "area")  # features of the target's position and size
@@ -51,12 +52,12 @@ class ViewCheck:
 
     def __init__(self) -> None:
         self._views = RecentErrors()
-        # Stamp of each image that has not been compared with the goal yet, and the moments that
-        # each camera measured in it.
+        # Stamp (s) of each image that has not been compared with the goal yet, and the moments that
+        # each camera measured in the image.
         self._pending_views: deque[tuple[float, list[Moments | None]]] = deque(maxlen=MAX_WINDOW)
         self._goal: Goal | None = None
         self._expected_place: _ExpectedPlace | None = None
-        self._names: list[str] = []  # names of the cameras; empty if there is only one
+        self._names: list[str] = []  # names of the cameras; empty if there is only one camera
 
     def __len__(self) -> int:
         """Return the number of averaged images."""
@@ -178,8 +179,8 @@ class _ExpectedPlace:
         _, s, vt = np.linalg.svd(L)
         s = np.append(s, np.zeros(len(vt) - len(s)))
         unseen = vt[s * UNSEEN_MOTION * depth < 1.0]
-        # Combine the unmeasured directions so that each one has its own effect on position and
-        # size.
+        # The unmeasured camera directions are combined so that each one has its own effect on the
+        # target's position and size.
         u, s, vt = np.linalg.svd(rows @ unseen.T, full_matrices=False)
         is_visible = s * depth > MIN_SHOWN_PART
         self._visible_directions, self._motions = (
@@ -230,7 +231,7 @@ def _compute_difference(measured: Moments | None, desired: Moments | None) -> np
         measured.yg - desired.yg,
         0.5 * log(measured.area / desired.area),
     )
-    # All second-order moments are divided by the largest one, because the mixed moment can be
+    # All second-order moments are divided by the largest one, because the mixed moment mu11 can be
     # small.
     second /= SECOND_ORDER_TOLERANCE * max(desired_second.tolist())
     return np.concatenate((second, third / THIRD_ORDER_TOLERANCE, place))
@@ -240,7 +241,8 @@ def _normalise_moments(moments: Moments, order: int) -> np.ndarray:
     """Return the scale-free central moments (order + 1,) of one order."""
     moments.mu(order, 0)  # raises an error if the order of the moments is too low
     scale = moments.m00 ** (1.0 + 0.5 * order)
-    # The elements (order, 0), (order - 1, 1), ... are on a diagonal of the flipped table.
+    # The moments (order, 0), (order - 1, 1), ... are on a diagonal of the table with its rows
+    # reversed.
     return moments.centred[order::-1, : order + 1].diagonal() / scale
 
 

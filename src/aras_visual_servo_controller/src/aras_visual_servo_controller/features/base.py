@@ -21,7 +21,7 @@ from ..observation.observation import Need, Observation
 
 # Rounding error of a rotation by pi, rad. An angle this close to -pi is treated as +pi.
 HALF_TURN_TOLERANCE = 1e-6
-NEAR_HALF = 0.375  # an angle above this fraction of its period is close to half a turn
+NEAR_HALF = 0.375  # an angle is close to half a turn above this fraction of its period
 
 
 class DepthFraction(float):
@@ -255,7 +255,7 @@ class Stack(Feature):
         for feature, part in zip(self.features, parts, strict=True):
             _check_stackable(feature, part.error_summary is None)
         rates = [np.broadcast_to(p.error_drift, np.shape(p.s)) for p in parts]
-        # The camera rotation is unambiguous if at least one feature is unambiguous.
+        # The camera rotation is unambiguous if at least one part has unambiguous features.
         ambiguities = {p.ambiguity for p in parts}
         return FeatureMeasurement(
             s=np.concatenate([p.s for p in parts]),

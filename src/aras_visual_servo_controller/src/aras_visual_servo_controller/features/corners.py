@@ -34,7 +34,7 @@ POINT_TOLERANCES = (
     DepthFraction(TOLERANCE),
     DepthFraction(2.0 * TOLERANCE),
 )
-MIN_LENGTH = 1e-9  # the direction of a shorter side, in normalised coordinates, is undefined
+MIN_LENGTH = 1e-9  # normalised length; the direction of a shorter side is undefined
 
 
 @FEATURES.register("numbered_points")
@@ -400,8 +400,8 @@ class VanishingPoints(CornerFeature):
         for a, b, c, d in ((0, 1, 3, 2), (1, 2, 0, 3)):
             one, other = np.cross(p[a], p[b]), np.cross(p[c], p[d])
             meet = np.cross(one, other)
-            # The sign tells whether the image of the side points towards the vanishing point or
-            # away from it.
+            # The sign of this product tells whether the side in the image points towards the
+            # vanishing point or away from it.
             sign = (meet[:2] - p[a, :2] * meet[2]) @ (p[b, :2] - p[a, :2])
             size = np.linalg.norm(meet)
             same_line = size <= MIN_LENGTH * np.linalg.norm(one) * np.linalg.norm(other)

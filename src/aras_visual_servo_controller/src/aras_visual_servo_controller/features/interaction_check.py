@@ -29,7 +29,7 @@ CORNERS = np.array([(-0.03, -0.036, 0.0), (0.0, -0.036, 0.0), (0.004, 0.012, 0.0
 # world_T_camera at the goal, 0.3 m above the hexagon CORNERS.
 GOAL_POSE = Pose.from_rpy((0.01, 0.005, 0.3), (np.pi, 0.0, 0.1)).matrix()
 # Default views: tilted by 14 degrees to different sides, rotated, and 5 to 9 cm from the goal.
-# Several views are needed, because a coordinate close to 0 may hide a wrong sign in one of them.
+# Several views are needed, because a coordinate close to 0 may hide a wrong sign in a single view.
 TEST_POSES = np.array([
     Pose.from_rpy((0.03, -0.04, 0.28), (np.pi - 0.2, 0.15, 0.4)).matrix(),
     Pose.from_rpy((-0.03, 0.04, 0.33), (np.pi + 0.2, -0.15, -0.3)).matrix(),

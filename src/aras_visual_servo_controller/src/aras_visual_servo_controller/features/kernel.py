@@ -59,7 +59,8 @@ class Kernel(Feature):
 
     needs = frozenset((Need.KERNEL,))
     names = ("kernel_0", "kernel_1", "kernel_2", "kernel_3")
-    # 1 % of kernel 0 or 1 corresponds to half a pixel, and 2 % of kernel 2 to 1 % of the distance.
+    # A change of 1 % of kernel 0 or 1 corresponds to half a pixel, a change of 2 % of kernel 2 to 1
+    # % of the distance.
     tolerances = (0.01, 0.01, 0.02, 0.04)
     units = ("", "", "", "rad")
     directions = LEVEL_CAMERA
@@ -136,14 +137,14 @@ def _compute_interaction(J: np.ndarray, K: np.ndarray, depth: float) -> np.ndarr
     """Compute L (4, 6) with dk/dt = L v from the original's J (4, 4); see the module docstring."""
     area = DELTA_X * DELTA_Y
     fx, fy = K[0, 0], K[1, 1]
-    # The kernels count pixels from 1; K counts them from 0.
+    # The kernels count pixels from 1, the camera matrix K counts pixels from 0.
     row_centre, column_centre = (K[1, 2] + 1.0) * DELTA_X, (K[0, 2] + 1.0) * DELTA_Y
-    # A pixel has the size DELTA_X by DELTA_Y in units of the kernel, and 1 / fy by 1 / fx in
-    # normalised coordinates. This is the ratio of both scales, rows by columns.
+    # `across` is the ratio of the pixel sizes, rows by columns, in units of the kernel (DELTA_X by
+    # DELTA_Y) divided by normalised coordinates (1 / fy by 1 / fx).
     across = (fy * DELTA_X) / (fx * DELTA_Y)
     L = np.zeros((4, 6))
-    # The optical y axis is along the rows and the x axis along the columns. A rotation from rows to
-    # columns is opposite to a rotation about z.
+    # The kernel's x is along the optical y axis and its y along the optical x axis. Therefore a
+    # rotation from x to y is opposite to a rotation about the optical z axis.
     L[1, 0] = area * J[1, 1] * fx * DELTA_Y / depth
     L[0, 1] = area * J[0, 0] * fy * DELTA_X / depth
     L[:3, 2] = np.array([row_centre * J[0, 0], column_centre * J[1, 1], J[2, 2]]) * area / depth

@@ -32,12 +32,12 @@ from .base import FEATURES, Feature, FeatureMeasurement, compare_cameras, get_pl
 # levels.
 GREY_NOISE = 0.2
 # Factor on the error of a single pixel. Neighbouring pixels of the smoothed images have nearly the
-# same error, so that it does not average out over the image.
+# same error, so the error does not average out over the image.
 NEIGHBOUR_FACTOR = 3.5
-SYMMETRY_ORDERS = (8, 7, 6, 5, 4, 3, 2)  # orders of rotational symmetry that are tested
+SYMMETRY_ORDERS = (8, 7, 6, 5, 4, 3, 2)  # orders of the image's rotational symmetry that are tested
 MAX_DEPTH = 500.0  # largest depth of the plane that is evaluated, in units of the goal's distance
-MIN_OVERLAP = 0.3  # part of the image that has to be visible both before and after the rotation
-BORDER = 10  # width of the border that is ignored, px, because new parts of the scene enter there
+MIN_OVERLAP = 0.3  # smallest part of the image that is visible before and after the rotation
+BORDER = 10  # border of the image that is ignored, px, because new parts of the scene enter there
 # The image has too little texture if an eigenvalue of L^T L is below this fraction of the largest.
 EIGENVALUE_TOLERANCE = 1e-12
 
@@ -255,7 +255,8 @@ class LuminanceMap(Luminance):
     def __init__(self) -> None:
         super().__init__()
         self._basis: np.ndarray | None = None
-        self._basis_rays: _PixelRays | None = None  # rays for which the stored basis was computed
+        # pixel rays for which the stored basis was computed
+        self._basis_rays: _PixelRays | None = None
 
     def make_basis(self, rays: _PixelRays) -> np.ndarray:
         """Return the basis B (count, pixels) for the pixels inside the border."""
@@ -303,7 +304,8 @@ class LuminancePCA(LuminanceMap):
 
     count: ClassVar[int] = 20
     views: ClassVar[int] = 80
-    # Largest shift (fraction of the width), rotation (rad) and scaling.
+    # Largest shift (fraction of the image's width), rotation (rad) and relative change of scale of
+    # the image.
     spread: ClassVar[tuple[float, float, float]] = (0.1, 0.2, 0.1)
 
     def make_basis(self, rays: _PixelRays) -> np.ndarray:
@@ -322,7 +324,8 @@ class LuminancePCA(LuminanceMap):
                 self._desired, moved, (columns, rows), borderMode=cv2.BORDER_REFLECT
             )
             views.append(view[rays.inside].ravel() - self._desired[rays.inside].ravel())
-        # V has few but long rows, so the components are computed from the small matrix V V^T.
+        # V has few but long rows, so its principal components are computed from the small matrix V
+        # V^T.
         V = np.array(views)
         values, vectors = np.linalg.eigh((V @ V.T).astype(float))
         chosen = np.argsort(values)[::-1][: self.count]

@@ -32,29 +32,30 @@ from ..goals.goal import Goal
 from ..observation.observation import Need, Observation
 from .base import FEATURES, DepthFraction, Feature, FeatureMeasurement, wrap
 
-# Of the directions vx ... wz, the features control vx, vy, vz and wz.
+# Of the six camera directions vx ... wz, the features control vx, vy, vz and wz.
 LEVEL_CAMERA = (True, True, True, False, False, True)
 ALPHA, FULL_ALPHA = "alpha", "alpha_full"
 # Order of the moments that are needed for alpha over the full turn, and for its L.
 FULL_ALPHA_ORDER = 4
-# Errors of the measured outline are modelled by HARMONICS independent displacements. This is their
-# rms amplitude (px) times the target's width (px). Measured on 80 outlines of 9 to 45 px at goals
-# computed from the geometry: 0.003 for centre and area, 0.007 for alpha.
+# The error of a measured outline is modelled by HARMONICS independent displacements.
+# OUTLINE_ACCURACY is their rms amplitude (px) times the target's width (px). Measured on 80
+# outlines of 9 to 45 px at goals computed from the geometry: 0.003 for centre and area, 0.007 for
+# alpha.
 OUTLINE_ACCURACY = 0.0075
-# If goal and image come from the same camera, a part of their errors is equal. This fraction of the
+# Goal and image from the same camera have partly equal errors. This fraction of an error's
 # amplitude remains in the difference of goal and image (measured on 63 outlines: 0.3 to 0.6).
 SAME_CAMERA_PART = 0.5
 # A target is nearly round if the relative difference of its second moments is below this. Its alpha
-# depends on single pixels, so that the errors of alpha in goal and image are independent even with
-# the same camera.
+# depends on single pixels, so the errors of alpha in goal and image are independent even with the
+# same camera.
 ROUND_TOLERANCE = 0.1
 # Number of displacements of the outline: 1, cos phi, sin phi, ... cos 4 phi, sin 4 phi, where phi
-# is the direction from its centre
+# is the direction from the outline's centre.
 HARMONICS = 9
 PARTS_PER_SIDE = 16  # number of points per side of the outline in the numerical integration
-# Tolerance of xn and yn: 0.5 mm for the laboratory's target at 0.2 m.
+# Tolerance of the features xn and yn: 0.5 mm for the laboratory's target at 0.2 m.
 CENTRE_TOLERANCE = DepthFraction(0.0025)
-DEPTH_TOLERANCE = DepthFraction(0.005)  # tolerance of an: 1 mm for the laboratory's target
+DEPTH_TOLERANCE = DepthFraction(0.005)  # tolerance of the feature an: 1 mm for the target at 0.2 m
 STEP = 1e-5  # displacement of the outline for finite differences, in normalised coordinates
 class _GoalMoments:
     """Quantities of one goal that the formulas of moments need, computed once."""

@@ -32,18 +32,19 @@ from .base import FEATURES, Feature, FeatureMeasurement, get_plane
 
 # Goal and image have nearly the same measurement errors if they come from the same camera. The
 # difference of these errors is modelled as SHARED_PIXEL_ERROR (px) plus SHARED_DISTANCE_ERROR times
-# the mean distance of the points from the goal (px). For corners of targets that are 8 to 40 px
-# wide and 0.001 to 0.3 px from the goal, 0.0025 px and 0.15 were measured. Half of these values is
-# sufficient to bound the final errors of 120 runs.
+# the mean distance of the points from the goal (px). On corners of targets that are 8 to 40 px wide
+# and 0.001 to 0.3 px from the goal, 0.0025 px and 0.15 were measured. Half of these values is
+# enough to bound the final errors of 120 runs.
 SHARED_PIXEL_ERROR, SHARED_DISTANCE_ERROR = 0.0012, 0.085
-# Errors of the corners in goal and image that differ, if both come from the same camera. The
-# deviation of the corners, estimated from the sides of the outline, is enlarged by MIN_DEVIATION
-# (px), because all points of a side along a row of pixels have the same error. It is multiplied by
-# DEVIATION_FACTOR times the square root of the distance of the points from the goal (px, at least
-# MIN_DISTANCE). Fitted to the final offsets of 183 runs without noise, on outlines of 10 to 240 px:
-# the rms of the camera's offset is equal to the estimate, and its median is 0.54 of it.
+# Model of the different errors that the corners in goal and image have even if both come from the
+# same camera. The deviation of the corners, estimated from the sides of the outline, is enlarged by
+# MIN_DEVIATION (px), because all points of a side along a row of pixels have the same error. The
+# sum is multiplied by DEVIATION_FACTOR times the square root of the distance of the points from the
+# goal (px, at least MIN_DISTANCE). The model was fitted to the final offsets of 183 runs without
+# noise, on outlines of 10 to 240 px: the rms of the camera's offset is equal to the estimate, and
+# its median is 0.54 of it.
 DEVIATION_FACTOR, MIN_DISTANCE, MIN_DEVIATION = 1.13, 0.002, 0.008
-TOLERANCE = 0.001  # normalised coordinates: 0.1 px for f = 100 px, or 0.2 mm at 0.2 m
+TOLERANCE = 0.001  # error in normalised coordinates: 0.1 px for f = 100 px, or 0.2 mm at 0.2 m
 
 
 class PointFeature(Feature):
@@ -60,7 +61,7 @@ class PointFeature(Feature):
     """
 
     is_ordered: ClassVar[bool] = True
-    # Latest goal, and its points, which are the same for all images.
+    # Latest goal, and its points, which are cached for all images.
     _goal_points: tuple[Goal | None, np.ndarray] = (None, np.zeros(0))
 
     def __init__(self, count: int = 4) -> None:
@@ -243,7 +244,8 @@ def match_outline(points, desired, last_rotation, matched):
         size += p[k, 0] ** 2 + p[k, 1] ** 2
         goal_size += g[k, 0] ** 2 + g[k, 1] ** 2
     is_reversed = area * goal_area < 0.0
-    # The similarity transform z = a g of complex numbers is found for each shift of the points z.
+    # For each cyclic shift of the points z, fit the similarity transform z = a g of complex
+    # numbers.
     residuals, rotations = np.empty(count), np.empty(count)
     for shift in range(count):
         real = imaginary = 0.0
@@ -301,8 +303,8 @@ def estimate_corner_accuracy(
     if spread is None:
         common = SHARED_PIXEL_ERROR / fx + SHARED_DISTANCE_ERROR * sqrt(away)
         return max(min(accuracy, common), observation.corner_repeatability) * identity
-    # Noise increases the measured distance of the corners from the goal, so the variance of the
-    # noise is subtracted.
+    # Noise increases the measured distance of the corners from the goal, so the noise's variance is
+    # subtracted from the squared distance.
     deviation = compute_rms_deviation(spread)
     away = fx * sqrt(max(away - deviation**2, 0.0))
     enlarged = hypot(deviation, MIN_DEVIATION / fx)

@@ -27,7 +27,7 @@ from .points import TOLERANCE
 from .points import backproject as places_of
 
 MAX_ITERATIONS, CONVERGED_STEP = 10, 1e-13
-# Points are collinear if the ratio of their singular values is below this.
+# Points are collinear if the ratio of their second to their largest singular value is below this.
 PLANARITY_TOLERANCE = 1e-9
 
 
@@ -227,7 +227,7 @@ def estimate_planar_pose(object_points: np.ndarray, points: np.ndarray) -> np.nd
     normal = np.cross(basis[0], basis[1])
     frame = np.column_stack([basis[0], basis[1], normal])
     U, _, Vt = np.linalg.svd(np.column_stack([H[:, 0], H[:, 1], np.cross(H[:, 0], H[:, 1])]))
-    R = U @ Vt @ frame.T  # a rotation, because the determinant of these columns is positive
+    R = U @ Vt @ frame.T  # R is a rotation, because the determinant of the columns is positive
     return refine_pose(R, H[:, 2] - R @ middle, object_points, points)
 
 
@@ -253,7 +253,7 @@ def refine_pose(
         if not (P[:, 2] > 0.0).all():
             raise MeasurementError("the points of the target give a pose behind the camera")
         projected = P[:, :2] / P[:, 2:]
-        # refine_pose moves the target and not the camera, so L has the opposite sign.
+        # Here the target moves instead of the camera, so L has the opposite sign.
         L = -point_interaction(projected, 1.0 / P[:, 2])
         step = np.linalg.lstsq(L, (points - projected).ravel(), rcond=None)[0]
         turned = exponential(step)[:3, :3]

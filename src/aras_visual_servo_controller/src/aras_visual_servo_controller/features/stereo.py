@@ -104,7 +104,7 @@ class StereoPoints(Feature):
         """Return the data that the goal file stores for this feature, from the view at the goal."""
         views = [observation.cameras[name] for name in self.cameras]
         found = [n.points(v) for n, v in zip(self._point_features, views, strict=True)]
-        # Store the points of both cameras in the order of the first one.
+        # The points of the second camera are stored in the order of the points of the first camera.
         if len(found[0]) == len(found[1]):
             found[1] = self._point_features[1]._match_to_goal(views[1], found[0])[0]
         return {"points": [np.asarray(points, float).tolist() for points in found]}

@@ -57,8 +57,8 @@ if TYPE_CHECKING:
 
 # Depth of the laboratory's target, m. It is used if the goal contains no depth.
 DEFAULT_DEPTH = 0.2
-# A pose is out of the arm's reach if an error of more than this, m, remains. A rotation error of 1
-# rad counts as 0.1 m.
+# A pose is out of the arm's reach if inverse kinematics leave an error of more than this, m. A
+# rotation error of 1 rad counts as 0.1 m.
 REACH_TOLERANCE = 2e-3
 # The camera's mounting has changed since teaching if the camera's pose at the goal's joints differs
 # from the stored pose by more than this, m and rad.
@@ -400,8 +400,6 @@ class Goal:
             f"joints the camera is now {1e3 * distance:.1f} mm and {np.degrees(angle):.1f} degrees "
             "away; teach the goal again (rosrun aras_visual_servo_controller teach)"
         )
-
-    # -- files -----------------------------------------------------------------------------
 
     @classmethod
     def load(cls, path: str | Path) -> Goal:

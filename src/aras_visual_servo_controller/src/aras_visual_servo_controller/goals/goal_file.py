@@ -26,10 +26,10 @@ from ..observation.observation import CAMERA
 from ..observation.target_geometry import TargetGeometry
 from .starts import PoseEntry, ThreeNumbers
 
-# A camera sees the target's plane edge-on, and not the target, if the sine of the angle between the
-# line of sight and the plane is below this.
+# If the sine of the angle between the line of sight and the target's plane is below this, the
+# camera views the plane edge-on, and the target is not visible.
 EDGE_ON_COSINE = 0.05
-MIN_DEPTH, MAX_DEPTH = 1e-3, 100.0  # allowed distance between target and camera, m
+MIN_DEPTH, MAX_DEPTH = 1e-3, 100.0  # smallest and largest distance between target and camera, m
 Matrix = tuple[float, float, float, float, float, float, float, float, float]
 
 
@@ -87,7 +87,7 @@ def read_goal_fields(data: Any, name: str) -> dict[str, Any]:
     """Read the fields of a Goal, except its name, from a mapping that was read from YAML."""
     try:
         entries = build(GoalEntries, data, f"{name}: ", ConfigurationError)
-    except VisionError as error:  # raised by the camera model for an invalid camera
+    except VisionError as error:  # the camera model raises a VisionError for invalid parameters
         raise ConfigurationError(f"{name}: {error}") from error
     target = entries.target
     return {

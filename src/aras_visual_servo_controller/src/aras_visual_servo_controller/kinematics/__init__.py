@@ -26,5 +26,5 @@ _PLACES = {
                     ".secondary_tasks"),
 }  # fmt: skip
 __all__ = sorted(_PLACES)
-if not TYPE_CHECKING:  # with a module __getattr__, a type checker would accept any name
+if not TYPE_CHECKING:  # a type checker would accept any name of a module that has __getattr__
     __getattr__, __dir__ = lazy_exports(__name__, _PLACES)

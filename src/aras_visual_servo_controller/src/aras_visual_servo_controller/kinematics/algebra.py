@@ -4,10 +4,10 @@ import numpy as np
 
 from aras_visual_servo_base.compiled import jit
 
-# A singular value is treated as 0 if it is below this fraction of the largest one. The rounding of
-# float64 leaves 1e-15.
+# A singular value is treated as 0 if it is below this fraction of the largest one. Rounding errors
+# of float64 are 1e-15.
 ROUNDING_TOLERANCE = 1e-12
-RIGHT_ANGLE = 2e-15  # rows with a smaller cosine between them are treated as orthogonal
+RIGHT_ANGLE = 2e-15  # two rows are treated as orthogonal if their cosine is below this
 SWEEPS = 40  # maximum number of Jacobi sweeps; six are usual
 
 
@@ -30,8 +30,9 @@ def svd(a):
             if not abs(a[i, j]) < np.inf:
                 raise np.linalg.LinAlgError("a matrix that is not finite has no singular values")
             largest = max(largest, abs(a[i, j]))
-    rows, turn = np.zeros((r, length)), np.eye(r)  # invariant: turn @ (shorter side of a) = rows
-    if largest > 0.0:  # scaling prevents overflow and underflow of the squares
+    # Invariant: rows = turn @ A, where A is a or its transpose, whichever has fewer rows, scaled.
+    rows, turn = np.zeros((r, length)), np.eye(r)
+    if largest > 0.0:  # dividing by `largest` prevents overflow and underflow of squares
         for i in range(r):
             for j in range(length):
                 rows[i, j] = (a[i, j] if m <= n else a[j, i]) / largest
@@ -62,7 +63,7 @@ def svd(a):
         if done:
             break
     sizes, order = np.empty(r), np.empty(r, np.int64)
-    # A loop, because it compiles to a tenth of the machine code of NumPy's norm and argsort.
+    # A loop compiles to a tenth of the machine code of NumPy's norm and argsort.
     for i in range(r):
         square = 0.0
         for k in range(length):
@@ -173,7 +174,7 @@ def triangularise(rows, columns):
         if square == rows[j, j] * rows[j, j]:
             continue  # the column is already reduced
         head = -np.copysign(np.sqrt(square), rows[j, j])
-        pivot = rows[j, j] - head  # first element of the reflection's normal
+        pivot = rows[j, j] - head  # first element of the normal of the Householder reflection
         for k in range(j + 1, rows.shape[1]):
             total = pivot * rows[j, k]
             for i in range(j + 1, len(rows)):

@@ -21,8 +21,8 @@ from ..errors import ConfigurationError, MeasurementError
 from .chain import Chain
 from .joint_sample import JointSample
 
-# A measured position is implausible if it is outside the limits by more than the span between them.
-# A joint without limits has this span, rad or m.
+# A measured position is implausible if it is outside the joint's limits by more than the span
+# between the limits. A joint without limits is assumed to have this span, rad or m.
 UNLIMITED_SPAN = 1e4
 # A measured speed is implausible if it exceeds the joint's maximum speed by this factor.
 IMPLAUSIBLE_SPEED = 100.0
@@ -191,7 +191,7 @@ class Arm:
             )
         key, cached = q.tobytes(), self._pose_cache
         if cached is not None and key == cached[0]:
-            return cached[1]  # several parts of the loop need the same result for one image
+            return cached[1]  # several parts of the loop need the pose for the same joints
         pose, jacobian = self.chain.compute_pose_and_jacobian(q)
         result = _make_read_only(pose), _make_read_only(jacobian)
         self._pose_cache = key, result

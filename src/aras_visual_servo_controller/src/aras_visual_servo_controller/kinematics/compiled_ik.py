@@ -14,16 +14,18 @@ from .limits import compute_velocity_ranges
 
 # A twist whose singular value of L is below this fraction of the largest one gets less weight.
 WELL_CONDITIONED = 0.05
-# Lower bound of the sensitivity of the task to a weak joint motion. The damping of the motion is
-# proportional to this sensitivity.
+# Lower bound of the task's sensitivity to a weak joint motion. The damping of such a motion is
+# proportional to the sensitivity.
 MIN_DEMAND = 0.3
 # Singular values below this fraction of the largest one are rounding errors.
 SINGULAR_TOLERANCE = 1e-9
-STRAIGHT_TOLERANCE = 1e-9  # bend of an elbow, rad, below which rounding determines its side
+# an elbow bent by less than this, rad, has a side that depends on rounding errors
+STRAIGHT_TOLERANCE = 1e-9
 # A joint motion of less than this, in rad or m, hardly changes the Jacobian, even near a straight
 # elbow.
 SMALL_MOTION = 0.002
-REUSE_TIME = 0.05  # time for which velocities may be reused, s: the image period of a slow camera
+# longest time for which velocities are reused, s: the image period of a slow camera
+REUSE_TIME = 0.05
 
 
 @jit("f8[:]")
@@ -58,14 +60,14 @@ def _build_rows(
         Orthonormal directions (m, 6); the desired velocities (m,) along them; the weights (m,), 0
         to 1, of these velocities in the least squares.
     """
-    # Sort the held directions by how well the arm can move the camera along them.
+    # The held camera directions are sorted by how well the arm can move the camera along them.
     u_held, reach, _ = svd(multiply(held_directions, scaled_jacobian))
     along, hold = multiply(u_held.T, held_directions), multiply_vector(u_held.T, held_speeds)
     weights = np.empty(len(reach))
     for i in range(len(reach)):
         part = min(max((reach[i] - hold_onset) / (hold_full - hold_onset), 0.0), 1.0)
         weights[i] = part * part * (3.0 - 2.0 * part)
-    # Subtract the effect of the held motion on the features from the desired rate.
+    # The effect of the held motion on the features is subtracted from their desired rate.
     weighted = np.empty(len(reach))
     for i in range(len(reach)):
         weighted[i] = weights[i] * hold[i]
@@ -88,7 +90,7 @@ def _build_rows(
         for j in range(6):
             basis[i, j] = others[i, j]
         speed[i] = projected[i] / s[i]
-        # A twist that hardly changes the features gets a smaller weight.
+        # A camera twist that hardly changes the features gets a smaller weight.
         weight[i] = min(1.0, s[i] / (WELL_CONDITIONED * s[0]))
     return basis, speed, weight
 
@@ -136,7 +138,7 @@ def _solve_damped(
         for i in range(m):
             for j in range(len(joints)):
                 damped[i, j] = task[i, j]
-        # A motion is damped more if the task is more sensitive to it.
+        # A joint motion is damped more if the task is more sensitive to it.
         sensitivity = multiply(rows, u_arm)
         for i in range(strong, len(s)):
             strength = max(_norm(sensitivity[:, i]), MIN_DEMAND)
@@ -222,12 +224,13 @@ def _limit_velocities(desired, secondary, low, high, limits, dt, is_limited, pre
     for i in range(count):
         lowest, highest = max(low[i], -fastest[i]), min(high[i], fastest[i])
         if is_limited:
-            # A joint that cannot brake in time for the end of its range brakes as hard as it can.
+            # A joint that cannot stop before the end of its range brakes with its maximum
+            # acceleration.
             slower, faster = previous[i] - acceleration[i] * dt, previous[i] + acceleration[i] * dt
             lowest = min(max(lowest, slower), faster)
             highest = min(max(highest, slower), faster)
         velocities[i] = min(max(primary[i] + others[i], lowest), highest)
-        # The secondary tasks get the range of velocities that the task leaves.
+        # The secondary tasks may use the range of joint velocities that the primary task leaves.
         towards[i] = secondary[i] - others[i]
         room[i] = highest - velocities[i] if towards[i] > 0.0 else velocities[i] - lowest
     part, _ = _find_scale(towards, room)
@@ -279,7 +282,8 @@ def _solve_within_ranges(
         near, back = False, True
         for elbow in elbows:
             near |= free[int(elbow[0])] and abs(q[int(elbow[0])] - elbow[1]) < reach_bend
-        # Solve again with the Jacobian of bent elbows; use this if it bends the elbows further.
+        # Near a straight elbow, solve again with the Jacobian of bent elbows. The second solution
+        # is used if it bends the elbows further.
         if near:
             solution, spare = _solve_damped(
                 bent_jacobian,
@@ -366,7 +370,8 @@ SOLVER_SIGNATURE = (
     "f8[:,:], f8[:,:], f8[:], b1[:], f8[:], f8[:,:,:], f8[:,:], f8[:,:], f8, b1, f8[:], "
     "f8[:,:], f8[:], f8[:,::1], f8[:,::1]"
 )
-# Rows of the outputs of `solve_velocities`: of `joints`, each (n,), and of `twists`, each (6,).
+# Indices of the rows of the outputs `joints`, each (n,), and `twists`, each (6,), of
+# `solve_velocities`.
 VELOCITIES, PRIMARY, MARGINS, STOPPED = range(4)
 DESIRED, ACHIEVED, INFEASIBLE = range(3)
 

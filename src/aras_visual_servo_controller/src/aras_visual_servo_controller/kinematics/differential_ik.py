@@ -161,7 +161,8 @@ class DifferentialIK:
     def reset(self) -> None:
         """Forget the last velocities and the pose at which directions are held."""
         self._cached_view: np.ndarray | None = None
-        # Last velocities, and their part for the task; NaN before the first solution.
+        # Last joint velocities, and the part of them that executes the task; NaN before the first
+        # solution.
         self.last_velocities = np.full((2, len(self.arm.names)), np.nan)
 
     def solve(
@@ -235,7 +236,7 @@ class DifferentialIK:
         if is_straight:
             return ["the arm is stretched: the commanded motion leads beyond its reach"]
         if is_stopped:
-            return []  # the reason already names the joint that is stopped at its limit
+            return []  # the outcome's reason already names the joint at its limit
         missing = np.abs(infeasible_twist * self._scale)
         main = np.flatnonzero(missing > 0.5 * missing.max())
         words = ", ".join(f"{DIRECTIONS[i]} {infeasible_twist[i]:.3g} {UNITS[i]}" for i in main)

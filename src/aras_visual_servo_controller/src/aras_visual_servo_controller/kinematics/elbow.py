@@ -16,9 +16,10 @@ from aras_visual_servo_base.names import suggest
 from ..errors import ConfigurationError
 from .arm import Arm
 
-# Tolerance of parallel axes, rad, because robot descriptions write pi as 3.1416.
+# Largest angle between two joint axes that are treated as parallel, rad, because robot descriptions
+# write pi as 3.1416.
 PARALLEL_TOLERANCE = 1e-4
-MIN_LINK_LENGTH = 1e-3  # an elbow at a link shorter than this, m, cannot be stretched
+MIN_LINK_LENGTH = 1e-3  # length of a link, m; an elbow at a shorter link cannot be stretched
 
 
 @dataclass(frozen=True)

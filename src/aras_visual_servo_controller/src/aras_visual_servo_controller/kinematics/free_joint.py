@@ -41,7 +41,7 @@ def compute_free_pose_and_jacobian(origin, mounting, q, pose, jacobian):
     pose[3, 3] = 1.0
     rates = _compute_right_jacobian(q)
     x, y, z = mounting[0, 3], mounting[1, 3], mounting[2, 3]
-    for j in range(6):  # the twist of the camera's origin, in the axes of the body
+    for j in range(6):  # velocity of the camera's origin, in the axes of the body
         wx, wy, wz = rates[3, j], rates[4, j], rates[5, j]
         vx = rates[0, j] + wy * z - wz * y
         vy = rates[1, j] + wz * x - wx * z
@@ -87,8 +87,8 @@ def _compute_right_jacobian(twist):
     move[0, 1], move[0, 2], move[1, 0], move[1, 2], move[2, 0], move[2, 1] = (
         -vz, vy, vz, -vx, -vy, vx
     )  # fmt: skip
-    # Only the upper three rows of J are summed. Its lower right block equals its upper left block,
-    # and its lower left block is zero.
+    # Only the upper three rows of the 6 x 6 matrix J are summed. Its lower right block equals its
+    # upper left block, and its lower left block is zero.
     rate, term, following, k = np.zeros((3, 6)), np.zeros((3, 6)), np.empty((3, 6)), 1
     for i in range(3):
         rate[i, i] = term[i, i] = 1.0

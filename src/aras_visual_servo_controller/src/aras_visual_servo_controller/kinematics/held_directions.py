@@ -44,7 +44,8 @@ def _compute_rotation_error(pose, goal, length, errors):
     factor = 0.5 * angle / sine if sine > 1e-6 else 0.5
     if sine <= 1e-4 and cosine <= 0.0:
         # Near half a turn the axis u follows from the symmetric part of R, which is accurate there:
-        # (R + R^T) / 2 - cosine I = (1 - cosine) u u^T.
+        # (R + R^T) / 2 - cosine I = (1 - cosine) u u^T. The column with the largest diagonal
+        # element is parallel to u.
         longest = 0
         for i in range(3):
             if R[i, i] > R[longest, longest]:
@@ -88,7 +89,7 @@ def _hold_vertical(pose, goal, length, row, held_directions, errors):
         factor = length * atan2(sine, cosine) / sine
         errors[row] = factor * _dot(turn, first)
         errors[row + 1] = factor * _dot(turn, second)
-    elif cosine <= 0.0:  # the reference is upside down, and both rotation directions are equivalent
+    elif cosine <= 0.0:  # the held direction is reversed, and any rotation by pi is equivalent
         errors[row] = length * pi
     for i in range(3):
         held_directions[row, 3 + i], held_directions[row + 1, 3 + i] = first[i], second[i]

@@ -9,8 +9,8 @@ from aras_visual_servo_base.poses import rotation_vector, rotation_vector_rate, 
 
 from ..errors import UnreachableError
 
-ROTATION_LENGTH = 0.1  # length that has the same weight as 1 rad, m
-ATTEMPTS = 16  # number of initial guesses; the given one is the first
+ROTATION_LENGTH = 0.1  # length that counts as much as a rotation by 1 rad, m
+ATTEMPTS = 16  # number of initial guesses; the first one is given by the caller
 
 
 # Function that computes the pose (4, 4) and the Jacobian (6, n) of the camera for joints (n,), such
@@ -71,8 +71,8 @@ def solve_inverse_kinematics(
                 return found.x
             if cheapest is None or costs < cheapest[0]:
                 cheapest = costs, found.x
-        # A continuous joint gets a random guess within half a turn of q0, any other joint within
-        # half of its range; the first attempts stay nearer.
+        # The range of random guesses around q0 grows with each attempt. It is at most half a turn
+        # to each side, or half of the joint's range.
         reach = np.minimum(high - low, 2.0 * np.pi) * min(1.0, 0.2 + attempt / ATTEMPTS)
         guess = q0 + random.uniform(-0.5, 0.5, len(q0)) * reach
     if cheapest is not None:

@@ -11,7 +11,8 @@ from aras_visual_servo_base.names import suggest
 from ..errors import ConfigurationError
 from .arm import Arm
 
-# One number for all joints, one number for each joint in the arm's order, or numbers by joint name.
+# One number for all joints, a sequence with a number for each joint in the arm's order, or numbers
+# by joint name.
 JointValues = float | Sequence[float] | Mapping[str, float] | None
 
 
@@ -160,7 +161,8 @@ def compute_stopping_speed(room, acceleration, dt):
         return np.inf
     if acceleration == np.inf:
         return room / dt
-    # Solution of the quadratic equation in a form without cancellation for a small room.
+    # The solution of the quadratic equation is written in a form without cancellation for a small
+    # room.
     return 2.0 * room / (dt + np.sqrt(dt * dt + 2.0 * room / acceleration))
 
 

@@ -21,7 +21,7 @@ ALL_DIRECTIONS = (True,) * 6
 DIRECTIONS = ("vx", "vy", "vz", "wx", "wy", "wz")
 UNITS = ("m/s",) * 3 + ("rad/s",) * 3
 # A direction of the camera is servoed only if its uncertainty is at most this. The uncertainty is
-# the standard deviation of the camera's offset along the direction, as measured by one image, in
+# the standard deviation of the camera's offset along the direction, as measured in one image, in
 # depths or rad. Noise moves the servoed camera by some tenths of this standard deviation.
 MAX_UNCERTAINTY = 0.3
 

@@ -13,8 +13,8 @@ from aras_visual_servo_base.settings import check, parameter
 
 from ..errors import ConfigurationError
 
-# A higher gain, 1/s, is probably given in a wrong unit. At 30 images per second the loop already
-# oscillates with a gain of 60 1/s.
+# Largest accepted gain, 1/s. A higher gain probably has a wrong unit: at 30 images per second the
+# loop already oscillates with a gain of 60 1/s.
 MAX_GAIN = 1000.0
 
 

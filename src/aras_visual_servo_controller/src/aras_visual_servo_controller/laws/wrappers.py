@@ -27,7 +27,7 @@ class ContinuousStart(Law):
     def reset(self) -> None:
         """Clear the state that the law stores between images."""
         self.law.reset()
-        # Start time, and L^+ e at that time.
+        # Start time (s) of the law, and L^+ e at that time.
         self._initial_motion: tuple[float, np.ndarray] | None = None
 
     def desired_error_rate(

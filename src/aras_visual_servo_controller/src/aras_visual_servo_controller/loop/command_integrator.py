@@ -19,8 +19,9 @@ if TYPE_CHECKING:
     from ..kinematics.limits import Limits
 
 
-# A joint has jumped between two samples if it moved farther than JUMP times `lead`, and farther
-# than JUMP_SPEEDS times the distance that it covers at the greater of its two speeds.
+# A joint has jumped between two samples if it moved farther than JUMP times `lead`. It must also
+# have moved farther than JUMP_SPEEDS times the distance that it covers at the greater of the two
+# measured speeds.
 JUMP, JUMP_SPEEDS = 0.5, 4.0
 
 
@@ -211,8 +212,9 @@ def integrate_command(command, velocity, velocities, measured, lower, upper, lea
         after[i] = min(max(target, min(lower[i], command[i])), max(upper[i], command[i]))
         stopped[i] = after[i] != target
         before, ahead = abs(command[i] - measured[i]), abs(after[i] - measured[i])
-        # A joint at its commanded position is not late, even if the first step is long. Otherwise a
-        # flying camera with a desired speed above 5 rad/s would never start to move.
+        # A joint that is at its commanded position is not late, even if the first step is long. If
+        # it counted as late, a flying camera with a desired speed above 5 rad/s would never start
+        # to move.
         is_lagging = before > 0.5 * lead[i]
         late[i] = is_lagging and ahead > lead[i] + lag * abs(velocity[i]) and ahead > before
     return after, (after - command) / dt, stopped, late

@@ -53,7 +53,8 @@ from .servo_control import ServoControl
 if TYPE_CHECKING:
     from ..kinematics.ik_solution import IKSolution
 
-# An image whose stamp is farther in the future than this, s, was sent before a reset of the clock.
+# Largest time, s, by which an image's stamp may be in the future. An image with a later stamp was
+# sent before a reset of the clock.
 MAX_STAMP_LEAD = 1.0
 
 
@@ -77,8 +78,6 @@ class Servo(ServoControl):
         state: latest ServoState; None before the first image.
         on_record: function that is called with each record of the diagnosis, or None.
     """
-
-    # -- images ----------------------------------------------------------------------------
 
     def process_image(self, observation: Observation) -> ServoState:
         """Compute the joint velocities for one image.
@@ -105,7 +104,7 @@ class Servo(ServoControl):
             return self._record(observation)
         start_time = None if self.clock is None else self.clock()
         solution = None
-        try:  # the state of the loop changes only after all of these calls succeed
+        try:  # the state of the loop changes only after all calls in this block succeed
             self.arm.check(joints.positions, joints.velocities)
             if self._is_paused and self.integrator.is_at_rest:
                 # The arm is at rest: reset integrals and the initial transient of the law.
@@ -184,8 +183,6 @@ class Servo(ServoControl):
         return self._record(
             observation, joints, scheme_output, solution, seconds, arrival_status=arrived
         )
-
-    # -- updates ---------------------------------------------------------------------------
 
     def update(
         self, t: float, joints: JointSample | None = None, missing_reason: str = ""
@@ -310,8 +307,6 @@ class Servo(ServoControl):
             lag_reason: which joints were late in the last update, as text.
         """
         self._now, self._joints, self._lag_reason = joints.stamp, joints, lag_reason
-
-    # -- shared ----------------------------------------------------------------------------
 
     def _make_command(self, t: float, measured: JointSample | None, reason: str) -> Command:
         if self._foreign_nodes:

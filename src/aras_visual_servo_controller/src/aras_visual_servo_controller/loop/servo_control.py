@@ -110,8 +110,6 @@ class ServoControl:
         self.on_record: Callable[[Record], None] | None = None
         self.reset()
 
-    # -- control -----------------------------------------------------------------------------
-
     def reset(self) -> None:
         """Restore the initial state, for example after a reset of the clock."""
         self.phase, self.reason = WAITING, ""
@@ -134,7 +132,7 @@ class ServoControl:
         try:
             self._reset_scheme()
         except SchemeError as error:
-            self._halt(HOLDING, str(error))  # the scheme is reset again at the next image
+            self._halt(HOLDING, str(error))  # the next image resets the scheme again
 
     def start(self) -> None:
         """Continue after `stop` or `hold` and reset the scheme at the next image."""
@@ -234,8 +232,6 @@ class ServoControl:
     def command(self) -> np.ndarray | None:
         """Return the integrated positions (n,), or None before the first update."""
         return None if self.integrator.command is None else self.integrator.command.copy()
-
-    # -- shared ----------------------------------------------------------------------------
 
     def _adopt_jumped_joints(self, measured: JointSample) -> bool:
         """Set the command to the measured joints if they may have jumped.

@@ -40,7 +40,7 @@ class StartApproach:
         """Restart the path at the next command."""
         self.is_done = False
         self.reason = ""
-        # Initial joints (n,) of the path, start time, s, and duration, s.
+        # Initial joints (n,), start time (s) and duration (s) of the path.
         self._path: tuple[np.ndarray, float, float] | None = None
         self._push_offset = np.zeros(len(self.names))
         self._arrival_time: float | None = None
@@ -55,8 +55,8 @@ class StartApproach:
         """
         if self._path is None:
             origin = np.array(positions, float)
-            # A smoothstep has a peak speed of 1.5 times the mean speed, and an acceleration of 6
-            # distance / time^2 at both ends.
+            # The smoothstep s(x) = 3 x^2 - 2 x^3 has a peak speed of 1.5 times the mean speed, and
+            # an acceleration of 6 distance / time^2 at both ends.
             distance = np.abs(self.start - origin)
             min_duration = np.maximum(
                 1.5 * distance / self._speed, np.sqrt(6.0 * distance / self._acceleration)

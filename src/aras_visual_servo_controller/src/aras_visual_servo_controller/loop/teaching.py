@@ -24,7 +24,8 @@ from ..schemes import JointController, Scheme
 from .start_approach import StartApproach
 
 NO_IMAGES = "no images arrive"
-# Number of points of a computed outline. An outline from an image has about as many.
+# Number of points of an outline computed from geometry, about as many as an outline from an image
+# has.
 OUTLINE_POINTS = 400
 
 

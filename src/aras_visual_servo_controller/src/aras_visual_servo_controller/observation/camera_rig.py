@@ -23,9 +23,9 @@ from ..kinematics.joint_sample import JointSample
 from .feature_observer import FeatureObserver
 from .observation import Observation
 
-MAX_WAITING_IMAGES = 8  # number of images of a camera that can wait for those of others
-# Largest difference between two stamps of the same exposure, as a fraction of the shorter of the
-# two cameras' periods: triggered cameras may have different clocks.
+MAX_WAITING_IMAGES = 8  # number of images of one camera that can wait for images of the others
+# Largest difference between the stamps of two cameras for the same exposure, as a fraction of the
+# shorter image period. Triggered cameras may have different clocks.
 SAME_EXPOSURE_PART = 0.25
 ROUNDING = 1e-6  # rounding error of image periods, s
 SAME_STAMP = 1e-9  # stamps that differ by less than this, s, are equal

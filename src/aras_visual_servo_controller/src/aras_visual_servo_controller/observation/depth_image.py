@@ -8,7 +8,7 @@ import numpy as np
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.undistortion import CameraModel
 
-MIN_PIXELS = 12  # smallest number of pixels with a depth that are needed for a fit
+MIN_PIXELS = 12  # smallest number of pixels with a known depth to which a plane is fitted
 
 
 def fit_plane(depth: np.ndarray, camera: CameraModel, outline: np.ndarray | None) -> Plane | None:

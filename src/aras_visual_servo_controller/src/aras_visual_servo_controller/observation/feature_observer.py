@@ -27,7 +27,8 @@ if TYPE_CHECKING:
     from .frame import Frame
     from .image_reader import ImageReader
 
-# Largest plausible normalised coordinate; 30 is 88 degrees from the optical axis.
+# Largest plausible normalised coordinate of a point; 30 corresponds to 88 degrees from the optical
+# axis.
 MAX_COORDINATE = 30.0
 
 

@@ -17,12 +17,13 @@ import numpy as np
 
 from ..kinematics.joint_sample import JointSample
 
-# The joints at an instant are known only if a sample within this time, s, exists.
+# The joint positions at an instant are known only if a sample was taken within this time of it, s.
 MAX_AGE = 0.1
-# Extrapolation is reliable up to this number of sample periods, because one sample may still be in
-# transit.
+# Joint positions are extrapolated by at most this number of sample periods, because one sample may
+# still be in transit.
 MAX_PERIODS = 1.5
-# The period is the median over this number of periods, so that lost samples do not change it.
+# The sample period is the median over this number of periods, so that lost samples do not change
+# it.
 MEDIAN_PERIODS = 8
 # tolerance of stamps, s: above their rounding error and below any sample period
 ROUNDING = 1e-6
@@ -39,7 +40,8 @@ class SampleBuffer:
         """
         self._names: tuple[str, ...] = ()
         self._stamps: deque[float] = deque(maxlen=length)
-        self._rows: deque[np.ndarray] = deque(maxlen=length)  # (2, n): positions, velocities
+        # each row (2, n): positions, velocities
+        self._rows: deque[np.ndarray] = deque(maxlen=length)
 
     def append(self, sample: JointSample) -> None:
         """Append one sample."""

@@ -162,7 +162,7 @@ def convex_hull(points):
     The algorithm is Andrew's monotone chain.
     """
     count = len(points)
-    order = np.empty(count, np.int64)  # of the points by x, then by y
+    order = np.empty(count, np.int64)  # indices of the points, sorted by x, then by y
     for k in range(count):
         place = k
         while place > 0:
@@ -272,6 +272,6 @@ def ellipse_of(moments: Moments) -> np.ndarray:
     spread = np.array([[mu(2, 0), mu(1, 1)], [mu(1, 1), mu(0, 2)]]) / m.m00
     squares, axes = np.linalg.eigh(spread)
     around = np.linspace(0.0, 2.0 * np.pi, ELLIPSE_CORNERS, endpoint=False)
-    # A semi-axis of a filled ellipse is twice the standard deviation along it.
+    # A semi-axis of a filled ellipse is twice the standard deviation along the axis.
     reach = axes * (2.0 * np.sqrt(np.maximum(squares, 0.0)))
     return np.array([m.xg, m.yg]) + np.stack([np.cos(around), np.sin(around)], 1) @ reach.T

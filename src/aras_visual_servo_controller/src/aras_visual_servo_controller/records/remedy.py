@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 OPERATIONS = ("set", "multiply", "remove")
-# Texts for keys whose values are multiplied and whose names are not self-explanatory.
+# Descriptions of setting keys whose values are multiplied and whose names are not self-explanatory.
 KEY_DESCRIPTIONS = {
     "start": "the start's offset from the goal",
     "goal": "the goal's offset from the start",

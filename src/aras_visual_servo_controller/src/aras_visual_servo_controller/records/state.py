@@ -80,8 +80,8 @@ class ServoSettings:
     watchdog_images: float = parameter(3.0, least=0.0)
     scheme_timeout: float = parameter(30.0, "s", above=0.0)
     stop_time: float = parameter(0.15, "s", above=0.0, most=10.0)
-    # While the arm moves slowly and is away from its limits, the velocities are used longer than
-    # this: until the next image, but at most for 0.05 s.
+    # While the arm moves slowly and is away from its limits, the same joint velocities are used
+    # longer than `resolve_period`: until the next image, but at most for 0.05 s.
     resolve_period: float = parameter(0.01, "s", above=0.0)
     output: str = parameter("position", choices=OUTPUTS)
     stiffness: PerJoint = joint_parameter(0.0, "N/m, N m/rad", least=0.0)

@@ -15,8 +15,8 @@ from aras_visual_servo_ros.parameters import get_namespace
 from ..kinematics.joint_controllers import choose_controllers
 from ..settings import Settings
 
-STOP_TIMEOUT = 0.5  # wall time for which the caller waits for the service of the controller node, s
-# Number of commands that can wait for a slow connection: controllers use only the last one, but
+STOP_TIMEOUT = 0.5  # longest wait for the controller node's service, s of wall time
+# Number of commands that can wait for a slow connection. Controllers use only the last command, but
 # recorders need all.
 QUEUE_SIZE = 10
 

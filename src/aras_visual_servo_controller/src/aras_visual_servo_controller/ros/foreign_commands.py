@@ -31,7 +31,7 @@ class ForeignCommandListener:
     def listen(self, is_active: bool) -> None:
         """Start or stop reporting commands, without blocking."""
         self._is_active = is_active
-        # Subscribing blocks while the master is not reachable, so it is done in a thread.
+        # Subscribing blocks while the ROS master is not reachable, so a thread subscribes.
         if is_active and not self._is_subscribing:
             self._is_subscribing = True
             threading.Thread(target=self._subscribe, name="foreign commands", daemon=True).start()

@@ -31,7 +31,7 @@ class ImageInput:
     def __init__(self, topics: CameraEntry, runner: LoopRunner, observer: FeatureObserver) -> None:
         self._runner, self._observer = runner, observer
         self._camera: CameraModel | None = None
-        # Newest image of each kind that was received before the camera_info.
+        # Newest image of each kind that was received before the first camera_info.
         self._early_images: dict[str, Image] = {}
         self._lock = threading.Lock()
         depth = Need.DEPTH in observer.needs

@@ -45,14 +45,14 @@ class LoopServices:
             auto_start=False,
         )
         self._action.start()
-        # actionlib's own timer runs in simulated time: it would pause with the simulation, and end
-        # when the clock is reset. The status is therefore published by a thread.
+        # actionlib's own status timer runs in simulated time: it would pause with the simulation,
+        # and end when the clock is reset. The status is therefore published by a thread.
         self._action.action_server.status_timer.shutdown()
         threading.Thread(target=self._publish_status, name="status", daemon=True).start()
 
     def _publish_status(self) -> None:
         while not rospy.is_shutdown():
-            # Raised when the topic is closed at shutdown.
+            # A ROSException is raised if the topic is closed at shutdown.
             with contextlib.suppress(rospy.ROSException):
                 self._action.action_server.publish_status()
             time.sleep(STATUS_PERIOD)

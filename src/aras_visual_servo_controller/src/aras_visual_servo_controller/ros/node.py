@@ -51,8 +51,8 @@ class ControllerNode:
             self._inputs.close()
         before, self.publisher = self.publisher, RosPublisher(settings, arm.names, arm.camera_frame)
         if before is not None:
-            # The old topics are closed last, because a topic that is closed and reopened at the
-            # same time can lose its subscribers.
+            # The old topics are closed last. A topic that is closed and reopened at the same time
+            # can lose its subscribers.
             before.close()
         arms = {settings.list_cameras(servo.scheme)[0]: arm, **others}
         rig = settings.make_camera_rig(arms, servo.scheme, servo.goal)

@@ -17,7 +17,7 @@ from .commands import CommandTopics, publish
 from .foreign_commands import ForeignCommandListener
 from .messages import make_report_message, make_state_message
 
-LISTENERS_TIMEOUT = 5.0  # wall time for which the node waits for a recorder, s
+LISTENERS_TIMEOUT = 5.0  # wall time for which the node waits for a recorder's subscription, s
 REPEAT_WARNING = 5.0  # wall time between two warnings of topics without subscribers, s
 
 
@@ -55,7 +55,7 @@ class RosPublisher:
         )
         self.latest_state: State | None = None
         self._logged, self._log_time = ("", ""), -math.inf
-        # Time of the last check whether the commands have subscribers.
+        # Time (s) of the last check whether the command topics have subscribers.
         self._check_time: float | None = None
 
     def wait_for_listeners(self) -> None:
@@ -87,7 +87,7 @@ class RosPublisher:
         """Publish the state for one image, and log a change of the phase or the reason."""
         self.latest_state = state
         frame = self._frame
-        # Time.from_sec truncates, so that the stamp could be 1 ns before that of the image.
+        # Time.from_sec truncates, so its stamp could be 1 ns before that of the image.
         stamp = rospy.Time(0, round(1e9 * max(state.stamp, 0.0)))
         message = make_state_message(state, self._settings.scheme, frame, self.names)
         message.header.stamp = stamp

@@ -55,7 +55,8 @@ def collect_views(arguments: argparse.Namespace) -> Goal:
     inputs = Inputs(settings, teacher)
     deadline = time.monotonic() + arguments.timeout
     while len(teacher.views) < arguments.images:
-        # As many successive images as needed were unusable, so further images probably are, too.
+        # As many successive images as needed for teaching were unusable, so further images probably
+        # are, too.
         if teacher.refused_count >= arguments.images:
             raise ServoError(
                 f"the last {teacher.refused_count} images show nothing that can be taught "

@@ -75,7 +75,8 @@ def main(argv: list[str] | None = None) -> int:
             goal = make_goal_from_geometry(arguments.geometry, arguments.urdf)
             heading = "View of the target from this pose, computed from the geometry below."
         else:
-            from .teach import collect_views  # imported here, because only this import needs ROS
+            # imported here, because no other part of this module needs ROS
+            from .teach import collect_views
 
             goal = collect_views(arguments)
             heading = f"Taught from {arguments.images} images."

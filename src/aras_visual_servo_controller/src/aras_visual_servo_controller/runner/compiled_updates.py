@@ -27,18 +27,19 @@ from ..loop.task_executor import ROUNDING
 if TYPE_CHECKING:
     from .loop_runner import LoopRunner
 
-# Indices of the array `clock`, whose times are in s: last update, latest joint state, computation
-# of the present velocities, time for which these are valid, last command. The last element is the
+# Indices of the array `clock`. Its times, in s: last update, latest joint state, computation of the
+# present velocities, duration for which these are valid, last command. Its last element is the
 # index of the current task, 0 or 1.
 NOW, NEWEST, SOLVED_AT, VALID_FOR, SENT_AT, TASK = range(6)
-# Indices of the array `rows`, each row (n,): command, its velocity, present solution, values that
-# were sent last (one of the first two rows), positions and velocities of the latest joint state,
-# whether a limit stopped each joint.
+# Indices of the array `rows` with values for each joint (n,): commanded positions, commanded
+# velocities, present solution, values that were sent last (positions or velocities), positions and
+# velocities of the latest joint state, whether a limit stopped the joint.
 COMMAND, VELOCITY, SOLUTION, SENT_VALUES, Q, V, STOPPED = range(7)
-SENT_ROWS = {"position": COMMAND, "velocity": VELOCITY}  # row that is sent, by output of the loop
+# index of the row of `rows` that is sent, by the setting `output`
+SENT_ROWS = {"position": COMMAND, "velocity": VELOCITY}
 # Indices of the array `settings` of `process_joint_state`.
 (
-    LONGEST_STEP,  # this and the next three are fields of ServoSettings
+    LONGEST_STEP,  # LONGEST_STEP to SOLVE_PERIOD are values of ServoSettings
     WATCHDOG,
     LAG,
     SOLVE_PERIOD,
@@ -46,7 +47,7 @@ SENT_ROWS = {"position": COMMAND, "velocity": VELOCITY}  # row that is sent, by 
     ANSWER_LIFETIME,  # time for which the task of the last processed image may be executed, s
     SECOND_TASK_TIME,  # time at which the second task starts, s
     THIRD_TASK_TIME,  # time at which a third task starts, s
-    SENT_ROW,  # index of the row that is sent
+    SENT_ROW,  # index of the row of `rows` that is sent
 ) = range(9)
 NEEDS_PYTHON = 0  # result of an update: Python has to process the joint state
 SAME_COMMAND = 1  # result of an update: the command has not changed
@@ -147,7 +148,8 @@ def process_joint_state(
         rows[Q, i], rows[V, i] = q[i], v[i]
         same &= rows[SENT_VALUES, i] == rows[sent_row, i]
     if same and sent_row == COMMAND:
-        return SAME_COMMAND  # the controller holds a position, but velocities are always sent
+        # the controller holds a position, but velocities are sent at each update
+        return SAME_COMMAND
     for i in range(len(q)):
         rows[SENT_VALUES, i] = rows[sent_row, i]
     clock[SENT_AT] = t

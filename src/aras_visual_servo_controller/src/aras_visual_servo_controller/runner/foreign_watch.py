@@ -17,8 +17,8 @@ from ..records.outcomes import JOINTS_DO_NOT_FOLLOW
 from ..records.state import HOLDING, Command
 from ..settings import Settings
 
-QUIET_TIME = 1.0  # the loop commands the joints again after this time without a foreign command, s
-# Commands of other nodes are received for this wall time, s, after the last sign of such a node.
+QUIET_TIME = 1.0  # time without a foreign command after which the loop commands the joints again, s
+# Commands of other nodes are received until this wall time, s, after the last sign of such a node.
 LISTENING_TIME = 5.0
 
 
@@ -64,7 +64,7 @@ class ForeignWatch:
     def reset(self) -> None:
         """Forget the past motion of the joints, because they get a new command."""
         # Distance (n,) of the joints from the command at the time when the command stopped
-        # changing.
+        # changing, rad or m.
         self._joint_errors: np.ndarray | None = None
         # Time of the last motion that a foreign command may have caused, s.
         self._acting_stamp: float | None = None
@@ -105,7 +105,8 @@ class ForeignWatch:
                 command.stamp,
             )
         elif self._acting_stamp is None and self._servo.phase == HOLDING:
-            # The joint is farther from the command than the loop allows.
+            # The joint is farther from the command than the loop allows, so a foreign command may
+            # move it.
             self._acting_stamp = command.stamp
         if self._acting_stamp is None:
             return True

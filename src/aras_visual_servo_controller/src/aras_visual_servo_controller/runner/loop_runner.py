@@ -42,10 +42,11 @@ from ..records.state import (
 from ..settings import Settings
 from .foreign_watch import ForeignCommands, ForeignWatch
 
-# Period of reports while no images arrive, s: that of a camera with 30 images per second.
+# Period of the reports of the loop's state while no images arrive, s: that of a camera with 30
+# images per second.
 REPORT_PERIOD = 1.0 / 30.0
-SILENT_TIME = 0.05  # if no joint state arrives for this time, s, the loop's time follows the clock
-STOPPED_CLOCK_TIME = 0.5  # a clock that has not advanced for this wall time, s, is reported
+SILENT_TIME = 0.05  # after this time without a joint state, s, the loop's time follows the clock
+STOPPED_CLOCK_TIME = 0.5  # wall time without progress after which a stopped clock is reported, s
 RESUME_ADVICE = "resume the simulation, or start the simulator again"
 REPEAT_PERIOD = 0.1  # period at which a command that a joint does not follow is sent again, s
 # A stamp that differs from the clock by more than this, s, comes from another clock.
@@ -118,8 +119,6 @@ class LoopRunner:
         if camera == self.camera_rig.control.name:
             self.servo.source = source
 
-    # -- inputs ----------------------------------------------------------------------------
-
     def add_joint_state(
         self,
         names: Sequence[str],
@@ -136,7 +135,7 @@ class LoopRunner:
             if self._stamp is None:
                 self.start_count += 1
             elif stamp <= self._stamp:
-                return  # the joint state is older than the latest one
+                return  # the joint state is not newer than the latest one
             self._stamp, self._joints_arrival = stamp, now
             try:
                 sample = self.servo.arm.read_joints(names, positions, velocities, stamp)
@@ -152,7 +151,8 @@ class LoopRunner:
                     sample.positions, newest.positions, sample.velocities, newest.velocities,
                     self._lead, dt,
                 ):  # fmt: skip
-                    # The joints have jumped, or no joint states were received for long.
+                    # The joints have jumped, or no joint state was received for longer than
+                    # `watchdog`.
                     self.servo.mark_joint_jump()
             self.history.add(sample)
             if self._foreign_watch.can_name_nodes:
@@ -206,7 +206,7 @@ class LoopRunner:
         joints = self.history.interpolate(stamp, earlier_only=lockstep)
         newest = self.history.newest_stamp
         if newest is not None and stamp - newest > MAX_AGE:
-            return  # the joints at the exposure are unknown
+            return  # the joint positions at the exposure are unknown
         # The observation contains the commands that were sent since the exposure.
         state = self.servo.process_image(observe_frame(joints, self.commands.since(stamp)))
         if not state.has_processed_image:
@@ -242,8 +242,6 @@ class LoopRunner:
                 reason = f"{reason}: {why}"
                 self.servo.hold(reason, self._make_silence_outcome("too_few_images", reason))
             self._report_silence(wall, now)
-
-    # -- requests --------------------------------------------------------------------------
 
     def start(self) -> None:
         """Start or resume servoing."""
@@ -289,14 +287,12 @@ class LoopRunner:
         with self._lock:
             change(self.servo)
 
-    # -- internals -------------------------------------------------------------------------
-
     def _clear(self) -> None:
         self.history.clear()
         self.commands.clear()
         self._pending_image: tuple[float, ObserveFrame] | None = None
-        # For each camera: lead (s) of its last image's stamp over the clock, if that image was
-        # ignored because of it.
+        # For each camera: time (s) by which its last image's stamp is ahead of the clock, if the
+        # image was ignored for this reason.
         self._stamps_ahead: dict[str, float] = {}
         self._stamp: float | None = None  # stamp of the latest joint state, s
         self._joints_arrival = 0.0  # clock time at which the latest joint state was received, s
@@ -332,7 +328,7 @@ class LoopRunner:
     def _update(
         self, t: float, sample: JointSample | None = None, missing_reason: str = ""
     ) -> Command:
-        # A delayed joint state can be older than an update that followed the clock.
+        # A delayed joint state can be older than the last update, whose time followed the clock.
         t = self.update_time = t if self.update_time is None else max(t, self.update_time)
         command = self.servo.update(t, sample, missing_reason)
         if command.kind == "position" and command.values is not None:
@@ -354,7 +350,7 @@ class LoopRunner:
         if self.sent_values is None and self.servo.phase == STOPPED:
             return  # before the first start, another node may command the joints
         if self.servo.is_yielding and command.positions is not None:
-            self.sent_values = None  # the controller has received commands of another node
+            self.sent_values = None  # another node has commanded the joints since
             return
         same = self.sent_values is not None and values.tolist() == self.sent_values.tolist()
         if not same:

@@ -22,12 +22,13 @@ from ..features.base import FeatureMeasurement
 from ..observation.observation import Observation
 
 # Let d be the translation, in m, that moves the features as far as a rotation by 1 rad. In
-# Broyden's rule, a rotation by 1 rad counts as a translation by this fraction of d.
+# Broyden's rule, a rotation by 1 rad counts as much as a translation by this fraction of d.
 ROTATION_WEIGHT = 0.5
-# Camera motion at which half of the feature change is noise, as a fraction of the length d.
+# Camera motion, in units of d, at which half of the change of the features is noise.
 MIN_STEP = 1 / 600
-UNKNOWN_MOTION = 0.6  # value of d, m, if L is zero, so that d cannot be computed
-# An error that changes by more than this is a wrapped angle; the image is skipped.
+UNKNOWN_MOTION = 0.6  # d, m, if L is zero, so that d cannot be computed
+# An image is skipped if its error has changed by more than this, because an angle has jumped by a
+# turn.
 LONGEST_JUMP = 1.0
 
 
@@ -55,9 +56,9 @@ class Broyden:
     def reset(self) -> None:
         """Discard the estimate and the last image."""
         self._L: np.ndarray | None = None
-        # W and floor of Broyden's rule (see the module), set with the first L.
+        # Weights W and floor of Broyden's rule (see the module's docstring), set with the first L.
         self._weights, self._floor = np.ones(6), 0.0
-        # Stamp and error of the last image.
+        # Stamp (s) and error of the last image.
         self._last_measurement: tuple[float, np.ndarray] | None = None
 
     def __call__(self, observation: Observation, measured: FeatureMeasurement) -> np.ndarray:
@@ -67,7 +68,7 @@ class Broyden:
         if self._L is None or len(self._L) != len(error):
             known = self.start if self.start is not None else measured.L
             self._L = np.array(known, float)
-            # Translation d, m, that moves the features as far as a rotation by 1 rad. For points it
+            # Translation, m, that moves the features as far as a rotation by 1 rad. For points it
             # is their distance from the camera.
             moving, turning = (np.linalg.norm(part) for part in np.hsplit(self._L, 2))
             length = turning / moving if moving > 0.0 and turning > 0.0 else UNKNOWN_MOTION

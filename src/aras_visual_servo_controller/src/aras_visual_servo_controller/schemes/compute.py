@@ -97,5 +97,5 @@ def compute(
         if array is not getattr(output, field):
             break
     else:
-        return output  # the usual case: no array had to be converted
+        return output  # usually, no array had to be converted
     return dataclasses.replace(output, **arrays)

@@ -21,14 +21,16 @@ from .feature_scheme_base import FeatureSchemeBase
 from .output_checks import check_array
 
 INTERACTIONS = ("current", "desired", "mean", "estimated")
-LONGEST_GAP = 0.3  # a longer gap between two images, s, restarts the filter of the error
-# An error that jumps by more than this, such as a wrapped angle, restarts the filter.
+LONGEST_GAP = 0.3  # time between two images, s; a longer gap restarts the filter of the error
+# The filter of the error restarts if the error changes by more than this between two images, for
+# example because an angle has jumped by a turn.
 LONGEST_JUMP = 1.0
-# Singular values of L below this fraction of the largest one are treated as noise, if the features
+# Singular values of L below this fraction of the largest one are treated as noise if the features
 # come from images and their accuracy is not given.
 NOISE_RANK_TOLERANCE = 1e-4
 # L is well conditioned if its smallest singular value is above this fraction of the largest one.
-# Then no direction is dropped because of noise. The L of pose features is always well conditioned.
+# Then no camera direction is dropped because of noise. The L of pose features is always well
+# conditioned.
 WELL_CONDITIONED = 0.05
 Estimator = Callable[[Observation, FeatureMeasurement], np.ndarray]
 
@@ -126,8 +128,8 @@ class FeatureScheme(FeatureSchemeBase):
         )
         desired_rate = check_array(self.law, "desired_error_rate", desired_rate, filtered.shape)
         if self.interaction == "mean":
-            # For a rotation by theta, the mean L gives a rate in proportion to 2 tan(theta / 2)
-            # instead of theta. Limit it to the rate for theta = pi.
+            # For a rotation by theta, the mean of two L gives a rate that is proportional to 2
+            # tan(theta / 2) instead of theta. The rate is limited to that for theta = pi.
             angle = float(np.linalg.norm(camera_error[3:]))
             desired_rate = desired_rate * (np.pi / max(angle, np.pi))
         if self.ratio is not None:

@@ -49,7 +49,7 @@ def check_measurement(feature: Feature, measurement: object) -> FeatureMeasureme
             returned and what is needed.
     """
     if type(measurement) is FeatureMeasurement and _is_valid(measurement, len(feature.names)):
-        return measurement  # this is the usual case, in which no array has to be converted
+        return measurement  # usually, no array has to be converted
     where = f"{type(feature).__name__}.measure returned"
     if not isinstance(measurement, FeatureMeasurement):
         if not all(hasattr(measurement, field) for field in ("s", "desired", "error", "L")):
@@ -104,7 +104,7 @@ def check_array(
     if type(value) is np.ndarray and value.dtype == float and value.shape == shape and (
         np.isfinite(value).all()
     ):
-        return value  # this is the usual case
+        return value  # usually, the value is already valid
     return _read_shaped(f"{type(owner).__name__}.{method} returned", "", value, shape)
 
 

@@ -15,7 +15,7 @@ from ..observation.observation import Observation
 from .base import SCHEMES, SchemeOutput
 from .feature_scheme_base import FeatureSchemeBase
 
-GAIN = 1.0  # gain for laws without a parameter `gain`, 1/s
+GAIN = 1.0  # gain of the predicted approach if the law has no `gain`, 1/s
 
 
 @SCHEMES.register("predictive")
@@ -39,11 +39,12 @@ class Predictive(FeatureSchemeBase):
     steps: ClassVar[int] = 4
     effort: ClassVar[float] = 1e-4
     speed: ClassVar[tuple[float, ...]] = (1.0, 1.0, 1.0, 1.5, 1.5, 1.5)
-    margin: ClassVar[float] = 12.0  # px; reserve for the error of the linear prediction
+    # distance from the image's border, px, because the prediction is linear
+    margin: ClassVar[float] = 12.0
 
     def __init__(self, law: Law | None = None) -> None:
         super().__init__(law)
-        # Imported here and not at the top, because the import takes a third of a second.
+        # Imported here, because the import of SciPy's optimisers takes a third of a second.
         from scipy.optimize import minimize
 
         self._minimize = minimize

@@ -32,12 +32,13 @@ T = TypeVar("T")
 
 CHECK_PERIOD = 0.25  # time between two checks of the running calls, s
 RETRY_CHECKS = 4  # number of checks between two interruptions of the same call
-IDLE_CHECKS = 4  # number of checks without a running call after which the thread ends
+IDLE_CHECKS = 4  # number of checks after which the thread ends if no call is running
 PYTHON_FOLDER = str(Path(os.__file__).parent)
 # Signal that interrupts a blocking call in the main thread. SIGINT is not used, because a process
-# that a script has started in the background ignores it.
+# that a script has started in the background ignores SIGINT.
 WAKE_SIGNAL = signal.SIGRTMAX
-DEBUGGERS = ("bdb", "pydevd", "_pydevd_bundle")  # modules whose code runs at a debugger's prompt
+# modules whose code is running while a debugger waits at its prompt
+DEBUGGERS = ("bdb", "pydevd", "_pydevd_bundle")
 
 
 class Interruption(BaseException):
@@ -86,7 +87,7 @@ def call_user_code(
             return call(*arguments)
         finally:
             _end_call(here)
-    # An interrupted call may also raise another exception, from its clean-up code.
+    # The clean-up code of an interrupted call may also raise another exception.
     except BaseException as error:
         _end_call(here)
         if here.is_interrupted:
@@ -151,7 +152,7 @@ def _watch_calls() -> None:
         known, idle = now, 0 if now else idle + 1
         if idle >= IDLE_CHECKS:
             with _thread_lock:
-                if not _calls:  # the next call starts a new thread
+                if not _calls:  # end this thread; the next call starts a new one
                     _watch_thread = None
                     return
 
@@ -163,7 +164,8 @@ def _interrupt(call: _Call) -> None:
         return
     call.remaining_checks += RETRY_CHECKS
     again = call.is_interrupted
-    # Set before `is_done` is read, because `_end_call` sets `is_done` and then reads this flag.
+    # The flag is set before `is_done` is read, because `_end_call` first sets `is_done` and then
+    # reads the flag.
     call.is_interrupting = True
     if not call.is_done:
         call.is_interrupted = True

@@ -17,11 +17,11 @@ from ..kinematics import Arm, DifferentialIK, Limits
 from ..kinematics.task import Task
 
 COMMAND_LIFETIME = 0.3  # time for which a requested speed is valid, s
-RAMP_TIME = 0.25  # time in which the maximum speed is reached from rest, and vice versa, s
+RAMP_TIME = 0.25  # time from rest to the maximum speed, and from the maximum speed to rest, s
 # Maximum speeds of the camera, in m/s and rad/s.
 MAX_TWIST = (0.25,) * 3 + (1.0,) * 3
-LONGEST_STEP = 0.1  # longest integrated time step, s, even if the last update was longer ago
-# Distance by which a command may be ahead of its joint, rad or m. It limits the command if the
+LONGEST_STEP = 0.1  # longest time step that is integrated, s, even after a longer gap
+# Largest distance between a command and the measured joint, rad or m. It limits the command if the
 # joint is blocked.
 MAX_LEAD = 0.05
 DEFAULT_JOINT_SPEED = 1.0  # maximum speed of a joint without a speed limit, rad/s or m/s
@@ -59,8 +59,8 @@ class Jog:
         """Cancel the request; the next command starts at the measured joint positions."""
         self.reason = ""
         self._is_camera_twist = False
-        self._desired = np.zeros(0)  # requested twist (6,) or joint speeds (n,)
-        self._ramped = np.zeros(0)  # `_desired` after the acceleration ramp
+        self._desired = np.zeros(0)  # requested camera twist (6,) or joint speeds (n,)
+        self._ramped = np.zeros(0)  # requested twist or speeds after the acceleration ramp
         self._expiry_time = -np.inf
         self.velocity = np.zeros(len(self.arm.names))
         self._command: np.ndarray | None = None

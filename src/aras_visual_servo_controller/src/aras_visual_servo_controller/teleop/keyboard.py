@@ -32,7 +32,8 @@ from ..kinematics import Limits
 from .jog import MAX_TWIST, Jog
 
 STEP = 0.05
-JOINTS = {"across": "gantry", "along": "J2"}  # joints that the arrow keys move, if the arm has them
+# joints that the arrow keys move if the arm has these joints
+JOINTS = {"across": "gantry", "along": "J2"}
 KEYS = {
     "\x1b[D": ("across", -STEP),
     "\x1b[C": ("across", STEP),

@@ -31,21 +31,22 @@ class CameraRetreat(RunDiagnosis):
     reads = "area of the target in the image, its distance by the joints"
     kinds = ("camera_retreat", "gain_too_high")
 
-    # The camera has retreated if its distance exceeds RETREAT_FACTOR times the distance at both the
-    # start and the goal.
+    # The camera has retreated if its distance from the target exceeds RETREAT_FACTOR times the
+    # distance at the start, and RETREAT_FACTOR times the distance at the goal.
     RETREAT_FACTOR = 3.0
     # A retreat is reported after this number of successive images, because a single image may show
-    # only a part of the target, or another object.
+    # only a part of the target, or a wrong object.
     MIN_IMAGES = 3
-    # The camera has returned if its distance is less than RETURN_FACTOR times the larger of the
-    # distances at the start and at the goal.
+    # The camera has returned if its distance from the target is less than RETURN_FACTOR times the
+    # larger of the distances at the start and at the goal.
     RETURN_FACTOR = 1.5
-    # The joints confirm a retreat if the distance that follows from them is at least this fraction
-    # of the distance that follows from the size in the image.
+    # The joints confirm a retreat if the camera's distance from the target by kinematics is at
+    # least this fraction of the distance by the target's size in the image.
     CONFIRMED_PART = 0.6
 
     def __init__(self) -> None:
-        self._first_distance = 0.0  # distance at the first image, relative to the goal's
+        # camera's distance at the first image, relative to that at the goal
+        self._first_distance = 0.0
         self._far_count, self._outcome = 0, Outcome()
 
     def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome | None:

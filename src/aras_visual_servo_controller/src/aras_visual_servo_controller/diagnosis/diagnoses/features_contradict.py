@@ -31,12 +31,13 @@ class FeaturesContradict(RunDiagnosis):
             state, tolerances, goal.distance,
             bool(evidence.run_context.elbows) and evidence.is_stretched(state.joints),
         )
-        # Angles and features without a unit may wrap (jump by one turn); lengths cannot.
+        # The error of an angle, or of a feature without a unit, may jump by one turn; that of a
+        # length cannot.
         evidence.is_angle = angles = np.array(
             [unit != "m" for unit in scheme.units] or [True] * len(tolerances)
         )
-        # User features may have a wrong L, so the motion of the target is derived from its centre
-        # instead.
+        # Features defined by a user may have a wrong L, so the target's motion is derived from its
+        # centre instead.
         can_judge = getattr(scheme, "can_check_camera", True) and not motion.is_user_scheme
         evidence.target_motion = evidence.target_check.add(
             state.scheme_output, observation, goal, tolerances, can_judge, angles

@@ -29,8 +29,8 @@ class TargetMoves(RunDiagnosis):
     reads = "motion of the features, L, motion of the camera (`target_check.py`)"
     kinds = ("target_moves", "wrong_camera_model")
 
-    # Only a motion of the target can explain the latest motion of the features if at least this
-    # fraction of it is unexplained by the camera's motion.
+    # Only a motion of the target can explain the latest motion of the features if the camera's
+    # motion leaves at least this fraction of it unexplained.
     MIN_TARGET_PART = 0.5
     # After the last motion of the features that only the target can explain, the camera model is
     # not checked for this time, s.
@@ -48,7 +48,7 @@ class TargetMoves(RunDiagnosis):
             self._runaway_stamp = state.stamp
         evidence.is_running_away = state.stamp - self._runaway_stamp < self.RUNAWAY_MEMORY
         if evidence.target_motion:
-            # These checks have used images in which the target moved.
+            # The camera checks have used images in which the target moved, so they start again.
             evidence.camera_checks.clear()
         elif getattr(run.scheme, "can_check_camera", True):
             for name, part, tolerated, wrap in split_by_camera(

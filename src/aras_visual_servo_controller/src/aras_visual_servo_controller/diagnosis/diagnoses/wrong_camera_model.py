@@ -24,16 +24,16 @@ class WrongCameraModel(RunDiagnosis):
     def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome | None:
         """Diagnose one image, see `RunDiagnosis.judge`."""
         state, observation = record.state, record.observation
-        # During a fast oscillation, L changes so much between two images that it predicts nothing.
+        # During a fast oscillation, L changes so much between two images that it does not predict
+        # the motion of the features.
         fault = "" if evidence.is_oscillation_fast else evidence.find_camera_fault(observation)
         is_there = state.phase == CONVERGED
         if fault and not is_there and (evidence.oscillation or evidence.gain_check.delay_outcome):
-            # While the error oscillates or overshoots, a fault of the camera model cannot be
-            # distinguished.
+            # The error oscillates or overshoots, which looks like a fault of the camera model.
             fault = ""
         evidence.camera_fault = fault
-        # If the goal was taught with this same camera, equal images mean that the camera is at its
-        # goal, even with a wrong camera model. This is not true of a computed goal.
+        # If the goal was taught with the present camera, equal images mean that the camera is at
+        # its goal, even with a wrong camera model. A computed goal does not guarantee this.
         if not fault or is_there and is_goal_camera(observation, evidence.run_context.goal):
             return None
         stalled = evidence.progress_check.explain_stall(state)

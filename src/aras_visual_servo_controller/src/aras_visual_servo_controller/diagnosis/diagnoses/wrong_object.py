@@ -64,18 +64,19 @@ class ShapeCheck:
     depend on the distance, position and rotation of the object in the image.
     """
 
-    # Largest ratio of the visible object's spread to the target's; a tilt of 40 degrees gives less.
+    # Largest ratio of the visible object's spread to the target's; a target tilted by 40 degrees
+    # has a smaller ratio.
     MAX_COMPACTNESS_RATIO = 1.25
-    # The shape is not evaluated if the angle between the target's normal and the optical axis
-    # exceeds MAX_TILT (rad) and differs by more than MIN_TILT_DIFFERENCE (rad) from the angle at
-    # the goal. Both values are tuned on runs of the canonical tasks that diverge.
+    # Limits of the angle between the target's normal and the optical axis, rad. The shape is not
+    # evaluated if the angle exceeds MAX_TILT and differs from the angle at the goal by more than
+    # MIN_TILT_DIFFERENCE. Both values are tuned on runs of the canonical tasks that diverge.
     MAX_TILT, MIN_TILT_DIFFERENCE = 0.7, 0.2
     MAX_ANISOTROPY_DIFFERENCE = 0.3
     MIN_IMAGES = 3
 
     def __init__(self) -> None:
         self._mismatch_count = 0
-        # Moments of the goal, with their squared spread relative to the area and their elongation.
+        # Moments of the goal, their squared spread relative to the area, and their elongation.
         self._desired: tuple[Moments | None, float, float] = (None, 0.0, 0.0)
 
     def add(self, observation: Observation, goal: Goal) -> str:

@@ -130,7 +130,7 @@ def test_every_choice_is_a_field_of_a_request():
 
 
 def test_the_pages_keys_are_those_of_the_terminal():
-    script = (Path(page.__file__).parent / "page" / "app.js").read_text()
+    script = (Path(page.__file__).parent / "page" / "jog.js").read_text()
     text = re.search(r"const KEYS = \{(.*?)\};", script, re.DOTALL)[1]
     found = {key: (AXES.index(axis), float(sign))
              for key, axis, sign in re.findall(r'(\w): \["(\w\w)", (-?1)\]', text)}

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import pytest
 import yaml
 
+import aras_visual_servo_bench.ros
 from aras_visual_servo_bench import load_run
 from aras_visual_servo_bench.cli import (
     analyze,
@@ -392,8 +393,9 @@ def test_a_bag_becomes_a_file_beside_it(bar, capsys, monkeypatch, tmp_path):
             raise BenchError("full")
         return {"/a": 3, "/b": 4}
 
-    monkeypatch.setitem(sys.modules, "aras_visual_servo_bench.ros.mcap",
-                        SimpleNamespace(convert=convert))
+    stand_in = SimpleNamespace(convert=convert)
+    monkeypatch.setitem(sys.modules, "aras_visual_servo_bench.ros.mcap", stand_in)
+    monkeypatch.setattr(aras_visual_servo_bench.ros, "mcap", stand_in, raising=False)
     assert main(["convert", str(bag)]) == 0
     assert capsys.readouterr().out == f"{tmp_path / 'my.mcap'}: 7 messages of 2 topics\n"
     assert main(["convert", str(bag), "--out", str(tmp_path / "o")]) == 0

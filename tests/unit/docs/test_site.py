@@ -43,7 +43,7 @@ def docstrings_are_shown_as_they_are_written(site: Path) -> None:
     shown = re.sub(r"<[^>]+>", "", text)
     # fields, each on its own line, and an error with its condition
     assert "height: minimum and maximum height of the camera above the target, m." in shown
-    assert "side: maximum offset along the world" in shown and "problematic" not in text
+    assert "side: maximum offset of the camera" in shown and "problematic" not in text
     assert "Raises" in shown and "ExperimentError: the experiment cannot be run" in shown
 
 

@@ -167,7 +167,10 @@ def make_error_panels(runs: Sequence[Run]) -> list[Panel]:
     """Return panels of the error s - s* and of its norm.
 
     A single run has one panel of errors for each unit. Several runs have one for each feature.
+    There is no panel if no run has features.
     """
+    if not any(run.names for run in runs):
+        return []
     found: list[Panel] = []
     run = runs[0]
     if len(runs) == 1:

@@ -39,7 +39,7 @@ _FURTHER = {
 }
 FIRST_PROJECT = tuple(_FIRST)
 __all__ = [*_FIRST, *_FURTHER]
-# Hide __getattr__ from type checkers, because they would accept any name of a module that defines
-# it.
+# Hide __getattr__ from type checkers. If they saw it, they would accept any name as an attribute of
+# this module.
 if not TYPE_CHECKING:
     __getattr__, __dir__ = lazy_exports(__name__, {**_FIRST, **_FURTHER})

@@ -22,7 +22,7 @@ from aras_sim_bridge.world.resting_base import BASE_TYPES, is_supported
 from aras_visual_servo_base.compiled import jit
 
 CYCLE_TYPES = "f8[:,::1], f8[:,::1], f8[:,::1]"
-# Compiled types of the arguments of run_cycles that follow the drives.
+# Compiled types of the arguments of run_cycles after `drives`.
 PHYSICS_TYPES = f"{STEP_TYPES}, b1, {BASE_TYPES}"
 # Reasons why run_cycles returns:
 ALL_MADE = 0  # all requested cycles are done

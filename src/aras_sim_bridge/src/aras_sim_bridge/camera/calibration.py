@@ -23,7 +23,7 @@ MODELS = {
 # centred to within some per cent. If the point is outside this range, the camera matrix belongs to
 # another resolution.
 CENTRE_RANGE = (0.3, 0.7)
-LARGEST_ASPECT = 1.5  # largest ratio of a pixel's sides; the pixels of analogue video have 1.46
+LARGEST_ASPECT = 1.5  # largest valid ratio of a pixel's sides; 1.46 occurs in analogue video
 
 
 @dataclass(frozen=True)

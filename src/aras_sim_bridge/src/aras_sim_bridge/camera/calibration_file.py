@@ -26,14 +26,14 @@ if TYPE_CHECKING:
     from .calibration import Calibration
 
 CALIBRATION_KEY = "calibration"
-# Settings of a camera that its calibration determines. A setting with another value than in the
-# calibration is an error.
+# Settings of a camera that its calibration determines. A value that differs from the calibration is
+# an error.
 LENS_KEYS = ("width", "height", "camera_matrix", "horizontal_fov", "lens", "distortion_model",
            "distortion_coefficients", "rectification_matrix", "projection_matrix")  # fmt: skip
 
 
 def apply_calibration(settings: Mapping[str, Any], folder: Path | None = None) -> dict[str, Any]:
-    """Replace the setting `calibration`, a path, by the settings that this file determines.
+    """Replace the setting `calibration`, the path of a file, by the settings in that file.
 
     Args:
         settings: settings of a camera.

@@ -221,7 +221,7 @@ def read_visp(text: str, path: str) -> CameraReaders | None:
 
     If a camera has several models, the one with distortion is used. ViSP's distortion is u = u0 +
     px x (1 + kud r^2) with r^2 = x^2 + y^2, so kud is Brown's k1. The coefficient kdu of the
-    inverse is not used, because this is only an approximation.
+    inverse is not used, because ViSP's inverse is only an approximation.
     """
     root = _parse_xml(text, path)
     if root.tag != "root" or root.find("camera") is None:

@@ -49,7 +49,7 @@ def read_camera(name: str | Path) -> dict[str, Any]:
 
 
 def _is_preset(text: str) -> bool:
-    """Return whether a text has only keys of presets, and no matrices as in calibrations."""
+    """Return whether a text is a preset: it has only keys of presets, and no matrices."""
     try:
         settings = parse_yaml(text, "", CameraError)
     except CameraError:

@@ -127,7 +127,7 @@ class CameraConfig:
     shake: Shake | None = None
     latency: float = parameter(0.0, "s", least=0.0)
     seed: int = parameter(0, least=0)
-    # Names of the camera, its topics and its frames, which only the ROS layer uses:
+    # Only the ROS layer uses the following names of the camera, its topics and its frames.
     camera_name: str = ""
     robot_namespace: str = ""
     image_topic: str = "image_raw"
@@ -215,9 +215,9 @@ class CameraConfig:
     def _check_lens_fold(self) -> None:
         """Check that the distortion maps at most one ray to each pixel of the image.
 
-        This fails if the distorted radius stops increasing with the undistorted one inside the
-        image. Nothing is checked if there is a cutoff_angle, because pixels beyond that angle are
-        black.
+        The check fails if, inside the image, the distorted radius stops increasing with the
+        undistorted radius. With a cutoff_angle, nothing is checked, because the pixels beyond that
+        angle are black.
         """
         if not any(self.distortion_coefficients) or self.cutoff_angle is not None:
             return
@@ -325,7 +325,7 @@ class CameraConfig:
 
         described, own = read_settings(camera), apply_calibration(overrides or {})
         if own.get("lens", described.get("lens")) != described.get("lens"):
-            # The cutoff angle of the description belongs to another lens than the settings select.
+            # The settings select another lens, so the cutoff angle of the description is not valid.
             described.pop("cutoff_angle", None)
         return cls.from_mapping(merge(described, own))
 
@@ -344,7 +344,7 @@ class CameraConfig:
         values = apply_calibration(values)
         try:
             text = json.dumps(values)
-        # JSON cannot represent a value of the settings.
+        # JSON cannot represent one of the values, so the configuration is not cached.
         except (TypeError, ValueError):
             return build(cls, cls.check_keys(values, where), where, CameraError)
         return _build_config(cls, text, where)
@@ -382,7 +382,7 @@ class CameraConfig:
 def _build_config(cls: type[CameraConfig], text: str, where: str) -> CameraConfig:
     """Return the configuration of a camera from its settings in JSON.
 
-    The runs of a study have the same few cameras.
+    The result is cached, because all runs of a study have the same few cameras.
     """
     return build(cls, cls.check_keys(json.loads(text), where), where, CameraError)
 

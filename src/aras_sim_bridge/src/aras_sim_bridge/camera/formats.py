@@ -45,7 +45,7 @@ def find_shape(encoding: str, height: int, width: int) -> tuple[int, ...]:
 
 
 def is_grey(encoding: str) -> bool:
-    """Return whether the sensor measures grey levels without filters of colours."""
+    """Return whether the sensor measures grey levels, without colour filters."""
     return encoding.startswith("mono")
 
 
@@ -54,8 +54,8 @@ def read_out(rgb: np.ndarray, encoding: str) -> np.ndarray:
 
     The result is (H, W, 3) uint8 with colours in the order of the encoding, or (H, W) uint8 for
     Bayer patterns. With a Bayer pattern, each pixel has only the channel that its filter transmits.
-    The four letters of the pattern are the filters of the first two pixels in the first row, and of
-    those in the second row.
+    The first two letters of the pattern are the filters of the first two pixels in the first row,
+    and the last two letters are the filters of the two pixels below.
     """
     if encoding in ("rgb8", "rgb16"):
         return rgb

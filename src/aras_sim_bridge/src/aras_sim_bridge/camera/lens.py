@@ -17,8 +17,8 @@ from aras_visual_servo_base.lenses import brown, fold_radius, kannala_brandt
 
 from ..errors import CameraError
 
-# Largest angle between a ray and the optical axis for each lens, rad. A pinhole must stay below its
-# angle.
+# Largest angle between a ray and the optical axis for each lens, rad. For a pinhole, the
+# angle must be smaller than this value.
 LARGEST_ANGLE = {
     "pinhole": math.radians(90.0),
     "equidistant": math.radians(110.0),
@@ -64,8 +64,8 @@ class BrownLens:
         x = np.array(points, dtype=float)
         good = np.ones(len(x), bool)
         if not flat:
-            # Solve for points at 25, 50, 75 and 100 % of the distance from the image centre, so
-            # that Newton's method follows the right solution.
+            # Move each point in four steps from the image centre to its position, and solve after
+            # each step, so that Newton's method follows the right solution.
             x = np.zeros_like(x)
             for share, most in ((0.25, 2), (0.5, 2), (0.75, 2), (1.0, 20)):
                 x = x + 0.25 * points

@@ -1,7 +1,8 @@
 """Mounting of cameras on links or in the world, and merging of their settings.
 
 The settings of all cameras are a nested mapping, such as /gazebo/cameras on the parameter server.
-The settings of the camera 'a/b' are at the keys a and b; their keys are the fields of CameraConfig.
+The settings of the camera 'a/b' are at the keys a and b. They are a mapping whose keys are the
+fields of CameraConfig.
 Settings with the key `parent` define an additional camera that is fixed in the world.
 """
 
@@ -254,7 +255,7 @@ def find_settings(settings: Mapping[str, object], name: str) -> Mapping[str, obj
 
 
 def find_unused_names(settings: Mapping[str, object], names: set[str]) -> list[str]:
-    """Return the camera names in `settings` that are not in `names`, the existing cameras.
+    """Return the camera names in `settings` that are not among the existing cameras, `names`.
 
     Cameras with the key `parent` are left out, because their settings define them.
     """
@@ -268,8 +269,8 @@ def find_unused_names(settings: Mapping[str, object], names: set[str]) -> list[s
 def _list_mappings(node: object, path: str) -> Iterator[tuple[str, Mapping[str, object]]]:
     """Yield the name and the mapping of all settings that may belong to a camera.
 
-    These are the outermost mappings that contain the key `parent` or a value that is not itself a
-    mapping.
+    A mapping may belong to a camera if it contains the key `parent` or a value that is not itself a
+    mapping. Mappings inside it are not yielded.
     """
     if not isinstance(node, Mapping):
         return

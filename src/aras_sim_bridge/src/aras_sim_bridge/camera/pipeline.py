@@ -15,7 +15,7 @@ from .shutter import RowBand
 
 
 class ExposureMean:
-    """Mean of the partial exposures of one image. Each of them covers a band of rows."""
+    """Mean of the partial exposures of one image; each partial exposure covers a band of rows."""
 
     def __init__(self, parts: Sequence[RowBand], height: int) -> None:
         """Prepare for images of `height` rows. `parts` is the result of shutter.make_row_bands."""
@@ -63,7 +63,7 @@ class ImagePipeline:
     def __init__(
         self, effects: Effects, shape: tuple[int, ...], seed: int, parts: Sequence[RowBand]
     ) -> None:
-        """Prepare for images of `shape` (H, W) or (H, W, 3). `seed` is that of random effects."""
+        """Prepare for images of `shape` (H, W) or (H, W, 3). `seed` is used by random effects."""
         self.parts = tuple(parts)
         self.middle_part = min(range(len(self.parts)), key=lambda n: (
             abs(self.parts[n].offset_ns), -n))  # fmt: skip
@@ -73,7 +73,7 @@ class ImagePipeline:
         self.is_lost = self._chain.is_lost
 
     def read_out(self, light: np.ndarray, stamp_ns: int) -> np.ndarray:
-        """Return the image that the sensor delivers of `light`, a uint8 array of the same shape."""
+        """Return the sensor's image for `light`, a uint8 array of the same shape."""
         image = self._chain.apply(light, stamp_ns, self._factor)
         if self._auto_exposure is not None:
             self._factor = self._auto_exposure.compute_factor(self._factor, float(image.mean()))

@@ -22,8 +22,8 @@ def clip_depth(depth: np.ndarray, topics: DepthTopics) -> np.ndarray:
         topics: range and unit of the delivered depth.
 
     Returns:
-        Depth (H, W), either float32 in m, with NaN for pixels outside the range, or uint16 in mm,
-        with 0 for these pixels. If the range is infinite, inf is not changed in float32.
+        Depth (H, W): either float32 in m, with NaN for pixels outside the range, or uint16 in mm,
+        with 0 for these pixels. If the range has no upper bound, float32 images retain inf.
     """
     nothing = depth <= topics.nearest
     if topics.farthest < math.inf:

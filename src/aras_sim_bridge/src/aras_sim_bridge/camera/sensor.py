@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from ..rendering.renderer import Renderer
 
 _log = logging.getLogger(__name__)
-NEVER = (1 << 63) - 1  # time of the next exposure of a camera that waits for a trigger, ns
+NEVER = (1 << 63) - 1  # time, ns, that is never reached; used while a camera waits for a trigger
 
 
 @dataclass(frozen=True)

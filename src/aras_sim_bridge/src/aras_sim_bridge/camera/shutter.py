@@ -20,9 +20,9 @@ def make_row_bands(effects: Effects, height: int) -> tuple[RowBand, ...]:
     """Return the partial exposures of an image of `height` rows, in temporal order.
 
     The exposure of row r has the length exposure_time, and its middle is at the time stamp + (r -
-    (height - 1) / 2) row_time. So the stamp is the middle of the exposure of the central row. The
-    exposure is approximated by exposure_samples instants, and a band of rows_together rows by its
-    central row.
+    (height - 1) / 2) row_time. So the stamp is the middle of the exposure of the central row. An
+    exposure is approximated by exposure_samples instants. Every row in a band of rows_together rows
+    is exposed at the time of the band's central row.
     """
     e = effects
     samples = e.exposure_samples if e.exposure_time > 0.0 else 1

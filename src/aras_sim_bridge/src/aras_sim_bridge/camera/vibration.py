@@ -69,7 +69,7 @@ class Vibration:
         self._amplitudes = np.array([*shake.xyz, *shake.rpy]) / np.sqrt(count)
 
     def compute_pose(self, time_ns: int) -> np.ndarray:
-        """Return the pose (4, 4) of the optical frame at `time_ns`, relative to that at rest."""
+        """Return the pose (4, 4) of the optical frame at `time_ns`, relative to its rest pose."""
         sines = np.sin(self._rates * (time_ns / 1e9) + self._phases)
         displacement = self._amplitudes * sines.sum(axis=1)
         return (

@@ -50,8 +50,8 @@ _KINDS = {
 }
 _COMMANDS = {EFFORT: TAU_COMMAND, POSITION: Q_COMMAND, VELOCITY: V_COMMAND}
 _QUANTITIES = {EFFORT: "effort", POSITION: "position", VELOCITY: "velocity"}
-# Time for which a command must exceed a limit before a warning is logged, s. Efforts and velocities
-# exceed their limits briefly in each step response.
+# For each command interface, the time for which a command must exceed a limit before a warning is
+# logged, s. Efforts and velocities exceed their limits briefly in each step response.
 _PATIENCE = {EFFORT: 0.25, POSITION: 0.0, VELOCITY: 0.25}
 # Ways to compute the position error of a drive:
 _PLAIN = 0  # difference of the positions
@@ -107,7 +107,7 @@ class JointModel(Protocol):
 
 
 class Drive:
-    """Drive of one joint, which limits its command; the state is stored in `row`."""
+    """Drive of one joint. It limits the joint's command; its state is stored in `row`."""
 
     def __init__(
         self,
@@ -196,7 +196,7 @@ class Drive:
 
 @jit("f8[::1], f8[::1], f8, f8, b1", allocates=False)
 def _limit_command(row, handle, time_ns, dt, stopped):
-    """Return the command of a drive within its limits, or the last finite command."""
+    """Return a drive's limited command; the last finite command replaces inf and NaN."""
     column = int(row[_COMMAND])
     if column == Q_COMMAND:
         if not stopped:

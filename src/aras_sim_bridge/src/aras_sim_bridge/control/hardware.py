@@ -106,8 +106,8 @@ class RobotHardware:
     def _add(self, transmission: Transmission) -> list[str]:
         """Register a transmission.
 
-        Return the name of its joint in a list if the interface name lacks the prefix
-        'hardware_interface/', otherwise an empty list.
+        If the name of its interface lacks the prefix 'hardware_interface/', return a list with the
+        name of its joint, otherwise an empty list.
         """
         label = f"transmission '{transmission.name}'"
         joint_name, interface = transmission.joint, transmission.interface

@@ -58,7 +58,7 @@ class JointHandle:
         interface: str = STATE,
         row: np.ndarray | None = None,
     ) -> None:
-        """Store the values in `row` (6,), a row of the robot's array, or in a new array."""
+        """Store the values in `row` (6,) of the robot's array, or in a new array if it is None."""
         self.name = name
         self.kind = kind
         self.interface = interface
@@ -182,15 +182,15 @@ class RateLimitedEvent:
     """Decides whether to log a condition that may persist over many cycles.
 
     An event ends when the condition has not occurred for `quiet` s. An event shorter than
-    `patience` s, such as the derivative kick of a step command, is not reported. Times are in ns
-    of simulated time.
+    `patience` s, such as the derivative kick of a step command, is not reported. All times are
+    simulated times.
     """
 
     __slots__ = ("patience_ns", "quiet_ns", "row")
 
     def __init__(self, patience: float = 0.0, quiet: float = 1.0,
                  row: np.ndarray | None = None) -> None:
-        """Store the state in `row` (3,), a slice of a larger array, or in a new array."""
+        """Store the state in `row` (3,), a slice of a larger array; if None, in a new array."""
         self.patience_ns = int(patience * _NS_PER_S)
         self.quiet_ns = int(quiet * _NS_PER_S)
         self.row = np.zeros(OCCURRENCE_COLUMNS) if row is None else row

@@ -86,7 +86,7 @@ class LimitRule:
 
     def __init__(self, kind: int, limits: JointBounds, handle: JointHandle,
                  row: np.ndarray | None = None) -> None:
-        """Store the state in `row` (11,), a slice of a drive's row, or in a new array.
+        """Store the state in `row` (11,), a slice of a drive's row; if None, in a new array.
 
         Raises:
             HardwareError: a limit that the rule needs is missing.

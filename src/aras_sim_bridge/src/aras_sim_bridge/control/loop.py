@@ -58,7 +58,10 @@ class ControlLoop:
         self.manager.reset(restart=True)
 
     def step(self, time_ns: int) -> None:
-        """Read, update and write if due; `time_ns` is the end of the next physics step."""
+        """Read the joints and update the controllers if due, and write the commands in any case.
+
+        `time_ns` is the end of the next physics step.
+        """
         updated_ns = self._updated_ns
         elapsed_ns = self._step_ns if updated_ns is None else time_ns - updated_ns
         if updated_ns is None or elapsed_ns >= self._control_ns:
@@ -121,7 +124,7 @@ class ControlLoop:
 
     @property
     def joint_names(self) -> list[str]:
-        """Names of the joints of the rows that `start_cycles` returns."""
+        """Joint name of each row that `start_cycles` returns."""
         return [loop.handle.name for c in self._compiled_controllers for loop in c.loops]
 
     def _apply_pending_commands(self, time_ns: int) -> None:
@@ -161,8 +164,8 @@ class ControlLoop:
     def end_cycles(self, time_ns: int) -> None:
         """Finish compiled cycles, the last of which was at `time_ns`.
 
-        The handles still have the measurements of that cycle, which read-only controllers now
-        publish if a sample is due.
+        Read-only controllers publish a sample if one is due: the handles still contain the
+        measurements of the last cycle.
         """
         for entry in self._other_entries:
             controller = entry.controller

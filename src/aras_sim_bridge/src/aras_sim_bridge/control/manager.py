@@ -34,9 +34,10 @@ def _ignore(text: str) -> None:
 
 
 def _flatten(classes: Mapping, above: str = "") -> Iterator[tuple[str, object]]:
-    """Yield each type name in nested parameters, with the path of its class.
+    """Yield the type name and the path of each class in nested parameters.
 
-    `above` is the part of the names that leads to `classes`.
+    A type name consists of all keys that lead to the path. `above` are the keys that lead to
+    `classes`.
     """
     for name, path in classes.items():
         if isinstance(path, Mapping):

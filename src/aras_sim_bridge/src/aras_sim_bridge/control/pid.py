@@ -1,4 +1,4 @@
-"""PID controller that behaves like that of control_toolbox, for which users have tuned gains."""
+"""PID controller that behaves like control_toolbox's, so that users can keep their gains."""
 
 import logging
 from collections.abc import Callable, Mapping
@@ -25,7 +25,7 @@ log = logging.getLogger(__name__)
         _I_MAX,  # upper limit of the integral term (i times the integral)
         _I_MIN,  # lower limit of the integral term
         _ANTIWINDUP,  # whether the limits apply to the integral, too
-        _LAST_ERROR,  # last error for the numerical derivative of the error
+        _LAST_ERROR,  # error from which the next numerical derivative is computed
         _ERROR,  # error of the last computation
         _ERROR_DOT,  # derivative of the error in the last computation, per s
         _INTEGRAL,  # time integral of the error
@@ -164,7 +164,7 @@ class Pid:
             self.row[:_LAST_ERROR] = gains
 
     def bind(self, row: np.ndarray) -> None:
-        """Copy the state to `row` (13,), which stores it from now on."""
+        """Copy the state to `row` (13,), and use `row` from now on."""
         row[:] = self.row
         self.row = row
 
@@ -204,7 +204,8 @@ class Pid:
 def compute_pid(row, error, error_dot, has_error_dot, dt):
     """Return the command of the PID whose state is `row`, and update the state; see Pid.compute.
 
-    If `has_error_dot` is False, `error_dot` is ignored and computed from the last error.
+    If `has_error_dot` is False, the argument `error_dot` is ignored, and the derivative is computed
+    from the last error.
     """
     row[_IS_COMPUTED] = 0.0
     if not has_error_dot:

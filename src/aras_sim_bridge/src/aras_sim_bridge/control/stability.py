@@ -1,7 +1,7 @@
 """Longest physics step at which the control loops of the running PIDs are stable.
 
-Consider a PD loop on joints with inertia M, effort = -P q - D q̇, with the derivative computed from
-positions, and steps of h s that first update velocities and then positions:
+Consider joints with the inertia matrix M and a PD loop with the effort -P q - D q̇, where q̇ is
+computed from positions. A physics step of length h first updates velocities and then positions:
 
     v' = v - h M⁻¹ (P q + D v),  q' = q + h v'
 
@@ -22,8 +22,8 @@ from aras_sim_bridge.control.switching import LoadedController
 
 STABILITY_BOUND = 4.0
 _HALVINGS = 60
-# Smallest factor of one gain reduction. The reported reductions are multiplied by this factor, too,
-# so that they still suffice when rounded to two digits.
+# Smallest factor by which find_gain_reductions divides a gain at a time. The reported reductions
+# are multiplied by this factor, too, so that they still suffice when rounded to two digits.
 _MARGIN = 1.05
 
 
@@ -60,7 +60,7 @@ def compute_step_eigenvalue(
 
 
 def find_longest_step(inverse: np.ndarray, P: np.ndarray, D: np.ndarray, step: float) -> float:
-    """Return the longest stable step, s; `step` is an unstable step."""
+    """Return the longest stable step, s; it is shorter than `step`, which must be unstable."""
     low, high = 0.0, step
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
@@ -75,7 +75,7 @@ def find_longest_step(inverse: np.ndarray, P: np.ndarray, D: np.ndarray, step: f
 def find_gain_reductions(
     inverse: np.ndarray, P: np.ndarray, D: np.ndarray, step: float
 ) -> np.ndarray:
-    """Return the factors (n,) by which to divide the joints' gains to make `step` s stable.
+    """Return factors (n,) by which gains must be divided so that steps of `step` s are stable.
 
     All factors are ≥ 1. The gains of the joint with the largest oscillation are reduced first, so
     that few joints are affected.

@@ -47,7 +47,7 @@ class SwitchRequest:
         self.is_done = False
 
     def finish(self, reason: str = "") -> None:
-        """End the request unless it is done; `reason` says why it was not carried out."""
+        """End the request unless it is done; `reason` is '' or says why it was not carried out."""
         if self.is_done:
             return
         self.is_successful, self.reason = not reason, reason

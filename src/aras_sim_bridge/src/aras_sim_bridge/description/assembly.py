@@ -105,12 +105,12 @@ def assemble(links: Mapping[str, Link], poses: Mapping[str, Pose], joints: Seque
 
 
 class _SpanningTrees:
-    """Assignment of links to trees, and the joints that connect each tree.
+    """Assignment of links to trees, and the joints between the links of the trees.
 
     Attributes:
         tree_of: name of the root of each link's tree, by the name of the link.
-        edges: for each joint of the trees, by name, whether it is reversed: its child in the
-            description is its parent in the tree.
+        edges: whether each joint of the trees is reversed, by the name of the joint. A reversed
+            joint has the same two links in the description, but parent and child are exchanged.
         carried_links: root links of the other trees of a static model, which become fixed to the
             first root.
     """

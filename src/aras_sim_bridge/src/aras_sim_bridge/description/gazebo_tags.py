@@ -187,7 +187,7 @@ def _read_joint_settings(block: Element, name: str, tags: GazeboTags, warnings: 
 def _drop_duplicates(
     cameras: list[CameraDescription], warnings: list[str]
 ) -> list[CameraDescription]:
-    """Return the cameras, without those whose name another camera has; warn about each of these.
+    """Return the first camera of each name; warn about each of the other cameras.
 
     Names must be unique because the settings of a camera refer to it by its name.
     """

@@ -5,11 +5,11 @@ import numpy as np
 from aras_sim_bridge.description.types import Inertial, Vector3
 from aras_sim_bridge.errors import DescriptionError
 
-# Violation of the triangle inequality that causes no warning, as a fraction of the inertia tensor's
-# trace. Rounding in CAD exports causes smaller violations.
+# Largest violation of the triangle inequality that causes no warning, as a fraction of the inertia
+# tensor's trace. Rounding in CAD exports causes smaller violations.
 _TRIANGLE_TOLERANCE = 1e-3
-# Largest moment of an invalid inertia tensor that is no error, kg m². Common robot models contain
-# some, for example TIAGo's antennas with a mass of a milligram.
+# An inertia tensor with a negative moment is an error only if a moment is larger than this, kg m².
+# Common robot models contain smaller ones, for example for TIAGo's antennas of a milligram.
 _NEGLIGIBLE = 1e-6
 
 

@@ -94,7 +94,7 @@ def _compute_positions(population: Element, where: str) -> list[Vector3]:
             out = radius * share
             inside = np.transpose([out * np.cos(2 * math.pi * angle),
                                    out * np.sin(2 * math.pi * angle), length * height]).tolist()
-            corner = ZERO  # the pose of the region is that of the cylinder's base, as in Gazebo
+            corner = ZERO  # as in Gazebo, the pose of the region is that of the cylinder's base
         else:
             raise DescriptionError(f"{where}: distribution '{shorten(kind)}' is not supported in "
                                    "this region; use grid, random or linear-x, -y, -z in a box")

@@ -4,8 +4,8 @@ Supported are boxes, cylinders, spheres, capsules, planes and meshes, with colou
 fixed, revolute, prismatic, universal and screw joints in trees and closed chains; free links;
 cameras and other sensors; lights, includes, nested models, and a world's `<state>`.
 
-An unsupported element (see supported_elements.py) is ignored, and a warning names it. A model of a
-world that cannot be simulated without this element is ignored as a whole.
+An unsupported element (see supported_elements.py) is ignored, and a warning names it. If a model in
+a world cannot be simulated without this element, the whole model is ignored.
 """
 
 import copy

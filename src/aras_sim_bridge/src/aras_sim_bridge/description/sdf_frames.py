@@ -24,8 +24,8 @@ _INSIDE_LINK = ("inertial", "visual", "collision", "sensor", "light")
 class Frames(Mapping[str, Pose]):
     """Poses of a model's or world's frames by name, relative to the model or world.
 
-    The order of the frames in the file does not matter. A frame that does not exist, or that is
-    relative to itself, raises KeyError.
+    The order of the frames in the file does not matter. Looking up a frame that does not exist, or
+    that is relative to itself, raises KeyError.
     """
 
     def __init__(self, scope: Element) -> None:
@@ -169,7 +169,7 @@ def resolve_poses(model: Element, warnings: list[str]) -> None:
 
 
 def has_pose(frames: Frames, name: str) -> bool:
-    """Return whether a frame's pose is defined, and False if it is invalid, without an error."""
+    """Return whether a frame has a valid pose, without raising an error if it has none."""
     try:
         return name in frames
     except DescriptionError:

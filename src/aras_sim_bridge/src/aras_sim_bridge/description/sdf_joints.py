@@ -1,4 +1,4 @@
-"""Reader of SDF's `<joint>`s; a joint with two axes or a thread becomes two joints in series."""
+"""Reader of SDF's `<joint>`s; a screw joint or two-axis joint becomes two joints in series."""
 
 from collections.abc import Mapping
 from dataclasses import replace

@@ -277,6 +277,6 @@ def _shift_link(link: Link, pose: Pose) -> Link:
 
 
 def _transform_origin(at: tuple[Vector3, Vector3], pose: Pose) -> tuple[Vector3, Vector3]:
-    """Convert an (xyz, rpy) pose in a link to the model's frame; `pose` is that of the link."""
+    """Convert an (xyz, rpy) pose in a link to the model's frame; `pose` is the link's."""
     placed = pose @ Pose.from_rpy(*at)
     return placed.xyz, placed.rpy

@@ -35,8 +35,8 @@ def read_link_sensors(
 
     Args:
         cameras: list to which cameras are added.
-        sensors: list to which sensors are added that need no further checks.
-        plugin_sensors: list to which sensors are added that `check_model_sensors` has to check.
+        sensors: list to which sensors that need no further checks are added.
+        plugin_sensors: list to which the sensors for `check_model_sensors` are added.
 
     Raises:
         DescriptionError: an element is not a number, or a rate or noise is negative.
@@ -141,7 +141,7 @@ def read_joint_sensors(
     These plug-ins need no <jointName>.
 
     Args:
-        force_torque_tags: mapping by joint to which the sensor element of this joint is added.
+        force_torque_tags: `<sensor>` elements by joint; the element of this joint is added.
     """
     found = []
     for sensor in element.findall("sensor"):
@@ -235,7 +235,7 @@ def _apply_force_torque_tag(
 
 
 def _read_channels(sensor: Element, kind: str, where: str) -> tuple[ChannelNoise, ...]:
-    """Read the noise of the three axes of two quantities; return () if all noise is zero."""
+    """Read the noise of a sensor's two vectors, axis by axis; return () if it is all zero."""
     found = []
     for quantity in _CHANNELS[kind]:
         for axis in "xyz":

@@ -13,7 +13,7 @@ from aras_visual_servo_base.meshes.mesh import Mesh, from_corners
 from aras_visual_servo_base.poses import quaternion_from_z_to, rotate
 
 _LARGEST_MESH = 50.0  # size of the largest mesh that causes no warning, m
-ARC, SECTORS = 8, 32  # edges of a round shape from pole to equator, and around its axis
+ARC, SECTORS = 8, 32  # numbers of edges of a round shape: from pole to equator, around its axis
 
 
 def make_meshes(geometry: Geometry) -> tuple[Mesh, ...]:
@@ -98,8 +98,8 @@ def read_mesh_files(description: RobotDescription, model: str) -> list[str]:
     """Read every mesh file of a description; `model` is its name in messages.
 
     Returns:
-        A sentence for each file that is probably in millimetres: its model is not static, its mesh
-        is larger than 50 m, and it has no scale.
+        A sentence for each file that is probably in millimetres: the model is not static, and a
+        mesh in the file is larger than 50 m and has no scale.
 
     Raises:
         DescriptionError: a mesh file is invalid; the message names model, link and file, the

@@ -368,7 +368,7 @@ def _collect(element: Element, entry: Mapping[str, Entry], where: str,
             continue
         inside = entry.get(child.tag)
         if inside is _SENSORS:
-            # The reader of sensors reports unsupported sensor types.
+            # An unsupported type of sensor is not reported here, but by the reader of sensors.
             inside = _SENSORS.get(child.get("type") or "", SUPPORTED)
         if inside is _SDF_JOINT:
             inside = _JOINTS.get(child.get("type") or "", _SDF_JOINT)

@@ -305,8 +305,8 @@ class GraspDescription:
     Attributes:
         angle: smallest angle between two opposing forces, rad.
         rate: contact checks per second of simulated time.
-        most, threshold: largest number of counted contacts, and the number above which an object is
-            grasped.
+        most: upper limit of the number of counted contacts with an object.
+        threshold: number of counted contacts above which the object is grasped.
         release_tolerance: distance, m, that a finger may move relative to its contact before the
             object is released.
         collides: whether a grasped object still collides with other bodies.

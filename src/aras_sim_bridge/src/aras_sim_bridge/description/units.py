@@ -3,8 +3,8 @@
 import math
 from collections.abc import Sequence
 
-# Number of turns from which a limit of a revolute joint is probably in degrees: the cables of a
-# real arm do not allow so many turns.
+# If a limit of a revolute joint exceeds this number of turns, it is probably in degrees: the cables
+# of a real arm do not allow so many turns.
 _FEWEST_TURNS = 3
 
 

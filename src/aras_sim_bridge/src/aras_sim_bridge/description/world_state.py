@@ -96,9 +96,9 @@ def _list_links(state: Element, prefix: str = "") -> Iterator[tuple[str, Element
 
 
 def _is_moving(state: Element) -> bool:
-    """Return whether a link is faster than the residual motion of a body at rest.
+    """Return whether a link moves faster than 1 cm/s or 0.01 rad/s.
 
-    The threshold is 1 cm/s or 0.01 rad/s.
+    Slower motion is the residual motion of a body at rest.
     """
     speeds = (
         parse_numbers(find_text(node, "velocity"), 6, f"<state>: link '{name}': velocity", (0.0,))

@@ -16,9 +16,9 @@ An image is rendered in these steps:
 5. Depth and segmentation are measured at the pixel centres (depth_and_labels.py).
 
 The renderer runs on the CPU. It needs no graphics driver, so it does not depend on the limits and
-rounding errors of drivers. Compared with OpenGL and Mesa's software rasteriser, the image of the
-visual servo takes 0.4 of the time (0.75 at 640 x 480), but a room with 40 000 triangles and many
-edges, which are computed exactly, takes 2.7 to 3.0 times as long (tests/benchmarks/render.py).
+rounding errors of drivers. Compared with OpenGL on Mesa's software rasteriser, the image of the
+visual servo takes 0.4 of the time (0.75 at 640 x 480). A room with 40 000 triangles takes 2.7 to
+3.0 times as long, because its many edges are computed exactly (tests/benchmarks/render.py).
 """
 
 from __future__ import annotations

@@ -62,7 +62,7 @@ def _cut(shape, p, count, a, b, c, above, below):
 
 @jit_inline
 def polygon_area(polygon, p, count):
-    """Return the area of the convex polygon p, whose corners may be in either order."""
+    """Return the area of the convex polygon p, with corners clockwise or anticlockwise."""
     total = 0.0
     x, y = polygon[p, 0, 0], polygon[p, 0, 1]
     for n in range(2, count):
@@ -114,7 +114,7 @@ def clip_pixel(shape, goal, line, n, lines, spare):
 def visible_area(shape, sizes, i, count, line, lines):
     """Return the area of polygon i that is not hidden by any of the first `count` polygons.
 
-    `line` contains the lines of all polygons, and `lines` their numbers of lines.
+    `line[k]` contains the lines of polygon k, and `lines[k]` is their number.
     """
     first, spare = DENSE, DENSE + PIECES
     end = first + 1
@@ -170,8 +170,8 @@ def visible_area(shape, sizes, i, count, line, lines):
                     end += 1
                 if size < 3:
                     break
-            # The piece `now` is hidden. Replace it by the last unchecked piece, and fill the gap
-            # with the last of all pieces.
+            # The piece `now` is hidden. Overwrite it with the last unchecked piece, and overwrite
+            # the latter with the last of all pieces.
             last -= 1
             end -= 1
             for move in range(2):
@@ -200,7 +200,7 @@ def polygon_mean(shape, p, count, middle, n):
 
 @jit_inline
 def find_crossing_lines(line, lines, k, x, y, own, n):
-    """Write those lines of triangle k that cross the pixel at x, y to own[n].
+    """Write to own[n] those lines of triangle k that cross the pixel at x, y.
 
     The written lines are relative to the pixel centre. Return their number.
     """

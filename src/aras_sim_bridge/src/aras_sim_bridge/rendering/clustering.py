@@ -14,8 +14,8 @@ from aras_visual_servo_base.compiled import jit, jit_inline
 # as with 16 or 64, and the ARAS robot is drawn a tenth faster than with 128.
 CLUSTER_SIZE = 32
 # A cluster with at most CLUSTER_SIZE triangles is split, too, if the cost of its two halves is less
-# than LARGEST_COST_RATIO times its own cost. The cost is the surface of the cluster's bounding box
-# times the number of triangles plus BOX_TEST_COST, which accounts for the test of the box.
+# than LARGEST_COST_RATIO times its own cost. The cost is A (n + BOX_TEST_COST) for a cluster of n
+# triangles with a bounding box of the surface A; BOX_TEST_COST accounts for the test of the box.
 LARGEST_COST_RATIO, BOX_TEST_COST = 0.6, 1
 
 
@@ -24,8 +24,9 @@ def cluster_triangles(
 ) -> list[np.ndarray]:
     """Group triangles (T, 3, 3) into clusters; return the indices of each cluster's triangles.
 
-    The triangles of a cluster belong to the same visual, and their normals have the same main axis.
-    Clusters are split in two until they are small, and further if this reduces their cost.
+    The triangles of a cluster belong to the same visual, and their normals have the largest
+    component along the same axis and with the same sign. Clusters are split in two until they are
+    small, and further if this reduces their cost.
 
     Args:
         corners: (T, 3, 3) corners of the triangles.

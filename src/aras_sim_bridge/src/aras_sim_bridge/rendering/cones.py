@@ -1,7 +1,7 @@
 """Tests of boxes and triangles against cones. A cone encloses the rays of a tile or of several.
 
-Cones are rows of Tiles.nodes. The tests are conservative: if the answer is True, it is certain; if
-it is False, it is not.
+Cones are rows of Tiles.nodes. The tests are conservative: the result True is always correct, but
+the result False may be wrong.
 """
 
 from __future__ import annotations
@@ -16,7 +16,11 @@ VECTOR_WIDTH = 8
 
 @jit_inline
 def is_cone_disjoint(x, y, z, cosine, sine, nodes, n):
-    """Return whether the cone of node n does not overlap a cone around the unit vector x, y, z."""
+    """Return whether the cone of node n does not overlap another cone.
+
+    The other cone is around the unit vector x, y, z; `cosine` and `sine` are those of its half
+    angle.
+    """
     if nodes[n, 3] > 1.5:
         return True
     if nodes[n, 4] * cosine + nodes[n, 3] * sine < 0.0:  # the sum of both cones' angles exceeds pi
@@ -94,8 +98,8 @@ def find_touching(work, count, nodes, n):
         count: number of triangles.
 
     Returns:
-        Bit masks of the triangles that may touch the cone, and of those that have a side that may
-        cross it.
+        Two bit masks: the triangles that may touch the cone, and the triangles of which a side may
+        cross the cone.
     """
     x, y, z = nodes[n, 0], nodes[n, 1], nodes[n, 2]
     sine2 = nodes[n, 4] * nodes[n, 4] if nodes[n, 3] > 0.0 else np.inf

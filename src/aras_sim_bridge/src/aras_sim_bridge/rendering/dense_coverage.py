@@ -1,7 +1,7 @@
 """Visible areas of triangles in pixels with many triangles.
 
-The visible area of a triangle is the area that it covers times the fraction of it that is visible.
-The area is integrated along rows; the fraction is estimated from samples.
+The visible area of a triangle is the covered area times the visible fraction of the covered area.
+The covered area is integrated along rows; the fraction is estimated from samples.
 """
 
 from __future__ import annotations
@@ -117,9 +117,9 @@ def compute_sample_mean(work, n, visible_count, middle):
 def integrate_rows(own, lines, work, middle, n):
     """Return the area of a pixel on the positive side of the lines own[0, :lines].
 
-    The area is the mean of its exact widths in FINE rows, or of its heights in FINE columns if it
-    is thinner in that direction. Its centre is written to middle[n]. `work` (3, FINE) float32 is
-    work space.
+    The area is the mean of its exact widths in FINE rows. If the area is thinner along y than along
+    x, it is the mean of its heights in FINE columns. The centre of the area is written to
+    middle[n]. `work` (3, FINE) float32 is work space.
     """
     across = down = 0.0
     for k in range(lines):

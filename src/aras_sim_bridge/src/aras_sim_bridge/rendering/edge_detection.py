@@ -51,7 +51,7 @@ def find_edges(
     Returns:
         Bit masks (tiles,) uint64, in which bit row * TILE + column is set if the pixel of the tile
         contains an edge; and the numbers (P,) of these pixels, row * width + column in the padded
-        image, cell by cell. The padded image consists of whole tiles.
+        image, ordered by the cells of the tiles. The padded image consists of whole tiles.
     """
     t = tiles
     edges, mixed = _find_corner_edges(

@@ -4,7 +4,7 @@ Each triangle is clipped to the square of the pixel, which gives the area that i
 visible part of this area is found depends on the pixel:
 
 - Triangles of one convex visual that face the camera do not hide each other. If only such triangles
-are in front of one that fills the pixel, their whole areas are visible.
+are in front of a triangle that fills the pixel, their whole areas are visible.
 - Otherwise, if there are few triangles, the hidden areas are cut off along straight lines.
 - If there are many triangles, the visible fraction of each area is estimated from samples.
 """
@@ -41,9 +41,9 @@ SLIVER = 64.0
 SMALLEST_SHARE = 4e-4
 CELL = TILE * TILE  # largest number of pixels in a cell of a tile
 # Rows of the array `work`, which has a column for each pixel of a cell. X and Y are the position of
-# the pixel. TOP is the inverse distance of the nearest triangle that fills the pixel. TOP_X and
-# TOP_Y are the changes of this distance per pixel. BEST is the triangle's index, or -1 without a
-# triangle.
+# the pixel. BEST is the index of the nearest triangle that fills the pixel, or -1 without such a
+# triangle. TOP is the inverse distance of this triangle; TOP_X and TOP_Y are the changes of TOP per
+# pixel.
 X, Y, TOP, TOP_X, TOP_Y, BEST = range(6)
 
 
@@ -303,8 +303,8 @@ def resolve_fragments(
                     a, b, c = own[0, 0, 0], own[0, 0, 1], own[0, 0, 2]
                     shares[n] = half_plane_area(a, b, c)
                     # With a < 0, the fragment covers less than half of the pixel. The fragment's
-                    # centre is then midway between the line and the pixel's corner that is farthest
-                    # inside the line.
+                    # centre is then midway between the line and that corner of the pixel which is
+                    # farthest from the line on its positive side.
                     if a < 0.0:
                         back = a / (b * b + c * c)
                         middle[n, 0] = 0.5 * ((0.5 if b > 0.0 else -0.5) - back * b)

@@ -64,7 +64,7 @@ def pack_lights(lights: Sequence[Light], optical_T_world: np.ndarray, scale: flo
 
 @jit_inline
 def direction_to_lamp(lamps, n, p, d):
-    """Write the unit vector from the point p (3,) towards light n to d (3,).
+    """Write to d (3,) the unit vector from the point p (3,) towards light n.
 
     Returns:
         Distance of the light (m; inf for a directional light), and its attenuation at p.

@@ -84,7 +84,7 @@ class Renderer:
         self._closed = False
 
     def snapshot(self) -> None:
-        """Store the present poses; with `blend` < 1, later images use poses closer to these."""
+        """Store the present poses, from which later images with `blend` < 1 interpolate."""
         self.scene.snapshot()
 
     def close(self) -> None:
@@ -112,7 +112,10 @@ class Renderer:
         return cv2.cvtColor(self._draw(view, blend), cv2.COLOR_RGBA2GRAY)
 
     def _draw(self, view: View, blend: float) -> np.ndarray:
-        """Return the image of the view, (height, width, 4) uint8 rgba; the next overwrites it."""
+        """Return the image of the view, (height, width, 4) uint8 rgba.
+
+        The next call overwrites the image.
+        """
         one = self.sample(view, blend, UPPER_LEFT)
         canvas, triangles = one.canvas, self.triangles
         uniform = canvas.shader.compute_uniform_colours(triangles, one.visible)
@@ -154,7 +157,8 @@ class Renderer:
     def sample(self, view: View, blend: float, offset: float) -> SampledView:
         """Find the visible triangle at one sample of each pixel.
 
-        `offset` is the distance of the sample from the pixel centre in columns and rows, px.
+        `offset` is the position of the sample relative to the pixel centre, px; it applies to both
+        columns and rows.
 
         Raises:
             RenderingError: the renderer is closed.

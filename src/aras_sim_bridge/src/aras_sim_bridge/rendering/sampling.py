@@ -188,7 +188,7 @@ def _cull_tiles(cover, start, member, full, side, opaque, matrices, axis, nodes,
 
 @jit_inline
 def _find_box(corner, m, inverse, n):
-    """Return left, right, top and bottom of triangle m, px from the tile's first pixel."""
+    """Return left, right, top and bottom of triangle m, px from the first pixel of tile n."""
     left = top = np.inf
     right = bottom = -np.inf
     for j in range(3):

@@ -24,7 +24,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class VisualMesh:
-    """Mesh of a visual in its link's frame, row of the link in the poses, and colour."""
+    """Mesh of a visual in its link's frame, its colour, and the row of the link's pose."""
 
     row: int
     mesh: Mesh
@@ -33,7 +33,7 @@ class VisualMesh:
 
 @dataclass(frozen=True)
 class _ModelRows:
-    """Rows of a model in the poses: from `first` on, the root if `has_root`, then `links`."""
+    """Rows of a model's poses: from `first` on, its root if `has_root`, then its `links`."""
 
     model: Model
     first: int

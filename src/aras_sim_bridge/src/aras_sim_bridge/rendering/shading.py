@@ -51,7 +51,8 @@ class Shader:
         """Shade all pixels without edges. The next image overwrites the returned array.
 
         Args:
-            triangles, visible, samples: triangles of the scene, and those that the pixels show.
+            triangles: triangles of the scene.
+            visible, samples: visible triangles, and the one that each pixel shows.
             uniform, sky: as in edge_detection.find_edges. `uniform` is 0 if `light` is not empty.
             edges: bit masks of the pixels with edges.
             light: irradiance from several lights; empty if there is only the sun.

@@ -37,7 +37,7 @@ OFF, OFF_FAR = 2e-5, 2e-6
 
 @dataclass(frozen=True)
 class Irradiance:
-    """Light (red, green, blue) on pixels and fragments; 1 lights a white surface to level 255.
+    """Light (red, green, blue) on pixels and fragments; with 1, a white surface has level 255.
 
     Both arrays are empty if there is only the sun; VisibleTriangles.light is then used instead.
 
@@ -148,7 +148,7 @@ class Illumination:
 
 @jit_inline
 def _make_basis(d, e):
-    """Write two unit vectors perpendicular to d, and to each other, to the rows of e (2, 3)."""
+    """Write to the rows of e (2, 3) two unit vectors perpendicular to d and to each other."""
     k = 0 if abs(d[0]) < 0.6 else 1
     squared = 1.0 - d[k] * d[k]
     length = np.sqrt(squared)
@@ -164,7 +164,7 @@ def _is_beam_in_box(T, r, centre, half, n, point, radius, d, far, growth):
     """Return whether a beam may touch box n, which is given in the frame of link r.
 
     The beam extends from `point` along the unit vector d over the distance `far`. Its radius is
-    `radius` at the start and increases by `growth` per distance.
+    `radius` at the start and increases by `growth` m per metre.
     """
     low, high = 0.0, far
     wide = 0.0
@@ -296,10 +296,10 @@ def _find_surface_point(matrices, c, side, m, x, y, p, g):
 
 @jit_inline
 def _aim_ray(lamps, n, p, d, far, e, a, b, ray):
-    """Write the vector from p to the point a, b of the disc of lamp n to ray (3,).
+    """Write to ray (3,) the vector from p to the point a, b of the disc of lamp n.
 
     d is the normal of the disc, and the rows of e are its axes. Return the length of the ray in
-    units of this vector, which is inf for a directional lamp.
+    units of this vector: 1, or inf for a directional lamp.
     """
     radius = lamps[n, RADIUS]
     directional = lamps[n, KIND] == 0.0
@@ -319,7 +319,8 @@ def _illuminate(tile, pixel, edges, valid, matrices, cells, columns, side, norma
                 out, f_out):
     """Write the irradiance of the pixels to `out`, and that of the fragments to `f_out`.
 
-    It is computed for the points of a tile: its pixels without edges, followed by its fragments.
+    The irradiance is computed tile by tile, first for the pixels without edges, and then for the
+    fragments.
     """
     size, one = TILE // cells, np.uint64(1)
     width = columns * TILE

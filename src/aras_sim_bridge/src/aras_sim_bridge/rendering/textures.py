@@ -24,7 +24,7 @@ PLACES, DENSE, WIDE, TURNS = 20, 0.8, np.sqrt(8.0), 16
 
 
 def _make_directions() -> np.ndarray:
-    """Return unit vectors (TURNS, 2) that cover half a turn, numbered as by _find_direction."""
+    """Return unit vectors (TURNS, 2) over half a turn; _find_direction returns their indices."""
     part = 4.0 * np.arange(TURNS) / TURNS
     cosine = np.where(part < 2.0, 1.0 - part, part - 3.0)
     sine = np.where(part < 2.0, 1.0, -1.0) * (1.0 - abs(cosine))
@@ -35,9 +35,9 @@ def _make_directions() -> np.ndarray:
 def _make_sample_points() -> np.ndarray:
     """Return sample points (TURNS, PLACES + 1, PLACES, 2) in a pixel, px from its centre.
 
-    Element [k, n] contains n points of equal weight. Their coordinates are those along and across
-    DIRECTIONS[k]. Along this direction each point represents the same area; across it the points
-    are distributed by the golden ratio. Element [0, 0] contains four points in a square.
+    Element [k, n] contains n points of equal weight. Their two coordinates are measured along and
+    across DIRECTIONS[k]. Along this direction each point represents the same area; across it the
+    points are distributed by the golden ratio. Element [0, 0] contains four points in a square.
     """
     spots = np.zeros((TURNS, PLACES + 1, PLACES, 2))
     fine = np.linspace(-0.75, 0.75, 6001)
@@ -140,12 +140,12 @@ def _sum_texels(texels, at, size, x, y, one, shift):
 
 @jit_inline
 def map_texture(matrices, c, side, m, uv, t, planes):
-    """Write the coefficients of a triangle's texture coordinates in a cell to `planes`.
+    """Write to `planes` (3, 3) the coefficients of a triangle's texture coordinates in a cell.
 
     The texture coordinates of a pixel are U / W and V / W, where U, V and W are linear functions of
-    its position x, y in cell c. Each row of `planes` (3, 3) belongs to one of them; the columns are
-    the changes along x and y, and the value at the cell's first pixel. `m` is the index of the
-    triangle in VisibleTriangles, and `t` that in Triangles.
+    its position x, y in cell c. The rows of `planes` belong to U, V and W. The columns contain the
+    changes along x and y, and the value at the cell's first pixel. `m` is the index of the triangle
+    in VisibleTriangles, and `t` its index in Triangles.
     """
     for j in range(3):
         U = V = W = 0.0
@@ -160,7 +160,8 @@ def map_texture(matrices, c, side, m, uv, t, planes):
 def apply_texture(planes, layer, texels, x, y, rgb):
     """Multiply the colour rgb (3,) by the mean of a texture over the pixel at x, y in a cell.
 
-    `planes` is the result of map_texture. The mipmap level is chosen from the pixel's shorter axis.
+    `planes` is the result of map_texture. The mipmap level depends on the shorter axis of
+    the pixel on the texture.
     """
     Ux, Uy, Vx, Vy, Wx, Wy = (planes[0, 0], planes[0, 1], planes[1, 0], planes[1, 1], planes[2, 0],
                               planes[2, 1])

@@ -32,7 +32,7 @@ class Effect(ABC):
     is_random: ClassVar[bool] = False
 
     def __init_subclass__(cls, **options: Any) -> None:
-        """Make the subclass a dataclass. Until it is registered, its name is that of the class."""
+        """Make the subclass a dataclass. Its `name` is the class name until it is registered."""
         super().__init_subclass__(**options)
         cls.name = cls.__name__
         dataclass(frozen=True)(cls)

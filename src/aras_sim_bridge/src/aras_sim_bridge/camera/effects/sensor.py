@@ -31,14 +31,14 @@ _DROP, _NOISE, _FURTHER = 0, 1, 16
 class SensorModel:
     """Sensor model of the standard EMVA 1288.
 
-    Grey levels are those of an 8 bit image. The unit of numbers of electrons is e-.
+    Grey levels are those of an 8 bit image. Numbers of electrons have the unit e-.
 
     Attributes:
         gain: gain K, grey levels per electron. Light of g grey levels makes g / K electrons on
             average, with a variance of g / K.
         full_well: largest number of electrons in a pixel, e-. More electrons are lost.
         read_noise: standard deviation of the number of electrons in the dark, e-.
-        dark_current: electrons that are made per second of exposure without light, e-/s.
+        dark_current: electrons that are generated in the dark per second of exposure, e-/s.
 
     Reference: EMVA Standard 1288, Standard for characterization of image sensors and cameras,
     release 4.0 linear, 2021.
@@ -89,7 +89,7 @@ class AutoExposure:
             )
 
     def compute_factor(self, factor: float, mean: float) -> float:
-        """Return the next image's factor from the factor and the mean grey level of this image."""
+        """Return the factor for the next image, given this image's factor and mean grey level."""
         missing = self.target / max(mean, 1.0)
         return float(np.clip(factor * missing**self.speed, self.least, self.most))
 
@@ -189,8 +189,8 @@ class EffectChain:
     def _compute_curve(self, factor: float) -> np.ndarray | None:
         """Return the output level (256,) uint8 of each grey level of the light.
 
-        The light is multiplied by `factor` and the exposure, then by the gain, and clipped to 255
-        after each. Return None if this changes no level.
+        The light is multiplied by `factor` and the exposure, and clipped to 255. The result is
+        multiplied by the gain, and clipped again. Return None if this changes no level.
         """
         exposure, gain = factor * self.effects.exposure, self.effects.gain
         if exposure == gain == 1.0:
@@ -223,8 +223,8 @@ class EffectChain:
             # the image from a user's effect may be a strided view
             image = np.ascontiguousarray(image)
             out = np.empty_like(image)
-            # Rounding to grey levels adds a variance of 1/12, so the added noise has that much
-            # less.
+            # Rounding to grey levels adds a variance of 1/12, so 1/12 is subtracted from the
+            # variance of the added noise.
             stddev = math.sqrt(max(e.noise_stddev**2 - 1 / 12, (e.noise_stddev / 2)**2))
             _add_noise(image.reshape(-1), e.noise_mean, stddev, self._derive_key(stamp_ns),
                        out.reshape(-1))
@@ -234,8 +234,9 @@ class EffectChain:
     def _apply_shot_noise(self, image: np.ndarray, stamp_ns: int, factor: float) -> np.ndarray:
         """Add shot noise, read noise and Gaussian noise, and clip to 0..255.
 
-        The variance is gain² (shot * light + read²) + noise_stddev², where `shot` is the variance
-        of the shot noise per grey level, and `read` the standard deviation of the read noise.
+        The variance of the whole noise is gain² (shot * light + read²) + noise_stddev². `shot` is
+        the variance of the shot noise per grey level, and `read` is the standard deviation of the
+        read noise.
         """
         e = self.effects
         if self._shade is not None:
@@ -296,7 +297,7 @@ def _fill_with_noise(key, out):
 
 
 def _compute_vignette(shape: tuple[int, ...], loss: float, exposure: float) -> np.ndarray | None:
-    """Return the factor of each pixel by which exposure and vignetting change the light, float32.
+    """Return the factor by which exposure and vignetting change the light of each pixel, float32.
 
     The array has the given `shape`. The factors decrease with the square of the distance from the
     image centre, from `exposure` to (1 - loss) exposure in the corners. Return None if `loss` is 0.

@@ -43,7 +43,7 @@ from aras_sim_bridge.description.types import RobotDescription
 from aras_sim_bridge.errors import ControllerError
 from aras_visual_servo_base.settings import read
 
-# updates of a controller from one published state to the next, as in ros_controllers
+# number of updates of a controller for each state that it publishes, as in ros_controllers
 STATE_EVERY = 10
 
 
@@ -167,7 +167,7 @@ class Controller:
     def idle_until(self, time_ns: int) -> float:
         """Return the time, ns, until which updates from `time_ns` on have no effect.
 
-        An earlier time than `time_ns` means that the next update has an effect. The method is not
+        If the returned time is before `time_ns`, the next update has an effect. The method is not
         called for controllers with `is_compilable`.
         """
         return -inf
@@ -185,7 +185,7 @@ class Controller:
         """Stop the controller; its last commands remain in the joint handles."""
 
     def set_command(self, value: object) -> None:
-        """Store a command, from any thread. Raises ControllerError if it is invalid."""
+        """Store a command, from any thread. Raises ControllerError for an invalid command."""
         raise ControllerError(f"controller '{self.context.name}' takes no commands")
 
     @property

@@ -84,7 +84,7 @@ class CommandedController(Controller):
         return {}
 
     def bind(self, rows: np.ndarray) -> None:
-        """Copy the state of the loops to `rows` (m, 39), which stores it from now on."""
+        """Copy the state of the loops to `rows` (m, 39), and use `rows` from now on."""
         self.rows = rows
         for loop, row in zip(self.loops, rows, strict=True):
             loop.bind(row)
@@ -130,7 +130,7 @@ class CommandedController(Controller):
 
     @property
     def is_compilable(self) -> bool:
-        """Whether the class inherits `update` from CommandedController, so it can be compiled."""
+        """Whether `update` is that of CommandedController, which compiled code can replace."""
         return type(self).update is CommandedController.update
 
     def update(self, time_ns: int, period: float) -> None:

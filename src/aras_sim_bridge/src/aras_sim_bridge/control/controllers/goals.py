@@ -19,9 +19,9 @@ class GoalHandle(Generic[Goal, Result]):
     """An action goal, its status and its result; used only in the simulation thread.
 
     `status` is 'active', 'rejected', 'succeeded', 'aborted' or 'preempted'; `result` is set unless
-    the goal is active. `on_feedback` receives the states of the controllers that publish feedback,
-    at their action_monitor_rate. `on_done(GoalHandle)` is called once, when the goal ends, or
-    immediately if it is set after the goal has ended.
+    the goal is active. If the controller publishes feedback, `on_feedback` is called with its
+    states, at its action_monitor_rate. `on_done(GoalHandle)` is called once, when the goal ends. If
+    `on_done` is set after the end of the goal, it is called immediately.
     """
 
     def __init__(self, goal: Goal) -> None:
@@ -39,7 +39,7 @@ class GoalHandle(Generic[Goal, Result]):
 
     @property
     def on_done(self) -> Callable[[GoalHandle], None] | None:
-        """Called with the handle when the goal has ended."""
+        """Function that is called with this handle when the goal has ended."""
         return self._on_done
 
     @on_done.setter
@@ -48,7 +48,7 @@ class GoalHandle(Generic[Goal, Result]):
         self.announce()
 
     def finish(self, status: str, result: Result) -> None:
-        """End the goal; announce() notifies the listener. Only the controller may call this."""
+        """End the goal without calling on_done (see announce). Only the controller calls this."""
         if not self.is_done:
             self.result = result
             self.status = status

@@ -16,9 +16,9 @@ from aras_visual_servo_base.compiled import column, jit
 # Interval between commands that is assumed until two commands have arrived, s: the period of a 30
 # Hz camera.
 USUAL_INTERVAL = 1.0 / 30.0
-# shortest interval between commands that the mean interval uses, s; shorter intervals count as this
+# Shortest interval between commands, s. In the mean interval, shorter ones count as this one.
 SHORTEST_INTERVAL = 0.002
-# longest interval between commands that the mean interval uses, s; a longer one is a pause
+# Longest interval between commands, s. Longer ones are pauses, which the mean interval leaves out.
 LONGEST_INTERVAL = 0.1
 # Weight of the newest interval in the running mean of the interval between commands. If one command
 # of a 100 Hz stream arrives 1 ms early or late, joint J5 of the ARAS arm reaches 1.3 times the
@@ -70,8 +70,9 @@ class CommandInterpolator:
 
     If commands arrive regularly, the set point lags them by one interval and 3 ms. On average, this
     is half an interval more than without interpolation. Extrapolating the commands would reduce the
-    lag but make the joint oscillate: if extrapolated over a full interval, as much as without
-    interpolation; over half an interval, with up to 2.5 times the commanded speed.
+    lag but make the joint oscillate. With extrapolation over a full interval, the joint would
+    oscillate as much as without interpolation. With extrapolation over half an interval, it would
+    reach up to 2.5 times the commanded speed.
     """
 
     __slots__ = ("row",)
@@ -79,7 +80,7 @@ class CommandInterpolator:
     is_moving, value = column(IS_MOVING), column(_VALUE)
 
     def __init__(self, handle: JointHandle, row: np.ndarray | None = None) -> None:
-        """Store the state in `row` (14,), a slice of a JointLoop's row, or in a new array."""
+        """Store the state in `row` (14,), a slice of a JointLoop's row; if None, in a new array."""
         self.row = np.zeros(INTERPOLATION_COLUMNS) if row is None else row
         limit = handle.limits.velocity if handle.limits is not None else None
         self.row[_FASTEST:] = (
@@ -105,7 +106,7 @@ class CommandInterpolator:
 
 @jit("f8[::1], f8, f8", allocates=False)
 def set_interpolation_target(row, command, time_ns):
-    """Start a line in an interpolator's row towards a command that arrived at `time_ns`."""
+    """Start an interpolator's straight line to a command that arrived at `time_ns`."""
     if not isnan(row[_ARRIVAL]):
         interval = (time_ns - row[_ARRIVAL]) / 1e9
         # Leave out an interval that contains a pause of the commands or a reset of the clock.
@@ -129,7 +130,7 @@ def set_interpolation_target(row, command, time_ns):
 
 @jit("f8[::1], f8", allocates=False)
 def advance_interpolation(row, period):
-    """Advance the set point in an interpolator's row by `period` s, and return it."""
+    """Advance an interpolator by `period` s, and return its set point."""
     row[_TIME_LEFT] -= period
     value = row[_VALUE]
     if row[_TIME_LEFT] > 0.0:

@@ -25,8 +25,8 @@ from aras_sim_bridge.control.joints import (
 from aras_sim_bridge.control.pid import PID_COLUMNS, Pid, compute_pid
 from aras_visual_servo_base.compiled import column, jit
 
-# Angular difference below which the shorter direction is always allowed, rad; the position limits
-# need not be checked then.
+# Angular difference, rad, below which the shorter direction is always allowed. Below it, the
+# position limits need not be checked.
 LARGEST_PLAIN_DIFFERENCE = 3.14
 
 # Kinds of joint loops:
@@ -88,11 +88,11 @@ class JointLoop:
         pid: Pid | None = None,
         interpolate: bool = False,
     ) -> None:
-        """Create a loop of this kind whose state is stored in `row` (39,).
+        """Create a loop of the kind `kind`, whose state is stored in `row` (39,).
 
         Args:
             index: index of the handle among the robot's handles.
-            target: column of the handle's command.
+            target: column of the handle's row to which the output is written.
             warn: function that logs one line.
             label: name of the controller in log lines.
         """
@@ -109,12 +109,12 @@ class JointLoop:
 
     @property
     def gains(self) -> tuple[float, float]:
-        """Decreases of the output per unit of joint position and per unit of joint velocity."""
+        """Stiffness and damping: output decrease per unit of joint position, and of velocity."""
         gains = self.pid.gains
         return (0.0, gains.p) if self._kind == SPEED_PID else (gains.p, gains.d)
 
     def bind(self, row: np.ndarray) -> None:
-        """Copy the state of the loop to `row` (39,), which stores it from now on."""
+        """Copy the state of the loop to `row` (39,), and use `row` from now on."""
         row[:] = self.row
         self.row = row
         self._interpolation.row = row[_INTERPOLATION:]
@@ -167,7 +167,7 @@ class JointLoop:
 
 @jit("f8[::1], f8, f8", allocates=False)
 def set_loop_command(row, command, time_ns):
-    """Set a loop's command in the cycle at `time_ns`; return the command within the limits."""
+    """Set a loop's command in the cycle at `time_ns`; return the limited command."""
     row[_COMMAND] = command = min(max(command, row[_LOWER]), row[_UPPER])
     if row[_INTERPOLATES] != 0.0:
         set_interpolation_target(row[_INTERPOLATION:], command, time_ns)
@@ -178,7 +178,7 @@ def set_loop_command(row, command, time_ns):
 
 @jit("f8[:,::1], f8[::1], f8", allocates=False)
 def set_loop_commands(rows, commands, time_ns):
-    """Set the commands of loops (NaN for no command); return whether one exceeds its limits."""
+    """Set the commands of loops (NaN: no command); return whether a command exceeds limits."""
     beyond = False
     for k in range(len(rows)):
         if commands[k] == commands[k]:

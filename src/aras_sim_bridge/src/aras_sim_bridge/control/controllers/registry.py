@@ -29,7 +29,7 @@ def register(type_name: str, **attributes: str) -> Callable[[type[Controller]], 
     """Return a class decorator that registers a class as `type_name`.
 
     A class can be registered under several names. `attributes` are set as class attributes for
-    this name only, so that one class serves several interfaces with a different `interface` each.
+    this name only. One class can thus be registered for several values of `interface`.
 
     Raises:
         ControllerError: another class is already registered under this name.
@@ -44,7 +44,7 @@ def register(type_name: str, **attributes: str) -> Callable[[type[Controller]], 
 
 
 class ControllerTypes:
-    """Controller types of one manager: the built-in ones and those in parameters."""
+    """Controller types of one manager: built-in types, and types that parameters name."""
 
     def __init__(self) -> None:
         self._imported: set[str] = set()
@@ -87,6 +87,6 @@ class ControllerTypes:
         return module
 
     def reload(self, extra: Mapping | None = None) -> None:
-        """Reload the modules of users' classes at their next use."""
+        """Reload the module of each user's class when the class is used next."""
         named = {str(path).partition(":")[0] for path in (extra or {}).values()}
         self._reload = named | self._imported

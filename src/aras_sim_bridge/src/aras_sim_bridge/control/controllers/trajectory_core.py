@@ -211,7 +211,7 @@ class JointTrajectoryController(Controller):
     def set_command(self, value: Trajectory) -> None:
         """Follow a trajectory without a goal; a trajectory without points stops the joints.
 
-        The active goal ends.
+        An active goal is preempted.
 
         Raises:
             TrajectoryError: the trajectory cannot be followed; the current one continues.

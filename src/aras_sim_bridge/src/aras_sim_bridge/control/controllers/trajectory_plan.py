@@ -242,7 +242,7 @@ def _plan_joint(
     """Return the segments of one joint: from `start` to the first point, and between the points.
 
     The joint is at `start` at the time `bridge_ns`; the points' times count from `start_ns`.
-    `column` is the joint's index in the points, and `wraps` tells whether it is continuous.
+    `column` is the joint's index in the points, and `wraps` is True if the joint is continuous.
     """
     shift = _count_turns(start.position, points[0].positions[column]) if wraps else 0.0
     waypoints = [_make_waypoint(point, column, shift) for point in points]

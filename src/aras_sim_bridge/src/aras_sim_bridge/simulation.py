@@ -147,10 +147,14 @@ class Simulation:
     are due. All times are simulated; the simulation reads no clock. Lengths are in m, angles in
     rad.
 
-    The stable interface for programs without ROS is: `spawn`, `robots[name].start` and `.command`,
-    `robots[name].manager.get(...).on_state` for joint states, `camera(name)` with its `enabled`,
-    `on_frame`, `parent_T_optical` and `sensor.info`, `step`, `time_ns`, `step_ns`, the model's
-    `joint_names`, `read_joints` and `link_pose`, and `close`.
+    The stable interface for programs without ROS consists of:
+
+    - `spawn`, `step`, `time_ns`, `step_ns` and `close`,
+    - `robots[name].start` and `robots[name].command`,
+    - `robots[name].manager.get(...).on_state` for joint states,
+    - `enabled`, `on_frame`, `parent_T_optical` and `sensor.info` of `camera(name)`,
+    - `joint_names`, `read_joints` and `link_pose` of a model.
+
     tests/unit/world/test_simulation_use.py tests this interface.
 
     Attributes:
@@ -160,8 +164,8 @@ class Simulation:
         lights: lights by name.
         time_ns: simulated time, ns.
         step_ns: physics step, ns.
-        before_images: called with the simulated time, ns, before cameras render or deliver images;
-            may be None.
+        before_images: function that is called before cameras render or deliver images, or None. Its
+            argument is the simulated time, ns.
     """
 
     def __init__(self, config: SimulationConfig | None = None) -> None:

@@ -1,9 +1,9 @@
 """Division of an image into tiles, each with its own pinhole model.
 
-For a pinhole camera the tiles are exact. For any other lens, a tile is approximated by the
-projective map through the rays of its four corners, which is then shifted by the mean error. If the
-remaining error exceeds LARGEST_MISFIT, the tile is divided into cells, which are approximated in
-the same way.
+For a pinhole camera the tiles are exact. For any other lens, the model of a tile is the projective
+map through the rays of its four corners. The map is then shifted by its mean error. If the
+remaining error exceeds LARGEST_MISFIT, the tile is divided into cells, and each cell gets a model
+of this kind.
 """
 
 from __future__ import annotations
@@ -19,12 +19,11 @@ from ..errors import RenderingError
 
 TILE = 8  # side of a tile, px
 # Largest distance between a pixel's approximated and correct positions, px. The errors at the
-# centre and at the corners of a cell have opposite signs. Therefore the mean error over a target is
-# far smaller: see tests/benchmarks/render.py.
+# centre and at the corners of a cell have opposite signs. Therefore the mean error over the image
+# of a target is far smaller: see tests/benchmarks/render.py.
 LARGEST_MISFIT = 0.05
 # Largest focal length (px), and largest distance of a pixel from the optical axis (focal lengths).
-# Within these limits, the differences between the rays of a pixel are well above the rounding
-# error.
+# Within these limits, the rays of neighbouring pixels differ by far more than the rounding error.
 FARTHEST = 1e8
 # Largest angle between a ray and the optical axis at which depth is measured along this axis in all
 # tiles, rad.
@@ -37,7 +36,7 @@ CACHE_BYTES, LARGEST_CACHED_IMAGE = 3 << 21, 640 * 480
 
 
 class Tiles:
-    """Rays of the pixels of an image, by tile.
+    """Rays of the pixels of an image that is divided into tiles.
 
     The tiles form a tree: each node above the tiles joins 4 x 4 nodes of the level below.
 
@@ -48,19 +47,20 @@ class Tiles:
         cells: number of cells along each side of a tile.
         matrices: (rows * columns * cells**2, 3, 3) pinhole model of each cell. The ray of the pixel
             x, y is matrix @ (x, y, 1), where x and y are relative to the centre of the cell's first
-            pixel; its length is arbitrary. Tiles are stored row by row, as are the cells of a tile.
-        inverse: (rows * columns, 3, 3) inverse pinhole model of each whole tile. It maps a ray to s
-            * (x, y, 1) with s > 0, where x and y are relative to the tile's first pixel.
+            pixel. The ray has an arbitrary length. Tiles are stored row by row, as are the cells of
+            a tile.
+        inverse: (rows * columns, 3, 3) inverse pinhole model of each whole tile. It maps a ray to a
+            positive multiple of (x, y, 1), where x and y are relative to the tile's first pixel.
         spread: (rows * columns,) largest error of `inverse`, px; inf if it is unknown.
         axis: (rows * columns, 3) axis along which near, far and depth are measured in each tile.
-        forward: whether this is the optical axis in all tiles.
+        forward: whether `axis` is the optical axis in all tiles.
         valid: (rows * TILE, columns * TILE) bool, whether a pixel is in the image and in the lens.
         whole: (rows * columns,) bool, whether a tile has only valid pixels.
         nodes: (M, 5) for each node of the tree, the cone around its rays: axis, cosine and sine of
             the angle. A cosine of 2 marks a node without valid pixels. The first nodes are the
             tiles.
-        levels: (L, 4) for each level of the tree: first node, rows, columns, first entry in
-            `children`. Level 0 consists of the tiles.
+        levels: (L, 4) for each level of the tree: index of its first node, its numbers of rows and
+            columns, and its first index in `children`. Level 0 consists of the tiles.
         children: (M - tiles, 5, 16) for each node above the tiles, the cones of its children.
         widest: 1 / cosine of the widest angle between a ray and the axis of its tile.
     """
@@ -162,7 +162,7 @@ class Tiles:
             inner = valid.reshape(rows * cells, size, columns * cells, size).all(axis=(1, 3))
             at = np.linalg.solve(matrices[inner], lens.centre_rays(inner, size)[..., None])[..., 0]
             errors = at[:, :2] / at[:, 2:] - (size - 1) / 2
-            # Shift each cell by its mean error, which is two thirds of the error at its centre.
+            # Shift each cell by its mean error: two thirds of the error at the cell's centre.
             matrices[inner, :, 2] += (matrices[inner, :, :2] @ (errors[..., None] * 2 / 3))[..., 0]
             if (
                 cells == 8
@@ -201,7 +201,7 @@ class Tiles:
         return rays[:self.height, :self.width]
 
     def _fit_one_cell(self, outer: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the attributes `inverse` and `spread`.
+        """Return the attributes `inverse` and `spread` of all tiles.
 
         `outer` (4, tiles, 3) are unit rays of the tiles' corners.
         """
@@ -277,8 +277,8 @@ class _ExtrapolatedLens:
         rim, inner = (self._unproject(self._centre + share[:, None] * direction)
                       for share in (near, back))
         rate = (rim - inner) / np.maximum(near - back, 1e-12)[:, None]
-        # Limit the extrapolation: if a corner is farther outside, its tile has no pixel inside the
-        # lens.
+        # Do not extrapolate beyond two tiles from the rim: if a corner is farther from the rim, its
+        # tile has no pixel inside the lens.
         share = np.minimum(1.0 - near, 2 * TILE / np.maximum(length, 1e-9))
         extrapolated = rim + share[:, None] * rate
         rays[beyond] = extrapolated / np.linalg.norm(extrapolated, axis=1, keepdims=True)
@@ -309,8 +309,8 @@ def _fit_matrices(
 ) -> np.ndarray:
     """Return the matrices (..., 3, 3) of cells of `size` px from the rays of their corners.
 
-    a, b, c and d (..., 3) are the upper left, upper right, lower left and lower right corner. They
-    are scaled such that d = b + c - a.
+    a, b, c and d (..., 3) are the rays of the upper left, upper right, lower left and lower right
+    corner. The function scales them such that d = b + c - a.
     """
     sides = np.stack([-a, b, c], axis=-1)
     # The corners of a cell that has no valid pixel may coincide.
@@ -330,8 +330,8 @@ def _build_tree(axis: np.ndarray, angle: np.ndarray, visible: np.ndarray, rows: 
     first = joined = 0
     axis, angle = axis.reshape(rows, columns, 3), angle.reshape(rows, columns)
     visible = visible.reshape(rows, columns)
-    # Axes, angles and validity of the tiles, where an axis of 0 marks a tile without valid pixels.
-    # `span` is the number of tiles along a side of a node.
+    # `tile`, `wide` and `shown` are the axes, angles and validity of the tiles. The axis of a tile
+    # without valid pixels is 0. `span` is the number of tiles along a side of a node.
     tile, wide, shown, span = axis * visible[..., None], angle, visible, 1
     while True:
         limit = np.minimum(angle + 1e-9, np.pi)

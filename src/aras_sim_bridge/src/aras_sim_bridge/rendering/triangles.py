@@ -40,7 +40,7 @@ class Clusters:
             normal, m.
         opaque: (C,) bool, whether the triangles are opaque.
         quad: (C,) bool, whether the cluster is a flat convex quad of one colour. If so, the first
-            corners of its two triangles are opposite to their common side.
+            corner of each of its two triangles is the one opposite to the common side.
     """
 
     first: np.ndarray
@@ -69,10 +69,10 @@ class Triangles:
         plane: (T, 4) normal n and distance d of the plane, whose points x fulfil n . x = d.
         row: (T,) row of the triangle's link in the poses of the scene.
         part: (T,) number of the triangle's visual.
-        smooth: (T,) number of the triangle's visual if it has no texture, so that its colours
-            differ only by the light; otherwise -1.
-        hull: (T,) number of the triangle's visual if it is convex, so that its triangles do not
-            hide each other; otherwise -1.
+        smooth: (T,) number of the triangle's visual, or -1 if the visual has a texture. The colours
+            of a visual without texture differ only by the light.
+        hull: (T,) number of the triangle's visual, or -1 if the visual is not convex. The triangles
+            of a convex visual do not hide each other.
         albedo: (T, 4) red, green and blue, 0..255, and opacity, 0..1.
         uv: (T, 3, 2) texture coordinates at the corners.
         layer: (T,) start of the texture in Textures.texels; -1 if there is no texture.
@@ -96,7 +96,7 @@ class Triangles:
 
     @cached_property
     def facets(self) -> np.ndarray:
-        """Like `smooth` (T,), but flat triangles with different normals have different numbers."""
+        """Numbers like `smooth` (T,), but different for flat triangles with different normals."""
         flat = (self.normals == self.normals[:, :1]).all(axis=(1, 2))
         turned = np.where(flat[:, None], np.rint(1e4 * self.normals[:, 0]), 2e4).astype(np.int64)
         key = ((self.part * 40001 + turned[:, 0]) * 40001 + turned[:, 1]) * 40001 + turned[:, 2]
@@ -203,7 +203,7 @@ _cache: ByteLimitedCache[bytes, Triangles] = ByteLimitedCache(CACHE_BYTES)
 
 
 def _make_key(parts: list[VisualMesh]) -> bytes:
-    """Return a checksum of the visuals' content, including the times of their texture files."""
+    """Return a checksum of the visuals and of the modification times of their texture files."""
     key = hashlib.blake2b(digest_size=16)
     for part in parts:
         mesh = part.mesh
@@ -225,8 +225,8 @@ def _list_arrays(part: VisualMesh) -> tuple[np.ndarray | None, ...]:
 def _find_quad(corners: np.ndarray) -> tuple[int, int] | None:
     """Test whether two triangles (2, 3, 3) form a flat convex quad.
 
-    Return the index of the corner of each triangle that does not belong to both; None if they do
-    not form such a quad.
+    Return, for each triangle, the index of the corner that is not on the common side. Return None
+    if the triangles do not form such a quad.
     """
     a, b = corners
     same = (a[:, None] == b[None]).all(axis=2)

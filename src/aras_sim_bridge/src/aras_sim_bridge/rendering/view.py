@@ -81,7 +81,7 @@ class Lighting:
             changed. 'gazebo' does not scale the light. Grey levels above 255 are then clipped,
             which moves the edges of textures towards the dark side by hundredths of a pixel.
         lights: lights of any kind and colour (see lamps.py), which replace the sun.
-        shadows: kind of the shadows of those lights that cast shadows, one of SHADOWS.
+        shadows: kind of shadows, one of SHADOWS. It applies to all lights that cast shadows.
         tint: colour of the ambient light (red, green, blue), by which `ambient` is multiplied.
         sky: whether a sky replaces the background.
         reference_white_level: white level that the exposure 'unclipped' uses; None for

@@ -17,8 +17,8 @@ from aras_visual_servo_base.poses import Pose, Twist, check_pose, check_vector
 # Largest requested position of a model or joint, m or rad. At this distance, double precision still
 # resolves 1e-10.
 FARTHEST = 1e6
-# Largest magnitude of other requested values, in SI units (m, m/s, rad/s, N, …): the squares of the
-# values do not overflow.
+# Largest magnitude of other requested values, in SI units (m, m/s, rad/s, N, …), so that the
+# squares of the values do not overflow.
 LARGEST = 1e9
 
 
@@ -57,8 +57,8 @@ def from_pose(message: PoseMessage, what: str, zero_is_identity: bool = True) ->
             rotation. Gazebo interprets it in this way when it spawns or moves a model.
 
     Raises:
-        WorldError: the position is not finite or beyond FARTHEST, or the orientation is not a unit
-            quaternion.
+        WorldError: the position is not finite or exceeds FARTHEST, or the orientation is not a
+            unit quaternion.
     """
     p, q = message.position, message.orientation
     from_vector(p, f"{what}: position", FARTHEST)
@@ -69,7 +69,7 @@ def from_pose(message: PoseMessage, what: str, zero_is_identity: bool = True) ->
 def from_vector(
     message: Vector3 | Point, what: str, most: float = LARGEST
 ) -> tuple[float, float, float]:
-    """Return (x, y, z) of a message; `what` names it in error messages.
+    """Return (x, y, z) of a message; `what` is the vector's name in error messages.
 
     Raises:
         WorldError: a number is not finite or its absolute value exceeds `most`.
@@ -91,10 +91,10 @@ def check_bounds(values: tuple[float, ...], what: str, most: float = LARGEST) ->
 
 
 def from_twist(message: TwistMessage, what: str) -> Twist:
-    """Return the twist of a ROS message; `what` names it in error messages.
+    """Return the twist of a ROS message; `what` is its name in error messages.
 
     Raises:
-        WorldError: a number is not finite or beyond LARGEST.
+        WorldError: a number is not finite or exceeds LARGEST.
     """
     return Twist(
         from_vector(message.linear, f"{what}: linear velocity"),

@@ -69,7 +69,8 @@ def _fill_joint_states(message: Message, reading: JointStateReading, _sensor: Ra
 def _fill_variances(sensor: RateSensor, step: int, *covariances: list[float]) -> None:
     """Write the noise variance to the diagonals of covariance matrices.
 
-    Each covariance is a flat list of a square matrix with `step` - 1 rows.
+    Each covariance matrix is square and stored row by row in a flat list. `step` is the number of
+    its columns plus 1, the distance between two diagonal elements in this list.
     """
     for covariance in covariances:
         covariance[::step] = [sensor.description.noise**2] * len(covariance[::step])

@@ -21,9 +21,10 @@ _BIAS, _NOISE = 0, 1
 class RateSensor(ABC, Generic[State]):
     """Sensor that measures at a fixed rate of simulated time.
 
-    The k-th reading is taken after the first step that ends at or after k / rate s. With a rate of
-    0, a reading is taken after every step. A reading may need an earlier state of the model. This
-    state is stored `_span_ns` before the reading, or one step before it if `_span_ns` is 0.
+    The k-th reading is taken after the first step that ends at or after the time k / rate. With a
+    rate of 0, a reading is taken after every step. A reading may need an earlier state of the
+    model. This state is stored `_span_ns` before the reading, or one step before it if `_span_ns`
+    is 0.
 
     The simulation calls `before_step` and `after_step` around each step while the sensor is
     `enabled`; steps that end at or before `idle_until_ns` need no such calls.
@@ -82,7 +83,10 @@ class RateSensor(ABC, Generic[State]):
         self._is_new = True
 
     def before_step(self, time_ns: int, after_ns: int) -> None:
-        """Store the state that the next reading needs; call before the step to `after_ns`."""
+        """Store the state that the next reading needs.
+
+        Call this before the step from `time_ns` to `after_ns`.
+        """
         if self._is_new:
             self._is_new, self._previous_state = False, None
             self.model.applied_forces.clear()
@@ -94,7 +98,7 @@ class RateSensor(ABC, Generic[State]):
         self._observe_step(self._due_ns <= after_ns)
 
     def after_step(self, time_ns: int) -> None:
-        """Take a reading if one is due; call after the step that ended at `time_ns`."""
+        """Take a reading if one is due. Call this after the step that ended at `time_ns`."""
         if self._is_new or time_ns < self._due_ns:
             return
         if self._previous_state is not None and self._listener is not None:
@@ -127,7 +131,7 @@ class RateSensor(ABC, Generic[State]):
 
     @abstractmethod
     def _measure(self, before: State, time_ns: int, seconds: float) -> object:
-        """Return the reading at `time_ns`; the state `before` is `seconds` s older."""
+        """Return the reading at `time_ns`; `before` is the state `seconds` earlier."""
 
     def _add_noise(self, first: Vector3, second: Vector3, stamp_ns: int) -> tuple[Vector3, Vector3]:
         """Return the two vectors of a reading with the noise of their six channels added."""

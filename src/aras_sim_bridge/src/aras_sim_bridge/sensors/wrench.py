@@ -1,4 +1,7 @@
-"""Force/torque sensors in joints, which use the momentum balance of the links behind the joint."""
+"""Force/torque sensors in joints.
+
+Such a sensor uses the momentum balance of the links that its joint carries.
+"""
 
 from __future__ import annotations
 

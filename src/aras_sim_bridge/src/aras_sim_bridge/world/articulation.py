@@ -40,7 +40,8 @@ class Articulation:
             30:33  joint axis in the joint frame
             33     mass, kg
             34:37  first moments of mass about the joint frame's origin, in its axes, kg m
-            37:43  second moments of mass likewise (xx xy xz yy yz zz), kg m²
+            37:43  second moments of mass about the same point, in the same axes
+                   (xx xy xz yy yz zz), kg m²
             43:47  mass and first moments of only those links that gravity acts on
             47:50  joint axis in the frame of the parent body
         base (50,): the same columns for the base, in the root frame.

@@ -95,7 +95,7 @@ class Attachments:
         self._update_models()
 
     def clear(self) -> None:
-        """Forget all joints; called after Bullet was reset."""
+        """Forget all fixed joints; called after Bullet was reset."""
         self._without_contacts.clear()
         self._frames.clear()
         self._constraints.clear()
@@ -107,7 +107,7 @@ class Attachments:
             self._remove_constraint(ends)
 
     def renew(self) -> None:
-        """Create those joints that do not exist in Bullet yet."""
+        """Create the fixed joints that are missing in Bullet, for example after `suspend`."""
         for ends in self._frames:
             if ends not in self._constraints:
                 self._make_constraint(ends)

@@ -12,9 +12,9 @@ DEFAULT_FRICTION = 1.0  # Gazebo's default friction coefficient of a link
 # Joint velocity limit in Bullet that has no effect, rad/s or m/s. Bullet's default would be 100
 # rad/s.
 _UNBOUNDED_VELOCITY = 1e9
-# Bullet's collision margins of links and of the root link, m. Bullet enlarges the convex hulls of
-# meshes by the margin. A body at rest sinks into the ground by the margin of its root, so this
-# margin is small. PyBullet cannot change the margins of the other links.
+# Bullet's collision margins, m: ROOT_MARGIN for a root link, LINK_MARGIN for all other links.
+# Bullet enlarges the convex hulls of meshes by the margin. A body at rest sinks into the ground by
+# ROOT_MARGIN, which is therefore small. PyBullet cannot change LINK_MARGIN.
 LINK_MARGIN = 1e-3
 ROOT_MARGIN = 1e-5
 
@@ -117,7 +117,7 @@ class Body:
     def _set_dynamics(self, bodies: RobotDescription) -> None:
         """Disable Bullet's damping and velocity limit, and set contact parameters and inertias."""
         client, body = self.client, self.body_id
-        # Set what applies to the whole body. PyBullet would apply these settings to the root,
+        # Set these values once, not for each link: PyBullet applies them to the body or its root,
         # whichever link is named.
         pybullet.changeDynamics(body, -1, linearDamping=0.0, angularDamping=0.0,
                                 maxJointVelocity=_UNBOUNDED_VELOCITY, collisionMargin=ROOT_MARGIN,

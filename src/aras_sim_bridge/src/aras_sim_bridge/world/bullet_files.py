@@ -37,8 +37,8 @@ from aras_visual_servo_base.urdf import ZERO, Joint
 # Visual of a link that has none. Without a visual, Bullet would build graphics from the link's
 # collision shapes, which takes 4 ms for a plane.
 _EMPTY_VISUAL = '<visual><geometry><box size="0 0 0"/></geometry></visual>'
-# Width of the two rims of a rolling shape, and difference between its radii at and between the
-# rims, m. See _split_round_shape.
+# _RIM is the width of the two rims of a rolling shape, m. Between the rims, the radius of the shape
+# is smaller by _RADIUS_MARGIN, m. See _split_round_shape.
 _RIM, _RADIUS_MARGIN = 1e-3, 1e-4
 
 
@@ -46,9 +46,10 @@ def is_root_fixed(description: RobotDescription, requested: bool | None = None) 
     """Return whether the root link of a model is fixed in the world.
 
     A root without mass is always fixed; links that are fixed to the root count towards its mass.
-    Otherwise `requested` decides. If `requested` is None, the root is fixed if it is named 'world'
-    (the ROS convention), if it is marked as kinematic (`<gazebo reference="root"><kinematic>`: as
-    in Gazebo, forces do not move it), or if the model is static.
+    Otherwise `requested` decides. If `requested` is None, the root is fixed in three cases: the
+    model is static, the root is named 'world' (the ROS convention), or the root is marked as
+    kinematic with `<gazebo reference="root"><kinematic>`. In Gazebo, too, forces do not move a
+    kinematic link.
     """
     root = give_root_mass(description).links[description.root]
     if requested is None:
@@ -89,7 +90,10 @@ def give_root_mass(description: RobotDescription) -> RobotDescription:
 
 @lru_cache(maxsize=1024)  # cached, because each link needs the result three times
 def find_principal_frame(inertial: Inertial) -> tuple[Pose, tuple[float, float, float]]:
-    """Return link_T_principal, the pose of the principal axes, and the moments (kg m²)."""
+    """Return the pose link_T_principal of the principal axes, and the principal moments.
+
+    The unit of the moments is kg m².
+    """
     moments, axes = principal_axes(inertial.inertia)
     pose = inertial.pose @ Pose((0.0, 0.0, 0.0), quaternion_from_matrix(axes))
     return pose, tuple(float(m) for m in moments)
@@ -108,7 +112,7 @@ class BulletFiles:
     """
 
     def __init__(self, description: RobotDescription, fixed_base: bool, visible: bool) -> None:
-        """Write the files; if `visible`, with visuals for Bullet's window."""
+        """Write the files. They contain visuals for Bullet's window only if `visible` is True."""
         self._paths: list[str] = []
         self._meshes: dict[str, str] = {}
         parts = ['<?xml version="1.0"?>', f"<robot name={quoteattr(description.name)}>"]
@@ -214,10 +218,10 @@ def _split_round_shape(collision: Collision) -> Iterator[Collision]:
     """Split a moving cylinder or capsule into a middle part and two rims, so that it rolls freely.
 
     In each step, Bullet finds one contact point between two shapes, and it keeps the points of
-    earlier steps at their old positions. Of the two end points of a rolling cylinder, the one that
-    was found a step earlier therefore lags behind, and the weight on it accelerates the cylinder by
-    some per cent. With two rims, each rim has one contact point of its own; the middle part is
-    slightly thinner and touches nothing.
+    earlier steps at their old positions. A rolling cylinder needs a contact point at each of its
+    two ends. The point that Bullet found a step earlier therefore lags behind, and the weight on it
+    accelerates the cylinder by some per cent. With two rims, each rim has one contact point of its
+    own; the middle part is slightly thinner and touches nothing.
     """
     shape, half = collision.geometry, 0.5 * collision.geometry.length
     if shape.kind not in ("cylinder", "capsule"):
@@ -254,7 +258,7 @@ def _needs_empty_link(description: RobotDescription) -> bool:
 
 
 def _format_empty_link(description: RobotDescription) -> str:
-    """Return a link without mass and shapes, which becomes Bullet's first link."""
+    """Return the URDF text of a link without mass and shapes, which becomes Bullet's first link."""
     name = "empty"
     while name in description.links or name in description.joints:
         name += "_"

@@ -19,9 +19,8 @@ _SMALLEST_LENGTH = 1e-3
 def close_loop(body: Body, loop: LoopJoint) -> list[int]:
     """Constrain the two links of a loop-closing joint; return Bullet's constraint ids.
 
-    A revolute joint becomes two point constraints on its axis. Their distance from the joint is
-    that from the joint to the farther of the two link frames, so that the constraints are well
-    conditioned.
+    A revolute joint becomes two point constraints on its axis. They are as far from the joint as
+    the farther of the two link frames, so that the constraints are well conditioned.
     """
     joint = loop.joint
     parent, child = (body.inertial_poses[name].inverse() @ pose for name, pose in (

@@ -65,8 +65,8 @@ class DeepContacts:
     def continue_watching(self) -> None:
         """Extend the monitoring after a model or its joints jumped to another position.
 
-        A model that jumps in every step is driven by a program and may push other bodies at full
-        speed.
+        Jumps in quick succession (see _DRIVEN_STEPS) come from a program that drives the model.
+        They do not start a new speed limit, so that the model may push other bodies at full speed.
         """
         self._has_unknown_depth = (
             self._has_unknown_depth or not self.is_active or self._steps_since_move >= _DRIVEN_STEPS
@@ -105,8 +105,8 @@ class DeepContacts:
         if self._has_unknown_depth:
             self._warn_overlaps(contacts)
         self._has_unknown_depth = False
-        # After the last step with a limit, stay active for one more step, to check Bullet's default
-        # parameters.
+        # Stay active for one step after the last step with a limited speed, so that before_step
+        # restores Bullet's default parameters.
         self.is_active = (
             self._has_bounded_speed
             or self._largest_depth * _DEFAULT_ERP > _SEPARATION_SPEED * dt

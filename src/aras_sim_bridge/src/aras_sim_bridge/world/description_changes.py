@@ -45,12 +45,14 @@ def change_link(description: RobotDescription, link: str, mass: float, com: Vect
 def change_joint(description: RobotDescription, joint: str, damping: float | None = None,
                friction: float | None = None, lower: float | None = None,
                upper: float | None = None) -> RobotDescription:
-    """Return the description with other parameters of one joint; None leaves one unchanged.
+    """Return the description with changed parameters of one joint.
+
+    A parameter that is None is not changed.
 
     Args:
         damping: N m s/rad or N s/m.
         friction: Coulomb friction, N m or N (ODE's fmax at velocity 0).
-        lower, upper: stops, rad or m; both turn a continuous joint into a revolute one.
+        lower, upper: stops, rad or m. If both are given, a continuous joint becomes revolute.
 
     Raises:
         WorldError: unknown or fixed joint, a number that is not finite, negative damping or

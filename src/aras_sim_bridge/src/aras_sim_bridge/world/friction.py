@@ -1,10 +1,11 @@
 """Contact friction as in Gazebo: each contact uses the smaller coefficient of its two links.
 
-Bullet multiplies the coefficients mu_i and mu_j of the two links instead. Therefore link i gets
-another coefficient exp(x_i), such that the product of two of them is the smaller original
-coefficient. The equations x_i + x_j = log min(mu_i, mu_j) of all contacts are solved by least
-squares. The solution is exact unless contacts form loops with contradictory equations, such as four
-links that all touch each other and have three different coefficients.
+Bullet multiplies the coefficients mu_i and mu_j of the two links instead. Therefore each link i
+gets a new coefficient exp(x_i), such that the product of the new coefficients of two touching links
+is the smaller of their original coefficients. The equations x_i + x_j = log min(mu_i, mu_j) of all
+contacts are solved by least squares. The solution is exact unless contacts form loops with
+contradictory equations, such as four links that all touch each other and have three different
+coefficients.
 """
 
 from collections.abc import Iterable
@@ -73,7 +74,7 @@ class ContactFriction:
                     self._apply(*part, value)
 
     def _solve_coefficients(self, pairs: Iterable[tuple[_LinkId, _LinkId]]) -> dict[_LinkId, float]:
-        """Return the coefficient for each touching link, see the equations of this module."""
+        """Solve the equations of this module; return the coefficient of each touching link."""
         smooth = {part for pair in pairs for part in pair if self._coefficients[part] == 0.0}
         rough = [pair for pair in sorted(pairs) if not smooth.intersection(pair)]
         parts = sorted({part for pair in rough for part in pair})

@@ -1,9 +1,10 @@
 """Impacts of fast free bodies: a body that would hit another within a step is moved to the contact.
 
-Bullet predicts a contact only if the distance is below a fiftieth of the body's size, and never for
-boxes. A body that crosses this distance in one step ends up inside the other body, which pushes it
-out at a wrong speed: a ball of 20 mm that arrived at 5.9 m/s left at 0.34 m/s. Moreover, Bullet's
-restitution is only correct if the two bodies touch at the start of a step.
+Bullet predicts a contact only if the distance between the two bodies is below a fiftieth of the
+body's size; for boxes, it predicts none. A body that crosses this distance in one step ends up
+inside the other body, which pushes it out at a wrong speed: a ball of 20 mm that arrived at 5.9 m/s
+left at 0.34 m/s. Moreover, Bullet's restitution is only correct if the two bodies touch at the
+start of a step.
 """
 
 from __future__ import annotations
@@ -31,7 +32,8 @@ _SLOWEST = 0.05
 # Number of steps ahead for which impacts are predicted. It exceeds 1, because gravity may
 # accelerate a slow body during the step.
 _STEP_MARGIN = 1.25
-# Other bodies are searched within the distance that a free body travels in this number of steps.
+# The bodies that a free body may hit are searched for within the distance that the free body
+# travels in this number of steps.
 _SEARCH_MARGIN = 10
 # Number of steps for which the search is skipped after no other body was found.
 _CLEAR_STEPS = 6
@@ -136,8 +138,8 @@ class Impacts:
 
         Returns:
             Time to the impact (s), link of the body, body and link that it hits, coefficient of
-            restitution, contact normal, and velocity of the contact point on the other body if that
-            has joints (m/s). None if there is no impact within the step.
+            restitution, contact normal, and velocity (m/s) of the contact point on the other body,
+            which is 0 if the other body has no joints. None if no impact is predicted.
         """
         other = point[2]
         speed, drift = (
@@ -164,12 +166,12 @@ class Impacts:
 
     def _compute_closing_speed(self, body: int, linear: Vector3, angular: Vector3, point: Vector3,
                  normal: Vector3) -> float:
-        """Return the speed at which a point of a body moves against a normal, m/s."""
+        """Return the speed of a point of a body in the direction of -`normal`, m/s."""
         centre = pybullet.getBasePositionAndOrientation(body, self._client)[0]
         return -_dot(add(linear, cross(angular, subtract(point, centre))), normal)
 
     def _compute_point_velocity(self, part: _LinkId, point: Vector3) -> Vector3:
-        """Return the velocity of a point of a link of a body with joints, m/s."""
+        """Return the velocity (m/s) of a point on a link; the body must have joints."""
         body, link = part
         if link < 0:
             centre = pybullet.getBasePositionAndOrientation(body, self._client)[0]

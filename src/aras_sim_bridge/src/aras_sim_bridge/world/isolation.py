@@ -98,7 +98,7 @@ class IsolationMonitor:
     """
 
     def __init__(self, models: Mapping[str, Model], window: bool) -> None:
-        """Create a monitor; if Bullet has a `window`, Bullet steps all models, to show them."""
+        """Create a monitor. If `window` is True, Bullet steps all models, to show them there."""
         self._models, self._window = models, window
         self.isolated_models: list[IsolatedModel] = []
         self._loose: list[Model] = []
@@ -172,9 +172,9 @@ def _compute_speed(model: Model) -> float:
 
 def _compute_steps(boxes: Iterable[Box], solids: Iterable[Box | HalfSpace], speed: float,
            dt: float) -> float:
-    """Return after how many steps of `dt` s boxes and solids that approach at `speed` may touch.
+    """Return the number of steps of `dt` s after which one of the boxes may touch a solid.
 
-    The unit of `speed` is m/s.
+    `speed` (m/s) is the speed at which they approach each other.
     """
     gap = min((other.gap(one) for one in boxes for other in solids), default=_FAR)
     return (gap - _CONTACT_DISTANCE) / ((speed + _SPEED_MARGIN) * dt)

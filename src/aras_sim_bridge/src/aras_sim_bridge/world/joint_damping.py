@@ -44,11 +44,11 @@ class DampedJoints(Protocol):
 
 
 class JointDamping:
-    """Damping of the joints of one model. Whenever the model is loaded, a new object is made.
+    """Damping of the joints of one model. Each time the model is loaded, a new object is created.
 
     Attributes:
-        springs: reduced stiffness by joint index. With the reduction, an explicit step of the
-            spring equals an implicit step of the joint alone.
+        springs: stiffness of the springs by joint index. It is reduced such that an explicit step
+            of a spring equals an implicit step of its joint alone.
     """
 
     def __init__(self, joints: DampedJoints) -> None:
@@ -58,14 +58,17 @@ class JointDamping:
         self.springs: dict[int, float] = {}
 
     def before_step(self, dt: float) -> None:
-        """Choose the damping method every CHECK_EVERY steps. This is called before each step."""
+        """Choose the damping method every CHECK_EVERY steps. Call this before each step."""
         if self._countdown == 0:
             self._choose_method(dt)
             self._countdown = CHECK_EVERY
         self._countdown -= 1
 
     def invalidate(self) -> None:
-        """Choose the method again at the next step: positions, inertia or time step changed."""
+        """Choose the method again at the next step.
+
+        Call this after positions, inertia or time step have changed.
+        """
         self._countdown = 0
 
     def _choose_method(self, dt: float) -> None:

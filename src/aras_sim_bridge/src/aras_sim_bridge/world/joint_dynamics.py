@@ -54,8 +54,8 @@ _BACK = 0.2
 # ms, the joint then makes 160 turns per step, so that no force can depend on its position.
 FASTEST_SPEED = 1e6
 NO_LIMIT_FORCE = 1e18
-# Largest number of corrections of the joints' modes. If they do not suffice, up to _SWEEPS sweeps
-# of the projected Gauss-Seidel method follow.
+# _GUESSES is the largest number of times that the joints' modes are guessed or corrected in a step.
+# If they are still wrong, up to _SWEEPS sweeps of the projected Gauss-Seidel method follow.
 _GUESSES, _SWEEPS = 20, 4000
 _ROUNDING = 1e-12  # relative rounding error of speeds and pivots
 

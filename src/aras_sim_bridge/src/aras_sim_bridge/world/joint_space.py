@@ -89,7 +89,10 @@ class JointSpace:
         return origins.take(rows, axis=0), quaternions.take(rows, axis=0)
 
     def set_motor(self, slot: int, velocity: float, force: float) -> None:
-        """Drive a joint at `velocity` with at most `force`; `velocity=0` is Coulomb friction."""
+        """Drive a joint at `velocity` with at most `force`.
+
+        If `velocity` is 0, the motor acts like Coulomb friction.
+        """
         self._joints[slot, TARGET] = velocity
         self._joints[slot, FORCE] = force
 

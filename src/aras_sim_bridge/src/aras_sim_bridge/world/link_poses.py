@@ -54,7 +54,8 @@ class LinkPoses:
             Origins (links, 3), m, and unit quaternions (x, y, z, w), (links, 4); read-only.
         """
         key, (cached_key, found) = positions.tobytes(), self._cache
-        # Cameras and listeners often read the poses at the same joint positions.
+        # Use the last result if possible, because cameras and listeners often read the poses at the
+        # same joint positions.
         if key != cached_key or not found:
             found = _compute_poses(self._tree, self._offsets, self._axes, positions)
             for array in found:

@@ -35,8 +35,8 @@ class Model:
         bodies: the model and its separate parts; only the model itself if it is a separate part.
         spawn_pose: world_T_root at the spawn.
         fixed_base: whether the root is fixed in the world.
-        release: function to call before the root is moved or pushed if the model rests on the
-            ground (see resting_base.py); None for other models.
+        release: for a model that rests on the ground (see resting_base.py), function that must be
+            called before its root is moved or pushed. None for other models.
         is_attached: whether a fixed joint of attachments.py connects a link to another model.
         is_disturbed: whether the model was pushed. The code that reads this attribute resets it.
         applied_forces: arguments of recent calls of `apply_force`, newest last. The code that reads

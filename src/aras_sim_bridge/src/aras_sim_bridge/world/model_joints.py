@@ -43,7 +43,10 @@ class ModelJoints:
         self._speed_bounds: dict[str, float] = {}
 
     def load(self, description: RobotDescription, positions: Mapping[str, float]) -> None:
-        """Read the joints of a body that was just loaded, at rest at `positions` (default 0)."""
+        """Read the joints of a body that Bullet has just loaded, and place them at `positions`.
+
+        The joints are at rest. Those that `positions` does not contain are at 0.
+        """
         body = self.body
         self.has_own_dynamics, self._is_bullet_current = False, True
         self.names: tuple[str, ...] = () if description.static else description.list_moving_joints()
@@ -230,7 +233,9 @@ class ModelJoints:
         self.finish_steps(self.space.advance(dt))
 
     def finish_steps(self, diverged_joint: int) -> None:
-        """Update efforts and caches after steps with the efforts in space.state[2].
+        """Update efforts and caches after steps with joint_dynamics.py.
+
+        The efforts of these steps are in space.state[2].
 
         Args:
             diverged_joint: result of the last `joint_dynamics.advance`; -1 if none diverged.
@@ -266,10 +271,11 @@ class ModelJoints:
     def set_position(self, joint: str, position: float) -> float:
         """Set the position of a joint and stop it, as Gazebo's Joint::SetPosition does.
 
-        Drives that set positions call this in every step.
+        The drive of a position-controlled joint calls this in every step.
 
         Returns:
             The position, limited to the range between the stops.
+
         Raises:
             WorldError: the joint is unknown or a number is not finite; nothing is changed.
         """
@@ -280,10 +286,10 @@ class ModelJoints:
         """Set the positions (rad or m) of some joints, and stop these joints.
 
         The positions are limited to the range between the stops. Joints that mimic one of these
-        joints follow, unless they are set themselves. Other joints do not move.
+        joints follow, unless `positions` contains them, too. Other joints do not move.
 
         Raises:
-            WorldError: the joint is unknown or a number is not finite; nothing is changed.
+            WorldError: a joint is unknown or a number is not finite; nothing is changed.
         """
         self._set_positions(positions)
         if self.damping is not None:

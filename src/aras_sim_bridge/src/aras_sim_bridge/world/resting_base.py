@@ -36,13 +36,13 @@ _CONTACT_DISTANCE = 1e-4
 # most this fraction of the friction limit. Also, the centre of pressure must be inside the support
 # polygon, scaled by this factor about its middle.
 _LOAD_LIMIT = 0.9
-# A joint can move a contact point if the point's speed along the contact normal is at least this
-# fraction of the joint's speed. The speed of a revolute joint is that at the end of its lever. See
-# _is_blocked.
+# A joint can move a contact point along the contact normal if the speed in this direction is at
+# least this fraction of a reference speed: the joint's speed if the joint is prismatic, otherwise
+# its speed times the distance of the contact point from its origin. See _is_blocked.
 _SMALLEST_LEVER = 0.05
-# Smallest ratio of the mass of a resting base that is treated as fixed to the mass of any free
-# body. A body that hits the base rebounds as from a wall for one step; the relative error is the
-# inverse of this ratio.
+# A resting base is treated as fixed only if its mass is at least this multiple of the mass of every
+# free body. In the step in which a free body hits the base, the body rebounds as from a wall; the
+# relative error is the inverse of this ratio.
 _LEAST_MASS_RATIO = 100.0
 
 
@@ -78,9 +78,10 @@ def is_supported(
             the ground, friction coefficient.
         corners (m, 6): corners of the support polygon. A row is the corner relative to the point of
             the ground, followed by the outward normal of the edge that starts at the corner.
-        contact_wrench (6,): torque and force on the model of contacts other than with the ground.
-        ground_wrench (6,): the required torque and force of the ground and of the base's weight
-            together are written to this array.
+        contact_wrench (6,): torque and force on the model by all contacts except those with the
+            ground.
+        ground_wrench (6,): output, the torque and force that the ground and the base's weight
+            together must exert on the model.
         dt: time step, s.
     """
     for k in range(6):
@@ -207,7 +208,7 @@ class RestingBase:
                     and _is_blocked(model, contact)
                 ):
                     return None
-                continue  # `is_supported` considers the forces on links other than the base
+                continue  # `is_supported` considers the contacts of links that are not in the base
             if not other.fixed_base:
                 continue
             if contact[4] != -1 or contact[8] < -_CONTACT_DISTANCE or other.release is not None:
@@ -248,7 +249,8 @@ class RestingBase:
     def is_supported(self, dt: float, is_touchable: bool) -> bool:
         """Return whether the ground supported the base in the last step of `dt` s.
 
-        `is_touchable` is whether a body may touch the base although Bullet does not step the model.
+        `is_touchable`: whether a body may touch the base even while joint_dynamics.py steps the
+        model.
         """
         if not self.model.joints.has_own_dynamics:
             self.model.joints.read_bullet_state()
@@ -270,7 +272,7 @@ class RestingBase:
             _add_contact_wrenches(np.array(pushes), self._root, self.contact_wrench)
 
     def apply_excess_load(self) -> None:
-        """Apply the load of the last step (-ground_wrench) to the base, which is free again."""
+        """Apply -ground_wrench, the load of the last step, to the base after it was freed."""
         root = self.model.pose()
         torque, force = (
             rotate(root.quat, tuple(-part)) for part in np.split(self._ground_wrench, 2)
@@ -463,7 +465,8 @@ def _is_plane(model: Model) -> bool:
 def _find_footprint(model: Model, point: np.ndarray, normal: np.ndarray) -> np.ndarray:
     """Return the points (m, 3) in the world where the base touches a plane.
 
-    Bullet's contacts do not contain all corners.
+    They are computed from the collision shapes, because Bullet's contacts do not contain all
+    corners.
     """
     found = []
     base = model.list_base_links()

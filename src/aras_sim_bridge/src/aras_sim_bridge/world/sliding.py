@@ -3,8 +3,8 @@
 Bullet's friction has the correct magnitude, but its direction depends on the body's inertia at each
 corner. A box of 0.6 x 0.1 m that slides at an angle to its edges is decelerated by a fifth too
 little and turns by 20 degrees. The correct friction has the same magnitude and opposes the sliding
-direction. Its difference from the friction of the last step is applied in the next step. The
-remaining error is 1 %.
+direction. The difference between the correct friction and Bullet's friction in the last step is
+applied in the next step. The remaining error is 1 %.
 """
 
 from __future__ import annotations
@@ -103,7 +103,7 @@ class SlidingFriction:
                                     physicsClientId=self._client)
 
     def _compute_point_velocity(self, body: int, link: int, point: Vector3) -> Vector3:
-        """Return the velocity (m/s) of the point of a link whose position is `point`."""
+        """Return the velocity (m/s) of a link at the position `point` in the world."""
         if link >= 0:
             state = pybullet.getLinkState(body, link, True, True, self._client)
             centre, linear, angular = state[0], state[6], state[7]

@@ -1,9 +1,9 @@
 """Joint stops in Bullet, which are shifted for joints that start far beyond a stop.
 
-Bullet corrects a fifth of the distance beyond a stop in one step. A joint that is spawned 0.8 rad
-beyond its stop would get a speed of 160 rad/s, and an arm with light fingers would break apart.
-Therefore the stop is first moved close to the joint. It then moves back, so that the joint returns
-at the same speed as in joint_dynamics.py.
+In each step, Bullet corrects a fifth of a joint's distance beyond its stop. A joint that is spawned
+0.8 rad beyond its stop would get a speed of 160 rad/s, and an arm with light fingers would break
+apart. Therefore the stop is first moved close to the joint. Then the stop is moved back gradually,
+so that the joint returns at the same speed as in joint_dynamics.py.
 """
 
 from __future__ import annotations

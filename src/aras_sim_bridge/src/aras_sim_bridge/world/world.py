@@ -361,7 +361,8 @@ class World:
         """Advance the physics by one time step, with all efforts and forces set before it.
 
         Raises:
-            WorldError: an effort is not finite, and no model has moved; or the simulation diverged.
+            WorldError: an effort is not finite (then no model has moved), or the simulation
+                diverged.
         """
         if self.resting_bases.is_new:
             self.resting_bases.fix_at_start()
@@ -406,7 +407,7 @@ class World:
     def get_compiled_step(self, model: Model) -> tuple[np.ndarray | float, ...] | None:
         """Return the arguments with which cycle.py makes compiled steps of a model.
 
-        They are JointSpace.arrays, the time step, whether the base is a resting one, and the
+        They are JointSpace.arrays, the time step, whether the model has a resting base, and the
         arguments of resting_base.is_supported. Free bodies are stepped later, in
         `finish_compiled_steps`.
 
@@ -522,7 +523,7 @@ def _check_iterations(value: int) -> int:
 def _compute_start_positions(
     descriptions: Sequence[RobotDescription], name: str, positions: Mapping[str, float]
 ) -> list[dict[str, float]]:
-    """Return the start positions of the joints, by name, for each of a model's descriptions."""
+    """Return, for each of a model's descriptions, the start positions by joint name."""
     every = tuple(joint for one in descriptions for joint in one.list_moving_joints())
     for joint, value in positions.items():
         if joint not in every:

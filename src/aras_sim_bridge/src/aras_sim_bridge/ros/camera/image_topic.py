@@ -15,7 +15,10 @@ class ImageTopic(NonBlockingPublisher):
     """Latched image publisher, like those of Gazebo; all calls must come from the same thread."""
 
     def __init__(self, topic: str, on_change: Callable[[], None]) -> None:
-        """Advertise; any thread may call `on_change` when subscribers connect or leave."""
+        """Advertise the topic.
+
+        Any thread may call `on_change` when subscribers connect or leave.
+        """
         super().__init__(topic, Image, queue_size=2, latch=True, on_change=on_change)
 
     def send(self, stamp: Time, frame_id: str, pixels: np.ndarray, encoding: str) -> None:

@@ -35,7 +35,7 @@ def to_camera_info(info: CameraIntrinsics) -> CameraInfo:
 def add_prefix(frame_id: str, namespace: str) -> str:
     """Return `frame_id` with the prefix from the parameter tf_prefix, if there is one.
 
-    The parameter is searched from `namespace` upwards to the root namespace.
+    The parameter is looked up in `namespace`, then in its parent namespaces up to the root.
     """
     frame_id = frame_id.lstrip("/")
     parts = [part for part in namespace.split("/") if part]

@@ -13,10 +13,13 @@ from aras_sim_bridge.world.labels import list_links_by_label
 
 
 class LabelTopic(NonBlockingPublisher):
-    """Latched topic with a YAML text: the link `model::link` of each number in the images."""
+    """Latched topic whose YAML text maps the numbers in the images to names `model::link`."""
 
     def __init__(self, topic: str, on_change: Callable[[], None]) -> None:
-        """Advertise; any thread may call `on_change` when subscribers connect or leave."""
+        """Advertise the topic.
+
+        Any thread may call `on_change` when subscribers connect or leave.
+        """
         super().__init__(topic, String, queue_size=2, latch=True, on_change=on_change)
         self._labels: tuple[tuple[str, int], ...] | None = None
 

@@ -35,7 +35,10 @@ Topic = NonBlockingPublisher | CompressedTopic
 
 
 class CameraTopics:
-    """Topics, service and settings of one camera; it renders only while it has subscribers."""
+    """Topics, service and settings of one camera.
+
+    The camera renders images only while one of its topics has subscribers.
+    """
 
     def __init__(
         self,
@@ -182,7 +185,7 @@ class CameraTopics:
         self._thread.post(job)
 
     def _on_subscribers(self) -> None:
-        """Update the outputs in the simulation thread; called from any thread."""
+        """Make the simulation thread update the outputs; any thread may call this."""
         self._thread.post(self._update_outputs)
 
     def _update_outputs(self) -> None:

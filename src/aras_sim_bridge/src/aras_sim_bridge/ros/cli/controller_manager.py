@@ -73,7 +73,7 @@ def stop_controller(name: str) -> bool:
 
 
 def list_controllers() -> bool:
-    """Print name, claimed hardware interfaces and state of each controller in one line."""
+    """Print one line for each controller: its name, claimed hardware interfaces and state."""
     controllers = call("list_controllers", ListControllers).controller
     if not controllers:
         print("No controllers are loaded in mechanism control")
@@ -116,7 +116,7 @@ def reload_libraries(force_kill: bool, restore: bool = False) -> bool:
 
 
 def run(command: str, names: list[str], restore: bool) -> bool:
-    """Run one command for all names and return whether everything succeeded."""
+    """Run one command for all names; return whether it succeeded for each of them."""
     each = {"load": [load_controller], "unload": [unload_controller],
             "start": [start_controller], "stop": [stop_controller]}
     both = {"spawn": (load_controller, start_controller),

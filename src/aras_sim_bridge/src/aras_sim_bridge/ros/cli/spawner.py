@@ -46,8 +46,8 @@ def parse(argv: list[str]) -> argparse.Namespace:
 def wait_for_service(name: str, timeout: float | None) -> bool:
     """Wait for a service and return whether it is available within `timeout`, s of wall time.
 
-    There is no time limit if `timeout` is None, or before the first message on /clock, because the
-    simulator is then still starting.
+    There is no time limit if `timeout` is None. Nor is there one before the first message on
+    /clock, because the simulator is still starting.
     """
     rospy.loginfo("Controller Spawner: Waiting for service %s", rospy.resolve_name(name))
     while not rospy.is_shutdown():
@@ -82,7 +82,11 @@ def wait_for_true(topic: str) -> None:
 
 
 def read_controller_names(arguments: list[str], namespace: str) -> list[str]:
-    """Return the controller names; load arguments that are YAML files to the parameter server."""
+    """Return the names of the controllers in the command-line arguments.
+
+    An argument may also be a YAML file. The file is loaded to the parameter server, and the names
+    of its parameters are the names of its controllers.
+    """
     names = []
     for argument in arguments:
         if not Path(argument).is_file():
@@ -146,8 +150,8 @@ class Spawner:
                 name for name in reversed(self._loaded)
                 if not self._proxies["unload_controller"](name).ok
             ]  # fmt: skip
-            # If no controller can be unloaded, the simulator is shutting down, too, and no warning
-            # is needed.
+            # If no controller can be unloaded, the simulator is probably shutting down like this
+            # program, and no warning is needed.
             if len(failed) < len(self._loaded):
                 for name in failed:
                     rospy.logwarn("Failed to unload %s; the simulator's log says why", name)

@@ -70,7 +70,10 @@ class ControllerAction(ABC):
 
     def __init__(self, controller: JointTrajectoryController | GripperActionController,
                  namespace: str, thread: SimulationThread) -> None:
-        """Serve the class's `action` for `controller` below the topic `namespace`/`topic`."""
+        """Start the action server `namespace`/`topic` for `controller`.
+
+        The class attribute `action` is its type, and `topic` the last part of its name.
+        """
         self._controller = controller
         # goals by their ids; used in the simulation thread only
         self._goals: dict[str, GoalHandle] = {}
@@ -89,7 +92,7 @@ class ControllerAction(ABC):
 
     @abstractmethod
     def _make_goal(self, message: Message) -> object:
-        """Return the controller goal of a goal message."""
+        """Convert a goal message to a goal of the controller."""
 
     @abstractmethod
     def _make_result(self, handle: GoalHandle) -> tuple[Message, str]:

@@ -81,7 +81,7 @@ class CommandTopic:
 
 
 class _SharedSubscription:
-    """Subscription to a topic that all CommandTopic objects of this process share."""
+    """The only subscription of this process to a topic, shared by its CommandTopic objects."""
 
     def __init__(self, topic: str, message: type[Message], thread: SimulationThread) -> None:
         self.command_topics: tuple[CommandTopic, ...] = ()

@@ -12,13 +12,16 @@ from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 
 
 class StateSource(Protocol):
-    """Source of states, such as a controller, a PID or a sensor, which calls `on_state` if set."""
+    """Controller, PID or sensor that calls `on_state`, if it is set, with each state."""
 
     on_state: Callable[[object], None] | None
 
 
 class StateTopic:
-    """Topic with the states of a source, which computes states only if there are subscribers."""
+    """Topic with the states of a source.
+
+    The source computes states only while the topic has subscribers.
+    """
 
     def __init__(
         self,

@@ -131,7 +131,8 @@ def _restamp(
 ) -> Callable[[Message, object], None]:
     """Return a function that calls `fill` and sets the stamp to the current simulated time.
 
-    Controllers are updated before the physics step, so this is the time of the measurement.
+    Controllers are updated before the physics step. At that moment, the simulated time is still the
+    time of the measured joint states.
     """
 
     def fill_and_stamp(message: Message, state: object) -> None:

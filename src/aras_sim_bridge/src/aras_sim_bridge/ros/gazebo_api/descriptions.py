@@ -63,7 +63,10 @@ def set_namespace(root: Element, requested: str) -> None:
 
 
 def find_namespace(description: RobotDescription, requested: str) -> str:
-    """Return the namespace of the controllers: that of the control plug-in, or `requested`."""
+    """Return the namespace of the controllers.
+
+    It is that of the control plug-in, or `requested` if the plug-in names none.
+    """
     namespaces = [plugin.robot_namespace for plugin in description.control_plugins]
     name = next((namespace for namespace in namespaces if namespace), requested)
     return "/" + name.strip("/") if name.strip("/") else ""

@@ -66,7 +66,9 @@ def _find_part(simulation: Simulation, name: str, kind: str) -> tuple[Model, str
 
 
 def find_frame(simulation: Simulation, name: str) -> tuple[Pose, Twist]:
-    """Return pose and twist in the world of the model or link called `name`.
+    """Return the pose and twist of a reference frame, expressed in the world frame.
+
+    `name` is the name of a model or a link, or means the world.
 
     Raises:
         WorldError: the reference frame does not exist.
@@ -92,8 +94,8 @@ def express_in_frame(
 ) -> tuple[Pose, Twist]:
     """Express pose and twist in a reference frame, as Gazebo does.
 
-    The twist of the frame's origin is subtracted; the velocity due to the frame's rotation at other
-    points is neglected, as in Gazebo.
+    The frame's twist is subtracted from `twist`. As in Gazebo, the velocity that the frame's
+    rotation causes away from the frame's origin is neglected.
     """
     inverse = conjugate(frame.quat)
     linear = rotate(inverse, subtract(twist.linear, frame_twist.linear))

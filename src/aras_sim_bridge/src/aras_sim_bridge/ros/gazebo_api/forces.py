@@ -21,8 +21,8 @@ from aras_visual_servo_base.poses import add, cross, rotate, subtract
 class _TimedForce:
     """Wrench or effort on a model from `start_ns` to `end_ns`, ns of simulated time.
 
-    If `end_ns` is None, it acts until it is cleared. `target` is model::link for a wrench, and the
-    name of the joint, without the model, for an effort.
+    If `end_ns` is None, the force acts until it is cleared. `target` is model::link for a wrench,
+    and the name of the joint, without the model, for an effort.
     """
 
     model: Model
@@ -38,7 +38,7 @@ class _Wrench(_TimedForce):
     torque: tuple[float, float, float]
 
     def apply(self) -> None:
-        """Apply force, at the centre of mass, and torque for one step; both in world axes."""
+        """Apply the force (at the centre of mass) and the torque for one step, in world axes."""
         inertial = self.model.description.links[self.link].inertial
         centre = self.model.link_pose(self.link).apply(inertial.origin_xyz)
         self.model.apply_force(self.link, self.force, centre, self.torque)

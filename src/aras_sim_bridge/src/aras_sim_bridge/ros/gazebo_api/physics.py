@@ -60,7 +60,7 @@ class Physics:
         self._server = ReconfigureServer(namespace, PHYSICS_FIELDS, values, self._reconfigure)
 
     def _read_values(self) -> dict[str, Value]:
-        """Return the current values by the names of dynamic_reconfigure.
+        """Return the current values by their parameter names in dynamic_reconfigure.
 
         Call this in the simulation thread.
         """
@@ -114,7 +114,7 @@ class Physics:
     def _apply(
         self, time_step: float, rate: float, gravity: tuple[float, ...], ode: dict[str, Value]
     ) -> dict[str, Value]:
-        """Change the physics; return the resulting values by the names of dynamic_reconfigure."""
+        """Change the physics and return the resulting values, like `_read_values`."""
         for name, value in {"max_update_rate": rate, **ode}.items():
             if not math.isfinite(value):
                 raise WorldError(f"{name} is {value}; give a finite number")

@@ -32,7 +32,7 @@ FACTOR_PERIOD = 1.0
 
 
 class StateTopics:
-    """Publishers of model states, link states and performance, for topics with subscribers."""
+    """Publishers of model states, link states and performance; they send only to subscribers."""
 
     def __init__(self, namespace: str, thread: SimulationThread, extra: bool) -> None:
         """Advertise model_states and link_states below `namespace`.

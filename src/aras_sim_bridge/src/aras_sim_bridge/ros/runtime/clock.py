@@ -16,10 +16,10 @@ _TIME = struct.Struct("<II")  # layout of a serialised Clock message: secs, nsec
 
 
 class ClockPublisher:
-    """Publisher of /clock at multiples of 1 / rate s of simulated time."""
+    """Publisher of the simulated time on /clock, once per period of 1 / rate."""
 
     def __init__(self, rate: float) -> None:
-        """Advertise /clock; `rate` is in Hz of simulated time; 0 means every step."""
+        """Advertise /clock; `rate` is in Hz of simulated time, and 0 means every step."""
         self._period_ns = round(1e9 / rate) if rate > 0 else 0
         self._next_ns = 0
         self._last_ns = -1

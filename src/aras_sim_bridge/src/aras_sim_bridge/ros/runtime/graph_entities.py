@@ -36,7 +36,7 @@ class GraphEntities:
         before_frame: Callable[[], None] | None = None,
         spawn_record: SpawnRecord | None = None,
     ) -> None:
-        """Create an empty table; `sync` fills it.
+        """Create an object without interfaces; `sync` opens them.
 
         Args:
             thread: simulation thread.

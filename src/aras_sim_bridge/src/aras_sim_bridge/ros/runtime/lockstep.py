@@ -145,7 +145,7 @@ class Lockstep:
             self._next_ns = self._period_ns
 
     def compute_remaining(self) -> float | None:
-        """Return how long to wait for missing messages, s of wall time, or None to continue.
+        """Return how long to wait for missing messages, s of wall time; None means no wait.
 
         After the timeout a warning is logged, and topics without a message are ignored until their
         next message.

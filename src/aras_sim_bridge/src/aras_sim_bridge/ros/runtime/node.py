@@ -125,7 +125,7 @@ class GazeboNode:
 
 
 def _set_up_log(level: str) -> None:
-    """Send log records of packages without ROS to the console and /rosout, as rospy does."""
+    """Send the log records of packages that do not use rospy to the console and /rosout."""
     rosout = logging.getLogger("rosout")
     for name in ("aras_sim_bridge", "aras_visual_servo_base"):
         logger = logging.getLogger(name)
@@ -182,7 +182,7 @@ def build_simulation(parameters: NodeParameters, world: WorldFile) -> Simulation
 
 
 class _ShutdownHandler:
-    """Handler that ends the node on shutdown, even if this is requested during the start."""
+    """Handler that ends the node on shutdown, even if the node is still starting."""
 
     def __init__(self) -> None:
         self.shutdown_event = threading.Event()

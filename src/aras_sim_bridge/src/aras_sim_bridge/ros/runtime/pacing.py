@@ -14,7 +14,8 @@ log = logging.getLogger(__name__)
 # Simulated time of a group of steps, ns. The simulation thread wakes up once for each group, that
 # is at 250 Hz.
 BATCH_NS = 4_000_000
-# Largest lag behind real time that simulated time catches up, ns of simulated time.
+# Largest lag of simulated time behind real time that is caught up, ns of simulated time. A larger
+# lag is dropped.
 LARGEST_LAG_NS = 200_000_000
 WINDOW = 2.0  # time over which the real-time factor is measured, s of wall time
 WARN_BELOW = 0.95  # fraction of the desired real-time factor below which a warning is logged

@@ -37,8 +37,8 @@ class SendQueue:
             name: name of the subscriber and the topic in log messages.
         """
         self.name = name
-        # While this is True, lockstep does not wait for the queue; it becomes False when the queue
-        # is empty.
+        # While this is True, lockstep does not wait for the queue. `flush` sets it to False when
+        # the queue is empty.
         self.is_abandoned = False
         self.socket = connection
         self.descriptor = connection.fileno()
@@ -79,7 +79,7 @@ class SendQueue:
 
     @property
     def is_behind(self) -> bool:
-        """Whether a complete message is waiting and the queue is not abandoned."""
+        """Whether a complete message is waiting, unless `is_abandoned` is True."""
         return bool(self._messages) and not self.is_abandoned
 
     def flush(self) -> None:
@@ -128,7 +128,7 @@ class QueueFlusher:
         return list(self._queues.values())
 
     def list_behind(self) -> list[SendQueue]:
-        """Return the queues in which a complete message is waiting."""
+        """Return the queues for which `is_behind` is True."""
         return [queue for queue in self.list_unsent() if queue.is_behind]
 
     def add(self, queue: SendQueue) -> None:

@@ -24,7 +24,7 @@ from aras_visual_servo_base.names import USER_FAULTS
 
 log = logging.getLogger(__name__)
 
-# Fields of a service's response by name. Fields that are left out have their default values.
+# Values in a service's response, by field name. Fields that are left out have their default values.
 Fields = dict[str, object] | None
 Handler = Callable[[object, Message], Fields]
 

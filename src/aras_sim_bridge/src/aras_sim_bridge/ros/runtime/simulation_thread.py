@@ -1,10 +1,10 @@
 """Thread of the simulation, which makes the steps at the right time and runs jobs between them.
 
 Services and topics run in rospy's threads and never access the simulation directly. They pass a
-function (a job) to `SimulationThread.call`, which runs it between two steps, also while paused, and
-returns its result or raises its exception. Therefore the simulation needs no locks, and no client
-observes an unfinished step. The simulation thread reads the sockets of command topics itself before
-each step (see message_receiver.py).
+function (a job) to `SimulationThread.call`, which runs it between two steps and returns its result
+or raises its exception. Jobs also run while simulated time is paused. Therefore the simulation
+needs no locks, and no client observes an unfinished step. The simulation thread reads the sockets
+of command topics itself before each step (see message_receiver.py).
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ JOBS_BUDGET = 0.002  # time for which jobs may run between two groups of steps, 
 # Simulated time after a command during which steps are not grouped, ns. Each step is made when it
 # is due.
 STREAM_NS = 5_000_000
-# Number of skipped messages per step, over all connections, from which steps are grouped even while
-# commands arrive.
+# If at least this number of messages per step is skipped on one connection, steps are grouped even
+# while commands arrive.
 FLOOD = 3
 PAUSED_PERIOD = 0.004  # interval between two reads of commands while paused, s of wall time
 # Largest number of commands of one connection that wait for their steps in lockstep mode.
 LOCKSTEP_BACKLOG = 8
-# Duration of jobs, such as a spawn, from which simulated time does not catch up the delay, s of
-# wall time.
+# Longest duration of jobs whose delay simulated time catches up, s of wall time. The delay of
+# longer jobs, such as a spawn, is dropped.
 STALL = 0.05
 
 
@@ -68,7 +68,8 @@ class SimulationThread:
             after_step: function that is called with the simulated time, ns, after every step.
             after_batch: function that is called with the simulated time, ns, after each group of
                 steps.
-            on_fault: function that is called with the exception if one ends the thread.
+            on_fault: function that is called if an exception ends the thread. Its argument is this
+                exception.
             paused: whether simulated time is paused at the start.
             receiver: receiver of commands and wake-ups; tests replace it.
         """
@@ -87,8 +88,8 @@ class SimulationThread:
         self._ready: Future = Future()
         self._thread = threading.Thread(target=self._run, name="simulation", daemon=True)
         self.simulation: Simulation | None = None  # the simulation is built by `start`
-        # Function that is called before each step, with the simulated time at its end, ns. Set it
-        # in the simulation thread only.
+        # Function that is called before each step, with the simulated time (ns) at the end of this
+        # step. Set it in the simulation thread only.
         self.before_step: Callable[[int], None] | None = None
         # Lockstep stops simulated time while lockstep.is_closed, except in step(). Set lockstep
         # before `start`.
@@ -163,7 +164,8 @@ class SimulationThread:
                     f"the simulation did not answer within {timeout:g} s; try again when the "
                     "processor is less busy"
                 ) from None
-            return future.result()  # the job started at the last moment; jobs are short
+            # The job started just before the timeout. Wait for its end, because jobs are short.
+            return future.result()
 
     def post(self, job: Callable[[], None]) -> None:
         """Run `job` between two steps without waiting for it; its exceptions are logged."""
@@ -320,10 +322,11 @@ class SimulationThread:
         self._after_batch(simulation.time_ns)
 
     def _compute_backlog(self, end_ns: int) -> int:
-        """Return how many commands of a connection may wait for later steps than the next one.
+        """Return how many commands of each connection may wait for steps after the next one.
 
-        In real-time mode, this is the number of due steps, including the next one. If a client
-        sends one command for each step, no command is skipped even if two arrive between two steps.
+        In real-time mode, the result is the number of due steps, including the next one. If a
+        client sends one command for each step, no command is skipped even if two arrive between two
+        steps.
         In the mode `max` the result is 0, and in lockstep mode it is LOCKSTEP_BACKLOG.
         """
         if self._pacer.factor > 0.0:
@@ -339,8 +342,8 @@ class SimulationThread:
         """Return the simulated time, ns, of a group of steps that are made together.
 
         Groups reduce the number of wake-ups. While commands arrive, the steps are made one by one
-        when they are due, so that no command waits. At very high command rates this is not
-        necessary, because a new command has arrived before every step anyway.
+        when they are due, so that no command waits. At very high command rates, steps are grouped
+        nevertheless, because a new command has arrived before every step anyway.
         """
         is_single = self._is_streaming and not self._is_flooded
         return self.simulation.step_ns if is_single else BATCH_NS

@@ -1,7 +1,8 @@
 """Record of spawned models and loaded controllers on the parameter server.
 
-The record survives a crash of the node. A restarted node (respawn_gazebo) reads it, spawns the
-models again at their initial poses and loads and starts the controllers, at simulated time 0.
+The record survives a crash of the node. If the node is restarted (respawn_gazebo), it reads the
+record at simulated time 0, spawns the models again at their initial poses, and loads and starts the
+controllers.
 """
 
 from __future__ import annotations
@@ -54,7 +55,7 @@ class SpawnRecord:
         self._write()
 
     def clear(self) -> None:
-        """Delete the record if the node ends normally, so that no model is restored later."""
+        """Delete the record; called when the node ends normally, so that nothing is restored."""
         if self._is_enabled and rospy.has_param(PARAMETER):
             rospy.delete_param(PARAMETER)
         self._is_enabled = False

@@ -85,5 +85,6 @@ _FURTHER = {
 }
 FIRST_PROJECT = tuple(_FIRST)
 __all__ = [*_FIRST, *_FURTHER]
-if not TYPE_CHECKING:  # a type checker would accept any name of a module that has __getattr__
+# Type checkers must not see __getattr__: they accept any name of a module that has it.
+if not TYPE_CHECKING:
     __getattr__, __dir__ = lazy_exports(__name__, {**_FIRST, **_FURTHER})

@@ -182,9 +182,8 @@ class Settings(Parameters):
         """Return the kinematics of the scheme's other cameras, apart from the control camera.
 
         Raises:
-            ConfigurationError: the joints that move a camera or its target are not those that move
-                the control camera or its target; or a camera is fixed, and the arm does not move
-                its target.
+            ConfigurationError: a camera or its target is moved by other joints than the control
+                camera or its target; or a camera is fixed, and the arm does not move its target.
         """
         others: dict[str, CameraKinematics] = {}
         scheme = self.make_scheme()

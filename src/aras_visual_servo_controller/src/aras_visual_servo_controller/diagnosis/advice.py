@@ -11,12 +11,12 @@ from ..records.remedy import Change, Remedy, multiply, remove, set_value
 from ..schemes.base import JointController, Scheme, SchemeBase
 
 # A loop with the dead time T (s) oscillates with a constant amplitude at the frequency f = 1 / (4
-# T). Its error decays fastest without oscillation at the gain 1 / (e T) = 1.5 f. A smaller factor
-# than 1.5 is suggested, as a reserve.
+# T). Its error decays fastest without oscillation at the gain 1 / (e T) = 1.5 f. The suggested
+# factor is smaller than 1.5, to leave a reserve.
 GAIN_PER_HERTZ = 1.2  # suggested gain per frequency of the oscillation, 1/s per Hz
-# In theory a loop that oscillates at the frequency f has a gain of 2 pi f or more. A configured
-# gain down to this fraction of 2 pi f is accepted, because the effective gain is higher than the
-# configured one if L is too small.
+# In theory a loop that oscillates at the frequency f has a gain of 2 pi f or more. The test accepts
+# a configured gain down to this fraction of 2 pi f: if L is too small, the effective gain is higher
+# than the configured one.
 MIN_GAIN_PART = 0.3
 MAX_GAIN_FACTOR = 0.6  # a suggested gain is at most this fraction of the present gain
 MIN_GAIN_FACTOR = 0.02  # a suggested gain is at least this fraction of the present gain
@@ -26,12 +26,12 @@ MAX_TIME_FACTOR = 50.0  # the suggested duration is at most this many times the 
 # different joint may be the slowest one.
 LINEAR_RESERVE = 2.0
 TIME_CONSTANTS = 8.0  # time that a run needs to reach its goal, in time constants (1 / gain)
-# If the noise of the error is up to this many tolerances, a larger target is suggested; if it is
-# more, less image noise.
+# A larger target is suggested if the noise of the error is at most this many tolerances. Above this
+# limit, less image noise is suggested.
 NOISE_OF_SMALL_TARGET = 2.0
 NOISE_WHEN_UNKNOWN = 50.0  # noise of the error, in tolerances, if it was not measured
 TOLERATED_NOISE = 0.5  # noise of the error that the suggested change leaves, in tolerances
-SETTLING_TIME = 3.0  # time for which a small error has to last, s, with a reserve
+SETTLING_TIME = 3.0  # time for which the error has to stay small, including a reserve, s
 # Schemes that can turn the camera by 180 degrees on a straight path from most starts.
 HALF_TURN_SCHEMES = "pose, two_and_half_d or polar_points"
 PACKAGE = __name__.partition(".")[0]
@@ -57,8 +57,8 @@ def can_oscillate(scheme: Scheme | JointController | None, frequency: float) -> 
     """Return whether a loop with the gain of this scheme can oscillate at `frequency` (Hz).
 
     The joints integrate their commanded velocities, so a loop that oscillates at f has a gain of
-    about 2 pi f or more. Lower gains are accepted down to MIN_GAIN_PART times this value. A scheme
-    without a gain can oscillate at any frequency.
+    about 2 pi f or more. The function returns True for gains above MIN_GAIN_PART times this value.
+    A scheme without a gain can oscillate at any frequency.
     """
     gain = find_gain(scheme)
     return gain is None or gain > MIN_GAIN_PART * 2.0 * pi * frequency
@@ -178,7 +178,7 @@ def suggest_larger_target(noise: float, *others: Change) -> Remedy:
 
 
 def suggest_faster_joints(advice: Remedy) -> Remedy:
-    """Return the advice with a shorter setting `lag`, for joints that follow too slowly."""
+    """Return the advice with a smaller setting `lag`, for joints that follow too slowly."""
     return Remedy(advice.advice, *advice.changes, multiply("lag", 0.02))
 
 

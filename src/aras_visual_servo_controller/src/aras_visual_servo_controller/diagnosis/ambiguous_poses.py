@@ -24,8 +24,8 @@ from ..features.pose import are_collinear, refine_pose
 from ..goals.goal import Goal
 from ..observation.observation import Observation
 
-# At an ambiguous pose the distance of each image point from the goal's point is below
-# MAX_POINT_DISTANCE and below MAX_RADIUS_PART. Features may accept so small a distance as
+# A pose is ambiguous if each image point is closer to its point at the goal than both
+# MAX_POINT_DISTANCE and MAX_RADIUS_PART. At so small a distance, the features may count as
 # converged.
 MAX_POINT_DISTANCE = 5e-3  # distance between two image points, normalised
 MAX_RADIUS_PART = 0.1  # distance between two image points, in radii of the target's image
@@ -34,13 +34,11 @@ MAX_RADIUS_PART = 0.1  # distance between two image points, in radii of the targ
 SAME_POSE = 2e-3
 # If the target plane at a pose differs from the goal's by less than this, the pose is the goal
 # turned about the target's normal, as for a symmetric target. Such a pose is not listed as
-# Kinematics predict the target's plane in the camera frame. Of two poses, the prediction selects
-# the one with the smaller difference from it. That difference has to be less than this fraction of
-# the difference at the second pose.
+# ambiguous.
 SAME_PLANE = 0.02
-# Kinematics predict the target's plane in the camera frame. The prediction decides for one of two
-# poses if it differs from the plane at that pose by less than this fraction of its difference from
-# the plane at the second pose.
+# Kinematics predict the target's plane in the camera frame. The prediction is compared with the
+# plane at each of two poses. It selects one of them if the difference there is less than this
+# fraction of the difference at the other.
 NEARER_FACTOR = 0.5
 # The image decides between two poses if the sums of squared image errors of their fits differ by
 # more than this many variances of a corner.

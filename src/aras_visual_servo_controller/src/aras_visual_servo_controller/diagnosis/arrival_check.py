@@ -3,7 +3,8 @@
 Near the goal the error is e = s - s* = L x, where x (6,) is the camera's offset from the goal. The
 noise is averaged over several images. As the camera moves between these images, the offset L^+ e of
 each image is transformed to the present camera pose by kinematics. If the target moves with the
-camera, the offsets scatter less without this transformation; then they are averaged directly.
+camera, the offsets scatter less without this transformation. In this case they are averaged without
+it.
 """
 
 from __future__ import annotations
@@ -39,13 +40,13 @@ if TYPE_CHECKING:
 # Largest offset from the goal of a camera that has arrived: translation as a fraction of the
 # target's depth, rotation in rad. It is chosen so that the offset times OFFSET_FACTORS, which
 # account for an inaccurate L, stays below NEGLIGIBLE_UNCERTAINTY. The tolerances of the features
-# alone may allow an offset of 6 mm in a direction that hardly changes the features. This was
-# measured with four points on a plane that is tilted by 40 degrees.
+# alone may allow a larger offset in a direction that hardly changes the features: with four points
+# on a plane tilted by 40 degrees, it was 6 mm.
 GOAL_TOLERANCE = (8e-4, 3.5e-3)
 # After its arrival, the camera may exceed the tolerances of the features and GOAL_TOLERANCE by this
 # factor.
 HYSTERESIS = 1.5
-# The uncertainty of a mean offset is this number of its standard deviations.
+# The uncertainty of a mean offset is estimated as this number of its standard deviations.
 KNOWN_DEVIATIONS = 2.0
 # Largest rms deviation of the errors from their mean, in tolerances. A larger deviation is due to
 # motion, not to noise.
@@ -55,11 +56,11 @@ MAX_SCATTER = 3.0
 FEW_IMAGES = 5
 MIN_IMAGES = 3  # smallest number of images that can show an arrival
 MAX_WINDOW = 120  # largest number of images over which the error is averaged
-# If an error exceeds this number of tolerances (four times the largest noise), the stored offsets
-# of the camera are removed. So far from the goal, the linearisation by L is not valid.
+# If an error exceeds this number of tolerances (four times MAX_SCATTER), the stored offsets of the
+# camera are removed. So far from the goal, the linearisation by L is not valid.
 FAR_TOLERANCES = 12.0
 # The uncertainty of the pose is computed again when the mean error has decreased to this fraction
-# of the error for which the uncertainty was computed last.
+# of its value at the last computation.
 RENEWAL_RATIO = 0.7
 # Largest difference between the camera's offset in the latest image and the mean offset, in
 # standard deviations. A larger difference shows that kinematics do not describe the camera's
@@ -80,7 +81,7 @@ ROUNDING = 1e-9  # numerical tolerance of times (s), angles (rad), and lengths (
 class ArrivalCheck:
     """Test of whether the mean error over `hold` seconds shows that the camera has arrived.
 
-    A camera that has arrived may exceed the limits by the factor HYSTERESIS.
+    Once the camera has arrived, the tolerances are multiplied by HYSTERESIS.
     """
 
     def __init__(self, hold: float) -> None:
@@ -104,7 +105,7 @@ class ArrivalCheck:
         # Ambiguous pose at which the camera is, and all ambiguous poses at which the camera may be.
         self._other_pose, self._possible_poses = None, ()
         self._wrong_pose_reason, self._unseen_motion, self._images = "", np.zeros(6), 0
-        self._error_size = 0.0  # mean error, in tolerances, for which the margin was computed
+        self._error_size = 0.0  # mean error, in tolerances, at the last computation of `_margin`
 
     def add(
         self,
@@ -177,7 +178,8 @@ class ArrivalCheck:
         errors = self._errors.errors
         size = float(np.linalg.norm(errors.mean(axis=0) / tolerances))
         self._images += 1
-        # The features become more accurate as the camera approaches the goal.
+        # The margin is computed again after the error has decreased, because the features become
+        # more accurate near the goal.
         if self._margin is None or size < RENEWAL_RATIO * self._error_size:
             self._error_size = size
             # The accuracy is estimated from the same images as the offset, so that both belong to

@@ -30,7 +30,7 @@ class RunDiagnosis(ABC):
 
     @abstractmethod
     def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome | None:
-        """Add one image to the evidence and return its outcome, or None if there is no finding.
+        """Add one image to the evidence; return an outcome, or None if there is no finding.
 
         The next diagnosis in the order is called only if this one returns None.
         """

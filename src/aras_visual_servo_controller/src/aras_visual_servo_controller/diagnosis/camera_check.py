@@ -22,14 +22,15 @@ class CameraCheck:
     are 1. The scales of the three translations are equal, but not 1 if the depth is wrong; a wrong
     depth is not a fault. A wrong focal length, mounting or distortion gives different scales. The
     fit uses all images of the run. Each row of its linear system is a sum over up to
-    MAX_IMAGES_PER_ROW images, so that also a slow motion exceeds the noise.
+    MAX_IMAGES_PER_ROW images, so that even a slow motion exceeds the noise.
 
     Measured on the simulated arm with a correct camera model: the fit leaves 0.06 % of the squared
-    motion of the features unexplained for moments and 1.6 % for points. On a loaded machine it is
-    2.7 % for points, which is 0.4 tolerances per image. No two scales differ by more than both 0.04
-    and 2.4 standard deviations. With 0.9 times the true focal length, the scales differ by 0.10 (11
-    standard deviations) if the camera descends by a centimetre and also moves sideways. If it does
-    only one of the two, a wrong focal length cannot be distinguished from a wrong depth.
+    motion of the features unexplained for moments and 1.6 % for points. On a loaded machine, 2.7 %
+    remain unexplained for points; this corresponds to 0.4 tolerances per image. No two scales
+    differ both by more than 0.04 and by more than 2.4 standard deviations. With 0.9 times the true
+    focal length, the scales differ by 0.10 (11 standard deviations) if the camera descends by a
+    centimetre and also moves sideways. If the camera makes only one of these two motions, a wrong
+    focal length cannot be distinguished from a wrong depth.
 
     The target's own motion that a scheme reports (`SchemeOutput.error_drift`) is subtracted first.
     A wrong camera model is reported only if the residuals of successive rows are correlated. Their
@@ -47,15 +48,16 @@ class CameraCheck:
     smaller weight.
     """
 
-    # Predicted motion of the features in one row of the fit, in tolerances. With less motion, noise
-    # and joint friction would dominate.
+    # Predicted motion of the features that completes one row of the fit, in tolerances. With less
+    # motion, noise and joint friction would dominate the row.
     MIN_ROW = 3.0
-    # Largest number of images per row of the fit. If the motion in so many images is smaller than
-    # MIN_ROW, the images are discarded, because their motion may be the target's own.
+    # Largest number of images per row of the fit. If the features move by less than MIN_ROW in so
+    # many images, these images are discarded, because the target itself may have moved.
     MAX_IMAGES_PER_ROW = 4
     MIN_PATH = 40.0  # predicted motion of the features before the first decision, in tolerances
-    # A camera model is wrong if the residual of a fit is larger than MAX_MISFIT_PART and
-    # MIN_MISFIT. The fit has one factor on all translations, which stands for a wrong depth.
+    # One factor on all translations, which accounts for a wrong depth, is fitted to the motion of
+    # the features. The camera model is wrong if the residual of this fit exceeds both
+    # MAX_MISFIT_PART and MIN_MISFIT.
     MAX_MISFIT_PART = 0.04  # residual as a fraction of the squared motion
     MIN_MISFIT = 1.5  # rms residual, in tolerances per image
     # A wrong camera model is reported only if the residuals of successive rows of the fit have at
@@ -78,9 +80,9 @@ class CameraCheck:
     SHAKING_FACTOR = 0.3
     # Fraction of an image period in which a joint may still move at its previous speed.
     LATE_PART = 0.25
-    # The mean of the L of two images is used only if the difference between both L changes the
-    # predicted motion by less than this fraction. For six moments and rotations near 180 degrees
-    # the change is 0.5 to 2 times the predicted motion, and the mean L leaves a third of the motion
+    # The mean L of two images is used only if the predictions by the two L differ by less than this
+    # fraction of the predicted motion. For six moments and rotations near 180 degrees, they differ
+    # by 0.5 to 2 times the predicted motion, and the mean L leaves a third of the motion
     # unexplained.
     MAX_L_CHANGE = 0.3
 
@@ -104,7 +106,7 @@ class CameraCheck:
         self._fault: str | None = ""
 
     def interrupt(self) -> None:
-        """Reset the comparison with the previous image, because an image had no measurement."""
+        """Forget the previous image, because the image after it had no measurement."""
         self._last_measurement = self._joints = self._last_row = None
 
     def add(
@@ -187,10 +189,10 @@ class CameraCheck:
         L: np.ndarray,
         tolerances: np.ndarray,
     ) -> float:
-        """Return an upper bound of the feature motion due to joint motion between the joint states.
+        """Return an upper bound of the feature motion that the joint speeds do not explain.
 
-        The joint speeds at the two images do not explain this motion. The bound is in tolerances of
-        the features.
+        Between two images, a joint may move differently than its speeds at these images predict.
+        The bound is in tolerances of the features.
 
         Args:
             before, now: joint positions and velocities at the previous and at the present image.
@@ -316,7 +318,7 @@ def _fit_scales(
     expected, damped = np.ones(6), normal.copy()
     for i in range(6):
         expected[i] = depth if i < 3 else 1.0
-        damped[i, i] += 0.1  # without motion in a direction, its scale stays as expected
+        damped[i, i] += 0.1  # in a direction without motion, the scale keeps its expected value
     spread = _invert(damped)
     scale, left, misfit = np.zeros(6), square, square
     for i in range(6):
@@ -414,9 +416,9 @@ def _predict_motion(
 
 @jit("f8[:], f8[:], f8[:], f8[:], f8, f8, f8[:,:], f8[:,:], f8[:]", allocates=False)
 def _compute_unexplained(q_before, v_before, q, v, dt, late, jacobian, L, tolerances):
-    """Return the largest feature motion due to joint motion that the joint speeds do not explain.
+    """Return the largest feature motion that the joint speeds do not explain, in tolerances.
 
-    The result is in tolerances of the feature.
+    A joint may move differently between two images than its speeds at these images predict.
 
     Args:
         q_before, q: (n,) joint positions at two images.

@@ -18,15 +18,16 @@ from .advice import suggest_longer_watchdog
 from .base import DIAGNOSES, ORDER
 from .evidence import Evidence
 
-# While the arm servoes, a new kind of outcome replaces the reported one only after it has been
-# found for at least STEADY_TIME, s. This holds if both kinds are in WHILE_SERVOING.
+# During servoing, an outcome of another kind replaces the reported one only after it has been found
+# for at least STEADY_TIME, s. The outcome 'running' is replaced at once. The delay applies only
+# between the kinds in WHILE_SERVOING.
 STEADY_TIME = 1.0
 WHILE_SERVOING = (
     "running", "target_moves", "wrong_camera_model", "gain_too_high", "joint_limit", "singular",
     "local_minimum", "camera_retreat", "out_of_reach", "saturation", "too_noisy", "no_progress",
     "wrong_object",
 )  # fmt: skip
-# Stops by the watchdog are forgotten after this time without a further stop, s.
+# Stops by the watchdog are forgotten if no further stop follows within this time, s.
 RECOVERY_TIME = 10.0
 
 

@@ -42,8 +42,8 @@ class Evidence:
         last_touched_borders: image borders that the target touched last, as text.
         measured_stamp: stamp of the last image for which the scheme computed a task, s; None before
             the first.
-        is_running_away: whether the features have just moved so far that only a motion of the
-            target can explain it.
+        is_running_away: whether the features have just moved farther than any camera motion
+            explains, so that the target itself must have moved.
         error: (k,) error of the latest image, in tolerances.
         tolerances: (k,) tolerances of the scheme.
         is_angle: (k,) whether each component is an angle, which may wrap.
@@ -77,7 +77,7 @@ class Evidence:
         self.is_oscillation_fast = False
 
     def interrupt(self) -> None:
-        """Reset the comparison with the previous image, because an image had no measurement."""
+        """Forget the previous images, because the latest image had no measurement."""
         self.progress_check.clear()
         self.target_check.interrupt()
         self.motion_check.interrupt()
@@ -141,7 +141,7 @@ class Evidence:
         )
 
     def add_advice(self, candidate: Outcome) -> Outcome:
-        """Return an outcome of an unsuccessful run with further findings and a specific remedy."""
+        """Add further findings and a specific remedy to the outcome of an unsuccessful run."""
         if candidate.kind in ("camera_retreat", "local_minimum", "singular"):
             candidate = replace(
                 candidate, remedy=suggest_scheme(candidate, self.run_context.scheme)

@@ -36,7 +36,7 @@ class GainCheck:
         """
         self._duration, self._oscillation = duration, OscillationCheck()
         self._scheme: Scheme | JointController | None = None
-        # mean time since the exposure of an image, plus half an image period, s
+        # running mean of the age of the images, plus half an image period, s
         self._mean_age: float | None = None
         self._last_stamp: float | None = None  # stamp of the last image, s
         self._last_oscillation: tuple[float, Outcome] | None = None

@@ -20,8 +20,8 @@ class JointCheck:
     """
 
     SPAN = 1.5  # duration over which joint states are evaluated, s
-    # If the loop waits for any joint in more than this fraction of the images, each joint that the
-    # loop has waited for lags.
+    # If the loop waits for any joint in more than this fraction of the images, all joints for which
+    # it has waited count as lagging.
     MAX_WAITING_PART = 0.6
     # If the loop waits in a smaller fraction of the images than MAX_WAITING_PART, a joint lags
     # under two conditions: the loop waits for the joint in more than MIN_WAITING_PART of the
@@ -43,7 +43,7 @@ class JointCheck:
 
         Args:
             names: names of the n joints.
-            lengths: (n,) unit of each joint: the joint motion that counts as much as 1 rad or 1 m.
+            lengths: (n,) unit in which the motion of each joint is measured, rad or m.
         """
         self._names, self._lengths = tuple(names), np.asarray(lengths, float)
         self._samples = RecentErrors()

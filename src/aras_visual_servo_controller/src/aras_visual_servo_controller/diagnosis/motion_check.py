@@ -27,9 +27,9 @@ MIN_MOTION_RATIO = 0.2
 # The scheme is wrong if the unexplained steps of its features exceed those of the target's centre
 # by this factor, both in tolerances.
 SCATTER_FACTOR = 50.0
-# The measured motion of the target's centre is compared with its prediction whenever the predicted
-# motion reaches this, in tolerances. The limit is small, because a camera that moves in a wrong
-# direction loses its target within 0.2 s.
+# The motion of the target's centre is added up until its prediction reaches this, in tolerances;
+# then the measured and the predicted sum are compared. The limit is small, because a camera that
+# moves in a wrong direction loses its target within 0.2 s.
 CENTRE_MIN_ROW = 3.0
 # The scheme's L is wrong if the features contradict the camera's motion, but the measured and
 # predicted motion of the target's centre have at least this correlation.
@@ -59,7 +59,7 @@ class MotionCheck:
         self._centre_check = StepCheck(CENTRE_MIN_ROW) if is_user_scheme else None
 
     def interrupt(self) -> None:
-        """Reset the comparison with the previous image, because an image had no measurement."""
+        """Forget the previous image, because the image after it had no measurement."""
         self.step_check.interrupt()
         if self._centre_check is not None:
             self._centre_check.interrupt()
@@ -139,9 +139,9 @@ class MotionCheck:
 
     @property
     def is_interaction_wrong(self) -> bool:
-        """Return whether the target's centre moves as predicted from the camera's motion.
+        """Return whether a wrong L explains that the features contradict the camera's motion.
 
-        If the features contradict the camera's motion at the same time, the scheme's L is wrong.
+        This is the case if the target's centre moves as predicted from the camera's motion.
         """
         centre = self._centre_check
         return (

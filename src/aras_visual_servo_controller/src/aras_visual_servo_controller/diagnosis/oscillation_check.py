@@ -20,7 +20,7 @@ class OscillationCheck:
     often.
     """
 
-    # Durations of the error that are searched for oscillations, s. A delay of 0.4 s causes
+    # Lengths of the time spans in which an oscillation is searched for, s. A delay of 0.4 s causes
     # oscillations with periods of 1.6 to 3 s.
     SPANS = (2.0, 5.0, 12.0)
     # number of images between two searches for an oscillation, for each of SPANS
@@ -150,7 +150,7 @@ def _find_dominant_wave(stamps, error, near_frequency):
 
 @jit("f8[:,:]")
 def _find_largest_error(errors):
-    """Return the column of errors (m, k) with the largest range in its second half."""
+    """Return the index of the error component (m, k) whose second half has the largest range."""
     largest, largest_range = 0, -1.0
     for column in range(errors.shape[1]):
         late = errors[len(errors) // 2 :, column]

@@ -50,23 +50,23 @@ REACTION_TIME = 0.06
 OFFSET_FACTORS = 1.7, 1.4
 # Factor on the standard deviation of corners and pixels, whose errors have longer tails than a
 # normal distribution. Measured on 949 pairs of rendered views: with this factor, 0.8 % of the
-# offsets by corners exceed the 99.7 % bound, by a factor of at most 1.2. A factor of 1.25 would
-# reduce this to 0.1 % of the offsets, but widen the bound by a seventh.
+# offsets that are measured with corners exceed the 99.7 % bound, at most by a factor of 1.2. A
+# factor of 1.25 would reduce this to 0.1 % of the offsets, but widen the bound by a seventh.
 TAIL_FACTOR = 1.1
 Z_997 = 2.748  # 99.7 % quantile of a normal distribution
-# Part of the standard deviation of one image that averaging does not remove, because the clipping
+# Averaging does not remove this part of the standard deviation of one image, because the clipping
 # of noise at black and white shifts the measurement. Measured with corners and markers, averaged
-# over 25 images with a noise of 5 grey levels. Independent noise would leave an error of 0.2
-# standard deviations of one image. The error is at least twice as large in a quarter of the cases,
-# and at least four times as large in one case of twenty.
+# over 25 images with a noise of 5 grey levels: independent noise would leave an error of 0.2
+# standard deviations of one image. The measured error is at least 0.4 standard deviations in a
+# quarter of the cases, and at least 0.8 in one case of twenty.
 SYSTEMATIC_PART = 0.25
 # A direction of camera motion is not measured if its singular value of L is below this fraction of
 # the largest one.
 RANK_TOLERANCE = 1e-6
 # Largest offset of the camera for which the linearisation by L is valid: translation as a fraction
 # of the depth, rotation in rad. A direction that is known less accurately is treated as not
-# measured. For example, a small plate looks the same from two sides; there, an estimated offset of
-# 0.08 was 0.19 in truth.
+# measured. For example, a small plate looks the same from two sides: the true offset of the camera
+# was 0.19 when the estimate was 0.08.
 MAX_LINEAR_OFFSET = 0.05
 # Largest standard deviation of the camera's offset between single images, in the same units as
 # MAX_LINEAR_OFFSET. The limit is larger than MAX_LINEAR_OFFSET, because the mean over several
@@ -321,7 +321,7 @@ class ArrivalMargin:
         return 1.0 / max(offsets.count - 1, 1) + self._systematic_part**2
 
     def _bound_unseen_motion(self) -> tuple[float, float]:
-        """Bound the camera's motion along unmeasured directions: distance, m, and angle, rad."""
+        """Return bounds of the camera's motion along unmeasured directions, m and rad."""
         if not len(self._unseen_directions):
             return 0.0, 0.0
         distance, angle = (
@@ -497,9 +497,10 @@ def _get_centre(goal: Goal) -> np.ndarray:
 
 
 def _format_size(distance: float, angle: float, depth: float = DEFAULT_DEPTH) -> str:
-    """Format the more important of a distance (m) and an angle (rad): '0.4 mm' or '0.5 degrees'.
+    """Format a distance (m) or an angle (rad), such as '0.4 mm' or '0.5 degrees'.
 
-    Return an empty text if both are negligible.
+    The text contains the one that is larger relative to its NEGLIGIBLE_UNCERTAINTY. It is empty if
+    both are negligible.
     """
     parts = distance / (NEGLIGIBLE_UNCERTAINTY[0] * depth), angle / NEGLIGIBLE_UNCERTAINTY[1]
     if max(parts) <= 1.0:

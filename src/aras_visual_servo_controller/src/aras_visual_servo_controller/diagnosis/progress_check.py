@@ -31,18 +31,19 @@ SLOW_PROGRESS = 0.98
 # A cause of missing progress is reported if at least this fraction of the images in WINDOW shows
 # it.
 MIN_IMAGE_PART = 0.6
-# The error is too noisy to show whether the camera is at its goal if its scatter from image to
-# image exceeds both MIN_NOISE and MIN_NOISE_PART.
+# If the scatter of the error from image to image exceeds both MIN_NOISE and MIN_NOISE_PART, the
+# error is too noisy to show whether the camera is at its goal.
 MIN_NOISE = 1.0  # scatter from image to image, in tolerances
 MIN_NOISE_PART = 0.5  # scatter from image to image, as a fraction of the total scatter
-FULL_SPEED = 0.99  # a joint limits the motion if all velocities are multiplied by less than this
+FULL_SPEED = 0.99  # a joint limits the motion if its limits scale all velocities by less than this
 # The run needs more time if a joint limits the motion in more than this fraction of its images.
 MIN_SLOWED_PART = 0.3
 # smallest commanded camera speed that is evaluated, in depths of the target per second
 MIN_SPEED = 1e-3
-# a motion is infeasible if the arm cannot execute more than this part of the twist
+# a motion is infeasible if the arm loses more than this part of the desired twist
 MAX_LOST_PART = 0.3
-ROTATION_WEIGHT = 0.5  # translation that counts as much as 1 rad/s, in target depths per second
+# speed that counts as much as a rotation at 1 rad/s, in target depths per second
+ROTATION_WEIGHT = 0.5
 # The camera is in a local minimum if, according to L, no camera motion reduces the error by at
 # least this fraction.
 MIN_EXPLAINED_PART = 0.1
@@ -108,8 +109,8 @@ class ProgressCheck:
         self._window: deque[_ServoedImage] = deque()
         self._duration = duration
         self._image_count = self._slowed_count = 0
-        # Time (s) and size of the error (in tolerances), at the first image and at the last image
-        # at which a limit reduced the velocity.
+        # Time (s) of an image and size of its error (in tolerances): `_first` for the first image,
+        # `_last_slowed` for the last image at which a limit reduced the velocity.
         self._first: tuple[float, float] | None = None
         self._last_slowed, self._limiting_joint = (0.0, 0.0), ""
 
@@ -196,13 +197,13 @@ class ProgressCheck:
     def noise(self) -> float:
         """Return the scatter of the largest error component from image to image, in tolerances.
 
-        Return 0 if the scatter is small, or if it is not noise.
+        Return 0 if the scatter is small, or if a motion or an oscillation causes it.
         """
         return _estimate_noise(self._window)
 
     @property
     def _halves(self) -> tuple[float, float]:
-        """Return the mean error of the first and of the second half, in tolerances."""
+        """Return the mean errors in the first and the second half of WINDOW, in tolerances."""
         images = list(self._window)
         half = len(images) // 2
         before, after = (
@@ -234,7 +235,7 @@ class ProgressCheck:
         linear=True))  # fmt: skip
 
     def explain_timeout(self, reason: str) -> Outcome:
-        """Return the outcome of a run whose time is over, from its last images.
+        """Return the outcome of a run that has reached its time limit, from its last images.
 
         Args:
             reason: reason of the present outcome.
@@ -294,7 +295,7 @@ def _compute_speed(twist: np.ndarray, depth: float) -> float:
 def _estimate_noise(images: Sequence[_ServoedImage]) -> float:
     """Return the scatter of the largest error component from image to image, in tolerances.
 
-    Return 0 if the scatter is small, or if it is not noise.
+    Return 0 if the scatter is small, or if a motion or an oscillation causes it.
     """
     if len({len(s.error) for s in images}) != 1 or len(images) < 10:
         return 0.0
@@ -330,7 +331,7 @@ def _describe_accuracy(images: Sequence[_ServoedImage]) -> str:
 
 
 def _find_limit(images: Sequence[_ServoedImage]) -> Outcome | None:
-    # Lists are faster than generators here, which would take a call for each image.
+    # List comprehensions are used, because generators would need a call for each image.
     stopped = [s.ik_solution.stopped_joints for s in images
                if s.ik_solution is not None and s.ik_solution.stopped_joints]  # fmt: skip
     if not images or len(stopped) < MIN_IMAGE_PART * len(images):

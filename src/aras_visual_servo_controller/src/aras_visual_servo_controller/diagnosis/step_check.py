@@ -48,11 +48,11 @@ class StepCheck:
     Attributes:
         jumps: jumps of the error within the last JUMP_WINDOW seconds.
         first_jump: first jump of the run; None if there was none.
-        unchanged_since: time since which the error has been exactly the same although the camera's
-            motion should have changed it by MIN_PREDICTED_MOTION tolerances, s; None if the error
+        unchanged_since: time at which the error stopped changing although the camera's motion
+            should have changed it by MIN_PREDICTED_MOTION tolerances, s; None while the error
             changes.
-        occluded_since: time since which a part of the target inside the image has been invisible,
-            s; None if no part is hidden.
+        occluded_since: time at which a part of the target inside the image became invisible, s;
+            None if no part is hidden.
         has_drift: whether the features have moved steadily while the camera was at rest.
         names: (k,) names of the features.
         next_region: ranges of x and y, normalised, in which the target may be in the next image;
@@ -62,8 +62,9 @@ class StepCheck:
 
     # The error jumps repeatedly if it has jumped FREQUENT_JUMPS times within JUMP_WINDOW seconds.
     JUMP_WINDOW, FREQUENT_JUMPS = 2.0, 4
-    # A step of the error between two images is a jump if it exceeds MIN_JUMP tolerances, and
-    # JUMP_FACTOR times both the step explained by the camera's motion and the typical step.
+    # A step of the error between two images is a jump if it exceeds MIN_JUMP tolerances and is more
+    # than JUMP_FACTOR times as large as the typical step and as the step explained by the camera's
+    # motion.
     MIN_JUMP, JUMP_FACTOR = 20.0, 8.0
     STEP_MEMORY = 0.9  # weight of the old value in the running means of the steps
     # `unchanged_since` is set if the error has not changed in UNCHANGED_IMAGES images although the
@@ -77,7 +78,7 @@ class StepCheck:
     RECENT_IMAGES = 5
     # The features drift although the camera is at rest if their motion exceeds MIN_DRIFT
     # tolerances, and if a steady drift explains more than MIN_DRIFT_PART of the squared steps.
-    # (Noise in n images gives 1/n.)
+    # For noise in n images, this part is only about 1/n.
     MIN_DRIFT, MIN_DRIFT_PART = 2.5, 0.7
     MAX_REST_MOTION = 0.05  # largest predicted motion of a camera at rest, in tolerances
     # Smallest and largest number of images in which a drift of the features is searched for while
@@ -101,7 +102,7 @@ class StepCheck:
         """Create the check.
 
         Args:
-            min_row: predicted motion of a row, in tolerances, see MIN_ROW.
+            min_row: predicted motion that completes a row, in tolerances; see MIN_ROW.
         """
         self._min_row = min_row
         self.jumps: deque[Jump] = deque(maxlen=self.FREQUENT_JUMPS)
@@ -139,7 +140,7 @@ class StepCheck:
         self._row = np.zeros((2, 0))
 
     def interrupt(self) -> None:
-        """Reset the comparison with the previous image, because an image had no measurement."""
+        """Forget the previous image, because the image after it had no measurement."""
         self._last_measurement = None
 
     @property
@@ -153,8 +154,8 @@ class StepCheck:
         whole = rest = predicted = 0.0
         for step in self._steps:
             whole, rest, predicted = whole + step[0], rest + step[1], predicted + step[2]
-        # An error of the camera's mounting could explain a smaller motion of the features by the
-        # camera's motion.
+        # If the features move less, the camera's motion could explain their motion with a wrong
+        # mounting of the camera.
         return rest / whole if whole > max(self.MIN_JUMP, self.JUMP_FACTOR * predicted) else 0.0
 
     @property

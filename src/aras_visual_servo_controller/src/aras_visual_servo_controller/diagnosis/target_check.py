@@ -155,7 +155,7 @@ class TargetCheck:
     # ROW_PERIOD, and the sum over a group has no more noise than one row.
     ROWS_PER_SUM = (1, 3, 6, 12)
     # A motion of the target is fitted only if the rms residual for a target at rest exceeds this,
-    # in tolerances, for each number of rows in a group.
+    # in tolerances. There is one value for each number in ROWS_PER_SUM.
     MIN_RESIDUAL = (0.3, 0.3, 0.3, 0.15)
     MIN_SUMMED_NUMBERS = 12  # smallest number of values in a fit if rows are summed in groups
     # An oscillation of the target is fitted only to rows that cover at least this time, s.
@@ -166,12 +166,12 @@ class TargetCheck:
     # The residual for a moving target also has to be less than this fraction of the residual for a
     # wrong camera model.
     MAX_CAMERA_PART = 0.5
-    # Smallest factor on the camera's translations that a wrong depth can explain. With a smaller
-    # factor, the camera follows the moving target.
+    # Smallest factor on the camera's translations that a wrong depth can explain. A smaller factor
+    # shows that the camera follows a moving target.
     MIN_DEPTH_FACTOR = 0.3
-    # A wrong camera model is also fitted if the ratio of measured to predicted squared motion lies
-    # between MIN_MOTION_PART and 1 / MIN_MOTION_PART. The camera may then move in another direction
-    # than predicted.
+    # A wrong camera model is also fitted if the features have moved about as far as predicted: if
+    # the ratio of measured to predicted squared motion is between MIN_MOTION_PART and 1 /
+    # MIN_MOTION_PART. The camera may then have moved in another direction than predicted.
     MIN_MOTION_PART = 0.2
     # Smallest scale of the translation along or the rotation about an axis that a wrong camera
     # model can explain. A scale of 0.5 corresponds to a focal length that is wrong by a factor of
@@ -203,7 +203,7 @@ class TargetCheck:
         return bool(self._motion_text)
 
     def interrupt(self) -> None:
-        """Reset the comparison with the previous image, because an image had no measurement."""
+        """Forget the previous image, because the image after it had no measurement."""
         self._last_measurement = None
         self._start_row()
 
@@ -348,7 +348,8 @@ class TargetCheck:
         span = time[-1]
         if span < self.MIN_OSCILLATION_SPAN:
             return ""
-        # The effects of the depth and of a constant twist are removed once for all frequencies.
+        # The effects of the depth and of a constant twist do not depend on the frequency, so they
+        # are removed before the frequencies are tested.
         base = np.linalg.qr(columns)[0]
         feature_motion = feature_motion - base @ (base.T @ feature_motion)
         min_residual, best_frequency = np.inf, 0.0
@@ -426,8 +427,9 @@ def _add_step(
 def _compute_mixed_effects(row: _Row) -> np.ndarray:
     """Return the feature motions (k, 18) due to camera motions along wrong axes.
 
-    Nine columns are the feature motions if the camera's translation along one of the three axes
-    acted along one of the three axes. Nine more columns are those for rotations.
+    There is a column for each of the nine pairs of axes: the feature motion if the camera's
+    translation along the first axis acted along the second axis. Nine more columns are for
+    rotations.
     """
     return np.hstack([
         (row.L[:, first : first + 3, None] * row.motion[first : first + 3]).reshape(-1, 9)
@@ -438,9 +440,9 @@ def _compute_mixed_effects(row: _Row) -> np.ndarray:
 def _fit_camera(columns: np.ndarray, feature_motion: np.ndarray, min_factor: float) -> float:
     """Return the squared motion of the features that a wrong camera model does not explain.
 
-    With a wrong camera model, a camera motion along one axis may act along any other axis. It has
-    to move the features at least `min_factor` times as far as predicted. If they move less, the
-    camera follows the target.
+    With a wrong camera model, a camera motion along one axis may act along any other axis. Such a
+    motion has to move the features at least `min_factor` times as far as predicted. If the features
+    move less, the camera follows a moving target.
 
     Args:
         columns: (n, 18) effects of the camera's motion, see `_compute_mixed_effects`.

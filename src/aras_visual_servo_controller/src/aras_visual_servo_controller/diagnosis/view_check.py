@@ -40,15 +40,15 @@ MAX_PLACE_DIFFERENCE = 4e-3
 # A direction of camera motion is not measured if a motion of this size changes no feature by more
 # than its tolerance. Translation as a fraction of the depth, rotation in rad.
 UNSEEN_MOTION = 0.05
-# The target's position and size in the image show a camera motion that the features do not measure
-# only if they change by at least this fraction of the motion.
+# The features do not measure some camera motions. The target's position and size in the image show
+# such a motion if they change by at least this fraction of it.
 MIN_SHOWN_PART = 0.05
 SHAPE_NUMBERS = 7  # number of second- and third-order moments, which describe the shape
 PLACE_FEATURES = ("xg", "yg", "area")  # features of the target's position and size
 
 
 class ViewCheck:
-    """Comparison of the goal with the mean view of the images of an arrival."""
+    """Comparison of the goal with the mean of the images that show an arrival."""
 
     def __init__(self) -> None:
         self._views = RecentErrors()
@@ -97,10 +97,10 @@ class ViewCheck:
 
         Args:
             observation: observation of the present image.
-            L: (k, 6) interaction matrix of the features divided by their tolerances, for scaled
-                rotations (rad times the target's depth).
-            covariance: (6, 6) covariance of the camera's offset from the goal, with scaled
-                rotations.
+            L: (k, 6) interaction matrix of the features, in units of their tolerances. Rotations
+                are scaled: they are in rad times the target's depth.
+            covariance: (6, 6) covariance of the camera's offset from the goal, with rotations
+                scaled in the same way.
             depth: depth of the target at the goal, m.
         """
         rows = [
@@ -241,8 +241,8 @@ def _normalise_moments(moments: Moments, order: int) -> np.ndarray:
     """Return the scale-free central moments (order + 1,) of one order."""
     moments.mu(order, 0)  # raises an error if the order of the moments is too low
     scale = moments.m00 ** (1.0 + 0.5 * order)
-    # The moments (order, 0), (order - 1, 1), ... are on a diagonal of the table with its rows
-    # reversed.
+    # The moments (order, 0), (order - 1, 1), ... are on an anti-diagonal of the array `centred`.
+    # Reversing the order of the rows makes it a diagonal.
     return moments.centred[order::-1, : order + 1].diagonal() / scale
 
 

@@ -21,7 +21,7 @@ from ..observation.observation import Need, Observation
 
 # Rounding error of a rotation by pi, rad. An angle this close to -pi is treated as +pi.
 HALF_TURN_TOLERANCE = 1e-6
-NEAR_HALF = 0.375  # an angle is close to half a turn above this fraction of its period
+NEAR_HALF = 0.375  # an angle above this fraction of its period is close to half a turn
 
 
 class DepthFraction(float):
@@ -93,8 +93,8 @@ class Feature(ABC):
         directions: (6,) whether the feature controls each of the camera directions vx ... wz. The
             arm's kinematics hold the others constant.
         weights: (k,) weight of each component in the least squares; None if all are equal.
-        is_geometric: whether s follows from the image positions of the target's points. The output
-            of a network does not, so a deviation from L does not indicate a camera error.
+        is_geometric: whether s follows from the image positions of the target's points. If so, a
+            deviation from L indicates a camera error. False for the output of a network.
         is_stackable: whether the feature can be combined with others in a Stack. False if it has an
             error_summary, because the law then uses other numbers than those that are compared with
             the tolerances.
@@ -113,7 +113,7 @@ class Feature(ABC):
     weights: np.ndarray | None = None
 
     def __init_subclass__(cls, **options: Any) -> None:
-        """Use the name of the class as the name of the subclass, unless it defines its own."""
+        """Set `name` to the name of the class, unless the subclass defines another name."""
         super().__init_subclass__(**options)
         if not cls.name or cls.name == cls.__base__.__name__:
             cls.name = cls.__name__

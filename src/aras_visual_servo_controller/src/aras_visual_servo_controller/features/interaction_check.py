@@ -159,13 +159,13 @@ def check_interaction_matrix(
         world_T_camera: (4, 4) or (p, 4, 4), optical frame at which L is checked, in the world. The
             default is three views, tilted by 14 degrees, 5 to 9 cm from the goal, and turned.
         goal: goal. By default it is taught 0.3 m above the hexagon.
-        step: half the motion between the two views of a difference, in depths or rad.
+        step: motion from the pose to each of the two views of a difference, in depths or rad.
         tolerance: largest relative error of a row. Finite differences of exact observations are
             correct to about 1e-6; differences of images need a larger `step` and `tolerance`.
 
     Returns:
-        The check: the relative `errors` of the rows, and all values of both matrices. Printed, it
-        lists the rows and the worst entry.
+        The check: the relative `errors` of the rows, and all values of both matrices. When printed,
+        the check lists the rows and the worst entry.
 
     Raises:
         InteractionMatrixError: a row is wrong; the message names the row, the column, both values
@@ -226,7 +226,7 @@ def _compute_both(
         observe: function that returns the observation at a pose.
         pose: (4, 4) world_T_camera.
         goal: goal of the feature.
-        motions: (6,) half the motion between the two views of a difference, m and rad.
+        motions: (6,) motion from the pose to each of the two views of a difference, m and rad.
         step: the same motion in the units of the differences (depth and rad).
     """
     here = feature.measure(observe(pose), goal)

@@ -21,7 +21,7 @@ effects on the closed loop.
   columns.
 - A camera that approaches the target enlarges the target's image and moves it away from the
   principal point, which also changes k0 and k1. With the exponent -2, both effects add up to
-  exactly xc J00 and yc J11.
+  exactly xc J00 and yc J11, where (xc, yc) is the principal point.
 - Kernel units are converted to metres by depth and focal length, so that the gain is a rate in 1/s.
   The original integrated over 0.01 s independently of the elapsed time, with gains of 200 and 0.01,
   which correspond to time constants of 5 s in translation and minutes in rotation.
@@ -53,8 +53,8 @@ class Kernel(Feature):
             of pixels changes the angle of a nearly square target by 0.03 rad between two images, so
             that the camera would tremble at full gain.
         max_pixel_ratio: largest accepted ratio of the number of counted pixels to the number of the
-            target's pixels. The original's threshold of 250 counts every pixel that is not white as
-            part of the target.
+            target's pixels. The count can be too large, because the original's threshold of 250
+            assigns every pixel that is not white to the target.
     """
 
     needs = frozenset((Need.KERNEL,))
@@ -139,8 +139,8 @@ def _compute_interaction(J: np.ndarray, K: np.ndarray, depth: float) -> np.ndarr
     fx, fy = K[0, 0], K[1, 1]
     # The kernels count pixels from 1, the camera matrix K counts pixels from 0.
     row_centre, column_centre = (K[1, 2] + 1.0) * DELTA_X, (K[0, 2] + 1.0) * DELTA_Y
-    # `across` is the ratio of the pixel sizes, rows by columns, in units of the kernel (DELTA_X by
-    # DELTA_Y) divided by normalised coordinates (1 / fy by 1 / fx).
+    # Along the kernel's x and y, a pixel measures DELTA_X and DELTA_Y in kernel units, and 1 / fy
+    # and 1 / fx in normalised coordinates. `across` is the scale factor of x divided by that of y.
     across = (fy * DELTA_X) / (fx * DELTA_Y)
     L = np.zeros((4, 6))
     # The kernel's x is along the optical y axis and its y along the optical x axis. Therefore a

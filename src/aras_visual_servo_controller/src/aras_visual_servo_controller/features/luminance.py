@@ -35,8 +35,8 @@ GREY_NOISE = 0.2
 # same error, so the error does not average out over the image.
 NEIGHBOUR_FACTOR = 3.5
 SYMMETRY_ORDERS = (8, 7, 6, 5, 4, 3, 2)  # orders of the image's rotational symmetry that are tested
-MAX_DEPTH = 500.0  # largest depth of the plane that is evaluated, in units of the goal's distance
-MIN_OVERLAP = 0.3  # smallest part of the image that is visible before and after the rotation
+MAX_DEPTH = 500.0  # depths of the plane are limited to this, in units of the goal's distance
+MIN_OVERLAP = 0.3  # smallest part of the image that has to stay visible in a tested rotation
 BORDER = 10  # border of the image that is ignored, px, because new parts of the scene enter there
 # The image has too little texture if an eigenvalue of L^T L is below this fraction of the largest.
 EIGENVALUE_TOLERANCE = 1e-12
@@ -265,7 +265,7 @@ class LuminanceMap(Luminance):
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
         """Return the accuracy of s.
 
-        Because the rows of B have length 1, it equals the accuracy of a grey level.
+        The rows of B have length 1, so the accuracy of s equals that of a grey level.
         """
         return GREY_NOISE * np.eye(len(self._basis))
 

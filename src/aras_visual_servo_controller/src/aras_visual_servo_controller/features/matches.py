@@ -25,8 +25,8 @@ MIN_MATCHES = 8  # smallest number of matches that fit one homography
 MAX_REPROJECTION_ERROR = 3.0  # largest distance of a match from the homography, px
 # Offset of SIFT keypoints to the right and down, px, because SIFT first doubles the image.
 SIFT_OFFSET = 0.25
-# Largest depth of a match, in units of the goal's distance. A wrong match may be beyond the
-# horizon.
+# Depths of matches are limited to this, in units of the goal's distance, because a wrong match may
+# lie beyond the horizon of the plane.
 MAX_DEPTH = 500.0
 
 
@@ -36,8 +36,8 @@ class Matches(Luminance):
 
     Keypoints are detected by SIFT, or by ORB if `detector` is 'orb', in the image scaled down to at
     most `max_width` pixels. SIFT doubles the image first, so it works on up to 640 columns. Matches
-    that do not fit a common homography are rejected. As the number of matches changes between
-    images, their root mean square distance is compared with the tolerance.
+    that do not fit a common homography are rejected. The number of matches changes between images,
+    so their root mean square distance is compared with the tolerance.
     """
 
     names, tolerances, units = ("rms",), (0.001,), ("",)

@@ -32,17 +32,17 @@ from .base import FEATURES, Feature, FeatureMeasurement, get_plane
 
 # Goal and image have nearly the same measurement errors if they come from the same camera. The
 # difference of these errors is modelled as SHARED_PIXEL_ERROR (px) plus SHARED_DISTANCE_ERROR times
-# the mean distance of the points from the goal (px). On corners of targets that are 8 to 40 px wide
-# and 0.001 to 0.3 px from the goal, 0.0025 px and 0.15 were measured. Half of these values is
-# enough to bound the final errors of 120 runs.
+# the mean distance of the points from the goal (px). The measured values are 0.0025 px and 0.15,
+# for targets 8 to 40 px wide with corners 0.001 to 0.3 px from the goal. About half of these values
+# is used here, which is enough to bound the final errors of 120 runs.
 SHARED_PIXEL_ERROR, SHARED_DISTANCE_ERROR = 0.0012, 0.085
-# Model of the different errors that the corners in goal and image have even if both come from the
-# same camera. The deviation of the corners, estimated from the sides of the outline, is enlarged by
-# MIN_DEVIATION (px), because all points of a side along a row of pixels have the same error. The
-# sum is multiplied by DEVIATION_FACTOR times the square root of the distance of the points from the
-# goal (px, at least MIN_DISTANCE). The model was fitted to the final offsets of 183 runs without
-# noise, on outlines of 10 to 240 px: the rms of the camera's offset is equal to the estimate, and
-# its median is 0.54 of it.
+# Model of the difference between the corner errors in goal and image, which are not equal even if
+# both come from the same camera. The deviation of the corners, estimated from the sides of the
+# outline, is enlarged by MIN_DEVIATION (px), because all points of a side along a row of pixels
+# have the same error. The sum is multiplied by DEVIATION_FACTOR times the square root of the
+# distance of the points from the goal (px, at least MIN_DISTANCE). The model was fitted to the
+# final offsets of 183 runs without noise, on outlines of 10 to 240 px: the rms of the camera's
+# offset equals the estimate, and the median of the offset is 0.54 times the estimate.
 DEVIATION_FACTOR, MIN_DISTANCE, MIN_DEVIATION = 1.13, 0.002, 0.008
 TOLERANCE = 0.001  # error in normalised coordinates: 0.1 px for f = 100 px, or 0.2 mm at 0.2 m
 

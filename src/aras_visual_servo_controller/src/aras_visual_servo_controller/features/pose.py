@@ -227,7 +227,8 @@ def estimate_planar_pose(object_points: np.ndarray, points: np.ndarray) -> np.nd
     normal = np.cross(basis[0], basis[1])
     frame = np.column_stack([basis[0], basis[1], normal])
     U, _, Vt = np.linalg.svd(np.column_stack([H[:, 0], H[:, 1], np.cross(H[:, 0], H[:, 1])]))
-    R = U @ Vt @ frame.T  # R is a rotation, because the determinant of the columns is positive
+    # R is a rotation, because the decomposed matrix has a positive determinant
+    R = U @ Vt @ frame.T
     return refine_pose(R, H[:, 2] - R @ middle, object_points, points)
 
 

@@ -118,14 +118,14 @@ class RemoteCameraFeature(Feature):
 
 
 def check_controllability(features: Iterable[Feature], fixed_cameras: str) -> None:
-    """Raise an error for a feature of a fixed camera if the arm does not move its target either.
+    """Raise an error for a feature of a camera whose image does not depend on the arm.
 
     Args:
         features: features of the scheme.
-        fixed_cameras: name of the fixed camera.
+        fixed_cameras: name of a fixed camera whose target the arm does not move.
 
     Raises:
-        ConfigurationError: a feature is measured by the fixed camera.
+        ConfigurationError: a feature is measured by this camera.
     """
     for feature in features:
         if isinstance(feature, RemoteCameraFeature) and feature.camera == fixed_cameras:

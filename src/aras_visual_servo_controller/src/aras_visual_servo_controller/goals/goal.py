@@ -457,5 +457,5 @@ class Goal:
 
 @lru_cache(maxsize=8)
 def _parse_goal(text: str, where: str, name: str) -> Goal:
-    """Read a goal from the text of its file; the runs of a study read the same few texts."""
+    """Read a goal from the text of its file; cached, because the runs of a study share goals."""
     return Goal.from_mapping(parse_yaml(text, where, ConfigurationError), name)

@@ -26,8 +26,8 @@ from ..observation.observation import CAMERA
 from ..observation.target_geometry import TargetGeometry
 from .starts import PoseEntry, ThreeNumbers
 
-# If the sine of the angle between the line of sight and the target's plane is below this, the
-# camera views the plane edge-on, and the target is not visible.
+# The camera views the target's plane edge-on if the cosine of the angle between the optical axis
+# and the plane's normal is below this. Then the target is not visible.
 EDGE_ON_COSINE = 0.05
 MIN_DEPTH, MAX_DEPTH = 1e-3, 100.0  # smallest and largest distance between target and camera, m
 Matrix = tuple[float, float, float, float, float, float, float, float, float]

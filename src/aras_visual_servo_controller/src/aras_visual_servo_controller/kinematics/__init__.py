@@ -26,5 +26,6 @@ _PLACES = {
                     ".secondary_tasks"),
 }  # fmt: skip
 __all__ = sorted(_PLACES)
-if not TYPE_CHECKING:  # a type checker would accept any name of a module that has __getattr__
+# Type checkers must not see __getattr__: they accept any name of a module that has it.
+if not TYPE_CHECKING:
     __getattr__, __dir__ = lazy_exports(__name__, _PLACES)

@@ -17,7 +17,7 @@ def svd(a):
 
     r = min(m, n), which may be 0; the singular values are in descending order. The algorithm is
     one-sided Jacobi rotation (M. Hestenes, Inversion of matrices by biorthogonalization, 1958). If
-    a singular value is 0, its vector of length max(m, n) is 0.
+    a singular value is 0, its singular vector of length max(m, n) is 0.
 
     Raises:
         numpy.linalg.LinAlgError: an element is not finite.
@@ -30,7 +30,8 @@ def svd(a):
             if not abs(a[i, j]) < np.inf:
                 raise np.linalg.LinAlgError("a matrix that is not finite has no singular values")
             largest = max(largest, abs(a[i, j]))
-    # Invariant: rows = turn @ A, where A is a or its transpose, whichever has fewer rows, scaled.
+    # Invariant: rows = turn @ A. A is a or its transpose, whichever has fewer rows, divided by
+    # `largest`.
     rows, turn = np.zeros((r, length)), np.eye(r)
     if largest > 0.0:  # dividing by `largest` prevents overflow and underflow of squares
         for i in range(r):
@@ -241,7 +242,8 @@ def has_singular_values_above(a, bound):
 def are_finite(a, b, c):
     """Return whether all elements of three arrays (k,) are finite.
 
-    The product of 0 and an element is NaN if the element is not finite.
+    Each element is multiplied by 0, and the products are added: the sum is NaN if an element is not
+    finite.
     """
     total = 0.0
     for array in (a, b, c):

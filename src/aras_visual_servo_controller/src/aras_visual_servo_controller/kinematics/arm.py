@@ -334,10 +334,10 @@ def find_implausible_joint(q, velocities, lower, upper, max_speeds):
 def find_camera_path(tree: UrdfTree, base: str, camera_frame: str) -> list[Joint]:
     """Return the joints from the base to the camera's optical frame (z forward, x right, y down).
 
-    If `camera_frame` is a link, it is taken as the optical frame, unless it carries a camera sensor
-    and its name does not end in `_optical_frame`: then the optical frame follows from the pose of
-    the sensor. If the description lacks a frame `x_optical_frame`, the frame of the sensor on the
-    link `x_link` is used.
+    A link `camera_frame` is the optical frame itself if its name ends in `_optical_frame`, or if it
+    carries no camera sensor. For any other link, the optical frame follows from the pose of its
+    sensor. If the description lacks a frame `x_optical_frame`, the frame of the sensor on the link
+    `x_link` is used.
 
     Raises:
         DescriptionError: there is no such frame, or its viewing direction is not known.

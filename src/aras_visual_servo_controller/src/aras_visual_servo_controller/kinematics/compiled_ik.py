@@ -12,14 +12,15 @@ from .chain import CHAIN_SIGNATURE, compute_pose_and_jacobian
 from .held_directions import compute_held_directions
 from .limits import compute_velocity_ranges
 
-# A twist whose singular value of L is below this fraction of the largest one gets less weight.
+# A singular direction of L gets less weight if its singular value is below this fraction of the
+# largest one.
 WELL_CONDITIONED = 0.05
 # Lower bound of the task's sensitivity to a weak joint motion. The damping of such a motion is
 # proportional to the sensitivity.
 MIN_DEMAND = 0.3
 # Singular values below this fraction of the largest one are rounding errors.
 SINGULAR_TOLERANCE = 1e-9
-# an elbow bent by less than this, rad, has a side that depends on rounding errors
+# if an elbow is bent by less than this, rad, the side of the bend depends on rounding errors
 STRAIGHT_TOLERANCE = 1e-9
 # A joint motion of less than this, in rad or m, hardly changes the Jacobian, even near a straight
 # elbow.

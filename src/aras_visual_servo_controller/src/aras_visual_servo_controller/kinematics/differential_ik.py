@@ -10,9 +10,9 @@ camera at the goal in the directions H.
 
 Damping: near a singularity of the arm, the weak joint motions v_i (whose singular values s_i of J
 are below a bound) are damped by additional rows d_i v_i. All other motions are exact (Nakamura and
-Hanafusa 1986; damping of single directions: Maciejewski and Klein 1988). A held direction that the
-arm can hardly move, such as the roll of a camera on two nearly parallel axes, is released
-gradually.
+Hanafusa 1986; damping of single directions: Maciejewski and Klein 1988). A held direction is
+released gradually if the arm can hardly move the camera along it, such as the roll of a camera on
+two nearly parallel axes.
 
 Secondary tasks: their velocities are added up to z and projected, q_dot += (I - A^+ T) z, where T
 contains the rows of both equations above and A those rows and the damping.

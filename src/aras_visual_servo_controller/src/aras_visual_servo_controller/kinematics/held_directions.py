@@ -89,7 +89,8 @@ def _hold_vertical(pose, goal, length, row, held_directions, errors):
         factor = length * atan2(sine, cosine) / sine
         errors[row] = factor * _dot(turn, first)
         errors[row + 1] = factor * _dot(turn, second)
-    elif cosine <= 0.0:  # the held direction is reversed, and any rotation by pi is equivalent
+    elif cosine <= 0.0:
+        # The held direction is reversed; a rotation by pi about either axis corrects it.
         errors[row] = length * pi
     for i in range(3):
         held_directions[row, 3 + i], held_directions[row + 1, 3 + i] = first[i], second[i]

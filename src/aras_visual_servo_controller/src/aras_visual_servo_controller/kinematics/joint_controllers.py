@@ -56,7 +56,7 @@ def choose_controllers(
     """Choose the controllers for commands of one type: one for each joint, or one for all.
 
     If the parameters contain no controller of a joint, the name in `controller_names` is used. If
-    that is missing or contains another command type, the name is JOINT_KIND_controller.
+    this name is missing or contains another command type, JOINT_KIND_controller is used.
 
     Args:
         parameters: parameters of the robot's namespace.

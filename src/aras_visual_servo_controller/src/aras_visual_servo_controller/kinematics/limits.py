@@ -154,8 +154,8 @@ def check_within_limits(q: np.ndarray, limits: Limits | Arm, what: str) -> None:
 def compute_stopping_speed(room, acceleration, dt):
     """Compute the largest speed from which a joint can stop within `room`.
 
-    The speed is maintained for dt (s) before the joint brakes. It solves v dt + v^2 / 2a = room, so
-    that all later steps of any length stay within the room.
+    The speed is maintained for dt (s) before the joint brakes. The result v solves
+    v dt + v^2 / 2a = room, so that later steps of any length stay within the room, too.
     """
     if dt <= 0.0 or room == np.inf:
         return np.inf

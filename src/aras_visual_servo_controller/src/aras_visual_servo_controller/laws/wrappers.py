@@ -12,8 +12,9 @@ from .base import Law
 class ContinuousStart(Law):
     """Continuous start: the camera starts from rest, whatever the first error is (as in ViSP).
 
-    The initial displacement L^+ e(0) is subtracted from the error, and this part decays as exp(-mu
-    t). The wrapped law gets e' = e - L (L^+ e(0)) exp(-mu t), with mu in 1/s.
+    The effect of the initial displacement L^+ e(0) is subtracted from the error. The subtracted
+    part decays as exp(-mu t). The wrapped law gets e' = e - L (L^+ e(0)) exp(-mu t), with mu in
+    1/s.
 
     Reference: N. Mansard and F. Chaumette, Task sequencing for high-level sensor-based control,
     IEEE T-RO 23(1), 2007.

@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     from ..kinematics.limits import Limits
 
 
-# A joint has jumped between two samples if it moved farther than JUMP times `lead`. It must also
-# have moved farther than JUMP_SPEEDS times the distance that it covers at the greater of the two
-# measured speeds.
+# A joint has jumped between two samples if it moved farther than JUMP times `lead`, and also
+# farther than JUMP_SPEEDS times the distance that it covers at the greater of its two measured
+# speeds.
 JUMP, JUMP_SPEEDS = 0.5, 4.0
 
 
@@ -53,7 +53,7 @@ class CommandIntegrator:
         self.command = np.array(positions, float)
 
     def adopt_joints(self, positions: np.ndarray) -> None:
-        """Set the command to the joint positions (n,) if the joints were moved during a rest.
+        """Set the command to the joint positions (n,) if the joints are no longer at the command.
         """
         arrived = np.asarray(self.settings.arrived, float)
         if self.command is not None and (np.abs(positions - self.command) > arrived).any():
@@ -67,7 +67,7 @@ class CommandIntegrator:
         """Stop the command while another node commands the joints.
 
         Args:
-            is_late: (n,) whether each joint is regarded as late meanwhile.
+            is_late: (n,) whether each joint counts as late while the other node commands it.
             dt: time step, s.
         """
         self.is_late = np.array(is_late)
@@ -82,9 +82,9 @@ class CommandIntegrator:
         """Integrate velocities (n,) over dt (s), given the measured joint positions (n,).
 
         If a joint does not follow because of friction or an obstacle, all joints wait for it: a
-        motion of the others alone would move the camera off its path. Joints that receive velocity
-        commands never receive the integrated command; after a stop it is set to the measured
-        positions.
+        motion of the others alone would move the camera off its path. If the joints receive
+        velocity commands, the integrated command is never sent; after a stop, it is set to the
+        measured positions.
 
         Returns:
             A description of what did not move as commanded; empty if everything did.

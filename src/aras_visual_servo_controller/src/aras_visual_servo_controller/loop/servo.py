@@ -96,7 +96,7 @@ class Servo(ServoControl):
         if self.is_approaching:
             if self._start_approach is self._to_start or not observation.valid:
                 return self._record(observation)
-            # The arm is on its path back to its last pose, but the target is visible again.
+            # The target is visible again while the arm returns to its last pose: end the return.
             self._start_approach, self._have_joints_jumped = None, True
         joints = observation.joints if observation.joints is not None else self._joints
         if joints is None:

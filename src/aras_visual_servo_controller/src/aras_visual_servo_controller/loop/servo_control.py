@@ -153,7 +153,7 @@ class ServoControl:
 
         Args:
             reason: why the arm is stopped, as text.
-            held_outcome: outcome to report; None for 'held', the outcome of a client's request.
+            held_outcome: outcome to report; None for the outcome 'held' after a client's request.
         """
         self._hold_reason = reason or "held"
         self._halt(HOLDING, self._hold_reason)
@@ -182,9 +182,9 @@ class ServoControl:
         return bool(self._foreign_nodes)
 
     def resume_own_commands(self) -> None:
-        """Resume commanding the joints, from their present positions, after another node did.
+        """Resume the commands at the present joint positions after another node's commands.
 
-        If no target has been visible since then, the arm first returns to its last commanded pose.
+        If no target has been visible meanwhile, the arm first returns to its last commanded pose.
         """
         if self.phase == HOLDING and not self._hold_reason and self.integrator.command is not None:
             self._start_approach = self._make_approach(
@@ -236,7 +236,7 @@ class ServoControl:
     def _adopt_jumped_joints(self, measured: JointSample) -> bool:
         """Set the command to the measured joints if they may have jumped.
 
-        Return whether it was set.
+        Return whether the command was set.
         """
         jumped, self._have_joints_jumped = self._have_joints_jumped, False
         if jumped:

@@ -1,4 +1,4 @@
-"""Execution between images: of the present task, or of a joint controller."""
+"""Execution of the present task, or of a joint controller, between images."""
 
 from __future__ import annotations
 

@@ -96,7 +96,9 @@ class Teacher:
             self.reason = NO_IMAGES
 
     def _restart_if_moved(self) -> bool:
-        """If the arm was moved, return to the pose and remove the views that were collected so far.
+        """If the arm was moved, drive it back to the pose and remove all views collected so far.
+
+        Return whether the arm was moved.
         """
         offset = np.abs(self._sample.positions - self._start_approach.start)
         is_moved = bool((offset > 2.0 * np.asarray(self._start_approach.settings.arrived)).any())
@@ -219,7 +221,7 @@ def complete_by_geometry(goal: Goal, scheme: Scheme | JointController) -> Goal:
 
 
 def _sample_sides(corners: np.ndarray) -> np.ndarray:
-    """Return points (m, 2) on a polygon's sides, their number in proportion to the side's length.
+    """Return points (m, 2) on a polygon's sides, more of them on a longer side.
     """
     sides = np.roll(corners, -1, axis=0) - corners
     lengths = np.linalg.norm(sides, axis=1)

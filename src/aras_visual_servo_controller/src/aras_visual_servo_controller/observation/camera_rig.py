@@ -1,8 +1,8 @@
 """Cameras of a scheme, which make one observation of all of them.
 
 The first camera is the control camera: the loop computes its twist, and each of its images is
-processed once. From every other camera, the image of the same exposure is used, or else the newest
-image before it.
+processed once. From every other camera, the image of the same exposure is used. If there is none,
+the newest image before this exposure is used.
 """
 
 from __future__ import annotations

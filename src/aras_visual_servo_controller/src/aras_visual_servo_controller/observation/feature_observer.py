@@ -83,11 +83,12 @@ class FeatureObserver:
     of the next one.
 
     Attributes:
-        arm: arm that gives the camera's pose; None if poses are unknown unless they are given.
+        arm: arm that gives the camera's pose; None if the only known poses are those passed as
+            arguments.
         needs: quantities that the scheme needs; other quantities are not measured.
         compute_plane: function that returns the target's plane in the camera's frame, or None, for
-            world_T_camera (4, 4), such as `Goal.compute_plane`; None if planes are unknown unless
-            they are given.
+            world_T_camera (4, 4), such as `Goal.compute_plane`; None if the only known planes are
+            those passed as arguments.
         images: reader of images for `observe_image`, created for the first image.
         segmentation: method that selects the target's pixels.
         name: name of the camera.

@@ -30,7 +30,7 @@ ROUNDING = 1e-6
 
 
 class SampleBuffer:
-    """The latest samples of the joints, or commands to them, as arrays in the order of arrival."""
+    """The latest joint samples or joint commands, as arrays in the order of arrival."""
 
     def __init__(self, length: int = 64) -> None:
         """Create the buffer.
@@ -80,7 +80,7 @@ class SampleBuffer:
 
     @property
     def newest_row(self) -> np.ndarray:
-        """Return positions and velocities (2, n) of the latest sample, of which there is one."""
+        """Return positions and velocities (2, n) of the latest sample, which must exist."""
         return self._rows[-1]
 
     @property
@@ -154,7 +154,7 @@ class JointHistory(SampleBuffer):
         return _make_joint_sample(stamp, self._names, row, self._is_far(min(since, until)))
 
     def _extrapolate(self, k: int, stamp: float) -> JointSample | None:
-        """Extrapolate sample k with its velocities; return None if it is too old or too new."""
+        """Extrapolate sample k to `stamp` (s); return None if its own stamp is too far away."""
         dt, (positions, velocities) = stamp - self._stamps[k], self._rows[k]
         if abs(dt) > MAX_AGE:
             return None

@@ -97,8 +97,8 @@ class Observation:
         motion_since_exposure: (6,) motion of this camera from its own exposure to that of the
             control camera, in its own frame, as the twist that causes the motion in one second;
             None if it is unknown, or if this is the control camera.
-        has_other_target: whether the arm carries the target of only one of the two cameras, this
-            one or the control camera. Then world_T_camera and plane refer to the target of this
+        has_other_target: whether this camera and the control camera view different targets, only
+            one of which the arm carries. Then world_T_camera and plane refer to the target of this
             camera.
     """
 

@@ -23,8 +23,8 @@ class Change:
     Attributes:
         key: dotted key of the experiment, such as 'target.motion', or a parameter of the
             controller, such as 'gain'.
-        operation: 'set' the key to the value, 'multiply' its value by the value, or 'remove' the
-            key, so that its default is used.
+        operation: 'set' the setting to `value`, 'multiply' the setting by `value`, or 'remove' the
+            key, so that the default is used.
         value: value of the operation; None for 'remove'.
     """
 

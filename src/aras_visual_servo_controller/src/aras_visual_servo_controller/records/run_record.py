@@ -29,9 +29,9 @@ class RunContext:
         unreachable_reason: why the arm cannot reach the pose at which the goal was taught; '' if it
             can.
         names: names of the n joints.
-        joint_units: (n,) unit of each joint: the joint motion that counts as much as 1 rad or 1 m.
-        narrowed_limits: joints whose limits are made narrower than the robot's own, by the name of
-            the parameter that does so.
+        joint_units: (n,) unit in which the motion of each joint is measured, rad or m.
+        narrowed_limits: joints whose limits a parameter makes narrower than the robot's own, by the
+            name of this parameter.
         elbows: elbows of the arm.
         joints_beyond_limits: joints that exceed their limits at the goal.
     """

@@ -207,7 +207,7 @@ class ServoState:
     def with_outcome(self, run_outcome: Outcome) -> ServoState:
         """Return the state with an outcome.
 
-        The new state has the remedy of the outcome, and as reason that of the outcome, followed by
+        The new state has the remedy of the outcome. Its reason is that of the outcome, followed by
         '; now: ' and the reason of this state.
         """
         reason = self.reason

@@ -55,8 +55,8 @@ def collect_views(arguments: argparse.Namespace) -> Goal:
     inputs = Inputs(settings, teacher)
     deadline = time.monotonic() + arguments.timeout
     while len(teacher.views) < arguments.images:
-        # As many successive images as needed for teaching were unusable, so further images probably
-        # are, too.
+        # If so many successive images are unusable, further ones probably are, too. The limit is
+        # the number of images needed for teaching.
         if teacher.refused_count >= arguments.images:
             raise ServoError(
                 f"the last {teacher.refused_count} images show nothing that can be taught "

@@ -1,8 +1,8 @@
 """Compiled updates of the loop between two images, from joint states to commands.
 
 The compiled updates replace LoopRunner.add_joint_state for successive joint states while the arm
-servoes and nothing unusual happens. Both call the same compiled functions, but here without Python
-objects in between.
+servoes and nothing unusual happens. Both call the same compiled functions, but the compiled updates
+create no Python objects in between.
 """
 
 from __future__ import annotations
@@ -46,7 +46,8 @@ SENT_ROWS = {"position": COMMAND, "velocity": VELOCITY}
     ANSWER_TIME,  # time of the last processed image, s
     ANSWER_LIFETIME,  # time for which the task of the last processed image may be executed, s
     SECOND_TASK_TIME,  # time at which the second task starts, s
-    THIRD_TASK_TIME,  # time at which a third task starts, s
+    # time at which a third task starts, s; from then on, Python has to process joint states
+    THIRD_TASK_TIME,
     SENT_ROW,  # index of the row of `rows` that is sent
 ) = range(9)
 NEEDS_PYTHON = 0  # result of an update: Python has to process the joint state
@@ -89,7 +90,7 @@ def process_joint_state(
         q, v: (n,) positions and velocities of the joint state.
         stamp: stamp of the joint state, s.
         chain: fields of the Chain.
-        clock, rows, settings: arrays with the indices above.
+        clock, rows, settings: arrays, whose indices are constants of this module.
         last_velocities, setting_values, goal, range_tasks, elbows, limits: see
             `solve_velocities`.
         bounds: (3, n) bounds of plausible joint states.
@@ -148,7 +149,8 @@ def process_joint_state(
         rows[Q, i], rows[V, i] = q[i], v[i]
         same &= rows[SENT_VALUES, i] == rows[sent_row, i]
     if same and sent_row == COMMAND:
-        # the controller holds a position, but velocities are sent at each update
+        # An unchanged position is not sent again, because the controller holds it. Velocities are
+        # sent at each update.
         return SAME_COMMAND
     for i in range(len(q)):
         rows[SENT_VALUES, i] = rows[sent_row, i]

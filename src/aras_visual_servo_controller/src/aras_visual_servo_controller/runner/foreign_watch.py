@@ -18,7 +18,7 @@ from ..records.state import HOLDING, Command
 from ..settings import Settings
 
 QUIET_TIME = 1.0  # time without a foreign command after which the loop commands the joints again, s
-# Commands of other nodes are received until this wall time, s, after the last sign of such a node.
+# Commands of other nodes are received for this wall time, s, after the last sign of such a node.
 LISTENING_TIME = 5.0
 
 
@@ -39,8 +39,7 @@ class ForeignWatch:
     """Detection of commands from other nodes to the joints of one loop.
 
     Attributes:
-        can_name_nodes: whether the commands of other nodes can be received, which gives the nodes'
-            names.
+        can_name_nodes: whether other nodes can be named, because their commands can be received.
     """
 
     def __init__(

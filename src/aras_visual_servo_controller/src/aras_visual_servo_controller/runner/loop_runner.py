@@ -263,7 +263,7 @@ class LoopRunner:
             self.servo.hold(reason)
 
     def emergency_stop(self, pressed: bool) -> None:
-        """Handle the emergency stop; afterwards no command is sent again until `start`."""
+        """Handle the emergency stop; once it is pressed, no command is sent until `start`."""
         with self._lock:
             self._is_e_stopped |= pressed
 
@@ -364,7 +364,8 @@ class LoopRunner:
     def _is_due_again(self, command: Command) -> bool:
         """Return whether a position command must be sent again.
 
-        The controller may not have received it, for example because it was loaded later.
+        The controller may not have received the command, for example because the controller was
+        loaded later.
         """
         allowed = not self._is_e_stopped and self._foreign_watch.can_resend(command)
         return allowed and command.stamp - self._sent_stamp >= REPEAT_PERIOD - 1e-9
@@ -435,7 +436,7 @@ class LoopRunner:
     def _make_silence_outcome(self, kind: str, reason: str) -> Outcome:
         """Return the outcome while no inputs are received.
 
-        If the clock has stopped, its remedy says how to continue it.
+        If the clock has stopped, the remedy of the outcome says how to make it run again.
         """
         found = make_outcome(kind, reason)
         return found.with_remedy(RESUME_ADVICE) if self._describe_stopped_clock() else found

@@ -115,8 +115,8 @@ class Scheme(SchemeBase):
 
     Attributes (of the class or of the instance), in addition to those of SchemeBase:
         law: control law; its gains can be changed while the loop runs.
-        can_check_camera: whether a deviation of the measured error from L v indicates a wrong
-            camera calibration.
+        can_check_camera: whether a deviation of the measured rate of the error from L v indicates a
+            wrong camera calibration.
     """
 
     can_check_camera: bool = True

@@ -26,9 +26,9 @@ from ..observation.observation import Observation
 ROTATION_WEIGHT = 0.5
 # Camera motion, in units of d, at which half of the change of the features is noise.
 MIN_STEP = 1 / 600
-UNKNOWN_MOTION = 0.6  # d, m, if L is zero, so that d cannot be computed
-# An image is skipped if its error has changed by more than this, because an angle has jumped by a
-# turn.
+UNKNOWN_MOTION = 0.6  # value of d, m, if L is zero and d cannot be computed
+# An image is skipped if its error has changed by more than this since the last image. Then an angle
+# has jumped by a turn.
 LONGEST_JUMP = 1.0
 
 

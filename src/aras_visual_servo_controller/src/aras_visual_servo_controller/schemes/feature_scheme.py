@@ -159,11 +159,11 @@ class FeatureScheme(FeatureSchemeBase):
     def _estimate_accuracy(
         self, L: np.ndarray, observation: Observation, goal: Goal
     ) -> dict[str, Any]:
-        """Return keyword arguments for the Task: none, unless L is ill-conditioned.
+        """Return the keyword arguments of the Task if L is ill-conditioned, otherwise none.
 
-        If it is, they contain `accuracy`, or `rank_tolerance` if the accuracy is unknown. To make
-        rows of different units comparable, the rows of L (k, 6) are scaled to length 1, with
-        lengths relative to the distance at the goal.
+        The arguments are `accuracy` or, if the accuracy of an image is unknown, `rank_tolerance`.
+        The test of L (k, 6) scales its rows to length 1, which makes rows of different units
+        comparable, and takes lengths relative to the distance at the goal.
         """
         if is_well_conditioned(L, self._modelled, goal.distance, WELL_CONDITIONED):
             return {}

@@ -39,7 +39,8 @@ class Predictive(FeatureSchemeBase):
     steps: ClassVar[int] = 4
     effort: ClassVar[float] = 1e-4
     speed: ClassVar[tuple[float, ...]] = (1.0, 1.0, 1.0, 1.5, 1.5, 1.5)
-    # distance from the image's border, px, because the prediction is linear
+    # The predicted points stay this far from the image's border, px, because the linear prediction
+    # is not exact.
     margin: ClassVar[float] = 12.0
 
     def __init__(self, law: Law | None = None) -> None:

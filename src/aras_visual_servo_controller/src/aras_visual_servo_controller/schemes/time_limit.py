@@ -1,8 +1,9 @@
 """Time limits for user-defined code.
 
-A watchdog thread checks all running calls every CHECK_PERIOD. In a call that exceeds its limit, it
-raises an exception. The time of a call is counted in checks, so that it stands still while the
-process is suspended or at a debugger's prompt. The thread ends when there are no calls to check.
+A watchdog thread checks all running calls every CHECK_PERIOD. It raises an exception in a call that
+exceeds its limit. The time of a call is counted in checks, so it does not include the time in which
+the process is suspended or at a debugger's prompt. The thread ends when there are no calls to
+check.
 
 Python raises the exception between two bytecode instructions. A call that blocks outside of Python
 can be interrupted only in the main thread, by a signal. Compiled code that holds the interpreter
@@ -116,7 +117,7 @@ def _end_call(here: _Call) -> None:
 
 
 def _find_place(trace: TracebackType) -> str:
-    """Return the innermost function of a traceback outside the standard library, and its line."""
+    """Return the function and line in which an exception occurred, outside the standard library."""
     place = ""
     while trace is not None:
         code = trace.tb_frame.f_code

@@ -107,7 +107,7 @@ def _explain_loss(state: ServoState, observation: Observation, evidence: Evidenc
 
 
 def _was_inside(observation: Observation, evidence: Evidence) -> bool:
-    """Return whether the target was too far from the image border to leave the image so soon."""
+    """Return whether the target was too far inside the last image to have left it since then."""
     region = evidence.motion_check.step_check.next_region
     if evidence.last_touched_borders or region is None:
         return False

@@ -29,11 +29,11 @@ class TargetMoves(RunDiagnosis):
     reads = "motion of the features, L, motion of the camera (`target_check.py`)"
     kinds = ("target_moves", "wrong_camera_model")
 
-    # Only a motion of the target can explain the latest motion of the features if the camera's
-    # motion leaves at least this fraction of it unexplained.
+    # The latest motion of the features is attributed to the target if the camera's motion leaves at
+    # least this fraction of it unexplained.
     MIN_TARGET_PART = 0.5
-    # After the last motion of the features that only the target can explain, the camera model is
-    # not checked for this time, s.
+    # After a motion of the features that is attributed to the target, the camera model is not
+    # checked for this time, s.
     RUNAWAY_MEMORY = 1.0
 
     def __init__(self) -> None:

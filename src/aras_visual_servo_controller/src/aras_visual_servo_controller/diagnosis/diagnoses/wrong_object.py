@@ -64,12 +64,12 @@ class ShapeCheck:
     depend on the distance, position and rotation of the object in the image.
     """
 
-    # Largest ratio of the visible object's spread to the target's; a target tilted by 40 degrees
-    # has a smaller ratio.
+    # Largest ratio of the visible object's spread (the inverse of compactness) to that of the
+    # goal's target. The ratio of a target that is tilted by 40 degrees is smaller.
     MAX_COMPACTNESS_RATIO = 1.25
     # Limits of the angle between the target's normal and the optical axis, rad. The shape is not
     # evaluated if the angle exceeds MAX_TILT and differs from the angle at the goal by more than
-    # MIN_TILT_DIFFERENCE. Both values are tuned on runs of the canonical tasks that diverge.
+    # MIN_TILT_DIFFERENCE. Both values are tuned on diverging runs of the canonical tasks.
     MAX_TILT, MIN_TILT_DIFFERENCE = 0.7, 0.2
     MAX_ANISOTROPY_DIFFERENCE = 0.3
     MIN_IMAGES = 3

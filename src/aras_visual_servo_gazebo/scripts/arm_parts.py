@@ -25,7 +25,7 @@ SMALL = 12  # number of segments of the round outline of a cover or a boss
 def _across(outline_of_inset, inner: float, outer: float, bevel: float = 0.0) -> np.ndarray:
     """Build a plate normal to a joint axis (y) with a bevelled outer edge.
 
-    inner, outer: positions of its two faces along y, m.
+    inner, outer: positions of the plate's two faces along y, m.
     outline_of_inset: function that returns the outline (x, z) for an inset (m).
     """
     sections = [(outline_of_inset(0.0), inner), (outline_of_inset(0.0), outer - bevel)]

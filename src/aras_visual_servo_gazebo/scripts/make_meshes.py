@@ -48,7 +48,8 @@ def stl_bytes(parts: list[np.ndarray], title: str) -> bytes:
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     records = np.zeros(len(triangles), _RECORD)
-    # Rounded, so that machines with a different last bit of a square root write the same file.
+    # Normals are rounded, because the last bit of a square root can differ between machines, and
+    # all machines must write the same file.
     records["normal"] = np.round(normals, 6) + 0.0
     records["corners"] = triangles
     header = title.encode("ascii").ljust(80, b" ")

@@ -46,7 +46,7 @@ def rounded_rectangle(
 def rounded_corners(
     polygon: Sequence[tuple[float, float]], radii: Sequence[float], steps: int = 4
 ) -> np.ndarray:
-    """Return a polygon whose corner i is an arc of radius radii[i], or sharp if this is 0."""
+    """Return a polygon with corner i rounded by the radius radii[i]; radius 0 keeps it sharp."""
     points = np.asarray(polygon, dtype=float)
     out: list[np.ndarray] = []
     for i, corner in enumerate(points):
@@ -75,7 +75,7 @@ def capsule(
 ) -> np.ndarray:
     """Return the convex hull (segments + 2, 2) of two circles whose centres are on the second axis.
 
-    start, end: positions of the centres along the second axis, with start < end.
+    start, end: positions of the two centres on the second axis, with start < end.
     segments: number of chords of both arcs together.
     """
     distance = end - start

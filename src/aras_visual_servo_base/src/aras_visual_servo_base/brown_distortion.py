@@ -59,15 +59,16 @@ def distort_points(x, y, D, tilt, is_tilted, out):
 def undistort_points(xd, yd, D, tilt, is_tilted, largest_radius, out, valid):
     """Invert the distortion of n points by Newton's method.
 
-    The polynomial is invertible up to the radius at which the image folds back (the fold). Roots
-    beyond the fold are wrong: those with a negative Jacobian, and those with a larger radius.
+    The polynomial is invertible up to the radius at which the image folds back (the fold). A root
+    beyond the fold is wrong. It is rejected by its radius, or because the determinant or the trace
+    of the Jacobian is not positive.
 
     Args:
         xd, yd: (n,) distorted coordinates, normalised.
-        largest_radius: points beyond this undistorted radius are not valid.
+        largest_radius: roots beyond this undistorted radius are rejected.
         out: (2, n) array to which x and y are written, 0 for points that are not valid.
-        valid: (n,) array to which the validity of each point is written. A point is not valid
-            either if the iteration does not converge.
+        valid: (n,) array to which the validity of each point is written. A point is valid if the
+            iteration converges to a root that is not rejected.
     """
     for n in range(len(xd)):
         x, y = xd[n], yd[n]

@@ -59,8 +59,8 @@ def _find_folder(package: str) -> Path:
 def copy_cache(package: str, folder: Path) -> None:
     """Copy compiled functions from the sources below `folder` to the caches of a package.
 
-    This is done for each file of the package that is equal to its source, because Numba accepts
-    the cached functions of a file with the same text in any folder.
+    Only files of the package with the same content as their source are considered. Numba accepts
+    cached functions in any folder if the text of the file is the same.
     """
     parent = _find_folder(package)
     for path in find_sources(package):
@@ -91,9 +91,10 @@ def _is_missing(package: str) -> bool:
 
 
 def _find_cache_folder(sources: Path) -> Path | None:
-    """Return where Numba caches the functions of the files in a folder.
+    """Return the folder in which Numba caches the functions of the files in `sources`.
 
-    Numba tries these folders in this order. The result is None if none of them is writable.
+    It is the first writable folder of these: a folder in NUMBA_CACHE_DIR, __pycache__ next to the
+    files, and a folder in the user's cache. The result is None if none of them is writable.
     """
     name = f"{sources.name}_{hashlib.sha1(str(sources).encode()).hexdigest()}"
     user_cache = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
@@ -146,10 +147,10 @@ def main(argv: list[str] | None = None) -> int:
 
 
 class CompilationResult(NamedTuple):
-    """Faults of a compilation.
+    """Result of a compilation: what has failed.
 
     Attributes:
-        faults: lines of text: packages that are missing, processes that failed.
+        faults: one line of text for each missing package and each failed process.
         uncached: reason why compiled functions cannot be cached; '' if they are cached. The
             compilation ends at the first function that cannot be cached.
     """
@@ -228,7 +229,7 @@ def _import_modules(package: str, folder: Path | None) -> str:
 
 
 def _compile(packages: Sequence[str], sender: Connection) -> None:
-    """Compile packages in a process. For each function, send '' or why it cannot be cached."""
+    """Compile packages; for each function, send '' or the reason why it cannot be cached."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C ends the process without a traceback
     # the parent process already reports functions that cannot be cached
     logging.disable(logging.WARNING)

@@ -3,10 +3,10 @@
 The types of the arguments are declared, so that the set-up can compile all functions. Compiled
 functions are cached in __pycache__ next to the source file, or in NUMBA_CACHE_DIR. A function is
 compiled again if its source file changes, and also if another module changes a compiled function or
-a constant that it uses; Numba alone checks only the source file. A function is compiled or loaded
-from the cache at its first call, because no program calls more than half of the functions. The
-first such call also imports Numba, which takes 0.2 s of processor time. Nodes call `compile_all`
-before their first image instead.
+a constant that it uses; Numba by itself checks only the source file. A function is compiled or
+loaded from the cache at its first call, because no program calls more than half of the functions.
+The first call of any compiled function also imports Numba, which takes 0.2 s of processor time.
+Nodes call `compile_all` when they start, so that these calls do not delay their first image.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ class CompiledFunction:
 
         Raises:
             TypeError: the arguments do not have the declared types.
-        CompilerError: Numba, which the first call needs, cannot be imported.
+            CompilerError: Numba, which the first call needs, cannot be imported.
         """
         return self._call(*arguments)
 

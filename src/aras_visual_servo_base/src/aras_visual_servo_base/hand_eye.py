@@ -33,10 +33,10 @@ from .safe_xml import parse
 from .setting_values import as_number, format_value
 from .yaml_files import parse_yaml, read_text
 
-# Largest distance from a camera to the link that carries it, m.
+# Largest accepted distance from a camera to the link that carries it, m.
 LONGEST_TRANSLATION = 2.0
-# Smallest distance, m, from a camera to the link that carries it. A smaller distance shows a wrong
-# `units`; without the setting `units`, the distance is accepted.
+# If `units` is set, smallest accepted distance, other than 0, from a camera to the link that
+# carries it, m. A smaller distance indicates that `units` is wrong.
 SHORTEST_TRANSLATION = 1e-3
 # Largest absolute element of R R^T - I of a rotation R. It is not zero, because numbers in files
 # are rounded.
@@ -172,7 +172,7 @@ def _rotation_from_quaternion(q: Sequence[float], where: str) -> np.ndarray:
 
 
 def _make_pose(R: np.ndarray, t: Sequence[float], where: str) -> np.ndarray:
-    """Return the pose (4, 4) of R and t. R is orthonormalised, because files are rounded."""
+    """Return the pose (4, 4) of R and t. R is orthonormalised to remove rounding."""
     R, t = np.asarray(R, float), np.asarray(t, float).ravel()
     if not (np.isfinite(R).all() and np.isfinite(t).all()) or t.shape != (3,):
         raise HandEyeError(f"{where}: the translation is {t.tolist()}, must be three finite "
@@ -363,7 +363,7 @@ def _read_entries(data: Mapping[str, Any], path: Path) -> np.ndarray:
 
 
 def _is_inverse(name: str) -> bool:
-    """Return whether a matrix maps to the camera frame, judging by its name (gripper2cam)."""
+    """Return whether a matrix with this name maps to the camera frame, such as gripper2cam."""
     return re.search(r"(2|_to_|to)(cam|camera|optical)\b", name.lower()) is not None
 
 

@@ -1,7 +1,7 @@
 """Imports that load only what a program needs.
 
-Exports of a package are imported when they are first used, and a library can be imported without
-another one that it does not need.
+Exports of a package are imported when they are first used. A library can be imported without
+another library that it would import, but that the program does not need.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ def lazy_exports(package: str, places: Mapping[str, str]) -> tuple[Getter, Liste
         from .names import suggest  # imported here because it is only needed for errors
 
         hint = suggest(name, list_names())
-        # The statement `from package import name` calls this function, too. It replaces the message
-        # of an AttributeError, but not that of an ImportError.
+        # The statement `from package import name` calls this function, too. The statement would
+        # replace the message of an AttributeError, but keeps that of an ImportError.
         if sys._getframe(1).f_globals.get("__name__") == "importlib._bootstrap":
             text = f"cannot import name {name!r} from {package!r}: {hint}"
             raise ImportError(text, name=package)
@@ -68,7 +68,7 @@ def import_later(place: str) -> Callable[..., Any]:
 
 
 class _MissingModule:
-    """Finder for which one module is missing in the thread that created the finder."""
+    """Import finder that makes one module appear missing, but only in its own thread."""
 
     def __init__(self, name: str) -> None:
         self._name, self._thread = name, threading.get_ident()
@@ -84,8 +84,8 @@ def import_without(excluded: str, module: str) -> None:
     If `excluded` is already imported, import the module normally.
 
     Args:
-        excluded: full name of a module that `module` would import if it were installed. If that is
-            part of a package, the package is still imported.
+        excluded: full name of the module that must not be imported. If this is a submodule, its
+            parent package is still imported.
         module: full name of the module to import.
     """
     finder = _MissingModule(excluded)

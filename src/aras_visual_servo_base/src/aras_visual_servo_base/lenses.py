@@ -37,9 +37,9 @@ def undistort_brown(
     """Invert `brown` for the distorted coordinates xd, yd (n,).
 
     Returns:
-        Undistorted x and y (n,); and for each point whether it is valid (n,). It is not valid if
-        the iteration does not converge, or if the point is beyond `largest_radius` (undistorted) or
-        beyond the `fold_radius`; x and y are then 0.
+        Undistorted x and y (n,); and for each point whether it is valid (n,). A point is not valid
+        if the iteration does not converge, or if its undistorted radius is above `largest_radius`
+        or above the `fold_radius`; its x and y are then 0.
     """
     from .brown_distortion import undistort_points  # loads Numba
 

@@ -70,7 +70,7 @@ def import_object(
         kind: kind of the object, for messages, such as 'scheme' or 'metric'.
         name: name that the user wrote.
         fault: class of the exceptions to raise.
-        path: 'package.module:Name'; None if the name has this form.
+        path: 'package.module:Name', if `name` is a short name for it; None if `name` is this path.
         load: function that imports a module.
 
     Raises:

@@ -1,9 +1,10 @@
 """Rotations, rigid poses and twists.
 
 `a_T_b` maps coordinates in b to a, and `a_R_b` maps directions. Lengths are in m, angles in rad.
-Quaternions are (x, y, z, w) with unit length. There are two representations. Plain floats (`Pose`
-and the functions above LINK_R_OPTICAL) are for single poses in a 1 kHz loop, where NumPy is slow.
-Arrays (4, 4) and (3, 3) are for products with Jacobians and points.
+Quaternions are (x, y, z, w) with unit length. There are two representations. Tuples of floats are
+for single poses in a 1 kHz loop, where NumPy is slow; `Pose` and the functions in the first part of
+the file, up to LINK_R_OPTICAL, use them. The functions after it use arrays (4, 4) and (3, 3), which
+are for products with Jacobians and points.
 """
 
 from __future__ import annotations
@@ -295,7 +296,7 @@ def xyz_rpy_from_matrix(a_T_b: np.ndarray) -> tuple[list[float], list[float]]:
 def optical_pose(a_T_link: np.ndarray) -> np.ndarray:
     """Return the pose a_T_optical (4, 4) of the optical frame of a camera link, as in Gazebo.
 
-        In the link, whose pose is a_T_link (4, 4), x is forward and z up.
+        a_T_link (4, 4) is the pose of the camera link, in which x is forward and z is up.
     """
     a_T_optical = np.array(a_T_link, float)
     a_T_optical[:3, :3] = a_T_link[:3, :3] @ LINK_R_OPTICAL
@@ -347,9 +348,9 @@ def adjoint(a_T_b: np.ndarray) -> np.ndarray:
 
 
 def exponential(twist: Sequence[float]) -> np.ndarray:
-    """Return a_T_b (4, 4) after b has moved from a with a constant twist for one second.
+    """Return the pose a_T_b (4, 4) of b after it has moved from a with a twist for one second.
 
-    `twist` (6,) is the twist of b in the axes of b.
+    `twist` (6,) is the constant twist of b in the axes of b.
     """
     rows = compute_exponential(*np.asarray(twist, float).tolist())
     return np.array((*rows, 0.0, 0.0, 0.0, 1.0)).reshape(4, 4)
@@ -379,7 +380,7 @@ def compute_exponential(
 
 
 def logarithm(a_T_b: np.ndarray) -> np.ndarray:
-    """Return the constant twist (6,) that moves b from a to a_T_b in one second.
+    """Return the constant twist (6,) that moves b from a to the pose a_T_b in one second.
 
     It is the inverse of `exponential` for rotations up to pi.
     """

@@ -71,7 +71,8 @@ class Registry(Mapping[str, type]):
             package: full name of the package whose modules declare entries.
             bases: base classes. Each entry must be derived from one of them.
             fault: class of the exceptions for wrong names and parameters.
-            fallbacks: registries whose entries also belong to this kind.
+            fallbacks: registries that are searched after this one; their entries also belong to
+                this kind.
             first: modules to import before the others, because most users need them.
         """
         self.kind, self.bases, self.fault = kind, bases, fault
@@ -199,9 +200,10 @@ def list_parameters(cls: type) -> tuple[Parameter, ...]:
 def construct(
     kind: str, name: str, cls: type, fault: Fault, /, *arguments: object, **options: object
 ) -> Any:
-    """Create an instance of a class, which a user may have written.
+    """Create an instance of a registered class or of a user's class.
 
-    Every exception of the class is converted to an error with a message of one line.
+    Every exception that the constructor raises is converted to a `fault` with a message of one
+    line.
 
     Raises:
         fault: an option is unknown, a required one is missing, or the constructor fails.

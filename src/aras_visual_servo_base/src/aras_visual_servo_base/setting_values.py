@@ -28,7 +28,7 @@ LONGEST_VALUE = 200  # largest number of characters of a setting's value in an e
 
 
 def as_number(value: Any, infinite: bool = False) -> float | None:
-    """Return a value as a finite number, or as infinity if `infinite`; None if it is neither."""
+    """Return a finite number (or infinity if `infinite`) as a float; None for any other value."""
     if isinstance(value, str) and _TEXT_NUMBER.fullmatch(value):
         value = float(value)
     if isinstance(value, bool) or not isinstance(value, numbers.Real):
@@ -100,8 +100,8 @@ def check_value(value: Any, where: str, fault: Fault, rules: Mapping[str, Any]) 
                 raise fault(f"{where} is {value}, must be {sign} {bound:g}{text}")
 
 
-# A number that is too large may be in a wrong unit. For each correct unit: the wrong unit that
-# users often use, and the size of the wrong unit in the correct one.
+# For each unit of a setting: the unit that users often use by mistake, and the size of this unit in
+# the correct unit. A message suggests the mistake if a number is too large.
 _COMMON_UNIT_MISTAKES = {"rad": ("degrees", math.pi / 180.0), "s": ("ms", 1e-3)}
 _BOUNDS = (
     ("least", ">=", lambda value, bound: value >= bound),
@@ -140,10 +140,10 @@ def describe_hint(hint: Any) -> str:
 
 
 def merge(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a copy of the nested mapping `base` in which the values of `changes` replace others.
+    """Return a copy of the nested mapping `base` with the values of `changes`.
 
-    Mappings are merged key by key at every depth. If only one of two values is a mapping, that of
-    `changes` replaces the other.
+    If both values of a key are mappings, they are merged in the same way, at every depth.
+    Otherwise, the value in `changes` replaces the value in `base`.
     """
     merged = dict(base)
     for key, value in changes.items():

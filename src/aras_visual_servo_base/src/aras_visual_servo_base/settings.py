@@ -171,7 +171,7 @@ def read(
     fault: Fault,
     default: Any = _MISSING,
 ) -> Any:
-    """Return one value of a mapping, such as a ROS controller's parameters.
+    """Return one value from a mapping, for example from a ROS controller's parameters.
 
     The mapping may contain unrelated keys.
 
@@ -316,7 +316,8 @@ def _convert_union(
             return build(chosen, value, where, fault)
     expected_kind = Mapping if isinstance(value, Mapping) else tuple
     alike = [kind for kind in kinds if _is_kind(kind, expected_kind)]
-    # If only one type of the union is a mapping or a sequence like the value, errors name the item.
+    # If the value is a mapping or a sequence, and only one type of the union is of this kind,
+    # convert the value to this type. The error message then names the invalid item.
     if isinstance(value, Mapping | list | tuple) and len(alike) == 1:
         return _convert(value, alike[0], where, fault, rules)
     for kind in kinds:
@@ -440,7 +441,7 @@ class KeywordSettings:
 def check_bounds(settings: Any, fault: Fault) -> None:
     """Check the bounds of a dataclass instance without converting its values.
 
-    It is used for values that are already converted, such as to arrays.
+    Use it if the values have already been converted, for example to arrays.
 
     Raises:
         fault: a value is out of bounds; the message names the field, its value and the bound.

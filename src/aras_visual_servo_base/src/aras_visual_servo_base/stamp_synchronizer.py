@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Hashable, Sequence
 from typing import Any
 
-# Largest number of exposures for which messages of some topics are still missing. If one topic is
-# later than another by more exposures than this, exposures are lost.
+# Largest number of stored incomplete exposures, which wait for messages of some topics. If one
+# topic lags behind another by more exposures than this, exposures are lost.
 MOST_PENDING = 8
 
 
@@ -14,7 +14,7 @@ class StampSynchronizer:
     """Matches messages of different kinds, such as 'image' and 'depth', with the same stamp."""
 
     def __init__(self, kinds: Sequence[str]) -> None:
-        """Create a synchronizer for exposures of which each has one message of each kind."""
+        """Create a synchronizer for exposures with one message of each of these kinds."""
         self._kinds = tuple(kinds)
         self._pending: dict[Hashable, dict[str, Any]] = {}
 
@@ -22,8 +22,8 @@ class StampSynchronizer:
         """Add a message to the exposure with its stamp.
 
         Returns:
-            The messages of the exposure by kind, if it is complete now; otherwise None. If it is
-            complete, older incomplete exposures are discarded.
+            The messages of the exposure by kind, if this message completes it; otherwise None. A
+            complete exposure discards all older incomplete exposures.
         """
         entry = self._pending.setdefault(stamp, {})
         entry[kind] = message

@@ -1,7 +1,7 @@
 """Kinematic tree of a URDF: its links and joints, and the path between two links.
 
-The reader follows http://wiki.ros.org/urdf/XML. It reports errors for which urdfdom fails without a
-clear message or guesses. The simulator's package `description` reads inertias, visuals and
+The reader follows http://wiki.ros.org/urdf/XML. It reports errors for which urdfdom guesses a value
+or fails without a clear message. The simulator's package `description` reads inertias, visuals and
 collisions.
 """
 
@@ -124,7 +124,7 @@ class Joint(FramedElement):
     def stops(self) -> tuple[float, float]:
         """Lower and upper stop, rad or m; infinite for a joint without position limits.
 
-        If the attribute lower or upper of a `<limit>` is missing, it is 0 in URDF.
+        If the element `<limit>` has no attribute lower or upper, this stop is 0, as URDF defines.
         """
         if self.limits is None or self.kind not in ("revolute", "prismatic"):
             return -math.inf, math.inf
@@ -195,7 +195,7 @@ def parse_tree(xml: str | Element) -> UrdfTree:
 
 @lru_cache(maxsize=8)
 def _parse_tree_text(xml: str) -> UrdfTree:
-    """Read the tree of a text; the runs of a study read the same few texts."""
+    """Read the tree of a URDF text; cached, because many runs of a study use the same text."""
     return _build_tree(xml)
 
 

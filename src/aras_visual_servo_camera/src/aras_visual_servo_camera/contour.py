@@ -1,9 +1,10 @@
 """Outline and corners of the segmented target, with sub-pixel accuracy, in normalised coordinates.
 
-The outline has one point for each pixel at the target's edge. From the pixel, the edge is searched
-along the gradient of the coverage, which is the fraction of each pixel that the target covers.
-Corners are the intersections of straight lines that are fitted to the sides of the target. The
-lines are fitted in normalised coordinates, in which the sides are straight for any lens.
+The coverage of a pixel is the fraction of it that the target covers. The outline has one point for
+each pixel at the target's edge: from this pixel, the edge is searched along the gradient of the
+coverage. Corners are the intersections of straight lines that are fitted to the sides of the
+target. The lines are fitted in normalised coordinates, in which the sides are straight for any
+lens.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ OUTLINE_SAMPLES = 128  # number of points at which an outline is compared with a
 # 840 quadrilaterals with a width of 12 to 180 px and noise of up to 5 grey levels.
 CORNER_ACCURACY = 0.022
 # Largest accepted distance of a corner from its position in the fitted model, as a fraction of the
-# rms distance of the outline's points from their mean. One pixel is added to it.
+# rms distance of the outline's points from their mean. One pixel is added to this limit.
 MAX_CORNER_DISTANCE = 0.1
 
 
@@ -82,7 +83,7 @@ def extract_outline(grey: NDArray[np.uint8], target: SegmentedTarget, camera: Ca
 
 
 def find_corners(outline: Array, max_bend: float = MAX_BEND) -> Array:
-    """Return the corners (n, 2) of a polygon, as `fit_corners` computes them from its outline."""
+    """Return the corners (n, 2) of a polygon from its outline; see `fit_corners`."""
     return fit_corners(outline, max_bend)[0]
 
 
@@ -91,18 +92,18 @@ def fit_corners(outline: Array, max_bend: float = MAX_BEND) -> tuple[Array, Arra
 
     The sides are found by the Douglas-Peucker algorithm. A line is fitted to each side by total
     least squares, without the points next to its ends. The corners are the intersections of
-    neighbouring lines. The fit is then repeated between these corners.
+    neighbouring lines. The fit is then repeated between these corners. Before the first fit, each
+    side shorter than MIN_SIDE pixels is replaced by one corner in its middle.
 
     Args:
         outline: (m, 2) closed outline, as `extract_outline` returns it.
-        max_bend: largest deviation of a side from a line, as a fraction of the outline's length. A
-            smaller value than MIN_BEND pixels has no effect. A side shorter than MIN_SIDE pixels
-            is replaced by one corner in its middle.
+        max_bend: largest deviation of a side from a line, as a fraction of the outline's length.
+            The limit is at least MIN_BEND pixels.
 
     Returns:
-        The corners (n, 2), in the direction from the x axis to the y axis; and their uncertainty
-        (2n, 2n), which `compute_crossing_spread` computes from the scatter of the outline about
-        the lines.
+        The corners (n, 2), ordered in the direction from the x axis to the y axis; and their
+        uncertainty (2n, 2n), which `compute_crossing_spread` computes from the scatter of the
+        outline about the lines.
 
     Raises:
         SegmentationError: the outline has fewer than three or more than 32 sides.
@@ -172,10 +173,10 @@ def match_corners(outline: Array, model: Array) -> Array:
 
 
 def _centre_polygon(polygon: Array) -> tuple[Array, tuple[float, float], float, float]:
-    """Return a polygon (n, 2) relative to its middle, in the direction from the x to the y axis.
+    """Return a polygon (n, 2) relative to its middle, ordered from the x axis to the y axis.
 
     Returns:
-        The points (n, 2); their middle; the median length of a side; the length of all sides.
+        The points (n, 2); the polygon's middle; the median length of its sides; its perimeter.
     """
     polygon = np.asarray(polygon, dtype=float)
     points = np.empty(polygon.shape)

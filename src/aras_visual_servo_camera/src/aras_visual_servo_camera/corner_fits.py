@@ -41,7 +41,7 @@ def locate_edge(weights, edge, found):
         u, v = edge[n, 0], edge[n, 1]
         left, right = max(u - 1, 0), min(u + 1, columns - 1)
         up, down = max(v - 1, 0), min(v + 1, rows - 1)
-        # The Sobel kernels give 8 for a slope of the coverage of one per pixel.
+        # The factor 1 / 8 scales the result of a Sobel kernel to the slope of the coverage, 1/px.
         gx = (
             weights[up, right] + 2.0 * weights[v, right] + weights[down, right]
             - weights[up, left] - 2.0 * weights[v, left] - weights[down, left]
@@ -77,14 +77,14 @@ def locate_edge(weights, edge, found):
 
 @jit("f8[:,:], f8[:,::1]")
 def centre_polygon(polygon, points):
-    """Write a polygon relative to its middle, in the direction from the x axis to the y axis.
+    """Write a polygon relative to its middle, ordered from the x axis to the y axis.
 
     Args:
         polygon: (n, 2) points.
         points: (n, 2) array to which the result is written.
 
     Returns:
-        x and y of the middle; median length of a side; length of all sides.
+        x and y of the polygon's middle; the median length of its sides; its perimeter.
     """
     count = len(polygon)
     x = y = area = 0.0
@@ -116,7 +116,7 @@ def merge_corners(corners, shortest):
     At least three corners remain.
 
     Args:
-        corners: (n, 2) corners; those that remain are written to the first rows.
+        corners: (n, 2) corners; the corners that remain are written to its first rows.
         shortest: length of the shortest side that remains.
 
     Returns:
@@ -225,7 +225,7 @@ def fit_sides(points, rough, repeats, corners, lines):
     Args:
         points: (m, 2) points of the closed outline.
         rough: (k, 2) rough corners, which separate the sides of the first fit.
-        repeats: number of fits; each separates the sides at the corners of the fit before.
+        repeats: number of fits; each fit separates the sides at the corners of the previous fit.
         corners: (MAX_CORNERS, 2) array to which the n corners are written.
         lines: (MAX_CORNERS, 7) array to which the n lines are written, as in
             `propagate_line_errors`. Line k leads from corner k to the next corner.

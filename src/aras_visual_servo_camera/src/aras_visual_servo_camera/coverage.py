@@ -16,8 +16,9 @@ from .segmented_target import Mask, SegmentedTarget
 # Half width, px, of the square around a pixel over which the local grey level of the background or
 # of the target is averaged.
 BAND_WIDTH = 3
-# Smallest difference of the local grey levels of background and target. With a smaller difference,
-# the weight of a pixel at the edge is 1 if the pixel is in the target's mask, and 0 if not.
+# Smallest difference between the local grey levels of background and target with which the weight
+# of an edge pixel is computed. If the difference is smaller, the weight is 1 for a pixel in the
+# target's mask, and 0 for other pixels.
 MIN_CONTRAST = 8.0
 
 
@@ -98,7 +99,7 @@ def _compute_local_coverage(
 
 @cache
 def _make_square(band: int) -> Mask:
-    """Return a square structuring element of 2 band + 1 pixels."""
+    """Return a square structuring element whose side has 2 band + 1 pixels."""
     return cv2.getStructuringElement(cv2.MORPH_RECT, (2 * band + 1, 2 * band + 1))
 
 
@@ -106,9 +107,9 @@ def _make_square(band: int) -> Mask:
 def _measure_levels(image, around, core):
     """Return the mean grey levels of the background and of the target.
 
-    Pixels in the band along the target's edge are not used. If there are no pixels of the
-    background outside the band, its level is the highest level in the image. If there are no pixels
-    of the target outside the band, its level is the lowest level in the image.
+    Pixels in the band along the target's edge are not used. If all pixels of the background are in
+    the band, the level of the background is the highest level in the image. If all pixels of the
+    target are in the band, the level of the target is the lowest level in the image.
 
     Args:
         image: (rows, columns) grey levels.

@@ -1,4 +1,4 @@
-"""Checks of features that are undefined if their denominator vanishes.
+"""Checks whether a feature is undefined, because the denominator of its formula vanishes.
 
 All checks are dimensionless: a moment of order n is compared with m00 rg^n, where rg is the radius
 of gyration. The result therefore does not depend on the size or distance of the target.

@@ -7,9 +7,9 @@ middle of the square is thus w (1 - w) / 2, directed towards the target. For an 
 error of this formula is at most 6 %. The weights increase towards the target, so their gradient
 gives the direction.
 
-If the middle of the square were used instead, all pixels of an edge along a row would have the same
-error, and the errors would add up. For a nearly square target, the error of the main axis would be
-up to 1.5 mrad. With the middle of the covered part, it is at most 0.27 mrad.
+If the middle of the square were used instead of the middle of the covered part, all pixels of an
+edge along a row would have the same error, and the errors would add up. The angle of a nearly
+square target's main axis would have an error of up to 1.5 mrad, instead of at most 0.27 mrad.
 """
 
 from __future__ import annotations

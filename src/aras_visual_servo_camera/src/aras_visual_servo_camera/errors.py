@@ -20,8 +20,8 @@ class SegmentationError(VisionError):
 class MomentsError(VisionError):
     """A shape whose moments cannot be computed or used.
 
-    For example, it is empty, has fewer than three points, edges that cross, or a coordinate that is
-    not finite.
+    For example, the shape is empty or has fewer than three points, two of its edges cross, or a
+    coordinate is not finite.
     """
 
 

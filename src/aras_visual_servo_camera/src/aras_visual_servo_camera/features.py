@@ -109,7 +109,7 @@ class FeatureSet:
         return float(self.values[self._find_index(name)])
 
     def get_interaction_row(self, name: str) -> Array:
-        """Return the row (6,) of L that belongs to one feature.
+        """Return the row (6,) of the interaction matrix L for one feature.
 
         Raises:
             DegenerateFeatureError: the feature is undefined for this shape.
@@ -190,7 +190,7 @@ class _Plan(NamedTuple):
         centred_order: highest order of the centred moments whose rows are needed.
         raw_order: highest order of the raw moments whose rows are needed; -1 if none is needed.
         row_indices: index of each leaf's row in the array that `_compute_leaf_rows` builds.
-        checked_names: features that can be undefined.
+        checked_names: names of the features that can be undefined.
     """
 
     leaves: tuple[str, ...]
@@ -235,9 +235,9 @@ def _compile_plan(names: tuple[str, ...], leaves: tuple[str, ...]) -> CompiledFo
 def _list_leaf_indices(
     names: tuple[str, ...], leaves: tuple[str, ...]
 ) -> tuple[tuple[str, tuple[int, int] | None], ...]:
-    """Return the leaves that affect the features, '' for the others.
+    """Return the name and the indices of each leaf; ('', None) if it affects no feature.
 
-    For a centred moment mu_ij, also return (i, j).
+    The indices are (i, j) for a centred moment mu_ij, and None for any other leaf.
     """
     used, found = _compile_plan(names, leaves).used_leaves, []
     for name in leaves:
@@ -250,7 +250,7 @@ def _list_leaf_indices(
 def compute_required_order(names: Iterable[str], kind: str = DENSE) -> int:
     """Return the order of moments from which L of the features can be computed.
 
-    It is one more than the order that their values need.
+    This order is one higher than the order needed for the values of the features.
     """
     plan = _make_plan(tuple(names), kind)
     return max(plan.centred_order, plan.raw_order) + 1
@@ -439,7 +439,7 @@ class _View:
         return self.evaluate((name,), tuple(sorted(_make_node(name).leaves)))[0][0]
 
     def _get_leaf(self, name: str) -> float:
-        """Return a raw moment, or alpha_full, which needs the reference."""
+        """Return the value of a leaf: a raw moment, or alpha_full, which needs the reference."""
         moments = self.moments
         if moment := _parse_moment(name):
             return moments.m(*moment[1:])

@@ -81,13 +81,13 @@ class CompiledFormulas:
         )
 
     def _get_locals(self, name: str) -> tuple[str, dict[str, str]]:
-        """Return the variables of a formula or leaf in the generated source.
+        """Return the names of the variables that represent a formula or leaf in the source.
 
-        The first call for a name writes the lines of source that set these variables.
+        The first call for each formula writes the lines of source that set these variables.
 
         Returns:
-            The variable that contains the value; and for each leaf, the variable that contains the
-            derivative with respect to this leaf.
+            The variable that contains the value of the formula; and for each leaf, the variable
+            that contains the derivative with respect to this leaf.
         """
         if name not in self._local_names:
             formula = self._find_formula(name)

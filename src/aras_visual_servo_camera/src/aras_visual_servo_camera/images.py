@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from .errors import ImageError
 
-# Images of a servo loop are too small for several threads. At 320 x 240 pixels, the waiting of
-# OpenCV's threads takes twice the processor time of segmentation and moments.
+# Images of a servo loop are too small for several threads. At 320 x 240 pixels, OpenCV's threads
+# spend twice as much processor time waiting as segmentation and moments take.
 cv2.setNumThreads(1)
 
 # For each encoding: bytes per channel, number of channels, OpenCV's code of the conversion to grey,
@@ -113,7 +113,7 @@ def decode(message: Any) -> Image:
         pixels = np.lib.stride_tricks.as_strided(
             data, (rows, line), (step, 1), writeable=False
         ).reshape(shape)
-    if depth == 2:  # of 16 bits per channel, keep the upper byte
+    if depth == 2:  # keep only the upper byte of 16-bit channels
         start = 0 if message.is_bigendian else 1
         pixels = np.ascontiguousarray(pixels[:, start::2])
         if channels > 1:

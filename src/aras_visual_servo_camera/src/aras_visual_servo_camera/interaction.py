@@ -151,7 +151,7 @@ def compute_raw_interaction(moments: Moments, plane: Plane, order: int | None = 
         order: highest i + j, at most moments.order - 1, which is the default.
 
     Returns:
-        ((order+1)(order+2)/2, 6), one row for each m_ij, by i + j and then by j.
+        ((order+1)(order+2)/2, 6), one row for each m_ij, sorted by i + j, then j.
     """
     order = _find_order(moments, order)
     return _compute_rows(
@@ -204,7 +204,7 @@ def _compute_rows(table, velocity, order, delta):
         delta: 1 for a region, 0 for a set of points.
 
     Returns:
-        ((order+1)(order+2)/2, 6), one row for each m_ij, by i + j and then by j.
+        ((order+1)(order+2)/2, 6), one row for each m_ij, sorted by i + j, then j.
     """
     rows, row = np.zeros(((order + 1) * (order + 2) // 2, 6)), 0
     for n in range(order + 1):

@@ -1,9 +1,9 @@
 """Arrays that the original ARAS simulator published.
 
-Its version of 2015 published kernel features, its version of 2016 published image moments. Both are
+The simulator of 2015 published kernel features, and that of 2016 published image moments. Both are
 computed from a binary image (0 or 255) with the fixed threshold 250. The units and conventions are
-those of the original simulator, because its controllers need them: x increases from row to row and
-y from column to column, m00 is a number of pixels, and alpha is multiplied by 0.1.
+those that the controllers of the original simulator need: x increases from row to row and y from
+column to column, m00 is a number of pixels, and alpha is multiplied by 0.1.
 """
 
 from __future__ import annotations

@@ -36,8 +36,8 @@ class LabelTopics:
         Args:
             camera: namespace of the camera's topics.
             label: name of the target, 'model' or 'model::link'.
-            callback: function that is called for each label image, with the arguments 'labels' and
-                the image message.
+            callback: function that is called with the text 'labels' and the message of each label
+                image.
         """
         self._target_labels = TargetLabels(label)
         self.topic = rospy.resolve_name(f"{camera}/segmentation/image_raw")
@@ -60,7 +60,7 @@ class LabelTopics:
         )
 
     def make_mask(self, message: ImageMessage) -> Mask:
-        """Return the mask (rows, columns) of the target, 255 where a label image shows it.
+        """Return the target's mask (rows, columns), 255 where a label image shows the target.
 
         Raises:
             VisionError: the label image is invalid, or no known label has the target's name.

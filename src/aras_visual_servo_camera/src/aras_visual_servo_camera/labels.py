@@ -14,7 +14,7 @@ from aras_visual_servo_base.names import suggest
 from .errors import ImageError, SegmentationError
 from .segmented_target import Mask
 
-LINK = "::"  # separator between the names of a model and of its link in a label
+LINK = "::"  # separator in the name 'model::link' of a label
 
 
 class TargetLabels:

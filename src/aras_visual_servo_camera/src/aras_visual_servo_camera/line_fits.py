@@ -21,8 +21,8 @@ from .polygons import Array
 
 # The variance assumed for a line's points is a weighted mean of two values: the variance of its own
 # points (weight: their number of degrees of freedom) and the average variance over all lines
-# (weight SHARED_ERROR). The first value alone is too small if there are few points. It is also too
-# small if the line is parallel to the rows or columns, because all its points then have nearly the
+# (weight SHARED_ERROR). The variance of a line's own points alone is too small if there are few
+# points, or if the line is parallel to the rows or columns, so that all its points have nearly the
 # same error.
 SHARED_ERROR = 6.0
 PARALLEL = 0.05  # two lines are parallel if the sine of their angle is below this value
@@ -61,7 +61,7 @@ class FittedLine(NamedTuple):
 
 
 def compute_crossing_spread(lines: Sequence[FittedLine]) -> Array:
-    """Compute the uncertainty of the points at which each of n lines meets the line before it.
+    """Compute the uncertainty of the intersections of n lines, each with the line before it.
 
     Returns:
         (2n, 2n) array S, see `propagate_line_errors`.
@@ -74,7 +74,7 @@ def compute_crossing_spread(lines: Sequence[FittedLine]) -> Array:
 
 @jit("f8[:,:], f8[:,::1]", allocates=False)
 def propagate_line_errors(lines, spread):
-    """Compute the uncertainty of the points at which each of n lines meets the line before it.
+    """Compute the uncertainty of the intersections of n lines, each with the line before it.
 
     Each line has two independent errors, the error of its offset and the error of its angle.
 
@@ -104,7 +104,7 @@ def propagate_line_errors(lines, spread):
             determinant = ax * by - ay * bx
             pa, qa = by / determinant, -bx / determinant
             pb, qb = -ay / determinant, ax / determinant
-        else:  # the lines are parallel: the smaller singular value is replaced by zero
+        else:  # the lines are parallel: as for a singular matrix, ignore the smaller singular value
             sign = 1.0 if cosine >= 0.0 else -1.0
             scale = 0.5 / (1.0 + abs(cosine))
             pa, qa = scale * (ax + sign * bx), scale * (ay + sign * by)

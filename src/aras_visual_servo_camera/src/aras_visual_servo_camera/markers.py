@@ -2,7 +2,7 @@
 
 A choice has one of these forms:
 
-- `5`: marker number 5 of the first dictionary in SEARCHED_DICTIONARIES with which it is found;
+- `5`: marker number 5; the dictionaries in SEARCHED_DICTIONARIES are tried until it is found;
 - `DICT_5X5_100:5`, or `5X5_100:5`: marker number 5 of this dictionary;
 - `DICT_5X5_100`: the largest visible marker of this dictionary;
 - `{dictionary: DICT_5X5_100, size: 0.04, markers: {5: [0, 0], 7: [0.06, 0, 90]}}`: a flat board of
@@ -39,7 +39,8 @@ DICTIONARIES = {
 DEFAULT_DICTIONARY = "DICT_APRILTAG_36h11"
 # Dictionaries that are searched in this order if the setting names no dictionary. A dictionary of
 # 1000 markers contains the markers of the smaller dictionaries with the same number of bits.
-# DICT_4X4_1000 is not searched, because one of 16 random squares is one of its markers.
+# DICT_4X4_1000 is not searched, because one in 16 random squares would be detected as one of its
+# markers.
 SEARCHED_DICTIONARIES = ("DICT_4X4_50", "DICT_APRILTAG_36h11", "DICT_5X5_1000", "DICT_6X6_1000",
             "DICT_7X7_1000", "DICT_ARUCO_ORIGINAL", "DICT_APRILTAG_25h9", "DICT_APRILTAG_36h10",
             "DICT_ARUCO_MIP_36h12", "DICT_APRILTAG_16h5")  # fmt: skip
@@ -157,13 +158,14 @@ class MarkerChoice:
 
     @property
     def cells(self) -> int:
-        """Number of cells across the marker, including the black rim, in `draw_marker`'s image."""
+        """Number of cells across the marker that `draw_marker` draws, including the black rim."""
         return DICTIONARIES[self.dictionary or DEFAULT_DICTIONARY]
 
     def draw_marker(self, side: int) -> np.ndarray:
         """Draw the marker as an image of side x side pixels without a white rim.
 
-        If the choice has no dictionary, it is AprilTag 36h11. If it has no number, it is 0.
+        Without a dictionary in the choice, the marker is from AprilTag 36h11. Without a number, it
+        is marker 0.
 
         Raises:
             VisionError: the dictionary has no marker with this number.

@@ -21,7 +21,7 @@ BLOCK = 256
 
 @jit("f8[:,::1], f8[:,:], f8[:,:], f8[:,:], f8[:,:], b1, f8[:,::1]")
 def sum_image(weights, u_powers, v_powers, u_slopes, v_slopes, has_edges, table):
-    """Compute the moments of an image about the point where its coordinates u and v are zero, px.
+    """Compute the moments of an image about the origin of its coordinates u and v, px.
 
     Args:
         weights: (rows, columns) weight of each pixel.
@@ -106,9 +106,9 @@ def sum_samples(x, y, weight, table):
                 px[k + 1, n] = px[k, n] * px[1, n]
         for i in range(SIZE):
             for j in range(SIZE - i):
-                # The second half of the products is added to the first half until one product is
-                # left. Unlike a plain sum, this loop can be vectorised without changing the order
-                # of the summands.
+                # Sum the products: add the second half of the array to the first half until one
+                # element is left. The compiler can vectorise this loop without changing the order
+                # of the summands, unlike a plain sum.
                 for n in range(padded):
                     products[n] = px[i, n] * py[j, n]
                 half = padded // 2

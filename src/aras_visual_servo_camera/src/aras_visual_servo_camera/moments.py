@@ -49,7 +49,7 @@ _WEIGHTS = 0.5 * _WEIGHTS
 
 @cache
 def exponents(order: int) -> tuple[tuple[int, int], ...]:
-    """Return all (i, j) with i + j <= order, by i + j and then by j (exchange order)."""
+    """Return all (i, j) with i + j <= order, sorted by i + j, then by j (exchange order)."""
     return tuple((n - j, j) for n in range(order + 1) for j in range(n + 1))
 
 
@@ -128,12 +128,12 @@ class Moments:
 
     @property
     def m_array(self) -> Array:
-        """All m_ij, ((order+1)(order+2)/2,), by i + j and then by j."""
+        """All m_ij, ((order+1)(order+2)/2,), sorted by i + j, then by j."""
         return self.raw[_make_flat_index(self.order)]
 
     @property
     def mu_array(self) -> Array:
-        """All mu_ij, ((order+1)(order+2)/2,), by i + j and then by j."""
+        """All mu_ij, ((order+1)(order+2)/2,), sorted by i + j, then by j."""
         return self.centred[_make_flat_index(self.order)]
 
     @property
@@ -155,7 +155,7 @@ class Moments:
         """Return the moments from arrays, such as those of an ImageMoments message.
 
         Args:
-            m, mu: ((order+1)(order+2)/2,) raw and centred moments, by i + j and then by j.
+            m, mu: ((order+1)(order+2)/2,) raw and centred moments, sorted by i + j, then j.
             order: highest i + j.
             kind: 'dense' for a region, 'points' for a set of points.
 
@@ -242,8 +242,9 @@ class Moments:
             weight: (n,) weight of each sample, such as the area of a pixel.
             order: highest i + j, at most 6.
             kind: 'dense' for a region, 'points' for a set of points.
-            extent: variance (xx, xy, yy) of the area that a sample represents, such as the square
-                of a pixel. Its effect is included to first order. None for samples without extent.
+            extent: variance (xx, xy, yy) of the points in the area that a sample represents, such
+                as the square of a pixel. Its effect is included to first order. None for samples
+                without extent.
 
         Raises:
             MomentsError: the sum of the weights is not positive.
@@ -308,7 +309,7 @@ class Moments:
 
     @classmethod
     def _from_table(cls, table: Array, x0: float, y0: float, order: int, kind: str) -> Moments:
-        """Return the moments whose values (order+1, order+1) about the point (x0, y0) are given."""
+        """Return Moments from an array (order+1, order+1) of moments about the point (x0, y0)."""
         centred = np.empty(table.shape)
         m00, dx, dy = centre_moments(table, centred)
         if not (m00 > 0.0 and isfinite(m00)):

@@ -8,7 +8,8 @@ difference of the two orientations, agree with those of the current view.
 A tilt of the target's plane distorts third-order moments, which can reverse the result. This is a
 known error of ViSP. Therefore both views are first rectified: the moments that a camera along the
 plane's normal would measure are computed from the plane and from the moments of higher order. Only
-the choice of the direction depends on rectified moments. The value of alpha is that in the image.
+the choice of the direction depends on rectified moments. The value of alpha is measured in the
+image, which is not rectified.
 """
 
 from __future__ import annotations
@@ -119,8 +120,8 @@ def compute_third_product(p, q):
 def _compute_plane_map(A, B, C, xg, yg, ex, ey):
     """Compute the matrix G (2, 2) that maps offsets in the image to offsets in the target's plane.
 
-    The smallest rotation that makes the image plane parallel to the target's plane rotates the
-    axes of the image to those of the offsets in the target's plane.
+    The axes of the offsets in the target's plane are those of the image after the smallest rotation
+    that makes the image plane parallel to the target's plane.
 
     Args:
         A, B, C: the target's plane, 1/Z = A x + B y + C.
@@ -171,7 +172,7 @@ def _compute_plane_moments(centred, A, B, C, xg, yg, shrinking):
             # Here t = ex x + ey y.
             binomial = 1.0
             for r in range(known - order + 1):
-                choice = 1.0  # binomial coefficient C(r, y) of the power t^r
+                choice = 1.0  # C(r, y), a binomial coefficient of t^r = (ex x + ey y)^r
                 for y in range(r + 1):
                     moment = centred[order - b + r - y, b + y]
                     projected[b] += binomial * choice * of_x_tilt[r - y] * of_y_tilt[y] * moment
@@ -243,7 +244,7 @@ def _is_opposite(centred, A, B, C, xg, yg, shrinking, alpha, of_alpha, of_uprigh
 
     Args:
         alpha: orientation of the main axis of the view, rad.
-        of_alpha, of_upright_alpha, of_third: Orientation of the desired view.
+        of_alpha, of_upright_alpha, of_third: fields of Orientation for the desired view.
     """
     if np.sqrt(compute_third_product(of_third, of_third)) < SYMMETRY_TOLERANCE:
         return False

@@ -102,8 +102,8 @@ class ImagePublishers:
         try:
             numbers = self._pipeline.compute_original_data(image)
         except VisionError as error:
-            # The original simulator published zeros or NaN instead. Here nothing is published, so
-            # that the controllers that subscribe stop the arm.
+            # The original simulator published zeros or NaN instead. Nothing is published here, so
+            # that a controller that subscribes to this topic stops the arm.
             self._log("data", f"nothing is published on {NAMESPACE}data: {error}")
             return
         self._data_publisher.publish(make_array_message(numbers))

@@ -19,7 +19,7 @@ from .segmentation import Segmentation
 
 
 def copy_parameter(settings: type, name: str) -> Any:
-    """Return a dataclass field for a parameter of the node, which sets the given setting.
+    """Return the dataclass field of a node parameter that has the name of a setting.
 
     The parameter has the default and the bounds of the setting.
 
@@ -80,8 +80,8 @@ class VisionParameters:
     def from_mapping(cls, mapping: Mapping[str, Any]) -> VisionParameters:
         """Return the parameters from a mapping.
 
-        The entry `segmentation` is the name of a method, or a mapping of settings like that of the
-        controller node.
+        The value of `segmentation` is the name of a method, or a mapping of settings. The
+        controller node accepts the same mapping.
 
         Raises:
             ParameterError: a parameter is unknown or invalid; the message names it.

@@ -102,8 +102,8 @@ class Pipeline:
         """Segment the image and compute the moments of the target.
 
         Raises:
-            SegmentationError: the image lacks what the settings need, such as colours, labels or
-                the size of the mask image.
+            SegmentationError: the settings need colours or labels that the image does not have, or
+                the image and the mask image differ in size.
         """
         camera = self.camera
         colour = None
@@ -137,7 +137,7 @@ class Pipeline:
         return TargetDetection(not reason, reason, target, moments, camera)
 
     def _mask_blind_pixels(self, grey: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Return the image with background in place of pixels outside the lens model's range.
+        """Return the image with the background's level in pixels outside the lens model's range.
 
         Otherwise, a dark object at the rim of a fisheye image could be taken for the target. A
         target that extends beyond the range is still rejected, because its moments are computed

@@ -1,4 +1,4 @@
-"""Functions of closed polygons.
+"""Functions for closed polygons.
 
 A polygon is an array (n, 2) of vertices in order. The last vertex is connected to the first.
 """

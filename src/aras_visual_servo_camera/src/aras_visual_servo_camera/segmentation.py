@@ -25,7 +25,8 @@ class Segmentation:
             the local mean), 'colour' (range of colours in HSV), 'nearest_colour' (all pixels close
             to one colour), or 'label' (pixels of the target in a label image).
         threshold: threshold of 'fixed', 0 to 255; pixels at this grey level and below are target.
-        dark_target: False for a bright target on a dark background, which reverses the comparison.
+        dark_target: whether the target is darker than the background. False reverses the
+            comparisons with the threshold and with the mean.
         adaptive_block: for 'adaptive', side of the square over which the mean is computed, odd, px.
         adaptive_offset: for 'adaptive', grey levels by which the target is darker than the mean.
         colour_low, colour_high: for 'colour', lowest and highest hue (0-179), saturation (0-255)

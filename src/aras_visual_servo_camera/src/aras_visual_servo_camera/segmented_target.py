@@ -62,7 +62,7 @@ class SegmentedTarget:
     is_uneven: bool = False
 
     def describe(self) -> str:
-        """Return a text that describes which object is the target, and by which rule."""
+        """Return a text that describes which object was chosen as the target, and by which rule."""
         column, row, width, height = self.box
         place = (
             f"{self.pixel_count} pixels around column {column + width // 2}, "
@@ -326,7 +326,7 @@ def _choose_component(
         chosen = int(distance.argmin())
     else:
         chosen = 1 + int(stats[1:, cv2.CC_STAT_AREA].argmax())
-    if count == 2:  # `mask` has only one component, so it is complete
+    if count == 2:  # `mask` has only one component, so no pixels are removed
         return mask, box, 1
     left, top, width, height = (int(k) for k in stats[chosen, :4])
     new_box = (box[0] + left, box[1] + top, width, height)

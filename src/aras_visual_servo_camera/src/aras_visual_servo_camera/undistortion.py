@@ -142,7 +142,8 @@ class CameraModel:
     def tables(self) -> PixelTables:
         """Undistorted position and area of each pixel, computed at first use; read-only.
 
-        All equal cameras of a process share them: a study makes a camera for each of its runs.
+        All cameras of a process with the same calibration share these tables, because a study
+        creates a new camera for each run.
         """
         return _tables.get(self, lambda: _compute_tables(self))
 

@@ -55,7 +55,8 @@ def find_publishers() -> None:
     def connect_once(handler: masterslave.ROSHandler, topic: str, uri: str) -> tuple[int, str, int]:
         with locks_lock:
             lock = locks.setdefault((topic, uri), threading.Lock())
-        # A second thread for the same topic waits here, and then finds the connection of the first.
+        # A second thread for the same topic waits here, and then finds the first thread's
+        # connection.
         with lock:
             return connect(handler, topic, uri)
 

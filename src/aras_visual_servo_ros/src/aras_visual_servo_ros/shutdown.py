@@ -20,8 +20,8 @@ from .master_watch import MasterWatch
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 HELP_OPTIONS = {"-h", "--help"}
-# Longest duration of rospy's shutdown after a signal during init_node, s; then the process is
-# ended. Without a master, this shutdown would never finish.
+# If a signal arrives during init_node, the process is ended when rospy's shutdown has taken this
+# time, s. Without a master, the shutdown would never finish.
 PATIENCE = 2.0
 _started = threading.Event()
 _started.set()
@@ -32,7 +32,7 @@ SUBSCRIBED_PARAMETER = "/rosout_disable_topics_generation"
 
 
 class _ShutdownLogFilter(logging.Filter):
-    """Log filter that drops rospy's tracebacks of callbacks that publish during shutdown.
+    """Log filter that drops the errors of callbacks that publish during shutdown.
 
     These errors occur because rospy closes the topics while callbacks are still running.
     """
@@ -46,7 +46,7 @@ def init_node(name: str, about: str = "", **options: bool) -> None:
 
     Call this in the main thread. If Ctrl-C is pressed during rospy.init_node, the program ends
     without waiting for rospy's locks or printing rospy's exceptions. If `about` is not empty, the
-    program has no options, and prints this text for --help.
+    program takes no options, and prints `about` for --help.
 
     Raises:
         SystemExit: after --help, or after Ctrl-C or SIGTERM.
@@ -73,8 +73,8 @@ def _unregister(_reason: str) -> None:
     """Unregister this node's subscription to SUBSCRIBED_PARAMETER, because rospy does not do it.
 
     Otherwise, the master stores the address of this node after its end. When a node of the same
-    name starts, the master requests the process at this address to shut down. By then, this process
-    may be a different node.
+    name starts, the master requests the process at this address to shut down. By then, a different
+    node may use this address.
     """
     with contextlib.suppress(OSError, rosgraph.MasterException):  # no master
         rosgraph.Master(rospy.get_name()).unsubscribeParam(
@@ -86,11 +86,11 @@ def end_on_signals() -> None:
     """Handle Ctrl-C and SIGTERM in a separate thread instead of rospy's signal handler.
 
     Call this in the main thread. rospy would shut the node down inside the signal handler, which
-    Python runs in the main thread at any point. If this handler interrupts the main thread while it
-    logs a message, the shutdown waits forever for a lock that the main thread itself has acquired.
-    Moreover, the kernel may deliver a signal to any thread, so that a waiting main thread does not
-    wake up. Here, Python's C signal handler writes the number of the signal to a pipe, and a
-    separate thread reads it.
+    Python runs in the main thread at any point. If this handler interrupts the main thread while
+    the main thread logs a message, the shutdown waits forever for a lock that the main thread
+    itself has acquired. Moreover, the kernel may deliver a signal to any thread, so that a waiting
+    main thread does not wake up. Here, Python's C signal handler writes the number of the signal to
+    a pipe, and a separate thread reads it.
     """
     logging.getLogger("rosout").addFilter(_ShutdownLogFilter())
     read_end, write_end = os.pipe()
@@ -107,7 +107,8 @@ def end_on_signals() -> None:
 def _wait_for_signal(read_end: int) -> None:
     while (number := os.read(read_end, 1)[0]) not in SIGNALS:
         pass
-    # Python waits for a thread that is no daemon, so all shutdown hooks can finish.
+    # The shutdown runs in a thread that is not a daemon. Python waits for such a thread at exit, so
+    # all shutdown hooks can finish.
     reason = signal.Signals(number).name
     thread = threading.Thread(target=rospy.signal_shutdown, args=(reason,), name="shutdown")
     # The current thread is a daemon, and a new thread inherits this flag.

@@ -27,7 +27,7 @@ def read(data: bytes, folder: Path, check_size: Callable[[int, int], None],
          find_texture: Callable[[Path, str], str | None], default_colour: Rgba) -> list[Mesh]:
     """Read one mesh for each primitive in the scene, in metres.
 
-    As in Gazebo and rviz, the unit is applied, but not the up axis.
+    As in Gazebo and rviz, the unit of the file is applied, but its up axis is ignored.
 
     Args:
         folder: folder to which the paths of texture files are relative.

@@ -146,7 +146,7 @@ def _read_stl(data: bytes, _folder: Path, _states: dict[Path, _State | None]) ->
 
 
 def _is_ascii(data: bytes, count: int) -> bool:
-    """Return whether an STL file is an ASCII file, although it is long enough for a binary file.
+    """Return whether an STL file that is long enough for a binary file is an ASCII file.
 
     ASCII files start with "solid", but binary files may also do so. Therefore the length of the
     file and the word "vertex" are checked, too.
@@ -158,7 +158,7 @@ def _is_ascii(data: bytes, count: int) -> bool:
 def write_stl(meshes: tuple[Mesh, ...], path: str) -> None:
     """Write the triangles of meshes to a binary STL file.
 
-    No bytes follow the triangles, because Bullet would not read such a file.
+    The file ends after the last triangle. Bullet would not read a file with more bytes.
     """
     corners = np.concatenate([mesh.positions[mesh.triangles] for mesh in meshes])
     triangles = np.zeros(len(corners), _STL_TRIANGLE)
@@ -261,7 +261,7 @@ def _parse_corner(text: str, counts: list[int]) -> tuple[int, ...]:
 
 def _read_mtl(path: Path, states: dict[Path, _State | None]
               ) -> dict[str, tuple[Rgba | None, str | None]]:
-    """Return (rgba, texture file) of each material by name; nothing if the file is missing."""
+    """Return (rgba, texture file) of each material by name; {} if the MTL file is missing."""
     materials: dict[str, tuple[Rgba | None, str | None]] = {}
     states[path] = _read_state(path)
     if states[path] is None:

@@ -10,7 +10,7 @@ from ..errors import DescriptionError
 from ..image_files import read_image_size
 from ..urdf import Rgba
 
-# Faces that meet at less than this angle are shaded as one smooth surface.
+# Adjacent faces whose normals differ by less than this angle are shaded as one smooth surface.
 CREASE_ANGLE = np.radians(35.0)
 # A vertex with more faces than this, such as the tip of a cone, is not smoothed. The time for
 # smoothing increases with the square of the number of faces.
@@ -63,8 +63,8 @@ class Mesh:
         """Return a copy of the mesh with a texture.
 
         If `box_mapping`, each side of a box shows the whole image, upright on vertical sides.
-        Otherwise, the texture coordinates of the mesh are used; if it has none, it is returned
-        unchanged.
+        Otherwise, the texture coordinates of the mesh are used; a mesh without texture coordinates
+        is returned unchanged.
         """
         if not box_mapping:
             return self if self.uv is None else replace(self, texture=texture)
@@ -123,8 +123,8 @@ def normalise(v: np.ndarray) -> np.ndarray:
 def from_corners(corners: np.ndarray) -> Mesh:
     """Make a mesh of triangles (T, 3, 3).
 
-    The normals at a vertex are averaged over faces that meet at less than CREASE_ANGLE. Triangles
-    without area are dropped.
+    The normals at a vertex are averaged over faces whose normals differ by less than CREASE_ANGLE.
+    Triangles without area are dropped.
 
     Raises:
         DescriptionError: a coordinate is too large, or no triangle has an area.
@@ -242,8 +242,9 @@ def _find_unique_rows(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _smooth(point: np.ndarray, weighted: np.ndarray, unit: np.ndarray, cosine: float) -> np.ndarray:
     """Compute a smooth normal at each of n corners of triangles.
 
-    It is the mean, weighted by area, of the normals of all faces at the same vertex whose angle to
-    the corner's own face is at most the crease angle.
+    The smooth normal is the mean, weighted by area, of the normals of some faces at the corner's
+    vertex: those whose normal differs from that of the corner's own face by at most the crease
+    angle.
 
     Args:
         point: (n,) number of the vertex of each corner.

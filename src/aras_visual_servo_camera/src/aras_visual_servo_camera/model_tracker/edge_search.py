@@ -1,9 +1,9 @@
 """Search and measurement of edges along the rows and columns of an image.
 
 An edge at more than 45 degrees to the rows is searched along a row, any other edge along a column.
-The grey levels of pixels are used without interpolation. Each of them is the mean over the square
-of a pixel. If a straight edge separates two uniform grey levels, the sum of the levels along a row
-therefore gives the exact column at which the edge crosses the middle of the row.
+The grey levels of pixels are used without interpolation. Each grey level is the mean over the
+square of its pixel. If a straight edge separates two uniform grey levels, the sum of the levels
+along a row therefore gives the exact column at which the edge crosses the middle of the row.
 """
 
 from __future__ import annotations
@@ -13,7 +13,8 @@ import numpy as np
 from aras_visual_servo_base.compiled import jit
 
 MAX_CANDIDATES = 4  # largest number of edge candidates per sample point
-MAX_LEVEL_PIXELS = 3  # largest number of pixels whose mean is the grey level on one side of an edge
+# largest number of pixels over which the grey level on one side of an edge is averaged
+MAX_LEVEL_PIXELS = 3
 # Grey levels are summed over an interval that is longer than the edge's blur by this length at each
 # end, px. The interval therefore contains the edge even if the edge is this far from its expected
 # place.
@@ -61,7 +62,7 @@ def find_candidates(grey, pixel, normal, expected_levels, reach, min_change, tol
         other = rows if k == 0 else columns
         if line < 0 or line >= other or high - low < 2:
             continue
-        # smoothed change of the grey level between the pixels i and i + 1
+        # `step` is the smoothed change of the grey level between the pixels i and i + 1.
         for i in range(low, high + 1):
             if k == 0:
                 step = (np.float64(grey[line, i + 1]) + grey[line, i + 2]
@@ -171,7 +172,8 @@ def measure_edges(grey, pixel, normal, room, expected_levels, min_change, tolera
             for i in range(behind):
                 spread = max(spread, abs(values[count - 1 - i] - right))
             slope_of = max(spread - 3.0 * noise, 0.0)
-            if slope_of > 0.0:  # the surface is shaded: extrapolate the grey levels to the edge
+            # the grey level varies along the line: extrapolate it to the edge from both sides
+            if slope_of > 0.0:
                 left, right = values[before - 1], values[count - behind]
                 if before > 1:
                     left += 0.5 * (left - values[before - 2])
@@ -225,7 +227,7 @@ def estimate_noise(grey):
             counts[abs(bend)] += 1
             total += 1
     low, high, passed = -1, -1, 0
-    for bend in range(len(counts)):  # the median of |bend| is the mean of `low` and `high`
+    for bend in range(len(counts)):  # find `low` and `high`, whose mean is the median of |bend|
         passed += counts[bend]
         if low < 0 and 2 * passed >= total:
             low = bend

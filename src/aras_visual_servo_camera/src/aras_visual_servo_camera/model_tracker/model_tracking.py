@@ -27,17 +27,18 @@ from .visible_edges import EdgePoints, sample_visible_edges
 # Distance between two sample points on an edge, px, when edges are searched and when they are
 # measured.
 SEARCH_SPACING, MEASUREMENT_SPACING = 6.0, 4.0
-MIN_POINTS = 60  # smallest number of edge points; small solids are sampled more densely
+# smallest number of edge points; on small solids, the spacing is reduced to reach it
+MIN_POINTS = 60
 SEARCH_RANGE = 10.0  # px; edges are searched up to this distance from their expected place
 # Search ranges for edges if only a rough start pose is known, px, in the order in which they are
 # tried.
 START_SEARCH_RANGES = (20.0, 10.0, 40.0)
 # Largest numbers of searches for the edges, and of accurate measurements of the edges, per image.
 MAX_SEARCHES, MAX_MEASUREMENTS = 4, 3
-# In each image, edges are first searched, several times if necessary, and then measured accurately.
-# The search ends as soon as it changes the pose by less than this distance in the image, px.
+# In each image, the edges are first searched repeatedly, and then measured accurately. The
+# measurement starts when a search changes the pose by less than this distance in the image, px.
 MEASUREMENT_RANGE = 0.7
-REPEAT_CHANGE = 0.1  # px; after a larger change of the pose, the edges are measured again
+REPEAT_CHANGE = 0.1  # px; the edges are measured again if the pose has changed by more than this
 # Smallest change of grey level at an edge: in grey levels, and as a multiple of the noise.
 MIN_CHANGE, MIN_NOISE_RATIO = 10.0, 3.5
 # Lower limits of the estimated standard deviation of the residuals, px, in the (first, last) step
@@ -51,8 +52,8 @@ LEVEL_TOLERANCE = 25.0  # largest difference of a measured grey level from the s
 # MIN_INLIER_SHARE of the visible edge points.
 MIN_INLIERS, MIN_INLIER_SHARE = 15, 0.45
 DEPTH_SPACING = 8  # px; every DEPTH_SPACING-th pixel of a depth image is used
-# The search for edges is skipped if the fraction of inliers, divided by that fraction in the last
-# image, is above this value.
+# The edges are first measured at their expected places, without a search. The search is skipped if
+# the fraction of inliers in this measurement is above MIN_SHARE_RATIO times that in the last image.
 MIN_SHARE_RATIO = 0.9
 MIN_ROOM = 4.0  # px; an edge point cannot be measured if another edge is nearer than this
 NO_POINTS = np.empty((0, 3))
@@ -64,13 +65,13 @@ class TrackedPose:
 
     Attributes:
         camera_T_solid: (4, 4) pose of the solid in the camera's frame.
-        covariance: (6, 6) covariance of the pose's error, a translation (m) and a rotation (rad)
-            about the middle of the solid in the camera's axes. It is very large in directions that
-            the edges do not determine.
-        unrepeatable_part: fraction, 0 to 1, of the error's standard deviations that changes from
-            image to image even if the camera is at rest. It is computed from the excess of the
-            residuals over the expected noise and measurement error. It is 1 if the edges do not
-            determine the pose.
+        covariance: (6, 6) covariance of the pose's error. The error is a translation (m) and a
+            rotation (rad) about the middle of the solid, in the camera's axes. The covariance is
+            very large in directions that the edges do not determine.
+        unrepeatable_part: the part of the error that changes from image to image even if the camera
+            is at rest, as a fraction (0 to 1) of the error's standard deviations. It is computed
+            from the excess of the residuals over the expected noise and measurement error. It is 1
+            if the edges do not determine the pose.
         inlier_share: fraction of the visible edge points whose measured edge agrees with the pose
             (inliers).
         inlier_count: number of inliers.

@@ -32,8 +32,9 @@ from aras_visual_servo_base.compiled import jit, jit_inline
 MAX_ITERATIONS = 6  # largest number of Gauss-Newton steps
 CONVERGED_CHANGE = 0.01  # px; the iteration stops if a step moves the edges by less than this
 SCALE_REDUCTION = 0.3  # each step multiplies the lower limit of Tukey's scale by this factor
-# Typical step of a motion that the edges do not determine, in radii of the solid (5 mm for a radius
-# of 5 cm).
+# Damping limits the steps of motions that the edges do not determine to about this length, in radii
+# of the solid (5 mm for a radius of 5 cm). A motion is not determined if its standard deviation is
+# larger than this length.
 MAX_FREE_STEP = 0.1
 # Lower limit of the estimated standard deviation of the points of a depth image, in radii of the
 # solid (0.3 mm for a radius of 5 cm).
@@ -366,8 +367,8 @@ def assess_pose(residuals, weight, A, free_motion_count, radius):
         the rms of their residuals, px;
         the weighted sum of their squares, divided by its expected value, at least 1;
         the covariance (6, 6) of the pose's error (m, rad) about the solid's middle;
-        True if the edges do not determine some motion of the solid, apart from the motions that
-        leave its surface unchanged.
+        whether there is a motion that changes the position of the solid's surface, but that the
+        edges do not determine.
     """
     count, squares, weighted = 0, 0.0, 0.0
     for n in range(len(residuals)):

@@ -21,8 +21,9 @@ WELD_TOLERANCE = 1e-6
 # differ by less than FLAT_ANGLE, the faces are one flat face, and the edge is never visible.
 CREASE_ANGLE, FLAT_ANGLE = np.radians(35.0), 1e-4
 MIN_SIZE, MAX_SIZE = 2e-3, 5.0  # m; a mesh outside this range is probably not in metres
-# Each eigenvector of the surface's slippage matrix (6, 6) is a motion. The motion leaves the
-# surface unchanged if its eigenvalue, divided by the largest eigenvalue, is below this value.
+# Each eigenvector of the surface's slippage matrix (6, 6) is a motion. If the eigenvalue of the
+# motion, divided by the largest eigenvalue, is below this value, the motion leaves the surface
+# unchanged.
 FREE_MOTION_TOLERANCE = 1e-4
 # Triangles are dropped if their area is smaller than this fraction of the square of the mesh's
 # size.
@@ -205,7 +206,7 @@ def _find_outermost(vertices, faces, normals, tolerance):
 def read_triangles(meshes: Sequence) -> np.ndarray:
     """Return the corners (F, 3, 3), m, of all triangles of meshes.
 
-    A mesh has `positions`, the vertices, and `triangles`, their indices.
+    A mesh has the attributes `positions` (its vertices) and `triangles` (indices of vertices).
     """
     return np.concatenate([np.asarray(m.positions, float)[m.triangles] for m in meshes])
 

@@ -16,7 +16,7 @@ MAX_POINTS = 1200  # largest number of sample points on edges per image
 # On an edge longer than SHORT_EDGE, px, no points are sampled within END_MARGIN, px, of the edge's
 # ends.
 END_MARGIN, SHORT_EDGE = 4.0, 16.0
-BORDER = 5.0  # px; no points are sampled closer to the border of the image
+BORDER = 5.0  # px; no points are sampled within this distance from the border of the image
 # A face is viewed edge-on if the cosine of the angle between its normal and the ray to the camera
 # is in this range. The creases of such a face are not used, because they nearly coincide in the
 # image, and a small error of the pose makes the face visible or invisible.
@@ -24,7 +24,7 @@ GRAZING_COSINES = (-0.01, 0.03)
 # A face hides a point if the face is nearer to the camera by at least this fraction of the depth.
 OCCLUSION_TOLERANCE = 2e-3
 NO_EDGE_DISTANCE = 1e6  # px; stands for the distance to the next edge if there is none
-BAND = 16  # px; height of the bands of rows and width of the bands of columns that list the edges
+BAND = 16  # px; edges are sorted into bands of this many rows, and into bands of this many columns
 STEP = 1e-4  # step of the numerical derivatives of the lens model, in normalised coordinates
 
 
@@ -230,7 +230,7 @@ def _sample_edges(vertices, faces, normals, edges, edge_faces, is_crease, is_out
         The fields of EdgePoints, in order.
     """
     fx, fy, cx, cy = lens
-    # u, v (px) and 1/Z of each vertex; 1/Z = 0 if it is too near
+    # u, v (px) and 1/Z of each vertex; 1/Z is set to 0 for a vertex that is too near
     projected = np.zeros((len(vertices), 3))
     for i in range(len(vertices)):
         x, y, z = vertices[i]

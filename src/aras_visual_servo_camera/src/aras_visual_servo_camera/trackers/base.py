@@ -28,8 +28,8 @@ class TrackedPoints(NamedTuple):
         points: (n, 2) points, normalised.
         plane: plane of the target; None if the tracker does not determine it.
         accuracy: standard deviation of the points' error, a normalised length.
-        repeatability: part of this error that changes from image to image even if the camera is at
-            rest, a normalised length.
+        repeatability: standard deviation of the part of the error that changes from image to image
+            even if the camera is at rest, a normalised length.
         marker: `DICTIONARY:number` of the marker to which the points belong; '' for none.
         spread: (2n, m) uncertainty of the points from the scatter of edge points about the fitted
             lines; None if it is unknown. Column k is the change of x_0, y_0, x_1, ... if an

@@ -54,7 +54,7 @@ class EdgeTracker(Tracker):
 
     @staticmethod
     def _fit_robust_line(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Fit a line to points (n, 2), px, without outliers.
+        """Fit a line to those points (n, 2), px, that are not outliers.
 
         Returns:
             A point (2,) on the line, px, and its direction (2,), a unit vector.

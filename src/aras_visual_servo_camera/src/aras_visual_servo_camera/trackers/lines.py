@@ -116,7 +116,7 @@ class LineTracker(EdgeTracker):
         total = darkness.sum(axis=1)
         is_isolated = np.maximum(darkness[:, 0], darkness[:, -1]) < 0.3 * darkness.max()
         good = is_isolated & (total > 0.0)
-        # reject profiles that are darker because they contain another line
+        # Reject profiles whose darkness differs from the median, because they contain another line.
         if good.sum() >= MIN_PROFILES:
             typical = np.median(total[good])
             good &= np.abs(total - typical) < 0.25 * typical

@@ -25,8 +25,8 @@ RIM_FITS = 2  # number of times that lines are fitted to the edges of the black 
 RIM_STATIONS = (24, 64)  # smallest and largest number of profiles across an edge of the rim
 RIM_SPACING = 0.5  # distance between two profiles along an edge of the rim, px
 RIM_PART = 0.8  # profiles are taken from this fraction of an edge's length, around its middle
-# Half length of a profile: 1.5 px or 0.6 cells, whichever is longer, but at most RIM_MAX_REACH. It
-# is longer than half a cell, so that the profile contains black and white, and shorter than a cell.
+# Half length of a profile: 1.5 px or 0.6 cells, whichever is longer, but at most RIM_MAX_REACH.
+# With 0.6 cells, the profile contains both black and white, but ends inside the rim.
 RIM_REACH = (1.5, 0.6)
 RIM_MAX_REACH = 8.0  # px
 RIM_STEP = 0.4  # approximate distance between two samples of a profile, px
@@ -44,8 +44,8 @@ class MarkerTracker(EdgeTracker):
     """
 
     # Error of a corner, px. It is 0.005 px in images without overexposed white. If white is
-    # overexposed, an edge is displaced by some hundredths of a pixel, depending on where it lies
-    # between the texels of the simulated marker's texture.
+    # overexposed, an edge is displaced by some hundredths of a pixel, depending on the position of
+    # the edge between the texels of the simulated marker's texture.
     accuracy = 0.025
 
     marker: str | Mapping[str, Any] | MarkerChoice = parameter(

@@ -27,7 +27,7 @@ BEST_ACCURACY = 0.01  # px; error of the points in addition to the error due to 
 @TRACKERS.register("model")
 @dataclass(eq=False)
 class ModelTracker(Tracker):
-    """The corners of the horizontal rectangle through a solid's middle, computed from its pose.
+    """The corners of the horizontal rectangle through a solid's middle, from the solid's pose.
 
     With these points, schemes for points and poses can be used with a solid. The method
     `Solid.compute_section_corners` returns the points in the solid's frame.
@@ -93,7 +93,7 @@ class ModelTracker(Tracker):
 
 
 def _compute_plane(pose: np.ndarray, points: np.ndarray) -> Plane | None:
-    """Return the plane z = const. of the solid that contains the points.
+    """Return the plane of the points, which is a plane z = const. in the solid's frame.
 
     Args:
         pose: (4, 4) camera_T_solid.

@@ -48,6 +48,6 @@ _FURTHER = {
 }
 FIRST_PROJECT = tuple(_FIRST)
 __all__ = [*_FIRST, *_FURTHER]
-# Hidden from type checkers, which would accept any name of a module that defines __getattr__.
+# Type checkers do not see `__getattr__`; with it, they would accept any name of this module.
 if not TYPE_CHECKING:
     __getattr__, __dir__ = lazy_exports(__name__, {**_FIRST, **_FURTHER})

@@ -63,9 +63,9 @@ def catch_write_errors(where: object, error_class: type[BenchError] = StudyError
 
 
 def find_program_name() -> str:
-    """Return the name of this package's command line for messages.
+    """Return the name of this package's command, for messages.
 
-    The command is `aras-servo` if pip installed the package, and `bench` if catkin built it.
+    It is `aras-servo` if pip installed the package, and `bench` if catkin built it.
     """
     program = Path(sys.argv[0]).name
     return program if program == "aras-servo" else "bench"

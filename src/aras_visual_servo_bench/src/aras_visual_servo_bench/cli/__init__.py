@@ -30,6 +30,6 @@ def main(argv: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print(f"{find_program_name()}: interrupted", file=sys.stderr)
         return 130
-    except BrokenPipeError:  # the reader of the output has ended, as in `bench table DIR | head`
+    except BrokenPipeError:  # the reading program has ended, as in `bench table DIR | head`
         sys.stderr.close()
         return 1

@@ -1,4 +1,4 @@
-"""Arguments of all commands; the module that runs a command is imported only when it is run."""
+"""Arguments of all commands; the module of a command is imported only when the command is run."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ AXIS_OPTIONS = {"case": "scheme", "condition": "condition", "start": "start"}  #
 def make_parser() -> argparse.ArgumentParser:
     """Create the parser of all commands.
 
-    It sets `carry_out`, the function that runs the command with the parsed arguments.
+    The parsed arguments include `carry_out`, the function that runs the command with them.
     """
     program = find_program_name()
     parser = argparse.ArgumentParser(prog=program, description=DESCRIPTION)

@@ -37,7 +37,7 @@ def browse(options: argparse.Namespace) -> int:
 
 
 def _print_start(server: BrowseServer, is_quiet: bool) -> None:
-    """Print the studies, and open a browser unless `is_quiet`."""
+    """Print the studies with their numbers of runs, and open a browser unless `is_quiet`."""
     found = server.studies.read_snapshot()
     lines = [f"{entry.name}: {entry.stored_run_count} of {entry.run_count} runs"
              + (f"; {entry.note}" if entry.note else "") for entry in found.studies]  # fmt: skip

@@ -1,4 +1,4 @@
-"""Preparation of commands that simulate: import of Numba, and compilation for pip."""
+"""Preparation of commands that simulate: Numba is imported, and functions are compiled."""
 
 from __future__ import annotations
 
@@ -17,9 +17,10 @@ COMPILED_PACKAGES = ("aras_visual_servo_base", "aras_sim_bridge", "aras_visual_s
 
 
 def prepare_simulation() -> None:
-    """Import Numba, and compile what an installation by pip has not compiled yet.
+    """Import Numba; if pip installed this package, also compile the functions that are not cached.
 
-    Commands call this before they simulate. The set-up of a workspace compiles all functions.
+    Commands call this before they simulate. In a workspace, the set-up has already compiled all
+    functions.
 
     Raises:
         CompilerError: Numba cannot be imported.

@@ -53,7 +53,7 @@ def draw_plots(options: argparse.Namespace) -> int:
 
 
 def print_differences(options: argparse.Namespace) -> int:
-    """Print which differences of two studies, or of the cases of one, are significant."""
+    """Print the significant differences between two studies, or between the cases of one study."""
     count = 1 if options.between else 2
     if len(options.folders) != count:
         raise StudyError(

@@ -20,7 +20,8 @@ from . import analyze, compilation
 
 def run_file(options: argparse.Namespace) -> int:
     """Run the experiment or the study of a file."""
-    # If the first argument is not a file but an override (key=value), change the demo's experiment.
+    # If the first argument is an override (key=value) instead of a file, it changes the demo's
+    # experiment.
     if "=" in str(options.study or "") and not options.study.exists():
         options.overrides.insert(0, str(options.study))
         options.study = None
@@ -35,9 +36,9 @@ def run_file(options: argparse.Namespace) -> int:
 
 
 def _read_experiment(name: Path | None, changes: dict[str, Any]) -> Experiment | None:
-    """Return the experiment in a file, with changed settings; return None if it is a study.
+    """Return the experiment in a file, with changed settings; None if the file contains a study.
 
-    If no file is given, it is the experiment of the demo.
+    Without a file, the experiment is that of the demo.
     """
     values: Any = {}
     if name is not None:

@@ -46,7 +46,7 @@ def show(options: argparse.Namespace) -> int:
 
 
 def _write_traceback(error: BaseException, out: Path) -> Path:
-    """Write the traceback of an exception into the folder, and return the path of the file."""
+    """Write the traceback of an exception into a file in the folder `out`, and return its path."""
     path = out / "traceback.txt"
     with catch_write_errors(f"into {out}"):
         out.mkdir(parents=True, exist_ok=True)
@@ -75,7 +75,7 @@ def _show_bag(options: argparse.Namespace) -> int:
 
 
 def tune(options: argparse.Namespace) -> int:
-    """Search the settings of a study that optimize a metric."""
+    """Search for settings that optimize a metric of a study."""
     from ..studies.tuner import SearchRange, Tuner
 
     study = Study.from_yaml(

@@ -1,4 +1,4 @@
-"""Units and tolerances of the features that a controller reports, found by its scheme's name."""
+"""Units and tolerances of the features of a scheme, found by the name of the scheme."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ def find_feature_tolerances(
 ) -> tuple[float | None, ...]:
     """Return the tolerance of each feature of a scheme, below which its error has converged.
 
-    It is None for a tolerance relative to the target's depth, if `depth` is None. The result is
-    empty if the tolerances are unknown, as for `find_feature_units`.
+    If `depth` is None, a tolerance relative to the target's depth is None, too. As for
+    `find_feature_units`, the result is empty if the tolerances are unknown.
 
     depth: depth of the target at the goal, m; None if it is unknown.
     """
@@ -38,7 +38,7 @@ def find_feature_tolerances(
 
 @lru_cache(maxsize=64)
 def _read_attribute(scheme: str, count: int, attribute: str) -> tuple[Any, ...]:
-    """Return the value of `attribute` of a scheme for each of `count` features; or empty."""
+    """Return `attribute` of each of the `count` features of a scheme; () if unknown."""
     if ":" in scheme or not scheme:
         return ()
     try:

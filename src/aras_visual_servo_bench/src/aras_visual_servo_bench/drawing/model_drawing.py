@@ -78,7 +78,7 @@ def draw_model(urdf: str, resolve: ResolvePackage = find_package) -> ModelDrawin
 
 
 def find_mesh_edges(mesh: Mesh) -> np.ndarray:
-    """Return both ends (2 n, 3) of each of the n edges of a mesh that are drawn.
+    """Return the ends (2 n, 3) of the n edges that are drawn for a mesh.
 
     These are the edges at the border of the surface, and those between faces whose normals
     differ by more than the angle of CREASE_COSINE.

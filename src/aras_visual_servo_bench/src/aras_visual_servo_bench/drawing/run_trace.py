@@ -98,7 +98,7 @@ class RunTrace:
         self.clear()
 
     def clear(self) -> None:
-        """Delete the data of the run, for example after a reset of the clock, but not the robot."""
+        """Delete the data of the run but not the robot, for example after a reset of the clock."""
         self.state = NO_STATE
         self.start_pose: np.ndarray | None = None
         self._path = Track(3, MIN_SPACING)

@@ -12,8 +12,8 @@ from aras_visual_servo_camera.undistortion import CameraModel
 Rgba = tuple[float, float, float, float]
 
 LINES, STRIP, ARROW, TEXT, FACES = "lines", "strip", "arrow", "text", "faces"
-# Largest half angle of view of a drawn camera, rad. For a larger angle, as of a fisheye lens, the
-# sides of the camera's pyramid would be flat or point backwards.
+# Largest half angle of view of a drawn camera, rad. With a larger angle, such as that of a fisheye
+# lens, the sides of the camera's pyramid would be flat or point backwards.
 MAX_VIEW_ANGLE = np.radians(70.0)
 # number of decimals of lengths in m that are sent to the page, where a pixel is about 1 mm
 DIGITS = 5
@@ -122,7 +122,7 @@ def make_frustum(
     """Return a camera as shapes: a pyramid whose base is the border of the image.
 
     Args:
-        name: start of the shapes' names.
+        name: prefix of the shapes' names.
         base_T_camera: (4, 4) pose of the camera.
         border: (n, 2) border of the image, from `compute_image_border`.
         size: distance from the optical centre to the farthest corner of the image, m.

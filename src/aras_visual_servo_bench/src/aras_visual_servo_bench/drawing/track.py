@@ -6,7 +6,7 @@ from collections import deque
 
 import numpy as np
 
-MAX_POINTS = 600  # largest number of points; with more, every second point is removed
+MAX_POINTS = 600  # largest number of points; if there are more, every second point is removed
 
 
 class Track:

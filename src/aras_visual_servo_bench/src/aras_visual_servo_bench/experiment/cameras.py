@@ -231,7 +231,8 @@ class CameraSetup:
         settings = merge(description_settings, overrides)
         config = make_camera_config(settings)
         published = true = read_camera_model(config.make_intrinsics())
-        # published intrinsics then follow Gazebo's formulas and differ from the true ones
+        # with this setting, the published intrinsics follow Gazebo's formulas, not the true
+        # intrinsics
         if config.legacy_camera_info:
             true = make_camera_model({**settings, "legacy_camera_info": False})
         return cls(
@@ -302,8 +303,8 @@ def read_preset(
         camera: one of
             name of a preset of the package `robot`;
             path of a YAML file or of a calibration (`path#name` selects one of its cameras);
-            mapping of settings; its key `preset` can name a preset or file, whose settings are
-            used for all other keys.
+            mapping of settings; its key `preset` can name a preset or a file, which gives the
+            settings that the mapping lacks.
         packages: search path for packages and files.
         robot: package that contains the presets.
 
@@ -378,7 +379,7 @@ def is_in_view(outline: np.ndarray, camera: CameraModel, margin: float = 2.0) ->
         outline: corners (n, 2) in normalised coordinates.
         margin: minimum distance of the outline from the image border, px.
     """
-    # lens distortion bends edges, so their corners are not enough
+    # lens distortion bends edges, so projecting only the corners would be wrong
     edges = subdivide(outline) if camera.is_distorted else outline
     pixels = camera.project_points(edges)
     (left, top), (right, bottom) = pixels.min(axis=0).tolist(), pixels.max(axis=0).tolist()

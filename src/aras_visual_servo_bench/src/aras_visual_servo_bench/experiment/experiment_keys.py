@@ -64,7 +64,7 @@ def _find_fields(key: str, kind: type) -> list[dataclasses.Field]:
         hint = next(h[part] for h in hints if part in h)
         options = _split_union(hint)
         if any(_has_free_keys(option) for option in options):
-            # The keys of this mapping are free; the code that reads the mapping checks its keys.
+            # This mapping accepts any keys; the code that reads the mapping checks them.
             return found if so_far == f"{key}." else []
         kinds = tuple(option for option in options if dataclasses.is_dataclass(option))
         if not kinds and so_far != f"{key}.":

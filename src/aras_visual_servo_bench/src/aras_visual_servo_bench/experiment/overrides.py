@@ -103,7 +103,7 @@ def is_camera_key(key: str) -> bool:
 
 
 def _is_same_kind(current: Any, value: Any) -> bool:
-    """Return True if a new start or goal has keys and a `kind` that fit the current one's type."""
+    """Return True if the keys and `kind` of a new start or goal fit those of the current one."""
     if not (isinstance(current, Mapping) and isinstance(value, Mapping)):
         return False
     if "kind" in value and value["kind"] != current.get("kind"):

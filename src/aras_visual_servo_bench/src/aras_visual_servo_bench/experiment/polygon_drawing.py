@@ -1,4 +1,4 @@
-"""Grey image of a polygon, with the exact area that the polygon covers of each pixel."""
+"""Draw a polygon as a grey image, from the exact area of each pixel that the polygon covers."""
 
 from __future__ import annotations
 
@@ -19,9 +19,10 @@ def draw_polygon(polygon, outside, inside, image):
     """Draw a polygon.
 
     The grey level of a pixel changes from `outside` to `inside` with the fraction of its area that
-    the polygon covers. For each edge and each pixel, the area of the pixel on the left of the edge
-    is added, with a sign that depends on whether the edge goes up or down. Along an edge within one
-    row of pixels, the covered width of a pixel changes linearly between 0 and 1.
+    the polygon covers. This area is a sum over the edges: each edge adds the area of the pixel on
+    one side of the edge, with a sign that depends on whether the edge goes up or down. Within a row
+    of pixels, the added area is the integral of a width that changes linearly along the edge,
+    limited to 0 to 1.
 
     Args:
         polygon: corners (n, 2), px; pixel centres have integer coordinates.
@@ -34,16 +35,16 @@ def draw_polygon(polygon, outside, inside, image):
     for n in range(count):
         left, right = min(left, polygon[n, 0]), max(right, polygon[n, 0])
         top, bottom = min(top, polygon[n, 1]), max(bottom, polygon[n, 1])
-    # The limits are compared before the conversion to integers, which cannot represent large
-    # numbers.
+    # The bounds of the polygon are compared before they are converted to integers, which cannot
+    # represent large numbers.
     if not (right >= -0.5 and left <= columns - 0.5 and bottom >= -0.5 and top <= rows - 0.5):
         return
     first_column = int(np.floor(max(left, 0.0) + 0.5))
     first_row = int(np.floor(max(top, 0.0) + 0.5))
     end_column = min(int(np.floor(min(right, float(columns)) + 0.5)) + 1, columns)
     end_row = min(int(np.floor(min(bottom, float(rows)) + 0.5)) + 1, rows)
-    # Signed area of each pixel of a row: the part from edges that cross the pixel, and the part
-    # that edges add to a pixel and to all pixels on its left.
+    # Signed areas of the pixels of a row: `crossed` from the edges that cross the pixel itself, and
+    # `beyond`, which an edge adds to a pixel and to all pixels on the left of it.
     crossed, beyond = np.zeros(columns + 1), np.zeros(columns + 1)
     for row in range(first_row, end_row):
         for n in range(count):

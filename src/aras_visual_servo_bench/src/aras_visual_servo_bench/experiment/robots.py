@@ -289,7 +289,7 @@ class Robot:
         return urdf, calibrated
 
     def _add_camera_frames(self, urdf: str) -> str:
-        """Return a copy of a description with the missing optical frames of the cameras."""
+        """Return a copy of a description, with the missing optical frames of cameras added."""
         if self._cameras:
             from .added_links import with_link
         for name, camera in self._cameras.items():

@@ -138,7 +138,8 @@ def _find_changed_keys(overrides: Mapping[str, Any]) -> set[str]:
     found = {f.name for f in fields(CameraConfig)
              if f.name != "effects" and f.name in overrides
              and _to_plain(overrides[f.name]) != _to_plain(f.default)}  # fmt: skip
-    # exposure_samples only divides exposure_time, which is checked, so it is always accepted.
+    # `exposure_samples` is always accepted: it only divides `exposure_time`, which is checked
+    # itself.
     return found | {f"effects.{f.name}" for f in fields(Effects)
                     if f.name in effects and effects[f.name] != get_default(f)
                     and f.name != "exposure_samples"}  # fmt: skip

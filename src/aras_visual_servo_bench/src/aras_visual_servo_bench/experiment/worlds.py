@@ -130,7 +130,7 @@ def find_world_path(experiment: Experiment, packages: PackagePath) -> str:
 
 
 def _find_link_name(model: RobotDescription, link_name: str) -> str:
-    """Return `link_name`, a link with visuals; for '', return the only such link of the model."""
+    """Return `link_name`; if it is '', return the name of the model's only link with visuals."""
     visible = [name for name, link in model.links.items() if link.visuals]
     if not link_name:
         require(len(visible) == 1, f"target.link: model '{model.name}' has {len(visible)} links "

@@ -9,9 +9,9 @@ network is trained on simulated images of the poster of the study convergence_do
 without the perturbations of this study.
 
 References: Q. Bateux and others, Training deep neural networks for visual servoing, IEEE ICRA 2018;
-S. Felton and others, Siame-se(3), IEEE ICRA 2021, whose starts of the convergence domain are used
-for training. This network is a thousand times smaller than theirs, and is trained in minutes
-without a graphics card.
+S. Felton and others, Siame-se(3), IEEE ICRA 2021. The training uses the start poses with which the
+second paper measures the convergence domain. This network is a thousand times smaller than theirs,
+and is trained in minutes without a graphics card.
 """
 
 from __future__ import annotations
@@ -47,13 +47,13 @@ HIDDEN_LAYERS = (160, 96)
 PROTOCOL, EPOCHS = "convergence_domain", 60
 TEXTURE_COUNT = 120  # number of perturbed posters in the training images
 PLACES_BETWEEN = 3  # number of training poses near the path from each start to the goal
-# Standard deviation of the training poses from the straight path to the goal, m and degrees: its
-# value at the start of the path, from which the deviation decreases linearly to 0 at the goal.
+# Standard deviation of the training poses from the straight path to the goal, at the start of the
+# path, m and degrees. It decreases linearly to 0 at the goal.
 PATH_DEVIATION = (0.02, 2.0)
 
 
 def make_inputs(grey: np.ndarray) -> np.ndarray:
-    """Compute the inputs (ROWS * COLUMNS,) of the network from a grey image, as `shrink_image`."""
+    """Compute the inputs (ROWS * COLUMNS,) of the network from a grey image with `shrink_image`."""
     return shrink_image(grey, COLUMNS, ROWS)
 
 
@@ -132,8 +132,8 @@ class LearnedPose(Feature):
 def make_training_data(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
     """Make training data from images of the poster of the study convergence_domain.
 
-    The poses of the camera are starts of this study, and poses near the straight paths from these
-    starts to the goal. Every other image shows a perturbed poster.
+    The poses of the camera are random starts with the distribution of this study, and poses near
+    the straight paths from these starts to the goal. Every other image shows a perturbed poster.
 
     Args:
         count: number n of images.
@@ -159,8 +159,7 @@ def make_training_data(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarra
     textures = [poster.perturb(100_000 * (seed + 1) + i) for i in range(TEXTURE_COUNT)]
     x, y = [], []
     for number in range(-(-count // (1 + PLACES_BETWEEN))):
-        # These seeds are not used by the study, so the network is not trained on starts of the
-        # study.
+        # The study does not use these seeds, so its own starts do not occur in the training.
         pose = base.with_changes(
             seed=1_000_000 * (seed + 1) + number
         ).with_absolute_start.start.pose

@@ -46,17 +46,17 @@ TRAINING_EXPERIMENT = Experiment(
 )
 DAGGER_ROUNDS = 4  # number of DAgger rounds; the expert controls the camera in the first round
 GAIN = 1.5  # gain of the expert and of the policy, 1/s
-# Standard deviation of the noise added to the actions, which are scaled to 1. Noise adds images
-# away from good paths to the goal.
+# Standard deviation of the noise added to the actions, whose range is -1 to 1. The noise moves the
+# camera away from good paths to the goal, so that the network also learns from images there.
 PERTURBATION = 0.3
-MAX_PERTURBATION_STEPS = 30  # upper bound of the number of consecutive steps with the same noise
+MAX_PERTURBATION_STEPS = 30  # the noise changes after a random number of steps below this bound
 EPOCHS = 30  # number of training epochs at a learning rate of 1e-3
 # learning rate and number of epochs of each later training phase
 REFINEMENTS = ((1e-4, 15), (1e-5, 5))
 
 
 def make_inputs(grey: np.ndarray) -> np.ndarray:
-    """Compute the inputs (ROWS * COLUMNS,) of the network from a grey image, as `shrink_image`."""
+    """Compute the inputs (ROWS * COLUMNS,) of the network from a grey image with `shrink_image`."""
     return shrink_image(grey, COLUMNS, ROWS)
 
 

@@ -23,7 +23,7 @@ from ..experiment.experiment import Experiment
 
 IMAGE_PERIOD = 1.0 / 30.0  # time between two images, s
 TICK = 0.01  # time between two joint states, s
-ROUNDING = 0.003  # delay of a simulated joint, s, because the bridge interpolates set points
+ROUNDING = 0.003  # delay of a simulated joint because the bridge smooths its set points, s
 
 
 def compute_delay(experiment: Experiment) -> float:
@@ -45,7 +45,7 @@ def predict_decay_rate(gain: float, tau: float, period: float = IMAGE_PERIOD) ->
     """
     whole_periods, rho = divmod(tau, period)
     n = int(whole_periods)
-    # coefficients of z^(n+2) - z^(n+1) + gain ((period - rho) z + rho)
+    # coefficients of the characteristic equation z^(n+2) - z^(n+1) + gain ((period - rho) z + rho)
     polynomial = np.zeros(n + 3)
     polynomial[0], polynomial[1] = 1.0, -1.0
     polynomial[-2] += gain * (period - rho)

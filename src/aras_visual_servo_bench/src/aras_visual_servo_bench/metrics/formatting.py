@@ -22,7 +22,7 @@ NEGLIGIBLE_DECADES = 6
 PREFIXES = (("", 1.0), ("m", 1e-3), ("µ", 1e-6))
 MIN_IN_UNIT = 0.1
 SCALABLE_UNITS = {"m": ("m", 1.0), "m/s": ("m/s", 1.0), "s": ("s", 1.0), "ms": ("s", 1e-3)}
-# unit in which an angle is shown, by its SI unit; tolerances are in degrees, too
+# Unit in which an angle is shown, by its SI unit. Tolerances are set in degrees, too.
 ANGLE_UNITS = {"rad": "°", "rad/s": "°/s"}
 
 
@@ -73,7 +73,7 @@ def format_number(value: float, digits: int = DIGITS) -> str:
 
 
 def format_value(value: object) -> str:
-    """Format the value of a setting; a float is rounded, other values are printed unchanged."""
+    """Format the value of a setting: round a float, and print other values unchanged."""
     return format_number(value) if isinstance(value, float) else str(value)
 
 
@@ -129,7 +129,7 @@ def format_count(number: int, what: str) -> str:
 
 
 def format_rows(rows: Mapping[str, str]) -> str:
-    """Return a line per title and text; long texts are shortened, and empty ones left out."""
+    """Return one line for each title and its text; shorten long texts, and omit empty ones."""
     return "\n".join(
         f"{'  ' if i else ''}{title}: {textwrap.shorten(text, MAX_LINE, placeholder=' …')}"
         for i, (title, text) in enumerate(rows.items()) if text

@@ -1,7 +1,7 @@
 """All metrics; a metric describes a run by one number, with a unit and a formula.
 
-Studies, protocols, reports and the analysis of bags use these metrics. The name of a metric that
-you write is 'package.module:function', and it has the same decorator:
+Studies, protocols, reports and the analysis of bags use these metrics. A metric of your own is a
+function with the same decorator, and its name is 'package.module:function':
 
     @metric(unit="m", better="smaller", source="this paper, equation 3")
     def closest(run: Run) -> float: ...
@@ -24,7 +24,8 @@ from . import decay
 SMALLER, GREATER, NEITHER = "smaller", "greater", ""
 # A joint is at a limit if its distance from the limit is at most this fraction of its range.
 LIMIT_MARGIN = 1e-3
-# fraction of the largest first error below which the first error of a feature counts as 0
+# Metric `overshoot` ignores a feature whose initial error is at most this fraction of the largest
+# initial error.
 SETTLING_BAND = 0.02
 # Metric `decay_rate`: the error is fitted while it is between these fractions of its first value.
 DECAY_START, DECAY_END = 0.80, 0.15
@@ -211,8 +212,8 @@ def overshoot(run: Run) -> float:
     if not error.size:
         return np.nan
     size = np.abs(error[0])
-    # A feature that starts at its goal is ignored, because its overshoot is divided by its first
-    # error, 0.
+    # A feature that starts at its goal is ignored, because its overshoot would be divided by its
+    # initial error, 0.
     moving = size > SETTLING_BAND * np.max(size, initial=0.0)
     if not moving.any():
         return 0.0
@@ -502,7 +503,8 @@ def real_time_factor(run: Run) -> float:
 def condition_number(singular: np.ndarray) -> np.ndarray:
     """Compute the condition number (n,) of the matrix L of each image.
 
-    singular: singular values (n, p), largest first. The result is NaN if an image has none.
+    singular: singular values (n, p), largest first. The condition number of an image without
+        singular values is NaN.
     """
     if not singular.shape[1]:
         return np.full(len(singular), np.nan)
@@ -518,7 +520,7 @@ def _compute_initial_pose_error(run: Run) -> tuple[float, float]:
 
 
 def _score_verdict(run: Run, is_true: bool) -> float:
-    """Return 1 if `is_true`, else 0; return NaN if the verdict of the run is unknown."""
+    """Return 1 if `is_true`, else 0; return NaN if the run has no verdict."""
     return float(is_true) if run.verdict.name else np.nan
 
 

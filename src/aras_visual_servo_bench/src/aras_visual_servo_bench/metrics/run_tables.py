@@ -78,7 +78,7 @@ def import_pandas() -> Any:
     """Import pandas, which takes half a second, when a table is requested.
 
     Raises:
-        BenchError: it is not installed.
+        BenchError: pandas is not installed.
     """
     try:
         import pandas

@@ -17,7 +17,7 @@ RESAMPLES, BATCH = 2000, 200
 # test of 50 values takes 8 ms. In 200 normal samples with p from 0.01 to 0.1, the normal
 # approximation differed from the exact p by at most 7 %.
 MAX_EXACT = 50
-# two differences are ties if their binary mantissas are equal to this number of decimals
+# two differences are ties if their binary mantissas agree to this number of decimals
 TIE_DIGITS = 9
 
 
@@ -109,7 +109,7 @@ class Comparison:
 
     @property
     def count(self) -> int:
-        """Number of pairs, or of runs of the smaller sample."""
+        """Number of pairs; without pairs, number of runs of the smaller sample."""
         return min(self.counts)
 
     @property
@@ -163,8 +163,8 @@ def compare_values(before: Sequence[float], after: Sequence[float], paired: bool
 def _test_signed_ranks(differences: np.ndarray) -> float:
     """Return the two-sided p-value of Wilcoxon's signed-rank test.
 
-    Exactly, it is the fraction of all choices of signs whose sum of positive ranks is at least as
-    far from its mean as the observed one.
+    The exact p-value is computed from all assignments of signs to the ranks: it is the fraction of
+    them with a sum of positive ranks that is at least as far from the mean sum as the observed sum.
     """
     mantissas, exponents = np.frexp(differences[differences != 0.0])
     nonzero = np.ldexp(np.round(mantissas, TIE_DIGITS), exponents)
@@ -173,7 +173,7 @@ def _test_signed_ranks(differences: np.ndarray) -> float:
     if nonzero.size > MAX_EXACT:
         return float(scipy.stats.wilcoxon(nonzero, method="asymptotic").pvalue)
     ranks = _rank(np.abs(nonzero))
-    fractions = np.ones(1)  # fraction of all sign assignments that have each sum of ranks
+    fractions = np.ones(1)  # element s: fraction of the sign assignments with rank sum s
     for rank in ranks:
         fractions = 0.5 * (np.pad(fractions, (0, rank)) + np.pad(fractions, (rank, 0)))
     return _sum_tails(fractions, ranks[nonzero > 0.0].sum(), 0.5 * ranks.sum())
@@ -182,14 +182,15 @@ def _test_signed_ranks(differences: np.ndarray) -> float:
 def _test_rank_sum(first: np.ndarray, second: np.ndarray) -> float:
     """Return the two-sided p-value of the Mann-Whitney U test.
 
-    Exactly, it is the fraction of all choices of the first sample from the values of both whose sum
-    of ranks is at least as far from its mean as the observed one.
+    The exact p-value is computed from all divisions of the values into two samples of these sizes:
+    it is the fraction of them in which the rank sum of the first sample is at least as far from the
+    mean sum as the observed sum.
     """
     values, count = np.concatenate([first, second]), len(first)
     if values.size > MAX_EXACT:
         return float(scipy.stats.mannwhitneyu(first, second, method="asymptotic").pvalue)
     ranks = _rank(values)
-    # number of subsets of the ranks, by their size and the sum of their ranks
+    # element (k, s): number of choices of k ranks whose sum is s
     choices = np.zeros((count + 1, ranks.sum() + 1))
     choices[0, 0] = 1.0
     for rank in ranks:
@@ -199,13 +200,13 @@ def _test_rank_sum(first: np.ndarray, second: np.ndarray) -> float:
 
 
 def _rank(values: np.ndarray) -> np.ndarray:
-    """Return twice the rank of each value, an integer; equal values have their mean rank."""
+    """Return twice the rank of each value: an integer even if equal values have a mean rank."""
     _, index, counts = np.unique(values, return_inverse=True, return_counts=True)
     return (2 * np.cumsum(counts) - counts + 1)[index]
 
 
 def _sum_tails(fractions: np.ndarray, observed: int, mean: float) -> float:
-    """Return the sum of the fractions of all sums that are as far from the mean as `observed`."""
+    """Add the fractions of all rank sums that are at least as far from `mean` as `observed`."""
     distance = np.abs(np.arange(fractions.size) - mean)
     is_extreme = distance >= abs(observed - mean) * (1.0 - 1e-12)
     return min(float(fractions[is_extreme].sum()), 1.0)

@@ -13,14 +13,15 @@ from . import metrics
 from .formatting import NO_NUMBER, make_number_format
 
 COUNT_METRICS = ("iterations", "images", "images_late")
-FINAL_WINDOW = 1.0  # length of the interval at the end over which the mean error is computed, s
-LAST = 2.0  # length of the interval at the end over which the largest error is found, s
+# length of the interval at the end of a run over which the mean error is computed, s
+FINAL_WINDOW = 1.0
+LAST = 2.0  # length of the interval at the end of a run in which the largest error is found, s
 DIGITS = 4  # number of significant digits of the numbers in a summary
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """One entry of a summary.
+    """One quantity of a summary.
 
     key: name of the quantity.
     value: number or text; NaN if unknown.

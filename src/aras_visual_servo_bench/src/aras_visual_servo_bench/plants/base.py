@@ -144,9 +144,9 @@ class Plant(ABC):
 
     @abstractmethod
     def read_rest_pose(self) -> np.ndarray:
-        """Return the current true world_T_camera (4, 4) of the control camera at rest.
+        """Return the current true world_T_camera (4, 4) of the control camera, without vibration.
 
-        The pose does not contain vibration."""
+        `read_pose` returns the pose with vibration."""
 
     @abstractmethod
     def compute_rest_poses(self, positions: np.ndarray) -> np.ndarray:

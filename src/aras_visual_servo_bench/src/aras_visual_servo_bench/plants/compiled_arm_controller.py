@@ -77,8 +77,8 @@ def run_cycles_with_loop(
         due: (m,) times of the joint states, ns.
         taken: number of joint states that have been processed.
         measured: (2, n) indices of the joints' positions and velocities in the flat `handles`.
-        columns: (k,) index of the joint of each row of `loops` among the loop's joints; n if it is
-            none of them.
+        columns: (k,) for each row of `loops`, the index of its joint among the loop's joints; n if
+            the loop does not have this joint.
         commands: (k,) output, the latest commands of the rows of `loops`; NaN for none.
         stamps, samples: (m,) and (m, 3, n) outputs: stamps (s) of the joint states, their positions
             and velocities, and the resulting commands.
@@ -87,8 +87,8 @@ def run_cycles_with_loop(
 
     Returns:
         The time, ns; the number of processed joint states; the second and the third result of
-        `run_cycles`; whether a command exceeds the limits; whether the last command has not been
-        set, because it follows the last cycle.
+        `run_cycles`; whether a command exceeds the limits; whether the last command must still be
+        set, because no cycle has followed it.
     """
     flat, n = handles.reshape(handles.size), samples.shape[2]
     while time_ns < ends_ns:

@@ -129,7 +129,7 @@ class DynamicArm(Plant):
             name: name of the control camera; '': the only camera of the robot description.
             other_cameras: settings of the other cameras, by name; `robot` gives their frames.
             exposure: conversion of light into grey levels, one of EXPOSURES.
-            labelled_link: model or 'model::link' that label images mark as the target; '': none.
+            labelled_link: model or 'model::link' to mark as the target in label images; '': none.
             tracked_link: the target, if it is a link of a model in the world; else None.
 
         Raises:
@@ -383,8 +383,8 @@ def _parse_target(urdf: Path) -> RobotDescription:
 
 
 def _rename_camera(camera: CameraDescription, name: str, robot: Robot) -> CameraDescription:
-    """Copy the robot's camera, with the name and at the optical frame of another camera."""
-    plugin = replace(  # a new plug-in, if the camera has none, gives the camera its name
+    """Copy the robot's camera; give the copy the name and the optical frame of another camera."""
+    plugin = replace(  # if the camera has no plug-in, a new one gives it a name
         camera.plugin or CameraPlugin(), camera_name=name, robot_namespace="", trigger_topic=""
     )
     renamed = replace(camera, name=name, plugin=plugin, shutter="")

@@ -1,4 +1,4 @@
-"""Kinematics of a free camera with the interface of an arm: six coordinates without limits."""
+"""Kinematics of a free camera: six coordinates without limits, with the interface of an arm."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class FreeBody:
 
     @property
     def is_compiled(self) -> bool:
-        """Return whether compiled code may replace the methods, which a subclass may override."""
+        """Return whether compiled code may replace the methods: True unless this is a subclass."""
         return type(self) is FreeBody
 
     def pose(self, q: np.ndarray) -> np.ndarray:
@@ -98,7 +98,7 @@ class FreeBody:
         return self.coordinates(world_T_camera)
 
     def joint_frames(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the origins (6, 3) and axes (6, 3) of the coordinates as joints.
+        """Return the coordinates as joints: their origins (6, 3) and axes (6, 3).
 
         The first three joints are prismatic, the last three are revolute."""
         return np.zeros((6, 3)), np.vstack([np.eye(3), np.eye(3)])

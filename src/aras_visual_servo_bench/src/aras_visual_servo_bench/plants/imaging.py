@@ -87,7 +87,7 @@ class ImagingSettings:
 
     @cached_property
     def band_settings(self) -> tuple[ImagingSettings, ...]:
-        """One copy of these settings for each exposure, with the camera cropped to its rows."""
+        """One copy of these settings for each exposure, its camera cropped to the exposed rows."""
         return tuple(self.crop_rows(part) for part in self.exposure_bands)
 
     def make_pipeline(self) -> ImagePipeline:
@@ -384,7 +384,7 @@ class ExposureSchedule:
         self.due_ns = self._stamp_ns + imaging.exposure_bands[0].offset_ns
 
     def expose(self, pose: np.ndarray) -> Frame | None:
-        """Make the exposure that is due; after the last exposure of an image, return its frame.
+        """Make the exposure that is due; if it completes an image, return the frame of this image.
 
         Return None if the image is not complete, or if it is dropped.
 
@@ -433,8 +433,8 @@ def _project_outlines(
     """Project the outline of a target at several camera poses.
 
     The outline of a solid can have different corners at different poses. Therefore the corners that
-    are visible at `poses[middle]`, as points in the plane of the target, are projected at all
-    poses.
+    are visible at `poses[middle]` are regarded as points in the plane of the target, and these
+    points are projected at all poses.
 
     Args:
         shape: geometry of the target.

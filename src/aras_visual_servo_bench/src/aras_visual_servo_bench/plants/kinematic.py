@@ -164,7 +164,7 @@ class KinematicPlant(Plant):
         self._has_velocity_commands = kind == "velocity"
 
     def _count_samples(self, count: int) -> None:
-        """Note that joint states have been measured."""
+        """Add `count` to the number of measured joint states, and compute the next stamp."""
         self._samples += count
         self._joints_ns = JOINT_PHASE_NS + round(self._samples * self._joint_period)
 

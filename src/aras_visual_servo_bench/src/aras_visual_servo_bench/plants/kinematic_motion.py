@@ -38,7 +38,7 @@ def follow_position(state, lag, dt):
 
 @jit(f"{CHAIN}, f8[:,::1], f8[::1], f8[::1]")
 def convert_to_motion(chain, state, rates, motion):
-    """Convert rates (n,) of the coordinates to a velocity of the motion, written into `motion`."""
+    """Convert rates (n,) of the coordinates to a velocity of the motion; write it into `motion`."""
     n = state.shape[1]
     if len(chain[0]) > 0:
         for i in range(n):

@@ -21,7 +21,8 @@ from .style import escape_math, is_paper, make_axes
 # The name of a group has one line up to MAX_NAME letters (in a paper: up to MAX_LINE letters). A
 # longer name has several lines of at most MAX_LINE letters.
 MAX_NAME, MAX_LINE = 40, 24
-# largest length of a name with which the legend of a paper's figure has two columns, letters
+# largest length of a name, in letters, with which the legend of a figure for a paper has two
+# columns
 MAX_PAPER_LEGEND = 18
 # largest number of panels side by side, and width of a panel, inches
 MAX_COLUMNS, PANEL_WIDTH = 3, 3.8

@@ -64,7 +64,7 @@ def _describe_success_figure(all_results: Sequence[Results]) -> list[str]:
 def _describe_missing(
     kind: str, all_results: Sequence[Results], shown: Sequence[Metric]
 ) -> list[str]:
-    """State which groups of a figure have runs without a value of a metric, and why."""
+    """State in which groups of a figure some runs have no value of a metric, and why."""
     pooled = find_pooled_keys(kind, all_results)
     keys = [key for key in find_varied_keys(all_results) if key not in pooled]
     lines = []

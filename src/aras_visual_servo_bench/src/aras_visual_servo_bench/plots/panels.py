@@ -210,7 +210,7 @@ def _mark_settling(
 ) -> tuple[tuple[float, str], ...]:
     """Return a mark at the settling time of a single run; return no mark for several runs.
 
-    when: function that returns the settling time of a run, NaN if it does not settle.
+    when: function that returns the settling time of a run, or NaN if the run does not settle.
     """
     time = when(runs[0]) if len(runs) == 1 else np.nan
     return ((float(time), "settled"),) if np.isfinite(time) else ()

@@ -38,7 +38,7 @@ def find_values(all_results: Iterable[Results], key: str) -> list:
 
 
 def find_varied_keys(all_results: Sequence[Results]) -> list[str]:
-    """Return the keys of the grid and the cases that have several values."""
+    """Return the keys, of the grid or of the cases, that have several values."""
     return [
         k for k in all_results[0].parameters if len(set(map(str, find_values(all_results, k)))) > 1
     ]
@@ -47,7 +47,7 @@ def find_varied_keys(all_results: Sequence[Results]) -> list[str]:
 def limit_groups(
     all_results: Sequence[Results], keys: Sequence[str], max_groups: int
 ) -> Sequence[str]:
-    """Return the longest start of `keys` whose values form at most `max_groups` groups."""
+    """Return the first of `keys`: as many as give at most `max_groups` groups of runs."""
     while keys and sum(len(r.group_rows(keys)) for r in all_results) > max_groups:
         keys = keys[:-1]
     return keys
@@ -59,7 +59,7 @@ def find_map_limit() -> int:
 
 
 def find_pooled_keys(kind: str, all_results: Sequence[Results]) -> list[str]:
-    """Return the varied keys whose values a kind of figure pools into common groups."""
+    """Return the varied keys by which a kind of figure does not divide the runs into groups."""
     keys = find_varied_keys(all_results)
     if kind == "success":
         keys, limit = keys[:-2], find_map_limit()
@@ -101,7 +101,7 @@ def group_runs(all_results: Sequence[Results], max_groups: int = MAX_GROUPS) -> 
 
 
 def label_groups(all_results: Sequence[Results], max_groups: int = MAX_GROUPS) -> str:
-    """Return the settings whose values are the names of the groups of `group_runs` in a paper."""
+    """Return the settings whose values name the groups of `group_runs` in figures for a paper."""
     keys = limit_groups(all_results, find_varied_keys(all_results), max_groups)
     return ", ".join(map(label_setting, keys)) if is_paper() else ""
 

@@ -185,7 +185,7 @@ def make_axes(
 
 
 def equalize_heights(figures: Sequence[Figure]) -> None:
-    """Change the heights of figures that are shown side by side to the largest of them.
+    """Enlarge figures that are shown side by side to the height of the highest of them.
 
     The panels of a figure become higher, but its margins do not change. Figures with images or 3-D
     views are not changed, because their proportions are fixed.

@@ -48,9 +48,9 @@ DISTANCE_RATIO = 1.4  # height of the panel of the final distance, relative to a
 def draw_success(all_results: Sequence[Results]) -> Figure | None:
     """Draw the success rate, and the distribution of the final distance next to it.
 
-    If at least two settings have several values, the rates are maps, whose axes are the last two of
-    them, with a map for each combination of values of the others. Otherwise, there is a bar for
-    each value of the setting, or for each study.
+    If at least two settings have several values, the rates are drawn as maps. The axes of a map are
+    the last two of these settings, and each combination of values of the other settings has its own
+    map. Otherwise, there is a bar for each value of the setting, or for each study.
     """
     keys = find_varied_keys(all_results)
     if len(keys) >= 2:
@@ -121,16 +121,16 @@ def _draw_success_maps(all_results: Sequence[Results], keys: Sequence[str]) -> F
 def _make_map_axes(
     all_results: Sequence[Results], count: int, lines: int, columns: int
 ) -> tuple[Figure, list[Axes], Axes | None]:
-    """Make a figure with the axes of success maps, and those of the final distance if it is known.
+    """Make a figure with the axes of success maps and, if it is known, of the final distance.
 
-    In a paper, as many maps are side by side as have space for the numbers in their cells, and the
-    axes of the final distance extend over the width of the figure below them.
+    In a paper, a row contains as many maps as fit without hiding the numbers in their cells. The
+    axes of the final distance are below the maps and have the width of the figure.
 
     Args:
         all_results: results of one or several studies.
         count: number of maps.
-        lines: number of rows of cells of a map.
-        columns: number of columns of cells of a map.
+        lines: number of rows of a map.
+        columns: number of columns of a map.
     """
     has_distance = has_final_distance(all_results)
     if not is_paper():
@@ -191,7 +191,7 @@ def _draw_map(
 
 
 def find_curve_keys(all_results: Sequence[Results]) -> Sequence[str]:
-    """Return the keys for whose values there are curves of final distances next to success maps.
+    """Return the keys that distinguish the curves of final distances next to success maps.
 
     If there are several maps, each map has a curve. A single map has a curve for each of its rows.
     """

@@ -111,7 +111,7 @@ def draw_panels(
         _draw_panel(axis, panel, styles, columns > 1)
     if is_single:
         add_title(axes[0], title + _make_hints(panels))
-    else:  # only the left panel has a title, because the legend with the runs' names needs space
+    else:  # only the left panel has a title; the space on the right is for the runs' names
         add_title(
             axes[0],
             f"{title} and {layout.second_column.lower()}" if layout.second_column else title,

@@ -209,14 +209,14 @@ def draw_camera_path(runs: Sequence[Run]) -> Figure | None:
                     "goal" if number == 0 else None, "--")  # fmt: skip
         _draw_camera(axis, poses[-1], FRUSTUM_SIZE * size, colour, "end" if single else None)
     room = 0.5 * FRUSTUM_SIZE * size
-    # A planar path would give a flat box, so each axis has at least a length of MIN_AXIS_RATIO *
-    # size.
+    # The axes of a planar path would form a flat box, so each axis has at least a length of
+    # MIN_AXIS_RATIO * size.
     padding = np.maximum(0.5 * (MIN_AXIS_RATIO * size - (high - low)), room)
     low, high = low - padding, high + padding
     axis.set(xlabel="x (m)", ylabel="y (m)", zlabel="z (m)",
              xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))  # fmt: skip
     extent = high - low
-    # A tall scene is drawn smaller, because the scene would overlap the legend below the axes.
+    # A tall scene is drawn smaller, because it would otherwise overlap the legend below the axes.
     is_tall = extent[2] > MAX_HEIGHT_RATIO * extent[:2].max()
     # zoom that leaves space for the larger letters of a paper
     paper_scale = 0.82 if is_paper() else 1.0

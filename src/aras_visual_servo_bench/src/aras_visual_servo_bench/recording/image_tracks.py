@@ -18,8 +18,8 @@ POINT_NAME = re.compile(r"([xy])_?(\d+)$")
 # Largest number of corners of a target whose corner trajectories are drawn. The polygon that
 # approximates a disc has more corners.
 MAX_CORNERS = 16
-# A report shows the first image in which the error is at most each of these fractions of its
-# initial value.
+# For each of these fractions, a report shows the first image in which the error is at most this
+# fraction of its initial value.
 MILESTONES = (1.0, 0.7, 0.4, 0.2, 0.08)
 
 

@@ -131,7 +131,7 @@ class MessageRunBuilder:
         return with_images(run, images, frames)
 
     def _find_camera(self) -> CameraModel | None:
-        # Ignore invalid intrinsics, because the camera node has reported them.
+        # ignore invalid intrinsics, because the camera node has already reported them
         with contextlib.suppress(CalibrationError):
             return (
                 None
@@ -150,7 +150,7 @@ class MessageRunBuilder:
         """
         stamps, positions, velocities = [], [], []
         for message in self._recording.joints:
-            # stamp 0: the publisher did not know the simulated time yet
+            # with stamp 0, the publisher did not know the simulated time yet
             if not message.header.stamp:
                 continue
             indices = {name: i for i, name in enumerate(message.name)}

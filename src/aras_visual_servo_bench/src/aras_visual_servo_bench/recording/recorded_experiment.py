@@ -28,8 +28,8 @@ from ..experiment.robots import RobotSpec
 from .parameters import find_branch
 from .run_recorder import describe_settings
 
-# Parameters of the controller node that an experiment sets by another key, or does not have, so
-# that they are not copied to `controller_parameters`.
+# Parameters of the controller node that are not copied to `controller_parameters`, because an
+# experiment sets them by another key or does not have them.
 OWN_KEYS = {
     "scheme", "law", "gain", "start", "desired", "listeners", "package", "namespace",
     "camera_namespace", "description", "lockstep", "autostart", "dry", "duration", "command_topic",
@@ -90,7 +90,7 @@ class RecordedExperiment:
         parameters = find_branch(
             self.content.get("parameters", {}), self.content.get("controller", "")
         )
-        # dynamic_reconfigure adds this entry; the node has no parameter `gains`
+        # dynamic_reconfigure adds this parameter; the node has no parameter `gains`
         parameters.pop("gains", None)
         return parameters
 

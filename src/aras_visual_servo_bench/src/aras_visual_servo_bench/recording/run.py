@@ -24,7 +24,7 @@ from .run_presentation import RunPresentation
 Film = tuple[tuple[float, bytes], ...]  # film of a run: stamp (s) and JPEG of each frame
 
 REACHED, MISSED = "goal_reached", "goal_missed"
-SETTLING_BAND = 0.02  # fraction of its initial value below which an error is settled
+SETTLING_BAND = 0.02  # an error is settled if it is below this fraction of its initial value
 
 
 @dataclass(frozen=True)
@@ -420,7 +420,7 @@ def compute_settling_time(stamp: np.ndarray, values: np.ndarray, floor: float = 
     Args:
         stamp: stamps (n,), s; the time starts at stamp[0].
         values: values (n,) of at least 0.
-        floor: limit that is used instead of 2 % of the first value if it is larger.
+        floor: limit that replaces 2 % of the first value if the limit is larger.
     """
     known = np.isfinite(values)
     stamp, values = stamp[known], values[known]

@@ -19,7 +19,8 @@ PACKAGE = "aras_visual_servo_bench"
 class RunPresentation:
     """Presentation of a run; base class of `Run`.
 
-    Figures, pages and tables are in higher layers, which are imported when they are used.
+    The code for figures, pages and tables belongs to higher layers, which are imported only when it
+    is used.
     """
 
     def __repr__(self) -> str:

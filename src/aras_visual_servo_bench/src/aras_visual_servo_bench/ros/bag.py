@@ -120,9 +120,9 @@ def _find_name(path: Path) -> str:
 
 
 def open_bag(path: Path) -> tuple[rosbag.Bag, str]:
-    """Open a bag, and return it with a note for the report.
+    """Open a bag, and return it together with a note for the report.
 
-    The note says that the bag was not closed; for a closed bag, the note is ''.
+    If the bag was not closed, the note says so; otherwise it is ''.
     """
     import rosbag
 
@@ -208,8 +208,8 @@ class BagReader(GraphRecording):
             t.moments: self.add_moments, t.joints: self.joints.append,
             t.info: self._add_info, t.metrics: self._add_metrics,
             t.experiment: self._add_experiment, TF: self._add_tf,
-            # If the bag contains /tf, a message of /tf_static adds no camera pose, because the
-            # stamp of such a message can be older than stamps of earlier messages.
+            # If the bag contains /tf, only its messages add camera poses, because a message of
+            # /tf_static can have an older stamp than earlier messages.
             TF_STATIC: self._add_transforms if TF in self._counts else self._add_tf,
         }  # fmt: skip
         # Messages on these topics remain valid after a reset of the clock.

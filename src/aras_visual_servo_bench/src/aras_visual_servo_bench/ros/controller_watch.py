@@ -74,7 +74,8 @@ def wait_for_master(uri: str, is_alive, timeout: float) -> bool:
 
     Args:
         uri: URI of the master.
-        is_alive: function that returns whether its process is running; if not, waiting ends.
+        is_alive: function that returns whether the process of the master is running; if it is not,
+            waiting ends.
         timeout: longest waiting time, s.
     """
     deadline = time.monotonic() + timeout

@@ -271,7 +271,7 @@ def main() -> int:
     server.close()
     dashboard.close()
     for thread in threading.enumerate():
-        # the thread in which rospy unregisters the node must end first
+        # rospy unregisters the node in this thread, so the thread must end first
         if thread.name == "shutdown":
             thread.join(5.0)
     sys.stdout.flush()

@@ -25,7 +25,8 @@ from .ros_launch import RosLaunch, find_free_port
 STARTUP_TIMEOUT = 300.0  # longest duration of each step of the startup, s of wall time
 # Duration of a step of the startup after which a message names this step, s of wall time.
 SLOW_START_NOTICE = 20.0
-# wall time of a run after which the run is ended, divided by its limit of simulated time
+# Inverse of the smallest real-time factor: a run is ended when its wall time is this multiple of
+# its limit of simulated time.
 MIN_REAL_TIME_RATIO = 6.0
 # Longest time for which the controller may hold the arm before servoing starts, s of wall time.
 HOLDING_TIMEOUT = 5.0

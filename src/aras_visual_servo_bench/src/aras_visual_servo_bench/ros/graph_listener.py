@@ -135,7 +135,7 @@ class GraphListener:
 
     @property
     def is_silent(self) -> bool:
-        """Whether no joint state has arrived for SILENCE_TIMEOUT."""
+        """True if no joint state has arrived for the time SILENCE_TIMEOUT."""
         return time.monotonic() - self._last_joints_time > SILENCE_TIMEOUT
 
     def find_missing(self) -> str:

@@ -76,8 +76,8 @@ class PageCommands:
         self.selection: dict[str, str] = {}
         self._launch: RosLaunch | None = None
         self._packages = rospkg.RosPack()
-        # Settings of the camera in the robot description, and the name of the preset with these
-        # settings.
+        # Settings of the camera in the robot description, and the name of the preset that has the
+        # same settings.
         self._camera: tuple[dict[str, Any] | None, str] = None, ""
         rospy.Subscriber(f"{CONTROLLER}/gains/parameter_updates", Config, self._on_gains)
 
@@ -109,8 +109,8 @@ class PageCommands:
     def read_selection(self) -> dict[str, str]:
         """Return the names of the current scheme, law, start, goal and camera.
 
-        If the nodes are not running, they are the defaults. If the ROS master does not answer, the
-        result is empty.
+        If the nodes are not running, the result contains the defaults. If the ROS master does not
+        answer, the result is empty.
         """
         names = {"scheme": "scheme", "law": "law", "start": "start", "desired": "goal"}
         try:
@@ -180,7 +180,7 @@ class PageCommands:
     def move_goal(self, x: float, y: float, z: float, turn: float) -> str:
         """Servo to a pose with an offset from the goal.
 
-        If the arm cannot reach this pose exactly, it servos to the nearest reachable pose within
+        If the arm cannot reach this pose exactly, the goal is the nearest reachable pose within
         REACH_TOLERANCE, and the answer contains the deviation.
 
         Args:

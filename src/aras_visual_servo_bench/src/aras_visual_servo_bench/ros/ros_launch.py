@@ -11,8 +11,8 @@ import time
 from pathlib import Path
 
 _PR_SET_PDEATHSIG = 1
-# Loaded before any fork: between fork and exec, loading the library could wait forever for a lock
-# of another thread.
+# The library is loaded before any fork, because loading it between fork and exec could wait forever
+# for a lock of another thread.
 _PRCTL = ctypes.CDLL(None).prctl
 
 

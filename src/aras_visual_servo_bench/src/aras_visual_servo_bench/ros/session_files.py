@@ -116,7 +116,7 @@ class SessionFiles:
             raise RefusedError("nothing has been recorded yet")
         out = self._make_folder(REPORT_FOLDER) / self.last_bag.stem
         self._run(["rosrun", "aras_visual_servo_bench", "analyze", str(self.last_bag), "--out",
-                   # no formats: analyze writes the page without separate figures
+                   # without formats, analyze writes only the page, no separate figures
                    str(out), "--formats", ""], REPORT_TIMEOUT)
         pages = sorted(out.rglob("*.html"))
         if not pages:

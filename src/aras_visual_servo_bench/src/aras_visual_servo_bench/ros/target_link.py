@@ -1,4 +1,4 @@
-"""Command that prints the mesh or the pose of a link that is the target of visual servoing.
+"""Command that prints the path of the mesh, or the pose, of a link that is the target.
 
     rosrun aras_visual_servo_bench target_link crate::body --world /my/crate.world mesh
     rosrun aras_visual_servo_bench target_link crate::body --world /my/crate.world start
@@ -35,7 +35,7 @@ DESCRIPTION = "/robot_description"
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Print the mesh or the pose, and return the exit status."""
+    """Print the path of the mesh, or the pose, and return the exit status."""
     parser = argparse.ArgumentParser(
         prog="target_link", description=__doc__.splitlines()[0],
         epilog="example: rosrun aras_visual_servo_bench target_link crate --world a.world start",

@@ -38,7 +38,7 @@ class TargetWatch:
         rospy.Subscriber(TOPIC, PoseStamped, self._on_target, queue_size=1)
 
     def update(self, run_trace: RunTrace, robot: str) -> None:
-        """Set the shapes of the target in a trace. The pose is queried at most every PERIOD.
+        """Set the shapes of the target in a trace. The pose is queried at most once per PERIOD.
 
         The shapes are in the base frame of the robot, or in the world frame if the simulator has no
         model `robot`. A target that the arm carries is not drawn.

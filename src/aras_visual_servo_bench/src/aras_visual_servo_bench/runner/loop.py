@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from .run_termination import RunTermination
 
 NS = 1_000_000_000
-# time added to the experiment's duration, ns, so that one more image is exposed
+# time added to the experiment's duration for the exposure of one more image, ns
 FINAL_NS = 50_000_000
 FIRST_IMAGE_TIMEOUT_NS = 5 * NS
 OCCLUSION_NOTE = (
@@ -136,8 +136,8 @@ class Loop:
             from .run_termination import RunTermination
 
             self._termination = RunTermination(experiment, parts)
-        # `float` as wall clock is always 0.0, so the time of computations does not count as a
-        # delay.
+        # The wall clock is the function `float`, which returns 0.0, so the time of computations
+        # does not count as a delay.
         self._driver = LoopRunner(
             parts.servo, parts.rig, parts.settings, self,
             clock=lambda: to_seconds(self.plant.time_ns), wall_clock=float,
@@ -257,7 +257,8 @@ class Loop:
             if reading.name not in self.parts.rig.observers:
                 continue
             if delay_ns := self._delays_ns[reading.name]:
-                # the number keeps frames that arrive at the same time in their order
+                # frames that arrive at the same time stay in their order, because the number
+                # increases
                 self._delayed_count += 1
                 heapq.heappush(pending, (reading.stamp_ns + delay_ns, self._delayed_count, reading))
             else:
@@ -296,8 +297,9 @@ class Loop:
     def make_run(self) -> Run:
         """Return the record of the run up to the current time."""
         if self.is_over and self.servo.outcome.kind == "running":
-            # The loop detects the end of the duration only at an image with a measurement. Here the
-            # last images have none, but they are too few for the outcome 'target lost'.
+            # The loop detects the end of the duration only at an image with a measurement. The last
+            # images of this run have no measurement, but they are too few for the outcome 'target
+            # lost'.
             self.servo.time_out(self.experiment.duration)
         outcome = self.servo.outcome
         if self._termination is not None:

@@ -365,7 +365,7 @@ def with_calibrated_depths(context: SetupContext, goal: Goal) -> Goal:
 
 
 def _scale_depth(goal: Goal, factor: float) -> Goal:
-    """Return a goal with its depth and the depths of the points on its plane times a factor."""
+    """Return a goal with its depth, and the depths of its plane, multiplied by `factor`."""
     if factor == 1.0:
         return goal
     depth = None if goal.depth is None else goal.depth * factor

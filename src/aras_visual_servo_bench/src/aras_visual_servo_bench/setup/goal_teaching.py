@@ -36,7 +36,7 @@ RENDERED_NEEDS = {Need.IMAGE, Need.CONTOUR, Need.CORNERS}
 # Maximum difference between the area of the target in the image and the area of the polygon of its
 # corners, relative to the latter area.
 AREA_TOLERANCE = 0.1
-SUSPICIOUS_LENGTH = 1.0  # length of a solid from which its file is probably in millimetres, m
+SUSPICIOUS_LENGTH = 1.0  # m; the file of a solid of at least this length is probably in millimetres
 VIEW_REMEDY = "give a goal from which the camera sees the target, or move the target"
 
 
@@ -185,7 +185,7 @@ def teach_goal(
     control, target = views.pop(rig.control.name), context.target
     depth = target.shape.depth(target.target_T_camera(control.world_T_camera))
     if target.shape.is_solid:
-        depth = None  # None makes `Goal.teach` use the depth of `observation.plane`
+        depth = None  # with None, `Goal.teach` uses the depth of `observation.plane`
     observation = rig.merge_observations(control, views) if views else control
     return replace(Goal.teach(context.scheme, observation, name, depth), joints=dict(joints))
 

@@ -80,8 +80,8 @@ def draw_start(
                 if not is_in_view(outline, model, sampler.margin):
                     raise ViewError("cut off")
             near = goal_joints
-            # The camera is rotated by `turn` about the vertical, so the initial guess rotates the
-            # last joint by -turn.
+            # `turn` rotates the camera about the vertical, so the initial guess rotates the last
+            # joint by -turn.
             if isinstance(arm, Arm):
                 near = goal_joints.copy()
                 near[-1] = _wrap_into_limits(near[-1] - turn, arm.lower[-1], arm.upper[-1])

@@ -38,8 +38,8 @@ class SetupContext:
         targets: target of each camera, by the name of the camera.
         placements: pose of each other camera relative to the control camera, by name.
         has_depth: whether every camera delivers depth images, even if the scheme needs none.
-        labelled_link: model or 'model::link' that label images mark as the target; '': label images
-            are not needed.
+        labelled_link: model or 'model::link' to mark as the target in label images; '': label
+            images are not needed.
     """
 
     experiment: Experiment

@@ -20,7 +20,7 @@ MAX_LISTED = 4  # maximum number of groups that a sentence about missing values 
 
 
 def describe_success(all_results: Sequence[Results], shown: Sequence[Metric] = ()) -> list[str]:
-    """Define success and the other binary metrics that are shown, and state the tolerance."""
+    """Define success and the other binary metrics in `shown`; state the tolerance of success."""
     lines, used = [], [m for m in shown if m.is_binary]
     judged = {results.judged_metric.name: results for results in all_results}
     for name, results in judged.items():
@@ -66,7 +66,7 @@ def describe_missing(
     Args:
         metric: metric with these values.
         groups: name of each group, and the values of its runs.
-        ends: outcome of each run, in the order of all groups.
+        ends: outcome of each run: the runs of the first group, then those of the second, and so on.
     """
     missing, single, first = [], [], 0
     for name, values in groups:

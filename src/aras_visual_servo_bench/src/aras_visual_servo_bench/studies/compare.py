@@ -30,7 +30,8 @@ if TYPE_CHECKING:
 
 SIGNIFICANCE_LEVEL = 0.05
 MAX_SHOWN = 20  # maximum number of differences that a printed comparison lists
-MIN_PAIRED = 0.9  # minimum fraction of the runs with a partner in the other study for a paired test
+# a paired test needs a partner in the other study for at least this fraction of the runs
+MIN_PAIRED = 0.9
 SCHEME = "scheme"
 # Verdicts about the second study or case, compared with the first. DIFFERS: the metric has no
 # better direction, or only the distributions differ, not the medians. UNTESTED: one of the samples
@@ -65,7 +66,7 @@ class Difference:
 
 @dataclass(frozen=True)
 class _Sample:
-    """Runs on one side of a comparison: rows of results, with their name."""
+    """Runs on one side of a comparison: the indices of their rows, and the name of this side."""
 
     name: str
     results: Results
@@ -243,8 +244,7 @@ def _describe_difference(d: Difference) -> str:
 def _pair_groups(
     first: Results, second: Results, by: Sequence[str]
 ) -> Iterator[tuple[str, _Sample, _Sample]]:
-    """Yield each group of settings that two studies have in common, with its runs in both studies.
-    """
+    """Yield the name of each group of settings that two studies share, and its runs in both."""
     keys = tuple(by) or tuple(k for k in first.parameters if k in second.parameters)
     one, two = first.group_rows(keys), second.group_rows(keys)
     groups = [values for values in one if values in two]
@@ -261,10 +261,12 @@ def _pair_cases(
 ) -> Iterator[tuple[str, _Sample, _Sample]]:
     """Yield each pair of values of a key in each group of runs, with the runs of both values.
 
-    An entry is the name of the group, and the runs with the first and with the second value.
+    Each yielded tuple contains the name of the group, the runs with the first value, and the runs
+    with the second value.
 
     Raises:
-        StudyError: the study does not vary the key, draws it at random, or has one value of it.
+        StudyError: the study does not vary the key, draws it at random, or has only one value of
+            it.
     """
     if between not in results.study.keys:
         known = suggest(between, results.parameters)
@@ -346,7 +348,7 @@ def _find_varied_keys(one: _Sample, two: _Sample) -> list[str]:
 
 
 def _describe_confounding(one: _Sample, two: _Sample, between: str) -> str:
-    """Describe other settings than the compared key that differ between two cases; '' if none."""
+    """Describe which settings other than the compared key differ between two cases; '' if none."""
     if not between:
         return ""
     found = []

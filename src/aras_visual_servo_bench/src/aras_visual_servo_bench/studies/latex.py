@@ -16,7 +16,7 @@ INTERVAL_SCALE = 0.92
 CAPTION_LETTERS = 105  # number of letters in a line of a caption that has the width of the text
 # largest number of lines of a table with its caption; a page of IEEEtran has 58 lines
 MAX_FLOAT_LINES = 50
-LINES_AROUND = 6  # number of lines of a tabular, without its rows
+LINES_AROUND = 6  # number of lines of a tabular, not counting its rows of values
 
 _ESCAPES = {c: f"\\{c}" for c in "&%$#_{}"} | {
     "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}",

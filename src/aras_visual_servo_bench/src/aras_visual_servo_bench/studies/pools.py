@@ -245,7 +245,7 @@ class DaskPool(Pool):
             if self.cluster is None:
                 asyncio.run(_check_scheduler(address))
             client = self._distributed.Client(address, timeout=ANSWER_TIMEOUT, set_as_default=False)
-        except (OSError, ValueError) as error:  # OSError includes timeouts
+        except (OSError, ValueError) as error:  # an OSError can also be a timeout
             reason = read_first_line(error)
             raise StudyError(
                 f"no scheduler answers at {address} ({reason}): start one, or correct the address"
@@ -297,7 +297,7 @@ class DaskPool(Pool):
         return len(threads)
 
     def _check_workers(self) -> None:
-        """Count the workers if the last count is COUNT_PERIOD ago.
+        """Count the workers if the last count was at least COUNT_PERIOD ago.
 
         Raises:
             StudyError: there has been no worker for the time WORKER_TIMEOUT.
@@ -346,7 +346,7 @@ def _configure_dask() -> Any:
     """Configure Dask with short histories and few self-checks; return its module `distributed`."""
     try:
         import dask
-        import distributed  # sets defaults, so this import must precede dask.config.set
+        import distributed  # this import sets defaults, so it must precede dask.config.set
     except ModuleNotFoundError as error:
         raise make_missing_library_error(error.name, "studies") from None
 

@@ -149,14 +149,15 @@ class Results:
         self, other: Results | None = None, by: Sequence[str] = (), metrics: Sequence[str] = (),
         between: str = "",
     ) -> Any:  # fmt: skip
-        """Test which differences from another study, or between own cases, are significant.
+        """Test differences from another study, or between cases of this study, for significance.
 
         Runs are paired if their seeds and the settings that are not compared are equal; p-values
         are corrected for the number of comparisons by Holm's method. `find_differences` describes
         the tests.
 
         Args:
-            other: results of the study that is compared with this one; None: compare own cases.
+            other: results of the study that is compared with this one; None: compare cases of this
+                study.
             by: keys that define the groups that are compared separately. Empty: for two studies
                 those of the grid and the cases; with `between`, one group of all runs.
             metrics: names; empty: all.

@@ -248,7 +248,7 @@ def _list_values(variations: Axis | RandomVariation) -> tuple[Any, ...]:
 
 
 def _to_cell(value: Any) -> Any:
-    """Convert a value for a column: other values than numbers and texts become JSON."""
+    """Convert a value for a column; values that are neither numbers nor texts become JSON."""
     if value is None or isinstance(value, bool | int | float | str):
         return value
     if isinstance(value, np.generic):

@@ -32,7 +32,7 @@ from ..metrics import metrics as known_metrics
 from ..metrics.formatting import format_count, format_rows
 from .variations import Axis, RandomVariation, draw_values, parse_variation
 
-# largest number of runs of a study: 1e6 chunks, the most that a scheduler handles, of 100 runs
+# largest number of runs of a study: a scheduler handles at most 1e6 chunks, of 100 runs each
 MAX_RUNS = 100_000_000
 MAX_CHUNK = 10_000
 IMAGE_CHUNK = 4  # maximum number of runs per chunk if images are stored, which need much memory
@@ -217,7 +217,8 @@ class Study(KeywordSettings):
             raise StudyError(f"{path} is not a study: write keys with values into it")
         values = dict(values)
         base = values.get("experiment")
-        # A relative path starts at the folder of the study's file or at the current folder.
+        # A relative path refers to the folder of the study's file or, if there is no such file
+        # there, to the current folder.
         if isinstance(base, str):
             sibling = Path(path).parent / base
             content = read_yaml(sibling if sibling.is_file() else base, StudyError)

@@ -29,7 +29,7 @@ from .results import Results
 FORMATS = ("md", "csv", "tex")
 RATE, MEDIAN, QUARTILES = "rate", "median", "quartiles"
 FAILURE_HEADING = "commonest failure"
-MAX_REASON_LENGTH = 90  # maximum number of characters of a reason in a cell
+MAX_REASON_LENGTH = 90  # maximum number of characters of the reason of a failure
 NUMBER = re.compile(r"[-+]?\d+(\.\d+)?")
 
 

@@ -14,7 +14,7 @@ from .study import Study
 
 # key of an experiment that sets the tolerance of the final pose: distance and angle
 KEY = "reached"
-MAX_LISTED = 3  # maximum number of tolerances that are listed; of more, the range is stated
+MAX_LISTED = 3  # largest number of tolerances that are listed; of more, only the range is stated
 DIGITS = 6  # number of significant digits to which equal tolerances agree
 
 
@@ -68,7 +68,7 @@ def find_tolerance(study: Study, distances: np.ndarray, angles: np.ndarray) -> S
 
 
 def _list_configured(study: Study) -> list[tuple[float, float] | None]:
-    """Return the listed values of the key `reached` of a study; None for the default."""
+    """Return the values of the key `reached` that a study lists; None stands for the default."""
     found = [case.set[KEY] for case in study.combinations if KEY in case.set]
     is_varied = any(one.key == KEY for one in (*study.axes, *study.random_variations))
     if len(found) < len(study.combinations) and not is_varied:

@@ -1,4 +1,4 @@
-"""Find the settings that optimize a metric of a study, with SciPy's differential evolution.
+"""Find settings that optimize a metric of a study, with SciPy's differential evolution.
 
 Every generation is a study of its own, in its own folder. The cases of this study are the
 candidates of the generation; all candidates have the same starts and noise. Therefore an
@@ -92,7 +92,7 @@ class Candidate:
 
 
 class Tuner:
-    """Search for the settings of a study that optimize a metric."""
+    """Search for settings that optimize a metric of a study."""
 
     def __init__(
         self, study: Study, ranges: Sequence[SearchRange], metric: str, out: Path,

@@ -103,7 +103,7 @@ def _digest_module(name: str) -> str:
         spec = importlib.util.find_spec(name)
         return hashlib.sha256(Path(spec.origin).read_bytes()).hexdigest()[:16]
     except (ImportError, AttributeError, TypeError, ValueError, OSError):
-        return UNKNOWN  # no error here: the run that imports this module reports the error
+        return UNKNOWN  # raise no error here: the run that imports this module reports the error
 
 
 def read_commit() -> str:

@@ -69,7 +69,7 @@ def carry_out(task: StudyTask) -> rows.Rows:
             raise StudyError(
                 f"a worker has other versions: {difference}; install the same versions there"
             )
-    limit_threads()  # before each chunk, because a worker can have started at any time
+    limit_threads()  # called before each chunk, because a worker can have started at any time
     return _run_isolated_chunk(task) if task.is_isolated else _run_directly(task)
 
 

@@ -32,7 +32,7 @@ ROUNDING = 1e-12  # maximum rounding error of a point on the edge of a box, m
 POSE_TOLERANCE = 1e-9
 TIME_TOLERANCE = 1e-7  # s
 MIN_DEPTH = 1e-3  # minimum depth of a point that is projected, m
-IMAGE_FLIP = (1.0, -1.0)  # factors of (x, y) that convert y up to y down, and y down to y up
+IMAGE_FLIP = (1.0, -1.0)  # factors of (x, y) that reverse the y axis, between up and down
 
 
 class Target(ABC):
@@ -57,7 +57,7 @@ class Target(ABC):
 
     @abstractmethod
     def vertices(self) -> np.ndarray:
-        """Return the corners (n, 3), in order around the target, in the target frame, m."""
+        """Return the corners (n, 3) of the target, in order around it, in the target frame, m."""
 
     def points(self, target_T_camera: np.ndarray) -> np.ndarray | None:
         """Return the feature points (n, 2) in normalised image coordinates.

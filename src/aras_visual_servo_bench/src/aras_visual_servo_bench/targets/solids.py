@@ -140,7 +140,7 @@ def read_solid_target(
         raise ExperimentError(f"target.shape: {error}{key}") from error
     if factor == (1.0,) * 3:
         return SolidTarget(solid, path.resolve())
-    # the tracker reads a file, and its unit is the metre
+    # the tracker reads this file and expects lengths in m
     written = _write_mesh(corners * factor, path.stem)
     return SolidTarget(solid, written, coloured_path=path.resolve(), scale=factor)
 

@@ -73,7 +73,7 @@ def find_tracker(shape: str | Corners) -> str:
         return MODEL_TRACKER
     found = find_shape(shape)
     if found is None and isinstance(shape, str):
-        # The file of an image of a flat shape has the shape's name, for example four_dots.png.
+        # An image file of a flat shape is named after the shape, for example four_dots.png.
         found = SHAPES.get(Path(shape).stem)
         found = None if found is None or found.is_solid else found
     return OUTLINE_TRACKER if found is None else found.tracker
@@ -253,7 +253,8 @@ def _complete_page_size(root: Element) -> bool:
         True if the file gives the size of the page as lengths.
 
     Raises:
-        ValueError: a length or the viewBox is invalid, or their aspect ratios differ.
+        ValueError: a length or the viewBox is invalid, or the aspect ratios of page and viewBox
+            differ.
     """
     from svgelements import Length
 

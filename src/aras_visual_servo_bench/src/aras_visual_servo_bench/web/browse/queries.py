@@ -289,20 +289,20 @@ def divide_into_cells(
 ) -> Cells:
     """Divide the values of a column into cells.
 
-    Up to `max_cells` distinct values, each value has a cell. If there are more, the range of a
-    numeric column is divided into `bins` cells, and only the most frequent values of a text column
-    have cells.
+    If there are at most `max_cells` distinct values, each value has its own cell. If there are
+    more, the range of a numeric column is divided into `bins` cells, and only the most frequent
+    values of a text column have cells.
     """
     encoded = column.combine_chunks().dictionary_encode()
     codes = encoded.indices.fill_null(-1).to_numpy(zero_copy_only=False).astype(int)
     values = encoded.dictionary.to_pylist()
     known = [i for i, v in enumerate(values) if to_json_value(v) is not None]
     if len(known) <= max_cells or not is_number(column):
-        if len(known) > max_cells:  # only the most frequent values have a cell
+        if len(known) > max_cells:  # only the most frequent values have their own cell
             counts = np.bincount(codes[codes >= 0], minlength=len(values))
             known = sorted(known, key=lambda i: -counts[i])[:max_cells]
         known.sort(key=lambda i: values[i])
-        # the additional last entry is the cell of unknown values, whose code is -1
+        # the additional last element is the cell of unknown values: their code is -1
         cell_of_value = np.full(len(values) + 1, -1)
         cell_of_value[known] = np.arange(len(known))
         labels = [to_json_value(values[i]) for i in known]

@@ -4,8 +4,8 @@ The results are read from the Parquet files of the studies, and read again after
 100 000 runs with 28 columns need 24 MB and take 3.5 s to read.
 
 The queries of the page use Arrow and take 1 to 20 ms. DuckDB would add 68 MB to the installation
-and is about as fast: DuckDB (Arrow) takes 14 (17) ms for a filter, 6 (6) ms for sorting, and
-6 (8) ms for groups.
+and is about as fast. It takes 14 ms for a filter, 6 ms for sorting and 6 ms for groups; Arrow takes
+17, 6 and 8 ms.
 """
 
 from __future__ import annotations

@@ -121,7 +121,7 @@ class Page:
         names = set()
         for shape in shapes:
             if shape.kind == TEXT:
-                continue  # the page shows texts outside its 3-D view
+                continue  # the page shows texts next to its 3-D view, not in it
             names.add(shape.name)
             fingerprint = np.round(shape.points, DIGITS).tobytes()
             if self._sent_values.get(f"shape {shape.name}") == fingerprint:

@@ -11,7 +11,7 @@ import numpy as np
 # Largest number of samples: 100 s at 30 images/s. A plot has fewer pixels, and a full message with
 # 20 numbers per sample has about 0.5 MB.
 MAX_SAMPLES = 3000
-CLEAR = ["clear"]  # row in a list of samples after which all earlier samples are removed
+CLEAR = ["clear"]  # row in a list of samples: a page that receives it removes all earlier samples
 # change of the stamp below which the plots restart, because the clock was reset, s
 CLOCK_RESET = -1.0
 
@@ -22,14 +22,14 @@ def to_json_numbers(values: Sequence[float], digits: int = 6) -> list[float | No
 
 
 class Samples:
-    """Samples of the present run, from its start to the newest.
+    """Samples of the current run, from its start to the present.
 
     A sample is [stamp, errors, desired twist, achieved twist, joint positions]. When there are more
     than MAX_SAMPLES, those that change the curves least are removed, so the transient keeps its
     shape however long the run takes.
 
     Attributes:
-        names: names of the features; of the last image that has any.
+        names: names of the features in the last image with features.
     """
 
     def __init__(self) -> None:
@@ -43,11 +43,11 @@ class Samples:
         return list(self._rows)
 
     def add(self, names: tuple[str, ...], row: list[Any]) -> None:
-        """Add a sample. Other features, or a clock that was set back, start another run.
+        """Add a sample. If the features have changed or the clock was set back, start another run.
 
         Args:
-            names: names of the features; empty for an image without features, which belongs to the
-                same run.
+            names: names of the features; empty for an image without features, which does not start
+                another run.
             row: the sample.
         """
         is_other = bool(names and self.names and names != self.names)
@@ -61,7 +61,7 @@ class Samples:
             self._news = [CLEAR, *self._rows]
 
     def take_news(self) -> list[Any]:
-        """Return the samples since the last call; CLEAR is in front of a list of all samples."""
+        """Return the samples since the last call, or CLEAR and then all samples of the run."""
         news, self._news = self._news, []
         return news
 
@@ -69,9 +69,9 @@ class Samples:
 def thin_out(rows: list[list[Any]]) -> list[list[Any]]:
     """Return a quarter fewer samples, without those that change the curves least.
 
-    Every other sample is a candidate. Its change is its distance from the straight line between its
-    neighbours, divided by the range of the curve; the largest of all curves counts. Samples where a
-    curve begins or ends are kept.
+    Every other sample is a candidate for removal. For each curve, its distance from the straight
+    line between its neighbours is divided by the range of the curve; the candidates whose largest
+    quotient is smallest are removed. Samples where a curve begins or ends are kept.
     """
     width = max(len(row[1]) for row in rows)
     values = np.array(

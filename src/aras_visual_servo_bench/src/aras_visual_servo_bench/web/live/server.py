@@ -1,6 +1,7 @@
 """Web server of the live page, with one WebSocket for each viewer.
 
-Its host supplies updates and images and executes requests. The server itself does not use ROS.
+The host of the server, a PageHost, supplies updates and images and executes requests. The server
+itself does not use ROS.
 """
 
 from __future__ import annotations
@@ -84,7 +85,7 @@ class LiveServer(WebServer):
             BenchError: the plotting library uPlot is not installed.
         """
         super().__init__(access, sockets)
-        read_uplot(SCRIPT)  # raises an error at once if the plotting library is missing
+        read_uplot(SCRIPT)  # raise an error now if the plotting library is missing
         self.host = host
         self.viewers: set[Viewer] = set()
 

@@ -70,7 +70,7 @@ def _render_curve(run: Run) -> str:
     """Return the norm of the errors over time; '' with less than two measurements."""
     if np.isfinite(run.error).all(axis=1).sum() < MIN_CURVE_IMAGES or not run.names:
         return ""
-    panels = make_error_panels([run])[-1:]  # the last of the error panels shows the norm
+    panels = make_error_panels([run])[-1:]  # the last error panel shows the norm of the errors
     with style.apply_style():
         figure = time_plots.draw_panels(panels, [run], "Norm of the errors", Layout(PANEL_HEIGHT))
         if figure is None:

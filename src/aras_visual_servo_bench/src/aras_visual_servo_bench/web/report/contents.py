@@ -238,7 +238,7 @@ def _make_scene(runs: Sequence[Run]) -> dict[str, Any] | None:
 
 
 def _choose_colour(number: int) -> tuple[float, float, float]:
-    """Return the colour in the 3-D view of the run with the index `number`."""
+    """Return the colour of the run with the index `number` in the 3-D view."""
     return to_rgb(LIVE_CURVES[number % len(LIVE_CURVES)])
 
 

@@ -149,15 +149,15 @@ def _group_runs(runs: Sequence[Run]) -> dict[str, list[int]]:
 def find_transient(
     summaries: Sequence[Sequence[Quantity]], end: float, margin: float = 1.5, gain: float = 2.0
 ) -> float | None:
-    """Return the end of the part of the runs with which a page opens, s; None for the whole.
+    """Return the time until which a page shows the runs when it opens, s; None for the whole runs.
 
-    It is the latest settling time of the runs that have settled, with a margin.
+    It is the latest settling time of the runs that have settled, multiplied by `margin`.
 
     Args:
         summaries: metrics of each run.
         end: end of the longest run, s.
         margin: factor of the settling time.
-        gain: least ratio of the whole to the part; a page that would hide less shows the whole.
+        gain: smallest ratio of `end` to this time; below this ratio, the page shows the whole runs.
     """
     times = [float(q.value) for quantities in summaries for q in quantities
              if q.key in ("settled", "error_settled") and math.isfinite(q.value)]  # fmt: skip
@@ -168,7 +168,7 @@ def find_transient(
 def list_remarks(
     runs: Sequence[Run], find: Callable[[Run], Sequence[str]]
 ) -> Mapping[str, str]:
-    """Return the different texts that `find` gives for the runs, each with its runs as text."""
+    """Return each text that `find` gives for the runs, with the names or the number of its runs."""
     found: dict[str, list[str]] = {}
     for run in runs:
         for text in find(run):

@@ -26,7 +26,7 @@ def explain_missing_data(run: Run) -> list[str]:
     else:
         if gaps := last + 1 - measured:
             found.append(f"The curve has gaps: {gaps} of {count} images have no measurement.")
-        # 1 is normal, because the last image of a timed-out run is not measured
+        # one such image is normal, because the last image of a timed-out run is not measured
         if (lost := count - 1 - last) > 1:
             found.append(f"The last {lost} of {count} images have no measurement.")
     if not run.verdict.name:

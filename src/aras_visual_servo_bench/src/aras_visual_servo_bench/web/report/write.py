@@ -287,7 +287,7 @@ def _set_shared_report(report: _ReportWriter) -> None:
     """Set the report whose figures this forked process draws."""
     global _shared
     _shared = report
-    gc.disable()  # garbage collection is slow, and this process ends soon
+    gc.disable()  # garbage collection is slow, and not needed because this process ends soon
 
 
 def _draw_row(number: int) -> tuple[int, list[Path]]:
@@ -302,7 +302,7 @@ def _encode_figure(figure: Figure, kind: str) -> bytes:
 
 
 def make_tables(run: Run) -> dict[str, str]:
-    """Return two CSV texts: `images` with a row per processed image, `joints` per joint state."""
+    """Return two CSV texts: `images` has a row per image, `joints` a row per joint state."""
     return {"images": _format_csv(make_image_columns(run)),
             "joints": _format_csv(make_joint_columns(run))}  # fmt: skip
 

@@ -395,7 +395,7 @@ def cut_off(bag, kept):
 def test_of_a_bag_that_was_cut_off_is_told_what_is_there(tmp_path, kept):
     whole = tmp_path / "whole.bag"
     write_run(whole)
-    there = len(read_bag(whole).run.stamp)
+    there = len(read_bag(whole).stamp)
     cut = cut_off(whole, kept)
     before = cut.read_bytes()
     record = read_bag(cut)
@@ -432,7 +432,7 @@ def test_a_bag_of_another_version_is_named_or_told_without_what_it_lacks(tmp_pat
     record = read_bag(without)
     assert f"{report} has another version" in "".join(record.notes)
     assert not np.isfinite(record.scale).any()
-    assert record.stamp == pytest.approx(read_bag(whole).run.stamp)
+    assert record.stamp == pytest.approx(read_bag(whole).stamp)
     # What was added later and is not needed is not missed.
     without = of_another_version(whole, tmp_path / "c.bag", report, "filtered_error")
     record = read_bag(without)

@@ -22,9 +22,9 @@ class Joined(Bench):
         self.driver.add_joint_state, self.answered = self.answer, 0
 
     def answer(self, names, positions, velocities, stamp):
-        state = self.ticks.make_arguments()
+        state = self.ticks.make_loop()
         q, v = np.array(positions), np.array(velocities)
-        if state is None or (became := process_joint_state(q, v, stamp, *state)) == NEEDS_PYTHON:
+        if state is None or (became := process_joint_state(q, v, stamp, state)) == NEEDS_PYTHON:
             if state is not None:
                 self.ticks.apply_results([], np.empty((0, 3, 6)))
             self.one_by_one(names, positions, velocities, stamp)

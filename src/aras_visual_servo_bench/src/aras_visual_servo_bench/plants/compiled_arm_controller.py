@@ -12,11 +12,13 @@ from aras_sim_bridge.control.controllers.joint_loops import set_loop_commands
 from aras_sim_bridge.control.joints import HANDLE_COLUMNS, Q, V
 from aras_sim_bridge.cycle import ALL_MADE, CYCLE_TYPES, PHYSICS_TYPES, run_cycles
 from aras_visual_servo_base.compiled import jit
+from aras_visual_servo_controller.observation.frame import NANOSECONDS
 from aras_visual_servo_controller.runner.compiled_updates import (
+    LOOP_ROWS,
+    LOOP_TYPE,
     NEEDS_PYTHON,
     NEW_COMMAND,
     SENT_VALUES,
-    UPDATE_SIGNATURE,
     CompiledUpdates,
     process_joint_state,
 )
@@ -28,11 +30,9 @@ if TYPE_CHECKING:
 
     from .base import JointListener
 
-NANOSECONDS = 1_000_000_000
-
 
 @jit(f"i8, i8, i8, f8, i8[::1], i8, i8[:,::1], i8[::1], f8[::1], f8[::1], f8[:,:,::1], "
-     f"{CYCLE_TYPES}, Tuple(({PHYSICS_TYPES})), {UPDATE_SIGNATURE}")
+     f"{CYCLE_TYPES}, Tuple(({PHYSICS_TYPES})), {LOOP_TYPE}")
 def run_cycles_with_loop(
     time_ns,
     ends_ns,
@@ -49,22 +49,7 @@ def run_cycles_with_loop(
     handles,
     drives,
     physics,
-    chain,
-    clock,
-    rows,
-    last_velocities,
-    bounds,
-    lead,
-    settings,
-    setting_values,
-    goal,
-    L,
-    desired_rates,
-    modelled,
-    range_tasks,
-    elbows,
-    limits,
-    has_acceleration_limits,
+    loop,
 ):
     """Run control cycles, and update the control loop with each joint state.
 
@@ -83,7 +68,7 @@ def run_cycles_with_loop(
         stamps, samples: (m,) and (m, 3, n) outputs: stamps (s) of the joint states, their positions
             and velocities, and the resulting commands.
         loops, handles, drives, physics: see `run_cycles`.
-        chain and the following: see `process_joint_state`.
+        loop: see `process_joint_state`.
 
     Returns:
         The time, ns; the number of processed joint states; the second and the third result of
@@ -103,16 +88,12 @@ def run_cycles_with_loop(
         for i in range(n):
             sample[0, i], sample[1, i] = flat[measured[0, i]], flat[measured[1, i]]
         stamps[taken] = float(time_ns // NANOSECONDS) + (time_ns % NANOSECONDS) / 1e9
-        result = process_joint_state(
-            sample[0], sample[1], stamps[taken], chain, clock, rows, last_velocities, bounds, lead,
-            settings, setting_values, goal, L, desired_rates, modelled, range_tasks, elbows, limits,
-            has_acceleration_limits,
-        )  # fmt: skip
+        result = process_joint_state(sample[0], sample[1], stamps[taken], loop)
         if result == NEEDS_PYTHON:
             return time_ns, taken, ALL_MADE, -1, False, False
         taken += 1
         for i in range(n):
-            sample[2, i] = rows[SENT_VALUES, i]
+            sample[2, i] = loop[LOOP_ROWS][SENT_VALUES, i]
         if result == NEW_COMMAND and time_ns == ends_ns:
             return time_ns, taken, ALL_MADE, -1, False, True
         if result == NEW_COMMAND:
@@ -166,7 +147,7 @@ class CompiledArmController:
         Return None if Python code has to process the next joint states.
         """
         due = self._updates is not None and -inf < self._sampler.idle_until(time_ns) < until_ns
-        self._state = self._updates.make_arguments() if due else None
+        self._state = self._updates.make_loop() if due else None
         return None if self._state is None else self._sampler
 
     def run_cycles(
@@ -186,7 +167,7 @@ class CompiledArmController:
         while is_beyond:
             time_ns, taken, end, bad, is_beyond, is_pending = run_cycles_with_loop(
                 time_ns, ends_ns, step_ns, last_ns, due, taken, self._measured, columns, commands,
-                stamps, samples, loops, handles, drives, physics, *self._state,
+                stamps, samples, loops, handles, drives, physics, self._state,
             )  # fmt: skip
             if is_beyond:
                 self._robot.loop.warn_beyond_limits(commands, time_ns + step_ns)

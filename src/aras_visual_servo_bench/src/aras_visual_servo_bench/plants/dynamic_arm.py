@@ -36,7 +36,7 @@ from aras_visual_servo_base.poses import (
 )
 from aras_visual_servo_camera.errors import SegmentationError
 from aras_visual_servo_camera.labels import TargetLabels
-from aras_visual_servo_controller.observation.frame import Frame
+from aras_visual_servo_controller.observation.frame import NANOSECONDS, Frame
 
 from ..errors import ExperimentError
 from ..experiment import cameras
@@ -49,7 +49,6 @@ if TYPE_CHECKING:
     from aras_visual_servo_controller.runner.loop_runner import LoopRunner
 
 TARGET, OCCLUDER = "target", "occluder"
-NS = 1_000_000_000
 HIDDEN_POSE = Pose((0.0, 0.0, -1e4), (0.0, 0.0, 0.0, 1.0))
 NO_CAMERAS: Mapping[str, Mapping[str, Any]] = {}
 
@@ -330,7 +329,7 @@ class DynamicArm(Plant):
         pose = self._simulation.world.models[self._tracked_link.model].link_pose(
             self._tracked_link.link
         )
-        self._tracked_link.pose_history.add(self.time_ns / NS, pose.matrix())
+        self._tracked_link.pose_history.add(self.time_ns / NANOSECONDS, pose.matrix())
 
     def _step_recording_speeds(self, until_ns: int) -> None:
         self._simulation.step()
@@ -341,7 +340,7 @@ class DynamicArm(Plant):
         simulation = self._simulation
         time_ns = simulation.time_ns + simulation.step_ns
         for target, model in self._moving_models:
-            model.set_pose(target.compute_pose(time_ns / NS))
+            model.set_pose(target.compute_pose(time_ns / NANOSECONDS))
         step(time_ns)
 
     def _step_exposing(self, step: Callable[[int], None], until_ns: int) -> None:

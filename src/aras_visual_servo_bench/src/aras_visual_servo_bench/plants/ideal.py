@@ -14,10 +14,11 @@ from aras_visual_servo_base.poses import exponential, inverse
 from aras_visual_servo_controller.kinematics.differential_ik import DifferentialIK
 from aras_visual_servo_controller.kinematics.ik_solution import IKSolution
 from aras_visual_servo_controller.kinematics.task import Task
+from aras_visual_servo_controller.observation.frame import NANOSECONDS
 
 from .base import JointReading, Reading
 from .free_body import FreeBody
-from .imaging import NS, ExposureSchedule, ImagingSettings
+from .imaging import ExposureSchedule, ImagingSettings
 from .kinematic import FreeCamera
 
 ZERO_TWIST = np.zeros(6)
@@ -61,7 +62,7 @@ class IdealCamera(FreeCamera):
         time_ns = min(image_ns, until_ns)
         if self._twist is not ZERO_TWIST:
             mounting = self._calibrated_body.mounting
-            motion = exponential(self._twist * ((time_ns - self.time_ns) / NS))
+            motion = exponential(self._twist * ((time_ns - self.time_ns) / NANOSECONDS))
             self._pose = self._pose @ mounting @ motion @ inverse(mounting)
         self.time_ns = time_ns
         if image_ns > time_ns:

@@ -17,14 +17,13 @@ from aras_sim_bridge.camera.vibration import Vibration
 from aras_sim_bridge.description.types import is_present
 from aras_visual_servo_camera.polygons import find_crossing
 from aras_visual_servo_camera.undistortion import CameraModel
-from aras_visual_servo_controller.observation.frame import Frame
+from aras_visual_servo_controller.observation.frame import NANOSECONDS, Frame
 
 from ..errors import ViewError
 from ..experiment import cameras
 from ..targets.geometry import PlacedTarget, Target, project
 from .base import CAMERA, CameraPlacement
 
-NS = 1_000_000_000
 OCCLUSION_LEVEL = 128  # grey level below which a pixel belongs to a dark shape
 # maximum number of noise draws until the edges of a noisy outline do not cross each other
 MAX_TRIES = 100
@@ -165,7 +164,7 @@ class ImagingSettings:
         if outline is not None and self.is_clipped(outline, target_T_camera):
             return np.full((self.camera.height, self.camera.width), cameras.WHITE_LEVEL, np.uint8)
         image = self._draw_outline(
-            outline, target_T_camera, is_present(self.occlusion_times, stamp_ns / NS)
+            outline, target_T_camera, is_present(self.occlusion_times, stamp_ns / NANOSECONDS)
         )
         return (
             image
@@ -197,7 +196,7 @@ class ImagingSettings:
         camera_pose = pose if self.placement is None else self.placement.compute_pose(pose)
         if self.vibration is not None:
             camera_pose = camera_pose @ self.vibration.compute_pose(stamp_ns)
-        return self.target.target_T_camera(camera_pose, stamp_ns / NS)
+        return self.target.target_T_camera(camera_pose, stamp_ns / NANOSECONDS)
 
     def to_pixels(self, points: np.ndarray | None) -> np.ndarray | None:
         """Convert normalised points (n, 2) to pixels."""
@@ -377,7 +376,7 @@ class ExposureSchedule:
             first: index of the first image; image k has the stamp k / rate.
         """
         self._imaging, self._random, self._count = imaging, random, first
-        self._period = NS / imaging.rate
+        self._period = NANOSECONDS / imaging.rate
         self._pipeline = imaging.make_pipeline()
         self._poses: list[np.ndarray] = []
         self._stamp_ns = round(self._count * self._period)

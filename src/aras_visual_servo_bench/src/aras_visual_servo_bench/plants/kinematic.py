@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from aras_visual_servo_controller.kinematics import Arm
+from aras_visual_servo_controller.observation.frame import NANOSECONDS
 from aras_visual_servo_controller.runner.compiled_updates import CompiledUpdates
 
 from ..errors import ExperimentError
 from .base import JointReading, Plant, Reading
 from .free_body import FreeBody
-from .imaging import NS, ImagingSettings, collect_vibrations, make_exposure_schedules
+from .imaging import ImagingSettings, collect_vibrations, make_exposure_schedules
 from .kinematic_motion import (
     COMMAND,
     MOTION,
@@ -80,7 +81,7 @@ class KinematicPlant(Plant):
         self._chain, still = tuple(arm.chain), np.zeros(len(q))
         self._state = np.array([q, still, q, arm.lower, arm.upper, still, still], float)
         self._has_velocity_commands = False
-        self._joint_period = NS / joint_rate
+        self._joint_period = NANOSECONDS / joint_rate
         # Number of the next joint state, and its stamp (ns).
         self._samples, self._joints_ns = 0, JOINT_PHASE_NS
         self._updates: CompiledUpdates | None = None
@@ -100,7 +101,7 @@ class KinematicPlant(Plant):
         joints_ns = self._joints_ns
         time_ns = min(joints_ns, self._image_ns, until_ns)
         if time_ns > self.time_ns:
-            self._move((time_ns - self.time_ns) / NS)
+            self._move((time_ns - self.time_ns) / NANOSECONDS)
             self.time_ns = time_ns
         readings: list[Reading] = []
         if joints_ns == time_ns:
@@ -177,13 +178,13 @@ class KinematicPlant(Plant):
             due.append(joints_ns)
             number += 1
             joints_ns = JOINT_PHASE_NS + round(number * self._joint_period)
-        arguments = self._updates.make_arguments() if due else None
-        if arguments is None:
+        loop = self._updates.make_loop() if due else None
+        if loop is None:
             return
         stamps, samples = np.empty(len(due)), np.empty((len(due), 3, len(self.joint_names)))
         count, reached = update_loop(
             np.array(due), self.time_ns, self._lag, self._has_velocity_commands, self._chain,
-            self._state, stamps, samples, *arguments,
+            self._state, stamps, samples, loop,
         )
         if reached:
             self.time_ns = due[reached - 1]

@@ -6,10 +6,12 @@ from aras_visual_servo_base.compiled import jit
 from aras_visual_servo_controller.kinematics.algebra import solve_linear
 from aras_visual_servo_controller.kinematics.chain import CHAIN_SIGNATURE, compute_pose_and_jacobian
 from aras_visual_servo_controller.kinematics.free_joint import move_freely
+from aras_visual_servo_controller.observation.frame import NANOSECONDS
 from aras_visual_servo_controller.runner.compiled_updates import (
+    LOOP_ROWS,
+    LOOP_TYPE,
     NEEDS_PYTHON,
     SENT_VALUES,
-    UPDATE_SIGNATURE,
     process_joint_state,
 )
 
@@ -17,7 +19,6 @@ from aras_visual_servo_controller.runner.compiled_updates import (
 # limits, upper limits, velocity of the motion, commanded velocity. The last two are used with
 # velocity commands: joint velocities, or the twist of a free camera.
 Q, V, COMMAND, LOWER, UPPER, MOTION, MOTION_COMMAND = range(7)
-NANOSECONDS = 1_000_000_000
 CHAIN = f"Tuple(({CHAIN_SIGNATURE}))"
 
 
@@ -82,7 +83,7 @@ def follow_velocity(chain, state, lag, dt):
     solve_linear(jacobian, state[V])
 
 
-@jit(f"i8[::1], i8, f8, b1, {CHAIN}, f8[:,::1], f8[::1], f8[:,:,::1], {UPDATE_SIGNATURE}")
+@jit(f"i8[::1], i8, f8, b1, {CHAIN}, f8[:,::1], f8[::1], f8[:,:,::1], {LOOP_TYPE}")
 def update_loop(
     due_ns,
     time_ns,
@@ -92,22 +93,7 @@ def update_loop(
     state,
     stamps,
     samples,
-    chain,
-    clock,
-    rows,
-    last_velocities,
-    bounds,
-    lead,
-    settings,
-    setting_values,
-    goal,
-    L,
-    desired_rates,
-    modelled,
-    range_tasks,
-    elbows,
-    limits,
-    has_acceleration_limits,
+    loop,
 ):
     """Move the plant from joint state to joint state, and update the control loop with each.
 
@@ -122,7 +108,7 @@ def update_loop(
         state: (7, n) state of the plant; modified.
         stamps: (m,) output, stamps of the joint states, s.
         samples: (m, 3, n) output, their positions and velocities, and the resulting commands.
-        chain and the following: see `process_joint_state`.
+        loop: see `process_joint_state`.
 
     Returns:
         The number of joint states that the loop has processed, and the number to which the plant
@@ -138,15 +124,11 @@ def update_loop(
         stamps[k] = float(time_ns // NANOSECONDS) + (time_ns % NANOSECONDS) / 1e9
         for i in range(state.shape[1]):
             samples[k, 0, i], samples[k, 1, i] = state[Q, i], state[V, i]
-        result = process_joint_state(
-            samples[k, 0], samples[k, 1], stamps[k], chain, clock, rows, last_velocities, bounds,
-            lead, settings, setting_values, goal, L, desired_rates, modelled, range_tasks, elbows,
-            limits, has_acceleration_limits,
-        )  # fmt: skip
+        result = process_joint_state(samples[k, 0], samples[k, 1], stamps[k], loop)
         if result == NEEDS_PYTHON:
             return k, k + 1
         for i in range(state.shape[1]):
-            samples[k, 2, i] = rows[SENT_VALUES, i]
+            samples[k, 2, i] = loop[LOOP_ROWS][SENT_VALUES, i]
         if has_velocity_commands:
             convert_to_motion(plant_chain, state, samples[k, 2], state[MOTION_COMMAND])
         else:

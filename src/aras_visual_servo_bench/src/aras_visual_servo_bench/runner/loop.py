@@ -15,7 +15,7 @@ import numpy as np
 
 from aras_visual_servo_base.memory import release_freed_memory
 from aras_visual_servo_base.poses import inverse
-from aras_visual_servo_controller.observation.frame import Frame, to_seconds
+from aras_visual_servo_controller.observation.frame import NANOSECONDS, Frame, to_seconds
 from aras_visual_servo_controller.records.remedy import Remedy
 from aras_visual_servo_controller.records.run_record import Record
 from aras_visual_servo_controller.records.state import CONVERGED, Command, ServoState
@@ -32,10 +32,9 @@ from ..setup.assembly import Assembly, assemble
 if TYPE_CHECKING:
     from .run_termination import RunTermination
 
-NS = 1_000_000_000
 # time added to the experiment's duration for the exposure of one more image, ns
 FINAL_NS = 50_000_000
-FIRST_IMAGE_TIMEOUT_NS = 5 * NS
+FIRST_IMAGE_TIMEOUT_NS = 5 * NANOSECONDS
 OCCLUSION_NOTE = (
     "at the end the arm hides {:.0f} % of the target: on plant chain the arm is transparent, on "
     "plant bullet it is not"
@@ -147,7 +146,9 @@ class Loop:
         # Heap of frames that have not arrived at the loop: (time of arrival (ns), number, frame).
         self._pending: list[tuple[int, int, Frame]] = []
         self._delayed_count = 0
-        self._delays_ns = {name: round(cam.delay * NS) for name, cam in parts.cameras.items()}
+        self._delays_ns = {
+            name: round(camera.delay * NANOSECONDS) for name, camera in parts.cameras.items()
+        }
         self._start_ns: int | None = None
         self._convergence_ns: int | None = None
         self._collision: tuple[str, str] | None = None
@@ -190,7 +191,9 @@ class Loop:
     @property
     def servo_time(self) -> float:
         """Time since the first image, s; 0 before it."""
-        return 0.0 if self._start_ns is None else (self.plant.time_ns - self._start_ns) / NS
+        if self._start_ns is None:
+            return 0.0
+        return (self.plant.time_ns - self._start_ns) / NANOSECONDS
 
     @property
     def is_over(self) -> bool:
@@ -205,10 +208,11 @@ class Loop:
         if self._start_ns is None:
             return FIRST_IMAGE_TIMEOUT_NS - 1
         # The loop detects the end of the duration at the next image, so one more image is exposed.
-        last_ns = self._start_ns + self.experiment.duration * NS + FINAL_NS
+        last_ns = self._start_ns + self.experiment.duration * NANOSECONDS + FINAL_NS
         if time_after_convergence is None or self._convergence_ns is None or self._has_free_camera:
             return last_ns
-        return min(last_ns, np.nextafter(self._convergence_ns + time_after_convergence * NS, 0.0))
+        end_ns = self._convergence_ns + time_after_convergence * NANOSECONDS
+        return min(last_ns, np.nextafter(end_ns, 0.0))
 
     def run_to_end(self, progress: Callable[[float], None] | None = None) -> None:
         """Continue to the end of the run.
@@ -246,7 +250,7 @@ class Loop:
     def _advance_plant(self) -> Iterator[JointReading | Frame]:
         """Advance the plant; yield joint states, and frames after the delay of their camera."""
         plant, pending = self.plant, self._pending
-        until_ns = plant.time_ns + NS
+        until_ns = plant.time_ns + NANOSECONDS
         if pending:
             until_ns = min(until_ns, pending[0][0])
         for reading in plant.advance(until_ns):
@@ -281,7 +285,7 @@ class Loop:
     def compute_goal_pose(self) -> np.ndarray:
         """Compute the current desired world_T_camera (4, 4); it moves with the target."""
         target = self.parts.target
-        motion = target.world_T_target(self.plant.time_ns / NS) @ inverse(
+        motion = target.world_T_target(self.plant.time_ns / NANOSECONDS) @ inverse(
             target.world_T_target(0.0)
         )
         return motion @ self.parts.goal_pose
@@ -325,7 +329,7 @@ class Loop:
         )  # fmt: skip
         if self.experiment.plant == "chain" and run.converged:
             hidden = self.parts.postures.compute_occlusion(
-                self.plant.read_joints()[0], self.plant.time_ns / NS
+                self.plant.read_joints()[0], self.plant.time_ns / NANOSECONDS
             )
             if hidden:
                 run.notes.append(OCCLUSION_NOTE.format(100.0 * hidden))

@@ -18,14 +18,14 @@ import numpy as np
 import pyarrow as pa
 
 from aras_visual_servo_base.poses import inverse
-from aras_visual_servo_controller.observation.frame import Frame
+from aras_visual_servo_controller.observation.frame import NANOSECONDS, Frame
 from aras_visual_servo_controller.observation.image_reader import ImageReader
 from aras_visual_servo_controller.observation.observation import CAMERA
 
 from ..errors import StudyError
 from ..metrics.formatting import format_count
 from ..recording.run import Run
-from ..runner.loop import NS, Loop
+from ..runner.loop import Loop
 from ..setup.assembly import assemble
 from .study import Study
 
@@ -179,7 +179,7 @@ class ImageRecorder:
             # The plant is at the end of its step, and the exposure was earlier in the step, so the
             # joint positions are extrapolated back to the exposure.
             positions, velocities = loop.plant.read_joints()
-            elapsed = loop.plant.time_ns / NS - reading.stamp
+            elapsed = loop.plant.time_ns / NANOSECONDS - reading.stamp
             at_exposure = (positions - elapsed * velocities)[None]
             rest_pose = loop.plant.compute_rest_poses(at_exposure)[0]
             self._poses[reading.stamp] = loop.plant.apply_vibration(rest_pose, reading.stamp_ns)

@@ -18,12 +18,13 @@ import pyarrow as pa
 
 from aras_visual_servo_base.errors import CompilerError
 from aras_visual_servo_base.memory import release_freed_memory
+from aras_visual_servo_controller.observation.frame import NANOSECONDS
 
 from ..errors import ExperimentError, StudyError
 from ..experiment.experiment import Experiment
 from ..metrics import metrics as known_metrics
 from ..recording.run import Run
-from ..runner.loop import NS, Loop
+from ..runner.loop import Loop
 from ..setup.assembly import assemble
 from . import images
 from .study import Study
@@ -167,7 +168,7 @@ def _run_experiment(
             loop.run_to_image()
         else:
             loop.run_to_end()
-        result, simulated = loop.make_run(), loop.plant.time_ns / NS
+        result, simulated = loop.make_run(), loop.plant.time_ns / NANOSECONDS
         if study.has_image_rows:
             image_rows += recorder.make_rows(run, result, simulated)
     finally:

@@ -53,52 +53,42 @@ SENT_ROWS = {"position": COMMAND, "velocity": VELOCITY}
 NEEDS_PYTHON = 0  # result of an update: Python has to process the joint state
 SAME_COMMAND = 1  # result of an update: the command has not changed
 NEW_COMMAND = 2  # result of an update: there is a new command
-UPDATE_SIGNATURE = (
-    f"Tuple(({CHAIN_SIGNATURE})), f8[::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], "
-    "f8[::1], "
-    "f8[:,:], f8[:,:,::1], f8[:,::1], b1[:,::1], f8[:,:,::1], f8[:,::1], f8[:,::1], b1"
+# Numba type of the tuple `loop` of `process_joint_state`, and the index of its array `rows`.
+LOOP_TYPE = (
+    f"Tuple((Tuple(({CHAIN_SIGNATURE})), f8[::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], "
+    "f8[::1], f8[::1], f8[:,::1], f8[:,:,::1], f8[:,::1], b1[:,::1], f8[:,:,::1], f8[:,::1], "
+    "f8[:,::1], b1))"
 )
+LOOP_ROWS = 2
 
 
-@jit(f"f8[:], f8[:], f8, {UPDATE_SIGNATURE}")
-def process_joint_state(
-    q,
-    v,
-    stamp,
-    chain,
-    clock,
-    rows,
-    last_velocities,
-    bounds,
-    lead,
-    settings,
-    setting_values,
-    goal,
-    L,
-    desired_rates,
-    modelled,
-    range_tasks,
-    elbows,
-    limits,
-    has_acceleration_limits,
-):
+@jit(f"f8[:], f8[:], f8, {LOOP_TYPE}")
+def process_joint_state(q, v, stamp, loop):
     """Process one joint state and compute the command.
 
     Return NEEDS_PYTHON if Python has to process the joint state.
 
     Args:
-        q, v: (n,) positions and velocities of the joint state.
+        q, v: (n,) positions and velocities of the joint state, rad or m, and per second.
         stamp: stamp of the joint state, s.
-        chain: fields of the Chain.
-        clock, rows, settings: arrays, whose indices are constants of this module.
-        last_velocities, setting_values, goal, range_tasks, elbows, limits: see
-            `solve_velocities`.
-        bounds: (3, n) bounds of plausible joint states.
-        lead: (n,) distance by which a command may be ahead of its joint.
-        L, desired_rates, modelled: (2, k, 6), (2, k), (2, 6) fields of the current task and of the
-            next one.
-        has_acceleration_limits: whether accelerations are limited.
+        loop: state of the control loop, made by `CompiledUpdates.make_loop`; its arrays are
+            modified. In this order:
+            chain: fields of the Chain.
+            clock, rows: arrays, whose indices are constants of this module.
+            last_velocities: see `solve_velocities`.
+            bounds: (3, n) bounds of plausible joint states.
+            lead: (n,) distance by which a command may be ahead of its joint.
+            settings: array, whose indices are constants of this module.
+            setting_values, goal: see `solve_velocities`.
+            L, desired_rates, modelled: (2, k, 6), (2, k), (2, 6) fields of the current task and of
+                the next one.
+            range_tasks, elbows, limits: see `solve_velocities`.
+            has_acceleration_limits: whether accelerations are limited.
     """
+    (
+        chain, clock, rows, last_velocities, bounds, lead, settings, setting_values, goal, L,
+        desired_rates, modelled, range_tasks, elbows, limits, has_acceleration_limits,
+    ) = loop  # fmt: skip
     t = max(stamp, clock[NOW])
     elapsed, dt = stamp - clock[NEWEST], min(t - clock[NOW], settings[LONGEST_STEP])
     if not dt > 0.0 or elapsed > settings[WATCHDOG]:
@@ -159,7 +149,7 @@ def process_joint_state(
 
 
 class CompiledUpdates:
-    """Conversion of a runner's state to the arguments of `process_joint_state`, and back."""
+    """Conversion of a runner's state to the tuple `loop` of `process_joint_state`, and back."""
 
     def __init__(self, runner: LoopRunner, outputs: Sequence[str] = ("position",)) -> None:
         """Prepare the updates.
@@ -183,8 +173,8 @@ class CompiledUpdates:
                 ik.range_tasks, ik.elbow_rows, ik.limit_rows, ik.has_acceleration_limits,
             )  # fmt: skip
 
-    def make_arguments(self) -> tuple[np.ndarray | tuple | bool, ...] | None:
-        """Return the arguments of `process_joint_state`, starting with `chain`.
+    def make_loop(self) -> tuple[np.ndarray | tuple | bool, ...] | None:
+        """Return the tuple `loop` of `process_joint_state`.
 
         Return None if Python has to process the next joint state.
         """
@@ -216,7 +206,7 @@ class CompiledUpdates:
         return (
             self._chain, self._clock, self._rows, ik.last_velocities,
             servo.arm.plausible_bounds, integrator.lead, numbers, ik.setting_values,
-            ik.goal, np.array((task.L, following.L)),
+            np.array(ik.goal), np.array((task.L, following.L)),
             np.array((task.desired_rate, following.desired_rate)),
             np.array((task.modelled, following.modelled)), *self._constant_arguments,
         )  # fmt: skip

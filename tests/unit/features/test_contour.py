@@ -125,6 +125,19 @@ def test_a_disc_is_no_polygon_and_a_speck_has_no_outline():
         extract_outline(grey, segment(grey, Segmentation(min_pixels=1)), CAMERA)
 
 
+def test_an_edge_of_30_pixels_is_too_blurred():
+    v, u = np.mgrid[:240, :320]
+    radius = np.hypot(u - CAMERA.pinhole.cx, v - CAMERA.pinhole.cy)
+    for slope, refused in ((6.0, True), (50.0, False)):  # grey levels per pixel
+        grey = np.clip(60.0 + slope * (radius - 60.0), 0.0, 230.0).astype(np.uint8)
+        target = segment(grey, Segmentation(threshold=100))
+        if refused:
+            with pytest.raises(SegmentationError, match="too blurred: focus the camera"):
+                extract_outline(grey, target, CAMERA)
+        else:
+            assert len(extract_outline(grey, target, CAMERA)) > 300
+
+
 @pytest.mark.parametrize("turn", [0.0, 31.0, 133.0, 250.0])
 @pytest.mark.parametrize("depth", [1.0, 2.0, 2.6])
 def test_a_small_targets_corners_are_those_of_its_model(turn, depth):

@@ -77,7 +77,7 @@ class CompiledFormulas:
         )
         body = "\n    ".join([*self._lines, f"return {values}, {rows}"])
         self.evaluate = _compile_function(
-            f"def program({', '.join(self.leaves)}):\n    {body}", "program"
+            f"def evaluate({', '.join(self.leaves)}):\n    {body}", "evaluate"
         )
 
     def _get_locals(self, name: str) -> tuple[str, dict[str, str]]:
@@ -128,14 +128,9 @@ def _format_tuple(entries: Iterable[str]) -> str:
     return f"({''.join(f'{entry}, ' for entry in entries)})"
 
 
-def _compile_function(source: str, name: str = "") -> Callable[..., tuple]:
-    """Compile generated source and return the function `name` that it defines.
-
-    If `name` is empty, the source is an expression, such as a lambda, and its value is returned.
-    """
+def _compile_function(source: str, name: str) -> Callable[..., tuple]:
+    """Compile generated source and return the function `name` that it defines."""
     namespace: dict[str, object] = {"sqrt": sqrt, "atan2": atan2, "__builtins__": {}}
-    if not name:
-        return eval(compile(source, f"<formula {source}>", "eval"), namespace)  # noqa: S307
     exec(compile(source, f"<formulas {source}>", "exec"), namespace)  # noqa: S102
     return namespace[name]
 

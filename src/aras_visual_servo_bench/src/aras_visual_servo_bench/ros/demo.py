@@ -25,9 +25,8 @@ from .ros_launch import RosLaunch, find_free_port
 STARTUP_TIMEOUT = 300.0  # longest duration of each step of the startup, s of wall time
 # Duration of a step of the startup after which a message names this step, s of wall time.
 SLOW_START_NOTICE = 20.0
-# Inverse of the smallest real-time factor: a run is ended when its wall time is this multiple of
-# its limit of simulated time.
-MIN_REAL_TIME_RATIO = 6.0
+# A run is ended when its wall time exceeds this many times its limit of simulated time.
+MAX_WALL_TIME_FACTOR = 6.0
 # Longest time for which the controller may hold the arm before servoing starts, s of wall time.
 HOLDING_TIMEOUT = 5.0
 # time for which the recording continues after convergence, simulated s
@@ -111,7 +110,7 @@ class Demo:
         progress, printed_phase = self.progress, ""
         self._wait(lambda: progress.phase != "", STARTUP_TIMEOUT, "the controller's first state")
         self._wait(lambda: progress.start_stamp is not None, STARTUP_TIMEOUT, "the start pose")
-        deadline = time.monotonic() + MIN_REAL_TIME_RATIO * self.arguments.timeout
+        deadline = time.monotonic() + MAX_WALL_TIME_FACTOR * self.arguments.timeout
         while progress.stamp - progress.start_stamp < self.arguments.timeout:
             if progress.phase != printed_phase:
                 printed_phase = progress.phase
@@ -122,7 +121,7 @@ class Demo:
                 return
             self._check_running()
             if time.monotonic() > deadline:
-                seconds = MIN_REAL_TIME_RATIO * self.arguments.timeout
+                seconds = MAX_WALL_TIME_FACTOR * self.arguments.timeout
                 _print_status(f"stopped after {seconds:.0f} s of wall time: the simulation is too "
                               "slow on this machine")
                 return

@@ -39,7 +39,7 @@ SHARED_PIXEL_ERROR, SHARED_DISTANCE_ERROR = 0.0012, 0.085
 # Model of the difference between the corner errors in goal and image, which are not equal even if
 # both come from the same camera. The deviation of the corners, estimated from the sides of the
 # outline, is enlarged by MIN_DEVIATION (px), because all points of a side along a row of pixels
-# have the same error. The sum is multiplied by DEVIATION_FACTOR times the square root of the
+# have the same error. The result is multiplied by DEVIATION_FACTOR times the square root of the
 # distance of the points from the goal (px, at least MIN_DISTANCE). The model was fitted to the
 # final offsets of 183 runs without noise, on outlines of 10 to 240 px: the rms of the camera's
 # offset equals the estimate, and the median of the offset is 0.54 times the estimate.

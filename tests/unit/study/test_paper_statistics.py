@@ -237,6 +237,12 @@ def test_the_stored_tolerance_is_that_of_the_verdict():
 def test_a_setting_and_a_metric_cannot_share_a_column():
     with pytest.raises(StudyError, match="'reached' is both a varied key and a metric"):
         make_study(cases=(), vary={"reached": [[1e-3, 0.1], [5e-5, 0.1]]})
+    with pytest.raises(StudyError, match="metric 'images' has the name of a column of all results"):
+        make_study(metrics=["success", "images"])
+    with pytest.raises(StudyError, match="two metrics are named 'success': remove one"):
+        make_study(metrics=["success", "settled", "success"])
+    with pytest.raises(StudyError, match="'repeat' is a column of all results: give the axis"):
+        make_study(cases={"repeat": [{"name": "slow", "set": {"gain": 1.0}}]}, vary={})
 
 
 def test_captions_define_what_is_shown(path, tmp_path):

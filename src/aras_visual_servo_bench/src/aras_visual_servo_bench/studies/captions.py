@@ -9,7 +9,7 @@ import numpy as np
 
 from ..metrics import metrics
 from ..metrics.metrics import Metric
-from . import rows
+from .columns import find_column_name
 from .results import REAL_TIME_MULTIPLE, Results
 
 RATES = "Rates with Wilson's 95 % interval."
@@ -24,7 +24,7 @@ def describe_success(all_results: Sequence[Results], shown: Sequence[Metric] = (
     lines, used = [], [m for m in shown if m.is_binary]
     judged = {results.judged_metric.name: results for results in all_results}
     for name, results in judged.items():
-        if rows.find_column_name(name) in results.table.column_names:
+        if find_column_name(name) in results.table.column_names:
             used.insert(0, results.judged_metric)
             text = _define(results.judged_metric)
             also = "" if name == metrics.success.name else f" ({name})"

@@ -320,6 +320,17 @@ def test_cases_of_one_study_are_compared_pairwise(path, raw, by):
         compare.CHANCE, *([compare.UNTESTED] if by else [compare.WORSE])}
 
 
+def test_a_metric_that_one_study_lacks_is_not_left_out_silently(path, tmp_path):
+    results = Results.read(path)
+    other = Results.read(write_study(tmp_path / "other", make_study(metrics=["success"])))
+    for one, two in ((results, other), (other, results)):
+        with pytest.raises(StudyError, match="no metric 'settled' in other"):
+            one.compare(two, metrics=["settled"])
+        assert {d.metric for d in one.compare(two).differences} == {"success"}
+    named = results.compare(results, metrics=["real_time_multiple"])
+    assert {d.metric for d in named.differences} == {"success", "real_time_multiple"}
+
+
 def test_seeds_that_differ_are_compared_without_pairs(tmp_path):
     study = make_study(seeds="runs", repeats=6, vary={})
     results = Results.read(write_study(tmp_path / "out", study))

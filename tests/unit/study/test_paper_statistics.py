@@ -638,6 +638,18 @@ def test_bars_have_the_final_distance_beside_them(tmp_path):
             [1 / 6, 3 / 6, 5 / 6])  # fmt: skip
 
 
+def test_studies_in_folders_of_one_name_have_their_own_rates(tmp_path):
+    def make(value):
+        return lambda study, run: {**rows.make_blank_row(study, run), "outcome": "converged",
+                                   "success": value}  # fmt: skip
+
+    study = make_study(cases=(), vary={})
+    found = [Results.read(write_study(tmp_path / name / "out", study, make(value)))
+             for name, value in (("one", 0.0), ("two", 1.0))]  # fmt: skip
+    figure = study_figures.draw_success(found)
+    assert [bar.get_width() for bar in figure.axes[0].patches] == [0.0, 100.0]
+
+
 def test_binary_metrics_are_drawn_as_rates(path, raw, tmp_path):
     results = Results.read(path)
     figure = draw(path, study_figures.draw_rates, results.select_metrics(["reached"]))

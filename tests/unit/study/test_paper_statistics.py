@@ -445,6 +445,17 @@ def test_runs_without_a_value_are_counted(path, raw, capsys):
         assert named == (missing > 0), (scheme, gain)
 
 
+def test_missing_values_of_two_studies_name_the_study(path, tmp_path):
+    """The captions of figures named only the setting, the same one for both studies."""
+    shutil.copytree(path, tmp_path / "again")
+    both = [Results.read(path), Results.read(tmp_path / "again")]
+    study_figures.write_figures(both, tmp_path / "plots", metrics=["settled"])
+    for text in ((tmp_path / "plots" / "captions.md").read_text(),
+                 tables.format_table(tables.make_table(both, metrics=["settled"]), "md")):
+        assert "runs with study=out, scheme=points" in text
+        assert "runs with scheme=" not in text
+
+
 def test_identical_repeats_are_no_sample(tmp_path, capsys):
     def make(study, run):
         return {**rows.make_blank_row(study, run), "outcome": "converged", "success": 1.0,

@@ -256,8 +256,8 @@ class Results:
         judged = find_column_name(self.study.judged)
         if judged in self.table.column_names:
             return (self.read_numbers(judged) == 1.0).astype(float)
-        failures = pa.array([rows.REFUSED, rows.FAULT, rows.DIED, rows.LATE])
-        return _to_numbers(pc.invert(pc.is_in(self._find_column("outcome"), failures)))
+        is_failure = pc.is_in(self._find_column("outcome"), pa.array(rows.FAILURES))
+        return _to_numbers(pc.invert(is_failure))
 
     def describe_ends(self) -> list[str]:
         """Return the outcome of each run, followed by the verdict if the loop has converged."""

@@ -32,7 +32,7 @@ from .variations import Axis, RandomVariation
 
 # Outcomes that do not come from the control loop: the settings were refused, an error was raised,
 # the process of the run died, the run exceeded its time limit.
-REFUSED, FAULT, DIED, LATE = "refused", "fault", "process_died", "time_limit"
+REFUSED, FAULT, DIED, LATE = FAILURES = "refused", "fault", "process_died", "time_limit"
 MAX_REASON_LENGTH = 500
 TIMES_SCHEMA = pa.schema([
     ("run", pa.int64()), ("wall", pa.float64()), ("processor", pa.float64()),

@@ -22,7 +22,7 @@ from made_study import made_study, write_chunk
 
 from aras_visual_servo_bench.cli import main
 from aras_visual_servo_bench.errors import StudyError
-from aras_visual_servo_bench.studies import rows as rows_module
+from aras_visual_servo_bench.studies.columns import LABEL_COLUMNS
 from aras_visual_servo_bench.studies.engine import carry_out
 from aras_visual_servo_bench.studies.pools import InProcessPool
 from aras_visual_servo_bench.studies.progress import Progress
@@ -391,7 +391,7 @@ def test_columns_of_unlike_studies_stand_below_each_other(tmp_path):
     assert {look.roles[name] for name in ("study", "run", "seed", "end", "outcome")} == {"run"}
     assert [look.units[n] for n in ("gain", "delay", "settled", "simulated", "success")] == [
         "1/s", "s", "s", "s", ""]  # fmt: skip
-    assert set(rows_module.LABEL_COLUMNS) & set(names) == set() and look.version == 1
+    assert set(LABEL_COLUMNS) & set(names) == set() and look.version == 1
 
 
 def test_links_that_lead_elsewhere_are_not_followed(tmp_path):

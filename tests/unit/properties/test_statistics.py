@@ -146,6 +146,14 @@ def test_rank_tests_are_those_of_scipy_without_ties(count):
     assert (paired.least_p == 0.0) == (count == 3000)
 
 
+@pytest.mark.parametrize("sizes", [*itertools.product(range(1, 5), range(1, 5))])
+def test_least_p_is_the_smallest_p_of_binary_samples(sizes):
+    one, two = ([1.0] * sizes[0], [0.0] * sizes[1])
+    for compare in (statistics.compare_rates, statistics.compare_values):
+        found = compare(one, two, False)
+        assert found.least_p == pytest.approx(found.p)
+
+
 def test_what_was_not_tested_is_no_comparison_for_holm():
     found = statistics.holm([0.02, math.nan, 0.03])
     assert found[::2] == pytest.approx([0.04, 0.04]) and math.isnan(found[1])

@@ -237,6 +237,12 @@ def test_the_stored_tolerance_is_that_of_the_verdict():
 def test_a_setting_and_a_metric_cannot_share_a_column():
     with pytest.raises(StudyError, match="'reached' is both a varied key and a metric"):
         make_study(cases=(), vary={"reached": [[1e-3, 0.1], [5e-5, 0.1]]})
+    with pytest.raises(StudyError, match="metric 'images' has the name of a column of all results"):
+        make_study(metrics=["success", "images"])
+    with pytest.raises(StudyError, match="two metrics are named 'success': remove one"):
+        make_study(metrics=["success", "settled", "success"])
+    with pytest.raises(StudyError, match="'repeat' is a column of all results: give the axis"):
+        make_study(cases={"repeat": [{"name": "slow", "set": {"gain": 1.0}}]}, vary={})
 
 
 def test_captions_define_what_is_shown(path, tmp_path):
@@ -312,6 +318,17 @@ def test_cases_of_one_study_are_compared_pairwise(path, raw, by):
     assert [d.p for d in tested] == pytest.approx(corrected)
     assert {d.verdict for d in found} == {
         compare.CHANCE, *([compare.UNTESTED] if by else [compare.WORSE])}
+
+
+def test_a_metric_that_one_study_lacks_is_not_left_out_silently(path, tmp_path):
+    results = Results.read(path)
+    other = Results.read(write_study(tmp_path / "other", make_study(metrics=["success"])))
+    for one, two in ((results, other), (other, results)):
+        with pytest.raises(StudyError, match="no metric 'settled' in other"):
+            one.compare(two, metrics=["settled"])
+        assert {d.metric for d in one.compare(two).differences} == {"success"}
+    named = results.compare(results, metrics=["real_time_multiple"])
+    assert {d.metric for d in named.differences} == {"success", "real_time_multiple"}
 
 
 def test_seeds_that_differ_are_compared_without_pairs(tmp_path):
@@ -426,6 +443,17 @@ def test_runs_without_a_value_are_counted(path, raw, capsys):
         missing = own.settled.isna().sum()
         named = f"{missing} of 10 runs with scheme={scheme}, gain={gain} (" in text
         assert named == (missing > 0), (scheme, gain)
+
+
+def test_missing_values_of_two_studies_name_the_study(path, tmp_path):
+    """The captions of figures named only the setting, the same one for both studies."""
+    shutil.copytree(path, tmp_path / "again")
+    both = [Results.read(path), Results.read(tmp_path / "again")]
+    study_figures.write_figures(both, tmp_path / "plots", metrics=["settled"])
+    for text in ((tmp_path / "plots" / "captions.md").read_text(),
+                 tables.format_table(tables.make_table(both, metrics=["settled"]), "md")):
+        assert "runs with study=out, scheme=points" in text
+        assert "runs with scheme=" not in text
 
 
 def test_identical_repeats_are_no_sample(tmp_path, capsys):
@@ -619,6 +647,18 @@ def test_bars_have_the_final_distance_beside_them(tmp_path):
         bottom, top = axis.get_ylim()
         assert [(row - bottom) / (top - bottom) for row in rows_at] == pytest.approx(
             [1 / 6, 3 / 6, 5 / 6])  # fmt: skip
+
+
+def test_studies_in_folders_of_one_name_have_their_own_rates(tmp_path):
+    def make(value):
+        return lambda study, run: {**rows.make_blank_row(study, run), "outcome": "converged",
+                                   "success": value}  # fmt: skip
+
+    study = make_study(cases=(), vary={})
+    found = [Results.read(write_study(tmp_path / name / "out", study, make(value)))
+             for name, value in (("one", 0.0), ("two", 1.0))]  # fmt: skip
+    figure = study_figures.draw_success(found)
+    assert [bar.get_width() for bar in figure.axes[0].patches] == [0.0, 100.0]
 
 
 def test_binary_metrics_are_drawn_as_rates(path, raw, tmp_path):

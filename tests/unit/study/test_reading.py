@@ -17,7 +17,7 @@ from aras_visual_servo_bench.experiment.experiment_keys import find_unit
 from aras_visual_servo_bench.metrics import formatting, statistics
 from aras_visual_servo_bench.metrics.metrics import metric
 from aras_visual_servo_bench.plots import study_figures, style
-from aras_visual_servo_bench.studies import compare, engine, replay, rows, tables
+from aras_visual_servo_bench.studies import columns, compare, engine, replay, rows, tables
 from aras_visual_servo_bench.studies.engine import carry_out
 from aras_visual_servo_bench.studies.pools import InProcessPool
 from aras_visual_servo_bench.studies.progress import Progress
@@ -394,7 +394,7 @@ def test_a_run_is_shown_again_as_it_was(tiny, tmp_path, monkeypatch):
     told = json.loads((tmp_path / "show" / "summary.json").read_text())
     assert study.metric_names
     for name in study.metric_names:
-        assert told[name] == row[rows.find_column_name(name)], name
+        assert told[name] == row[columns.find_column_name(name)], name
     video = cv2.VideoCapture(str(tmp_path / "show" / "video.mp4"))
     assert int(video.get(cv2.CAP_PROP_FRAME_COUNT)) == len(pictures)
     assert video.get(cv2.CAP_PROP_FPS) == pytest.approx(30.0, abs=0.01)
@@ -449,7 +449,7 @@ def test_runs_of_a_study_are_analyzed_beside_each_other(tiny, tmp_path, capsys):
     kept = {row["run"]: row for row in StudyFolder.open(out).read_results().to_pylist()}
     for one, run in zip(told, (0, 3), strict=True):
         for name in study.metric_names:
-            assert one[name] == kept[run][rows.find_column_name(name)], name
+            assert one[name] == kept[run][columns.find_column_name(name)], name
     capsys.readouterr()
     assert main(["analyze", f"{out}:6", "--out", str(tmp_path / "none")]) == 1
     assert "there is no run 6" in capsys.readouterr().err

@@ -114,13 +114,16 @@ class Comparison:
 
     @property
     def least_p(self) -> float:
-        """Smallest p-value that samples of these sizes can have.
+        """Lower bound of the p-values of the exact tests for samples of these sizes.
 
-        It is the p-value of the exact tests if all differences have the same sign: 2 / 2^n for n
-        pairs, and 2 / binomial(n + m, n) for samples of n and m runs.
+        It is 2 / 2^n for n pairs, 2 / binomial(2n, n) for two samples of n runs, and
+        1 / binomial(n + m, n) for samples of different sizes n and m. If the sizes differ, binary
+        or equal values can make the distribution asymmetric, so that a single case is extreme.
         """
         n, m = self.counts
-        return min(2.0**-n if self.paired else 1.0 / scipy.special.comb(n + m, n), 0.5) * 2.0
+        if self.paired:
+            return min(2.0 * 2.0**-n, 1.0)
+        return min((2.0 if n == m else 1.0) / scipy.special.comb(n + m, n), 1.0)
 
 
 def compare_rates(before: Sequence[float], after: Sequence[float], paired: bool) -> Comparison:

@@ -47,7 +47,7 @@ def draw_rates(all_results: Sequence[Results], metrics: Sequence[Metric]) -> Fig
     for number, (axis, metric) in enumerate(zip(axes, metrics, strict=True)):
         rates = [rate(results.read_values(metric)[rows]) for _, results, rows in groups]
         draw_bars(axis, rates, names if number % columns == 0 or is_paper() else [""] * len(names))
-        axis.set_xlabel(f"{_make_label(metric)} (%)")
+        axis.set_xlabel(_label_metric(metric, "%"))
     axes[0].set_ylabel(label_groups(all_results))
     return figure
 
@@ -145,8 +145,7 @@ def _scale_values(
     """
     values = [results.read_values(metric)[rows] for _, results, rows in groups]
     unit, size = choose_unit(metric.unit, np.concatenate(values))
-    name = escape_math(format_heading(metric.name.replace("_", " "), unit))
-    return name, size, [v / size for v in values]
+    return _label_metric(metric, unit), size, [v / size for v in values]
 
 
 def _mark_tolerance(axis: Axes, metric: Metric, groups: Sequence[RunGroup], size: float) -> None:
@@ -218,5 +217,5 @@ def add_group_legend(figure: Figure, axis: Axes, title: str) -> Figure:
     return figure
 
 
-def _make_label(metric: Metric) -> str:
-    return escape_math(format_heading(metric.name.replace("_", " "), metric.unit))
+def _label_metric(metric: Metric, unit: str) -> str:
+    return escape_math(format_heading(metric.name.replace("_", " "), unit))

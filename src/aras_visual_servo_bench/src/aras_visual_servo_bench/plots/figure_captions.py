@@ -44,7 +44,8 @@ def make_caption(
         pooled = find_pooled_keys(kind, all_results)
         lines += [f"Runs with different {', '.join(pooled)} are pooled."] if pooled else []
     if kind in ("rates", "distributions", "boxes"):
-        lines += _describe_missing(kind, all_results, shown)
+        keys = [key for key in find_varied_keys(all_results) if key not in pooled]
+        lines += captions.describe_missing(shown, all_results, keys)
     return [*lines, *captions.describe_repeats(all_results)]
 
 
@@ -58,24 +59,6 @@ def _describe_success_figure(all_results: Sequence[Results]) -> list[str]:
     if is_map:
         pooled = [key for key in keys if key not in find_curve_keys(all_results)]
         lines.append(f"The curves pool runs with different {', '.join(pooled)}.")
-    return lines
-
-
-def _describe_missing(
-    kind: str, all_results: Sequence[Results], shown: Sequence[Metric]
-) -> list[str]:
-    """State in which groups of a figure some runs have no value of a metric, and why."""
-    pooled = find_pooled_keys(kind, all_results)
-    keys = [key for key in find_varied_keys(all_results) if key not in pooled]
-    lines = []
-    for m in shown:
-        groups, ends = [], []
-        for results in all_results:
-            own_ends, numbers = results.describe_ends(), results.read_values(m)
-            for values, rows in results.group_rows(keys).items():
-                groups.append((captions.name_group(keys, values), numbers[rows]))
-                ends += [own_ends[i] for i in rows]
-        lines += captions.describe_missing(m, groups, ends)
     return lines
 
 

@@ -60,8 +60,7 @@ def draw_success(all_results: Sequence[Results]) -> Figure | None:
 
 def _draw_success_bars(all_results: Sequence[Results], keys: Sequence[str]) -> Figure:
     groups = list_groups(all_results, keys)
-    hits = {results.name: results.compute_successes() for results in all_results}
-    rates = [rate(hits[results.name][rows]) for _, results, rows in groups]
+    rates = [rate(results.compute_successes()[rows]) for _, results, rows in groups]
     has_distance = has_final_distance(all_results)
     names = [split_lines(name) for name, *_ in groups]
     height, columns = 0.42 * len(groups) + 1.5, 1 + has_distance

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..metrics import metrics
 from ..metrics.metrics import Metric
-from . import rows
+from .columns import find_column_name
 from .results import REAL_TIME_MULTIPLE, Results
 
 RATES = "Rates with Wilson's 95 % interval."
@@ -24,7 +24,7 @@ def describe_success(all_results: Sequence[Results], shown: Sequence[Metric] = (
     lines, used = [], [m for m in shown if m.is_binary]
     judged = {results.judged_metric.name: results for results in all_results}
     for name, results in judged.items():
-        if rows.find_column_name(name) in results.table.column_names:
+        if find_column_name(name) in results.table.column_names:
             used.insert(0, results.judged_metric)
             text = _define(results.judged_metric)
             also = "" if name == metrics.success.name else f" ({name})"
@@ -59,30 +59,50 @@ def name_group(keys: Sequence[str], values: Sequence[object]) -> str:
 
 
 def describe_missing(
-    metric: Metric, groups: Sequence[tuple[str, np.ndarray]], ends: Sequence[str]
+    shown: Sequence[Metric], all_results: Sequence[Results], keys: Sequence[str]
 ) -> list[str]:
     """State which groups of runs lack values and why, and which groups have only one value.
 
     Args:
-        metric: metric with these values.
-        groups: name of each group, and the values of its runs.
-        ends: outcome of each run: the runs of the first group, then those of the second, and so on.
+        shown: metrics with these values.
+        all_results: results of one or more studies.
+        keys: keys whose values define the groups of runs of each study.
     """
-    missing, single, first = [], [], 0
-    for name, values in groups:
-        unknown = ~np.isfinite(values)
-        own = [ends[first + i] or "unknown" for i in np.flatnonzero(unknown)]
-        first += len(values)
-        if own:
-            (end, count), = Counter(own).most_common(1)
-            why = end if count == len(own) else f"{count} {end}"
+    groups = []
+    for results in all_results:
+        ends, study = results.describe_ends(), results.name if len(all_results) > 1 else ""
+        for values, rows in results.group_rows(keys).items():
+            name = name_group(keys, values)
+            if study:
+                name = f"study={study}" if name == ALL_RUNS else f"study={study}, {name}"
+            groups.append((name, results, rows, ends))
+    return [line for metric in dict.fromkeys(shown) for line in _describe_missing(metric, groups)]
+
+
+def _describe_missing(
+    metric: Metric, groups: Sequence[tuple[str, Results, np.ndarray, Sequence[str]]]
+) -> list[str]:
+    """Describe the missing and single values of a metric.
+
+    groups: for each group of runs, its name, the results of its study, the indices of its rows, and
+        the outcome of each run of the study.
+    """
+    missing, single, known = [], [], 0
+    values: dict[int, np.ndarray] = {}  # values of the runs of each study, by the study's id
+    for name, results, rows, ends in groups:
+        if id(results) not in values:
+            values[id(results)] = results.read_values(metric)
+        unknown = rows[~np.isfinite(values[id(results)][rows])]
+        if unknown.size:
+            (end, count), = Counter(ends[i] or "unknown" for i in unknown).most_common(1)
+            why = end if count == len(unknown) else f"{count} {end}"
             where = name if name == ALL_RUNS else f"runs with {name}"
-            missing.append(f"{len(own)} of {len(values)} {where} ({why})")
-        if len(values) - len(own) == 1:
+            missing.append(f"{len(unknown)} of {len(rows)} {where} ({why})")
+        known += len(rows) > len(unknown)
+        if len(rows) - len(unknown) == 1:
             single.append(name)
     lines = [f"{metric.name} has no value in {_list(missing, '; ')}."] if missing else []
     if single and not metric.is_binary:
-        known = sum(np.isfinite(values).any() for _, values in groups)
         where = "every group" if len(single) == known else _list(single, "; ")
         lines.append(f"{metric.name} has only one value, and so no interval, in {where}.")
     return lines

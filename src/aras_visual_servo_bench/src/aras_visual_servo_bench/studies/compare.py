@@ -147,8 +147,9 @@ def find_differences(
         chosen = _select_comparable(first, between, metrics)
         pairs = _pair_cases(first, between, by)
     else:
-        shared = {m.name for m in second.metrics} - {REAL_TIME_MULTIPLE.name}
-        chosen = [m for m in first.select_metrics(metrics) if m.name in shared]
+        second.select_metrics(metrics)  # raises an error if the second study lacks a named metric
+        shared = {m.name for m in second.metrics}
+        chosen = [m for m in _select_compared(first, metrics) if m.name in shared]
         pairs = _pair_groups(first, second, by)
     tests: list[Difference] = []
     better: list[str] = []
@@ -240,7 +241,6 @@ def _describe_difference(d: Difference) -> str:
             f"{pairs}  {sides}{d.group}{note}")  # fmt: skip
 
 
-
 def _pair_groups(
     first: Results, second: Results, by: Sequence[str]
 ) -> Iterator[tuple[str, _Sample, _Sample]]:
@@ -291,6 +291,13 @@ def _pair_cases(
                            for value in (one, two))  # fmt: skip
 
 
+def _select_compared(results: Results, names: Sequence[str]) -> list[Metric]:
+    """Return the named metrics, or all metrics except the speed of the computer."""
+    return [
+        m for m in results.select_metrics(names) if names or m.name != REAL_TIME_MULTIPLE.name
+    ]
+
+
 def _select_comparable(results: Results, between: str, names: Sequence[str]) -> list[Metric]:
     """Return the metrics that can be compared between the values of a key.
 
@@ -302,8 +309,7 @@ def _select_comparable(results: Results, between: str, names: Sequence[str]) -> 
     is_scheme = between == SCHEME or any(
         SCHEME in case.set for case in study.case_axes.get(between, ())
     )
-    chosen = [m for m in results.select_metrics(names)
-              if names or m.name != REAL_TIME_MULTIPLE.name]  # fmt: skip
+    chosen = _select_compared(results, names)
     unlike = [m.name for m in chosen if m.is_feature_based and is_scheme]
     if names and unlike:
         raise StudyError(f"{unlike[0]} depends on the features of the scheme, so that values of "

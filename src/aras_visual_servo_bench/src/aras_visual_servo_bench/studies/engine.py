@@ -15,6 +15,7 @@ from ..metrics.formatting import format_count
 from ..metrics.metrics import success
 from ..setup.assembly import check
 from . import images, rows
+from .columns import find_column_name
 from .pools import Pool
 from .progress import Progress, format_duration
 from .study import Study
@@ -64,9 +65,10 @@ def is_success(values: dict[str, object], judged: str = success.name) -> bool:
         values: row of the results.
         judged: name of the metric that is 1 for a success.
     """
-    return values.get(rows.find_column_name(judged), 1.0) == 1.0 and values["outcome"] not in (
-        rows.REFUSED, rows.FAULT, rows.DIED, rows.LATE,
-    )  # fmt: skip
+    return (
+        values.get(find_column_name(judged), 1.0) == 1.0
+        and values["outcome"] not in rows.FAILURES
+    )
 
 
 def run_missing(

@@ -16,6 +16,7 @@ from ..recording.run import Run
 from ..runner.loop import Loop
 from ..setup.assembly import assemble
 from . import rows
+from .columns import LABEL_COLUMNS
 from .study_folder import StudyFolder
 from .versions import read_commit, read_versions
 
@@ -116,4 +117,4 @@ def _read_stored_row(folder: StudyFolder, run: int) -> dict[str, Any]:
         return {}
     table = folder.read_results()
     stored = table.filter(np.array(table["run"]) == run).to_pylist()[0]
-    return {k: v for k, v in stored.items() if k not in (*rows.LABEL_COLUMNS, "simulated", "seed")}
+    return {k: v for k, v in stored.items() if k not in (*LABEL_COLUMNS, "simulated", "seed")}

@@ -24,6 +24,7 @@ from ..metrics.metrics import Metric
 from ..metrics.run_tables import import_pandas
 from . import rows
 from . import study_folder as folders
+from .columns import LABEL_COLUMNS, find_column_name
 from .study import Study
 from .study_folder import StudyFolder
 from .tolerance import SuccessTolerance, find_tolerance
@@ -119,7 +120,7 @@ class Results:
         count = self.table.num_rows
         ends = pc.value_counts(self.make_end_column()).to_pylist()
         ends.sort(key=lambda end: -end["counts"])
-        is_judged = rows.find_column_name(self.study.judged) in self.table.column_names
+        is_judged = find_column_name(self.study.judged) in self.table.column_names
         success = f", {self.compute_successes().sum():.0f} with success" if is_judged else ""
         shown = [f"{end['values']} ({end['counts']})" for end in ends[:SHOWN_ENDS]]
         if len(ends) > SHOWN_ENDS:
@@ -176,7 +177,7 @@ class Results:
         """Write a CSV file with one row per run; return the number of rows.
 
         Columns that are equal in all rows are omitted."""
-        columns = [name for name in self.table.column_names if name not in rows.LABEL_COLUMNS]
+        columns = [name for name in self.table.column_names if name not in LABEL_COLUMNS]
         with catch_write_errors(path):
             write_csv(self.table.select(columns), path)
         return self.table.num_rows
@@ -252,11 +253,11 @@ class Results:
         The metric `judged` of the study decides. A run without a value of this metric, for example
         because it raised an error or exceeded the time limit, is not successful.
         """
-        judged = rows.find_column_name(self.study.judged)
+        judged = find_column_name(self.study.judged)
         if judged in self.table.column_names:
             return (self.read_numbers(judged) == 1.0).astype(float)
-        failures = pa.array([rows.REFUSED, rows.FAULT, rows.DIED, rows.LATE])
-        return _to_numbers(pc.invert(pc.is_in(self._find_column("outcome"), failures)))
+        is_failure = pc.is_in(self._find_column("outcome"), pa.array(rows.FAILURES))
+        return _to_numbers(pc.invert(is_failure))
 
     def describe_ends(self) -> list[str]:
         """Return the outcome of each run, followed by the verdict if the loop has converged."""

@@ -27,21 +27,14 @@ from ..recording.run import Run
 from ..runner.loop import Loop
 from ..setup.assembly import assemble
 from . import images
+from .columns import FIXED_COLUMNS, find_column_name
 from .study import Study
 from .variations import Axis, RandomVariation
 
 # Outcomes that do not come from the control loop: the settings were refused, an error was raised,
 # the process of the run died, the run exceeded its time limit.
-REFUSED, FAULT, DIED, LATE = "refused", "fault", "process_died", "time_limit"
+REFUSED, FAULT, DIED, LATE = FAILURES = "refused", "fault", "process_died", "time_limit"
 MAX_REASON_LENGTH = 500
-FIXED_COLUMNS = {
-    "run": pa.int64(), "point": pa.int64(), "repeat": pa.int64(), "seed": pa.int64(),
-    "outcome": pa.string(), "verdict": pa.string(), "reason": pa.string(), "remedy": pa.string(),
-    "images": pa.int64(), "simulated": pa.float64(),
-    # largest distance (m) and angle (rad) at which a camera is at its goal
-    "distance_tolerance": pa.float64(), "angle_tolerance": pa.float64(),
-}  # fmt: skip
-LABEL_COLUMNS = ("code", "versions")  # columns with the same value in all rows of a study
 TIMES_SCHEMA = pa.schema([
     ("run", pa.int64()), ("wall", pa.float64()), ("processor", pa.float64()),
     ("worker", pa.string()),
@@ -189,11 +182,6 @@ def make_result_columns(study: Study, run: Run) -> dict[str, Any]:
         **{find_column_name(name): float(known_metrics.find_metric(name).measure(run))
            for name in study.metric_names},
     }  # fmt: skip
-
-
-def find_column_name(metric: str) -> str:
-    """Return the column name of a metric that is given as name or 'package.module:function'."""
-    return metric.rpartition(":")[2]
 
 
 def make_schema(study: Study, labels: Mapping[str, str]) -> pa.Schema:

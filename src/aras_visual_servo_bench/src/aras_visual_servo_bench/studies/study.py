@@ -30,6 +30,7 @@ from ..experiment.experiment_keys import check_key
 from ..experiment.overrides import with_override, with_overrides
 from ..metrics import metrics as known_metrics
 from ..metrics.formatting import format_count, format_rows
+from .columns import check_columns
 from .variations import Axis, RandomVariation, draw_values, parse_variation
 
 # largest number of runs of a study: a scheduler handles at most 1e6 chunks, of 100 runs each
@@ -167,13 +168,7 @@ class Study(KeywordSettings):
                 known_metrics.find_metric(name)
             except StudyError as error:
                 raise StudyError(f"metrics: {error}") from None
-        columns = {name.rpartition(":")[2] for name in self.metric_names}
-        for key in self.keys:
-            if key in columns:
-                raise StudyError(
-                    f"'{key}' is both a varied key and a metric, which would share one column: "
-                    "leave the metric out, or vary the key in a named axis of cases"
-                )
+        check_columns(self.keys, self.metric_names)
         if self.judged not in (known_metrics.success.name, *self.metric_names):
             raise StudyError(f"judged is '{self.judged}', which is not among the study's metrics: "
                              f"{suggest(self.judged, self.metric_names)}")  # fmt: skip

@@ -20,7 +20,7 @@ from ..metrics.formatting import (
     format_value,
     make_number_format,
 )
-from ..metrics.metrics import Metric, final_distance, success
+from ..metrics.metrics import final_distance, success
 from ..metrics.statistics import Estimate, median, quartiles, rate
 from . import captions
 from .latex import escape_tex, format_tex_interval, format_tex_table
@@ -102,8 +102,7 @@ def make_table(
         *(StatisticColumn(m.name, m.unit, QUARTILES) for m in beside),
         *(StatisticColumn(m.name, m.unit, RATE if m.is_binary else MEDIAN) for m in chosen),
     ]
-    lines, failures, ends = [], [], []
-    grouped: dict[Metric, list[tuple[str, np.ndarray]]] = {m: [] for m in (*chosen, *beside)}
+    lines, failures = [], []
     for results in all_results:
         successes, own_ends, reasons = (
             results.compute_successes(),
@@ -118,18 +117,13 @@ def make_table(
             lines.append((label, len(rows), tuple(estimates)))
             failed = [(own_ends[i], reasons[i]) for i in rows if not successes[i]]
             failures.append(_find_commonest_failure(failed))
-            ends += [own_ends[i] for i in rows]
-            group = captions.name_group(names, label)
-            for m, n in dict(zip((*beside, *chosen), own[1:], strict=True)).items():
-                grouped[m].append((group, n))
     caption = [
         *captions.describe_success(all_results, chosen), captions.RATES,
         *([captions.MEDIANS] if any(column.kind == MEDIAN for column in columns) else []),
         *([captions.QUARTILES] if has_distance else []),
     ]  # fmt: skip
     notes = [
-        *(line for m, groups in grouped.items()
-          for line in captions.describe_missing(m, groups, ends)),
+        *captions.describe_missing((*chosen, *beside), all_results, keys),
         *captions.describe_repeats(all_results),
     ]  # fmt: skip
     return Table(names, tuple(columns), tuple(lines), tuple(failures), tuple(caption),

@@ -23,7 +23,7 @@ from ...errors import StudyError
 from ...experiment.experiment_keys import find_unit
 from ...metrics import metrics
 from ...metrics.formatting import make_printable
-from ...studies import rows
+from ...studies.columns import LABEL_COLUMNS
 from ...studies.results import Results
 from ...studies.study_folder import MANIFEST, PARTS, TIMES, StudyFolder
 
@@ -224,7 +224,7 @@ def _join_tables(studies: Sequence[StudyEntry]) -> tuple[pa.Table, dict[str, str
             continue
         results = entry.results
         table = results.table.drop_columns(
-            [name for name in rows.LABEL_COLUMNS if name in results.table.column_names]
+            [name for name in LABEL_COLUMNS if name in results.table.column_names]
         )
         success = pa.array(results.compute_successes(), pa.float64())
         if metrics.success.name in table.column_names:

@@ -94,6 +94,15 @@ def test_image_equals_sums_over_its_pixels() -> None:
     assert_same(again, moments, 1e-13)
 
 
+@pytest.mark.parametrize("coverage", [False, True])
+def test_image_may_be_a_read_only_view(coverage: bool) -> None:
+    weights = np.random.default_rng(4).uniform(0, 1, (24, 31))
+    expected = Moments.from_image(weights, CAMERA, coverage=coverage)
+    for same in (np.asfortranarray(weights), weights.copy()):
+        same.setflags(write=False)
+        assert_same(Moments.from_image(same, CAMERA, coverage=coverage), expected, 1e-15)
+
+
 def test_binary_image_equals_opencv() -> None:
     mask = np.zeros((60, 80), np.uint8)
     cv2.fillPoly(mask, [np.array([[10, 8], [70, 20], [35, 50]])], 255)

@@ -286,7 +286,8 @@ class Moments:
             MomentsError: the sum of the weights is not positive.
         """
         rows, columns = weights.shape
-        weights = np.ascontiguousarray(weights, dtype=np.float64)
+        # compiled functions take arrays in C order only if they are writable; else this is a copy
+        weights = np.require(weights, np.float64, ("C", "W"))
         if coverage and full_scale != 1.0:
             weights, full_scale = weights / full_scale, 1.0
         u, u_slopes = _compute_powers(columns, coverage)

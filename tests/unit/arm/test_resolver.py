@@ -152,6 +152,21 @@ def test_what_l_does_not_see_is_not_asked_for(apart, accuracy, seen):
     assert answer.rank == 1 + seen
 
 
+@pytest.mark.parametrize("rows", [2, 8])
+@pytest.mark.parametrize("kind", [int, np.float32, np.array])
+def test_one_accuracy_of_all_rows_may_have_any_numeric_type(rows, kind):
+    L = np.random.default_rng(5).normal(size=(rows, 6))
+    task = Task.from_interaction(L, np.ones(rows), accuracy=kind(2))
+    same = Task.from_interaction(L, np.ones(rows), accuracy=2.0)
+    assert task.uncertainty == pytest.approx(same.uncertainty) and task.rank == same.rank
+
+
+@pytest.mark.parametrize("accuracy", [np.nan, None, "small", [0.1, 0.1], np.ones((3, 1))])
+def test_an_accuracy_is_one_finite_number_or_has_a_row_for_each_of_l(accuracy):
+    with pytest.raises(TaskError, match="accuracy must be finite|not an array of numbers"):
+        Task(np.eye(6)[:2], np.ones(2), np.ones(6, bool), accuracy=accuracy)
+
+
 def test_nothing_seen_is_nothing_asked_for():
     arm, q = make("ur5"), np.array(REGULAR["ur5"])
     nothing = DifferentialIK(arm).solve(

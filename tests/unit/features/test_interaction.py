@@ -13,6 +13,7 @@ from aras_visual_servo_camera.interaction import (
     Plane,
     compute_centred_interaction,
     compute_raw_interaction,
+    point_interaction,
 )
 from aras_visual_servo_camera.moments import Moments, exponents
 
@@ -104,3 +105,9 @@ def test_order_beyond_the_moments_is_refused() -> None:
 def test_impossible_planes_are_refused(make) -> None:
     with pytest.raises(FeatureError):
         make()
+
+
+@pytest.mark.parametrize("points", [np.ones((4, 3)), np.ones((4, 1)), np.ones(2), []])
+def test_points_have_two_coordinates(points) -> None:
+    with pytest.raises(FeatureError, match="shape .*, must have the shape \\(n, 2\\)"):
+        point_interaction(points, 1.0)

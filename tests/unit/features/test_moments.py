@@ -94,6 +94,15 @@ def test_image_equals_sums_over_its_pixels() -> None:
     assert_same(again, moments, 1e-13)
 
 
+@pytest.mark.parametrize("coverage", [False, True])
+def test_image_may_be_a_read_only_view(coverage: bool) -> None:
+    weights = np.random.default_rng(4).uniform(0, 1, (24, 31))
+    expected = Moments.from_image(weights, CAMERA, coverage=coverage)
+    for same in (np.asfortranarray(weights), weights.copy()):
+        same.setflags(write=False)
+        assert_same(Moments.from_image(same, CAMERA, coverage=coverage), expected, 1e-15)
+
+
 def test_binary_image_equals_opencv() -> None:
     mask = np.zeros((60, 80), np.uint8)
     cv2.fillPoly(mask, [np.array([[10, 8], [70, 20], [35, 50]])], 255)
@@ -160,6 +169,11 @@ def test_result_cannot_be_changed() -> None:
         (lambda: Moments.from_image(np.zeros((4, 4)), CAMERA), "empty"),
         (lambda: Moments.from_image(np.ones((4, 4)), Pinhole(0.0, 1.0, 0.0, 0.0)), "focal"),
         (lambda: Moments.from_samples(np.ones(3), np.ones(3), np.zeros(3)), "weights is 0"),
+        (lambda: Moments.from_samples(np.ones(5), np.ones(5), np.ones(3)), "one weight for each"),
+        (lambda: Moments.from_samples(*np.ones((3, 2, 2))), "one weight for each"),
+        (lambda: Moments.from_samples(*np.ones((3, 5)), order=7), "order is 7, must be 1 to 6"),
+        (lambda: Moments.from_image(np.ones((4, 4)), CAMERA, 0), "order is 0, must be 1 to 6"),
+        (lambda: Moments.from_polygon(SQUARE, 8), "order is 8, must be 1 to 6"),
         (lambda: Moments.from_arrays([1, 0], [1, 0], 1), "order 1 needs 3"),
         (lambda: Moments.from_arrays([np.nan, 0, 0], [1, 0, 0], 1), "finite"),
         (lambda: Moments.from_arrays([0, 0, 0], [0, 0, 0], 1), "positive"),

@@ -406,6 +406,15 @@ def test_a_box_has_a_size_and_finite_numbers(corner, ground, surface, words):
         TargetGeometry.from_values(boxes, ground, surface, "mine")
 
 
+def test_boxes_and_poses_may_be_whole_numbers():
+    boxes = np.array([[[-1, -1, 0], [1, 1, 1]]])
+    box = TargetGeometry.from_values(boxes, 0, 1)
+    above = np.array([[1, 0, 0, 0], [0, -1, 0, 0], [0, 0, -1, 3], [0, 0, 0, 1]])
+    assert np.abs(box.compute_outline(above)).max(axis=0) == pytest.approx([0.5, 0.5])
+    boxes[:] = 0  # the caller's array stays the caller's
+    assert box.boxes.tolist() == [[[-1, -1, 0], [1, 1, 1]]]
+
+
 def test_the_depth_is_that_along_a_leaning_axis():
     box = TargetGeometry.from_values(BOX.copy(), -np.inf, 0.02)
     pose = matrix_from_xyz_rpy((0.1, -0.2, 0.7), (np.pi - 0.5, 0.3, 0.2))

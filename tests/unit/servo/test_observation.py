@@ -229,6 +229,16 @@ def test_exact_points_alone_and_nothing_in_view():
     assert not seen.valid and "cross" in seen.reason
 
 
+@pytest.mark.parametrize("kind", [list, np.float32, np.array])
+def test_a_given_pose_is_copied_whatever_its_type(kind):
+    pose = [[1, 0, 0, 0], [0, -1, 0, 0], [0, 0, -1, 1], [0, 0, 0, 1]]
+    seen = FeatureObserver(None, frozenset()).observe_exact_features(
+        0.0, CAMERA, world_T_camera=kind(pose), points=[[0.1, 0.2], [0.3, 0.4], [0.0, 0.5]]
+    )
+    assert seen.world_T_camera.dtype == float and not seen.world_T_camera.flags.writeable
+    assert seen.world_T_camera.tolist() == pose
+
+
 def test_a_lens_is_undone():
     fisheye = CameraModel(320, 240, CAMERA.K, (), "equidistant")
     u, v = fisheye.project(*outline().T)

@@ -88,8 +88,13 @@ def point_interaction(points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarr
 
     Returns:
         (2n, 6) with the rows of x_0, y_0, x_1, ...
+
+    Raises:
+        FeatureError: the points do not have the shape (n, 2).
     """
     points, inverse_depth = np.asarray(points, float), np.asarray(inverse_depth, float)
+    if points.ndim != 2 or points.shape[1] != 2:
+        raise FeatureError(f"the points have the shape {points.shape}, must have the shape (n, 2)")
     L = np.zeros((2 * len(points), 6))
     _write_point_interaction(points, np.broadcast_to(inverse_depth, len(points)), L)
     return L

@@ -206,9 +206,10 @@ class Moments:
             holes: polygons inside the polygon, which are subtracted.
 
         Raises:
-            MomentsError: a polygon has fewer than three vertices, edges that cross, no area, or a
-                coordinate that is not finite.
+            MomentsError: the order is not 1 to 6, or a polygon has fewer than three vertices, edges
+                that cross, no area, or a coordinate that is not finite.
         """
+        _check_computable(order)
         outline = _check_vertices(vertices, "polygon")
         x0, y0 = (outline.sum(axis=0) / len(outline)).tolist()
         table = _compute_polygon_moments(outline, x0, y0, order, "polygon")
@@ -247,9 +248,16 @@ class Moments:
                 without extent.
 
         Raises:
-            MomentsError: the sum of the weights is not positive.
+            MomentsError: the order is not 1 to 6, the arrays do not have the same shape (n,), or
+                the sum of the weights is not positive.
         """
+        _check_computable(order)
         x, y, weight = (np.asarray(a, dtype=float) for a in (x, y, weight))
+        if x.ndim != 1 or not x.shape == y.shape == weight.shape:
+            raise MomentsError(
+                f"x, y and the weights have the shapes {x.shape}, {y.shape} and {weight.shape}, "
+                "must have the shape (n,): give one weight for each sample"
+            )
         table = np.empty((SIZE, SIZE))
         total, x0, y0 = sum_samples(x, y, weight, table)
         if not total > 0.0:
@@ -283,10 +291,12 @@ class Moments:
                 a sample at the pixel's centre.
 
         Raises:
-            MomentsError: the sum of the weights is not positive.
+            MomentsError: the order is not 1 to 6, or the sum of the weights is not positive.
         """
+        _check_computable(order)
         rows, columns = weights.shape
-        weights = np.ascontiguousarray(weights, dtype=np.float64)
+        # compiled functions take arrays in C order only if they are writable; else this is a copy
+        weights = np.require(weights, np.float64, ("C", "W"))
         if coverage and full_scale != 1.0:
             weights, full_scale = weights / full_scale, 1.0
         u, u_slopes = _compute_powers(columns, coverage)
@@ -375,6 +385,11 @@ def _compute_pixel_scale(fx: float, fy: float, order: int, full_scale: float) ->
         raise MomentsError(f"focal lengths must be positive and finite, got fx={fx:g}, fy={fy:g}")
     n = np.arange(1, order + 2)
     return _freeze(np.outer(fx ** -n.astype(float), fy ** -n.astype(float)) / full_scale)
+
+
+def _check_computable(order: int) -> None:
+    if not 1 <= order <= MAX_ORDER:
+        raise MomentsError(f"the order is {order}, must be 1 to {MAX_ORDER}")
 
 
 def _check_vertices(points: ArrayLike, label: str) -> Array:

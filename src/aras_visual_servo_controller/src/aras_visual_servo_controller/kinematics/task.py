@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from math import isfinite
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -75,13 +76,15 @@ class Task:
         if not is_task_finite(L, rate):
             raise TaskError("the interaction matrix or the desired rate is not finite")
         accuracy = self.accuracy
-        if type(accuracy) is not float and np.ndim(accuracy):
+        if type(accuracy) is not float or not isfinite(accuracy):
             accuracy = _read_array(accuracy)
-            if accuracy.ndim != 2 or len(accuracy) != len(L) or not np.isfinite(accuracy).all():
+            fits = accuracy.ndim == 0 or accuracy.ndim == 2 and len(accuracy) == len(L)
+            if not fits or not np.isfinite(accuracy).all():
                 raise TaskError(
-                    f"accuracy must be finite and have the shape ({len(L)}, m), got "
+                    f"accuracy must be finite, and one number or of shape ({len(L)}, m), got shape "
                     f"{accuracy.shape}"
                 )
+            accuracy = accuracy if accuracy.ndim else float(accuracy)
         if len(L) > 6:
             L, rate, accuracy = _reduce_rows(L, rate, accuracy)
         object.__setattr__(self, "accuracy", accuracy)
@@ -184,7 +187,7 @@ class Task:
         If there are no such directions, or if the features are exact, it is the task itself.
         """
         accuracy = self.accuracy
-        is_exact = accuracy == 0.0 if type(accuracy) is float else not np.any(accuracy)
+        is_exact = accuracy == 0.0 if type(accuracy) is float else not accuracy.any()
         if is_exact and self.rank_tolerance == ROUNDING_TOLERANCE:
             return self
         is_certain = self.uncertainty <= MAX_UNCERTAINTY

@@ -257,8 +257,9 @@ class FeatureObserver:
     ) -> Observation:
         stamp = float(stamp)
         pose = self._find_pose(joints, world_T_camera)
-        if pose is not None and (pose.flags.writeable or pose.dtype != float):
-            pose = make_read_only_copy(pose)
+        if pose is not None:
+            pose = np.asarray(pose, float)  # no copy of the arm's pose, which is read-only
+            pose = make_read_only_copy(pose) if pose.flags.writeable else pose
         is_measured = plane is not None
         if plane is None and depth is None and pose is not None and self.compute_plane is not None:
             plane = self.compute_plane(pose)

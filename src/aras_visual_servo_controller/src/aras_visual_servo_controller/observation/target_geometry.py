@@ -68,6 +68,7 @@ class TargetGeometry:
         cls, boxes: np.ndarray, ground: float, surface: float, where: str = "target"
     ) -> TargetGeometry:
         """Create the geometry from its values and check them; see `from_mapping`."""
+        boxes = np.array(boxes, float)
         if boxes.ndim != 3 or boxes.shape[1:] != (2, 3) or len(boxes) not in (1, 2):
             raise ConfigurationError(
                 f"{where}: boxes must be one or two pairs of corners [[x, y, z], [x, y, z]]"
@@ -118,7 +119,7 @@ class TargetGeometry:
             ServoError: a box is not in front of the camera, or the boxes do not overlap in the
                 image.
         """
-        return compute_silhouette(self.boxes, self.ground, world_T_camera)
+        return compute_silhouette(self.boxes, self.ground, np.asarray(world_T_camera, float))
 
 
 @jit("f8[:,:,:], f8, f8[:,:]")

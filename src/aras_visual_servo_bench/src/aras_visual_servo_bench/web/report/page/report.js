@@ -258,20 +258,12 @@ for (const table of document.querySelectorAll("table.columns")) {
   table.parentElement.before(set);
 }
 
-function applyTheme() {
-  const dark = document.documentElement.dataset.theme === "dark";
-  $("theme").textContent = dark ? "Light" : "Dark";
+document.addEventListener("themechange", () => {
   page.colours = {};
   for (const chart of charts) if (chart.plot) chart.draw();
   showTime();
-}
-$("theme").addEventListener("click", () => {
-  const root = document.documentElement;
-  root.dataset.theme = root.dataset.theme === "dark" ? "light" : "dark";
-  try { localStorage.setItem("aras-report-theme", root.dataset.theme); } catch { /* no local storage */ }
-  applyTheme();
 });
-applyTheme();
+showTime();
 showRange();
 page.setTime(+new URLSearchParams(location.hash.slice(1)).get("at"));  // report.html#at=0.4
 window.arasReport = { page, charts, films, get space() { return space; } };  // for tests

@@ -403,7 +403,7 @@ def compute_groups(snapshot: Snapshot, query: GroupQuery) -> dict[str, Any]:
     index = np.where(group < 0, -1, index)
     sizes = np.bincount(index[index >= 0], minlength=len(group_ids))
     successes = np.nan_to_num(read_numbers(snapshot, success.name, at)) if len(at) else np.zeros(0)
-    hits = np.bincount(index[index >= 0], successes[index >= 0], minlength=len(group_ids))
+    rates = compute_rates(successes, index, len(group_ids))
     estimates = [
         _summarize_values(snapshot, name, at, index, len(group_ids)) for name in query.values
     ]
@@ -416,7 +416,7 @@ def compute_groups(snapshot: Snapshot, query: GroupQuery) -> dict[str, Any]:
             rest, cell = divmod(rest, max(len(one.labels), 1))
             cells.append(cell)
         cells.reverse()
-        rate = proportion(int(hits[i]), int(sizes[i]))
+        rate = rates[i]
         listed.append({
             "values": [one.labels[p] for one, p in zip(cut, cells, strict=True)],
             "bounds": [[key, *bound] for key, one, p in zip(query.by, cut, cells, strict=True)

@@ -369,6 +369,14 @@ def compute_rates(values: np.ndarray, group: np.ndarray, count: int) -> list[Est
     return [proportion(int(h), int(size)) for h, size in zip(hits, sizes, strict=True)]
 
 
+def _find_computed(snapshot: Snapshot, name: str, at: np.ndarray) -> np.ndarray:
+    """Return a mask (n,) of the rows with the indices `at` (n,) whose study computes a metric."""
+    studies = [entry.name for entry in snapshot.studies if entry.results is not None
+               and any(one.name == name for one in entry.results.metrics)]  # fmt: skip
+    found = pc.is_in(snapshot.table[STUDY], pa.array(studies, pa.string()))
+    return found.to_numpy()[at]
+
+
 def _summarize_values(
     snapshot: Snapshot, name: str, at: np.ndarray, group: np.ndarray, count: int
 ) -> list[list[float]]:
@@ -377,7 +385,8 @@ def _summarize_values(
     if name == success.name:
         values = np.nan_to_num(values)
     elif name in snapshot.binary:
-        values = snapshot.binary[name].complete_values(values)
+        is_computed = _find_computed(snapshot, name, at)
+        values[is_computed] = snapshot.binary[name].complete_values(values[is_computed])
     else:
         return [[float(middle)] for middle in compute_medians(values, group, count)]
     return [[e.value, e.low, e.high] for e in compute_rates(values, group, count)]

@@ -145,10 +145,7 @@ def _rank_difference(difference: compare.Difference) -> tuple[int, float]:
 
 
 def _compare_studies(snapshot: Snapshot, query: ComparisonQuery) -> dict[str, Any]:
-    """Return the differences between two studies.
-
-    The differences are sorted by `_rank_difference`.
-    """
+    """Return the differences between two studies: significant ones first, untested ones last."""
     first, second = (snapshot.find_study(name) for name in (query.first, query.second))
     for entry in (first, second):
         if entry.results is None:

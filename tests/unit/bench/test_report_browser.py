@@ -195,6 +195,9 @@ def test_a_long_run_opens_at_its_settling_and_shows_the_whole_on_request(bag, wa
     tab.js("arasReport.page.setTime(120)")  # the visible part follows the cursor
     assert tab.js("arasReport.page.range.map((t) => Math.abs(t - 120))") == pytest.approx(
         [0.5 * settled] * 2)  # fmt: skip
+    for time, part in ((240.0, [240.0 - settled, 240.0]), (0.0, [0.0, settled])):
+        tab.js(f"arasReport.page.setTime({time})")  # at its ends, the run is shown at this scale
+        assert tab.js("arasReport.page.range") == pytest.approx(part, abs=0.5)
     assert tab.js("wrong") == []
     tab.close()
 

@@ -124,6 +124,26 @@ def test_seven_misses_of_sixty_are_a_rate_everywhere(tmp_path, capsys):
     assert described["reached"] and described["success"] and not described["gain"]
 
 
+def test_a_study_without_a_binary_metric_is_not_counted_in_its_rate(tmp_path):
+    """A refused run has not reached its goal; of a study without the metric, nothing is known."""
+    paths = []
+    for name, metrics in (("with", ["success", "reached"]), ("without", ["success"])):
+        study = make_study(cases=(), vary={"gain": [1.0]}, repeats=4, metrics=metrics)
+
+        def make(study, run):
+            row = {**rows.make_blank_row(study, run), "outcome": "x", "verdict": "y"}
+            return row | {"reached": 1.0} if run < 3 and "reached" in row else row
+
+        paths.append(write_study(tmp_path / name, study, make))
+    look = Studies(paths).read_snapshot(is_forced=True)
+    query = queries.GroupQuery(by=("study",), values=("reached",))
+    told = {one["values"][0]: one["estimates"][0] for one in
+            queries.compute_groups(look, query)["groups"]}  # fmt: skip
+    assert told["with"][0] == 0.75 and told["without"] == [None, None, None]
+    query = queries.MapQuery(x="gain", y="gain", value="reached")
+    assert queries.compute_success_map(look, query)["values"] == [[0.75]]
+
+
 def test_every_estimate_is_recomputed(path, raw, capsys):
     text = run_command(["table", path, "--format", "csv"], capsys)[1]
     table = pd.read_csv(io.StringIO(text), na_values=["nan"])

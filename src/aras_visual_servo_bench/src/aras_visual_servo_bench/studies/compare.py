@@ -63,6 +63,11 @@ class Difference:
     unit: str = ""
     note: str = ""
 
+    @property
+    def is_significant(self) -> bool:
+        """True if the difference was tested and is significant."""
+        return self.verdict not in (CHANCE, UNTESTED)
+
 
 @dataclass(frozen=True)
 class _Sample:
@@ -201,7 +206,7 @@ def describe_differences(
     is_verbose: whether to list all differences.
     limit: maximum number of differences that are listed; None: no limit.
     """
-    significant = [d for d in differences if d.verdict not in (CHANCE, UNTESTED)]
+    significant = [d for d in differences if d.is_significant]
     untested = [d for d in differences if d.verdict == UNTESTED]
     tested = len(differences) - len(untested)
     listed = list(differences) if is_verbose else sorted(significant, key=lambda d: d.p)

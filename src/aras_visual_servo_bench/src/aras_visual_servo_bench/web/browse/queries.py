@@ -369,6 +369,14 @@ def compute_rates(values: np.ndarray, group: np.ndarray, count: int) -> list[Est
     return [proportion(int(h), int(size)) for h, size in zip(hits, sizes, strict=True)]
 
 
+def _find_computed(snapshot: Snapshot, name: str, at: np.ndarray) -> np.ndarray:
+    """Return a mask (n,) of the rows with the indices `at` (n,) whose study computes a metric."""
+    studies = [entry.name for entry in snapshot.studies if entry.results is not None
+               and any(one.name == name for one in entry.results.metrics)]  # fmt: skip
+    found = pc.is_in(snapshot.table[STUDY], pa.array(studies, pa.string()))
+    return found.to_numpy()[at]
+
+
 def _summarize_values(
     snapshot: Snapshot, name: str, at: np.ndarray, group: np.ndarray, count: int
 ) -> list[list[float]]:
@@ -377,7 +385,8 @@ def _summarize_values(
     if name == success.name:
         values = np.nan_to_num(values)
     elif name in snapshot.binary:
-        values = snapshot.binary[name].complete_values(values)
+        is_computed = _find_computed(snapshot, name, at)
+        values[is_computed] = snapshot.binary[name].complete_values(values[is_computed])
     else:
         return [[float(middle)] for middle in compute_medians(values, group, count)]
     return [[e.value, e.low, e.high] for e in compute_rates(values, group, count)]
@@ -403,7 +412,7 @@ def compute_groups(snapshot: Snapshot, query: GroupQuery) -> dict[str, Any]:
     index = np.where(group < 0, -1, index)
     sizes = np.bincount(index[index >= 0], minlength=len(group_ids))
     successes = np.nan_to_num(read_numbers(snapshot, success.name, at)) if len(at) else np.zeros(0)
-    hits = np.bincount(index[index >= 0], successes[index >= 0], minlength=len(group_ids))
+    rates = compute_rates(successes, index, len(group_ids))
     estimates = [
         _summarize_values(snapshot, name, at, index, len(group_ids)) for name in query.values
     ]
@@ -416,7 +425,7 @@ def compute_groups(snapshot: Snapshot, query: GroupQuery) -> dict[str, Any]:
             rest, cell = divmod(rest, max(len(one.labels), 1))
             cells.append(cell)
         cells.reverse()
-        rate = proportion(int(hits[i]), int(sizes[i]))
+        rate = rates[i]
         listed.append({
             "values": [one.labels[p] for one, p in zip(cut, cells, strict=True)],
             "bounds": [[key, *bound] for key, one, p in zip(query.by, cut, cells, strict=True)

@@ -141,14 +141,11 @@ def _rank_difference(difference: compare.Difference) -> tuple[int, float]:
     """Return a sort key: significant differences first, untested ones last, then by p-value."""
     if difference.verdict == compare.UNTESTED:
         return 2, 0.0
-    return int(difference.verdict == compare.CHANCE), difference.p
+    return int(not difference.is_significant), difference.p
 
 
 def _compare_studies(snapshot: Snapshot, query: ComparisonQuery) -> dict[str, Any]:
-    """Return the differences between two studies.
-
-    The differences are sorted by `_rank_difference`.
-    """
+    """Return the differences between two studies: significant ones first, untested ones last."""
     first, second = (snapshot.find_study(name) for name in (query.first, query.second))
     for entry in (first, second):
         if entry.results is None:
@@ -158,7 +155,7 @@ def _compare_studies(snapshot: Snapshot, query: ComparisonQuery) -> dict[str, An
         "level": compare.SIGNIFICANCE_LEVEL,
         "differences": [
             {"group": d.group, "metric": d.metric, "verdict": d.verdict,
-                "p": queries.to_json_value(d.p),
+             "is_significant": d.is_significant, "p": queries.to_json_value(d.p),
              "before": queries.to_json_value(d.comparison.before),
              "after": queries.to_json_value(d.comparison.after),
              "count": d.comparison.count, "paired": d.comparison.paired}

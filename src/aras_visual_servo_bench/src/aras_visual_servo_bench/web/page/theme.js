@@ -1,5 +1,5 @@
-// Set the dark or light theme before the page is drawn, and let the button `theme` change it. Reports store the theme
-// under the same key. The document then has an event "themechange".
+// Set the dark or light theme before the page is drawn, and let the button `theme` change it. All pages store the theme
+// under the same key. After a change, the document dispatches the event "themechange".
 { const KEY = "aras-report-theme", root = document.documentElement;
   let theme = null;
   try { theme = localStorage.getItem(KEY); } catch { /* no local storage */ }

@@ -26,10 +26,13 @@ COLUMNS = (
 )  # fmt: skip
 # largest number of runs that have their own rows, for comparison at a glance; more are grouped
 MAX_ROWS = 8
-MAX_GROUPS = 24  # largest number of groups of runs, as in the figures of studies
+MAX_GROUPS = 24  # largest number of groups of runs, for comparison without scrolling far
 # Settings that do not distinguish experiments: the seed differs between repetitions, and the
 # command line between recordings.
 REPETITION_KEYS = ("seed", "launched by")
+# A report opens with the settling time multiplied by SETTLING_MARGIN, unless this is more than the
+# fraction MAX_TRANSIENT of the longest run.
+SETTLING_MARGIN, MAX_TRANSIENT = 1.5, 0.5
 MAX_LISTED = 3  # largest number of schemes, plants or targets that a title names; more are counted
 
 
@@ -146,23 +149,19 @@ def _group_runs(runs: Sequence[Run]) -> dict[str, list[int]]:
         keys = keys[:-1]
 
 
-def find_transient(
-    summaries: Sequence[Sequence[Quantity]], end: float, margin: float = 1.5, gain: float = 2.0
-) -> float | None:
+def find_transient(summaries: Sequence[Sequence[Quantity]], end: float) -> float | None:
     """Return the time until which a page shows the runs when it opens, s; None for the whole runs.
 
-    It is the latest settling time of the runs that have settled, multiplied by `margin`.
+    It is the latest settling time of the runs that have settled, multiplied by SETTLING_MARGIN.
 
     Args:
         summaries: metrics of each run.
         end: end of the longest run, s.
-        margin: factor of the settling time.
-        gain: smallest ratio of `end` to this time; below this ratio, the page shows the whole runs.
     """
     times = [float(q.value) for quantities in summaries for q in quantities
              if q.key in ("settled", "error_settled") and math.isfinite(q.value)]  # fmt: skip
-    part = margin * max(times, default=0.0)
-    return part if 0.0 < part <= end / gain else None
+    part = SETTLING_MARGIN * max(times, default=0.0)
+    return part if 0.0 < part <= MAX_TRANSIENT * end else None
 
 
 def list_remarks(

@@ -74,6 +74,7 @@ def make_page(
         uplot_style=read_uplot(STYLE), uplot_script=read_uplot(SCRIPT),
         colours=make_css(REPORT) + make_css(REPORT_DARK, "[data-theme=dark]"),
         style=(SHARED / "style.css").read_text(encoding="utf-8"),
+        theme_script=(SHARED / "theme.js").read_text(encoding="utf-8"),
         scripts="\n".join(path.read_text(encoding="utf-8") for path in SCRIPTS),
         contents=to_script_json({**contents, "transient": transient, "colours": LIVE_CURVES, **{
             name: SCENE[name] for name in ("goal", "start", "ideal", "face")}}),

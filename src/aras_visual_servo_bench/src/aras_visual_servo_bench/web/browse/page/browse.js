@@ -355,7 +355,7 @@ async function compare() {
   const first = $("first").value, second = $("second").value;
   let answer;
   try { answer = await sendQuery({ do: "compare", first, second }); } catch (error) { $("comparison").textContent = error.message; return; }
-  const significant = answer.differences.filter((d) => d.verdict !== "chance" && d.verdict !== "untested"), shown = $("chance").checked ? answer.differences : significant;
+  const significant = answer.differences.filter((d) => d.is_significant), shown = $("chance").checked ? answer.differences : significant;
   $("comparison").textContent = `${significant.length} of ${answer.differences.filter((d) => d.verdict !== "untested").length} comparisons show a significant difference (α = ${answer.level}, Holm).`;
   if (!shown.length) return;
   const table = $("differences"), head = table.createTHead().insertRow(), body = table.createTBody();
@@ -367,7 +367,7 @@ async function compare() {
   for (const d of shown.slice(0, 300)) {
     const row = body.insertRow();
     for (const [text, name] of [[d.group], [columnLabel(d.metric)], [formatValue(d.before), "number"], [formatValue(d.after), "number"],
-      [{ chance: "no significant difference", untested: "not tested" }[d.verdict] || d.verdict.toLowerCase(), significant.includes(d) ? d.verdict.toLowerCase() : ""],
+      [{ chance: "no significant difference", untested: "not tested" }[d.verdict] || d.verdict.toLowerCase(), d.is_significant ? d.verdict.toLowerCase() : ""],
       [d.p === null ? "–" : d.p.toPrecision(2), "number"], [`${d.count} ${d.paired ? "pairs" : "runs"}`, "number"]]) {
       const cell = row.insertCell();
       cell.textContent = text;

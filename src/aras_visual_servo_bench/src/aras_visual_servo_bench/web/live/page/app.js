@@ -2,7 +2,7 @@
 
 import { follow } from "./framing.js";
 import { showJointButtons, startJogging } from "./jog.js";
-import { Plot, TimeRange } from "./plots.js";
+import { NEWEST, Plot, TimeRange } from "./plots.js";
 import { Scene } from "./scene.js";
 
 const token = new URLSearchParams(location.search).get("token") || "";
@@ -162,7 +162,7 @@ function handleMessage(message) {
   if (message.limits) showLimits(message.limits);
   if (message.choices) showChoices(message.choices);
   if (message.state) showState(message.state);
-  if (message.controller) showTolerances(message.controller);
+  if (message.controller) setController(message.controller);
   if (message.names) state.names = plots[0].names = message.names;
   if (message.samples) addSamples(message.samples);
   if (scene && (message.shapes || isFull)) scene.setShapes(message.shapes || {}, isFull);
@@ -182,8 +182,9 @@ function addSamples(rows) {
   dirty = true;
 }
 
-function showTolerances(controller) {
-  const { units = [], tolerances = [], twist_tolerances: [velocity, turn] = [] } = state.controller = controller;
+function setController(controller) {
+  const { units = [], tolerances = [], twist_tolerances: [velocity, turn] = [] } = controller;
+  state.controller = controller;
   Object.assign(plots[0], { units, tolerances });
   plots[1].tolerances = [velocity, velocity, velocity];
   plots[2].tolerances = [turn, turn, turn];
@@ -362,6 +363,7 @@ $("teach-name").addEventListener("input", updateButtons);
 for (const what of ["all", "run"]) $(`view-${what}`).addEventListener("click", () => scene && follow(scene, what));
 startJogging({ startRequest, sendRequest });
 
+$("show-newest").textContent = `Follow the newest ${NEWEST} s`;
 for (const part of ["whole", "newest"]) $(`show-${part}`).addEventListener("click", () => timeRange.show(part));
 
 function drawPlots() {

@@ -27,7 +27,7 @@ function handLinks(scene) {
 }
 
 /** Return the sphere around all shapes and some links: {middle, radius} in the base frame, m; null if nothing is drawn. */
-export function boundingSphere(scene, links) {
+function boundingSphere(scene, links) {
   const found = Object.values(scene.shapes).map(shapeBox);
   for (const { link, box } of scene.meshes) {
     const m = scene.poses[link];

@@ -1,7 +1,8 @@
 // Plots of the run, drawn by uPlot: the whole run, its newest part, or a part that was selected by dragging.
 
 const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
-const NEWEST = 10, MIN_SPAN = 4;  // duration of the newest part, and shortest range of the time axis, s
+export const NEWEST = 10;  // duration of the newest part, s
+const MIN_SPAN = 4;  // shortest range of the time axis, s
 const MAX_NAMES = 8;  // largest number of curves with names in a plot; further curves are thinner
 const MAX_AXES = 3;   // largest number of axes in a plot, one above the other
 const FONT = '11px system-ui, "DejaVu Sans", sans-serif';
@@ -135,7 +136,7 @@ export class Plot {
 }
 
 /** Extend a range of values to `shortest`, and by 8 % on each side. A short range that contains 0 is centred on 0. */
-export function padRange(low, high, shortest = 0) {
+function padRange(low, high, shortest = 0) {
   if (!Number.isFinite(low) || !Number.isFinite(high)) return [-1, 1];
   const span = Math.max(high - low, shortest) || Math.max(1e-3, 0.1 * Math.abs(low));
   const isAtZero = Math.max(-low, high) <= span / 2, middle = isAtZero ? 0 : (low + high) / 2;

@@ -18,8 +18,8 @@ const page = {
     t = Math.min(Math.max(t, 0), contents.end);
     if (!Number.isFinite(t) || t === page.time) return;
     page.time = t;
-    const [low, high] = page.range, half = 0.5 * (high - low);
-    if (t < low || t > high) page.setRange(t - half, t + half);
+    const [low, high] = page.range;
+    if (t < low || t > high) page.showAround(t, high - low);
     requestUpdate();
   },
   setRange(low = 0, high = contents.end) {
@@ -29,6 +29,11 @@ const page = {
     for (const chart of charts) if (chart.isVisible) chart.setRange(); else chart.isOutdated = true;
     showRange();
     drawPhases();
+  },
+  /** Show `duration` seconds with t in the middle, or as near to the middle as the ends of the run allow. */
+  showAround(t, duration) {
+    const half = 0.5 * duration, middle = Math.min(Math.max(t, half), Math.max(contents.end - half, half));
+    page.setRange(middle - half, middle + half);
   },
 };
 
@@ -188,11 +193,7 @@ $("time").addEventListener("keydown", (e) => {
   const by = { ArrowLeft: -1, ArrowDown: -1, ArrowRight: 1, ArrowUp: 1 }[e.key];
   if (by) { e.preventDefault(); stepImage(by); }
 });
-function zoom(factor) {
-  const [low, high] = page.range, half = 0.5 * factor * (high - low);
-  const middle = Math.min(Math.max(page.time, half), Math.max(contents.end - half, half));
-  page.setRange(middle - half, middle + half);
-}
+const zoom = (factor) => page.showAround(page.time, factor * (page.range[1] - page.range[0]));
 $("zoom-in").addEventListener("click", () => zoom(0.5));
 $("zoom-out").addEventListener("click", () => zoom(2));
 $("zoom-all").addEventListener("click", () => page.setRange());
@@ -258,20 +259,12 @@ for (const table of document.querySelectorAll("table.columns")) {
   table.parentElement.before(set);
 }
 
-function applyTheme() {
-  const dark = document.documentElement.dataset.theme === "dark";
-  $("theme").textContent = dark ? "Light" : "Dark";
+document.addEventListener("themechange", () => {
   page.colours = {};
   for (const chart of charts) if (chart.plot) chart.draw();
   showTime();
-}
-$("theme").addEventListener("click", () => {
-  const root = document.documentElement;
-  root.dataset.theme = root.dataset.theme === "dark" ? "light" : "dark";
-  try { localStorage.setItem("aras-report-theme", root.dataset.theme); } catch { /* no local storage */ }
-  applyTheme();
 });
-applyTheme();
+showTime();
 showRange();
 page.setTime(+new URLSearchParams(location.hash.slice(1)).get("at"));  // report.html#at=0.4
 window.arasReport = { page, charts, films, get space() { return space; } };  // for tests

@@ -233,6 +233,7 @@ def _compile(packages: Sequence[str], sender: Connection) -> None:
     signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C ends the process without a traceback
     # the parent process already reports functions that cannot be cached
     logging.disable(logging.WARNING)
+    uncached_reasons.clear()  # the parent process may have had another reason before
     # Numba creates many objects, and garbage collection would take one eighth of the compilation
     # time.
     gc.disable()

@@ -67,7 +67,7 @@ def _run_experiment(experiment: Experiment, options: argparse.Namespace) -> int:
         run = loop.run(experiment)
         run.name = name
     else:
-        # this import takes 0.3 s, and only the run of a study needs it
+        # this import takes 0.3 s, and only an experiment with a report needs it
         from ..studies import replay
 
         run = replay.run_with_images(experiment, name, str(source))

@@ -28,7 +28,7 @@ CELL, COLUMNS, EDGE, LETTERS = (300, 210), 6, 10, 26  # of the overview picture,
 ROUND = 5.0  # s; durations are rounded up to multiples of this
 HEAD = """# Gallery
 
-Each of these eighteen examples is a short script, run by one command in the workspace's folder.
+Each of these examples is a short script, run by one command in the workspace's folder.
 First run `./setup.sh` and `source devel/setup.bash; source .venv/bin/activate`, or `pip install .`.
 Each example writes a picture and, if it servoes, a report to `out/gallery/NAME`. The times are for
 one core of 2026 and include the start of Python.

@@ -184,3 +184,11 @@ def test_what_changes_in_another_module_counts(tmp_path, monkeypatch, decorator)
     assert answer(25.0, 2.0) == (52.0, 0)
     assert answer(25.0, 3.25) == (84.5, 0)
     assert answer(25.0, 3.25) == (84.5, 1)
+
+
+def test_the_functions_of_a_lens_are_compiled_when_a_node_starts():
+    program = ("import aras_visual_servo_camera.undistortion\n"
+               "from aras_visual_servo_base.compiled import list_functions\n"
+               "print([function.__name__ for function in list_functions()])")  # fmt: skip
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert "'distort_points'" in done.stdout and "'undistort_points'" in done.stdout

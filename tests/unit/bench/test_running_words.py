@@ -43,23 +43,28 @@ def study(tmp_path):
 
 def options(**changed):
     return argparse.Namespace(**{
-        "workers": 0, "renew": 5, "in_process": False, "scheduler": "", "cluster": "", "mix": False,
-        "fail_fast": False, "no_report": False, **changed})
+        "workers": 0, "renew": None, "in_process": False, "scheduler": "", "cluster": "",
+        "mix": False, "fail_fast": False, "no_report": False, **changed})  # fmt: skip
 
 
 def test_workers_are_where_the_options_say(calls):
     calls(run, "DaskPool", "dask")
-    assert run.make_pool(options(workers=3, scheduler="tcp", renew=7)) == "dask"
-    assert run.make_pool(options(cluster="c.yaml")) == "dask"
-    assert calls.found == [("DaskPool", 3, "tcp", "", 7), ("DaskPool", 0, "", "c.yaml", 5)]
-    assert isinstance(run.make_pool(options(in_process=True, workers=0, renew=1)),
-                      run.InProcessPool)
+    assert run.make_pool(options(workers=3)) == "dask"
+    assert run.make_pool(options(scheduler="tcp", renew=7)) == "dask"
+    assert run.make_pool(options(cluster="c.yaml", renew=5)) == "dask"
+    assert calls.found == [("DaskPool", 3, "", "", 500), ("DaskPool", 0, "tcp", "", 7),
+                           ("DaskPool", 0, "", "c.yaml", 5)]  # fmt: skip
+    assert isinstance(run.make_pool(options(in_process=True)), run.InProcessPool)
     for wrong, why in (({"workers": -1}, "--workers must be 0 or more, and --renew 1 or more"),
                        ({"renew": 0}, "--renew 1 or more"),
                        ({"in_process": True, "scheduler": "s"},
                         "use only one of --in-process, --sched"),
                        ({"scheduler": "s", "cluster": "c"}, "use only one of"),
-                       ({"in_process": True, "cluster": "c"}, "use only one of")):
+                       ({"in_process": True, "cluster": "c"}, "use only one of"),
+                       ({"in_process": True, "workers": 2}, "--in-process starts no workers"),
+                       ({"in_process": True, "renew": 7}, "leave out --workers and --renew"),
+                       ({"scheduler": "s", "workers": 2}, "leave out --workers"),
+                       ({"cluster": "c", "workers": 2}, "leave out --workers")):
         with pytest.raises(StudyError, match=why):
             run.make_pool(options(**wrong))
 
@@ -259,7 +264,7 @@ def test_what_belongs_to_studies_is_refused_of_an_experiment(tmp_path, capsys):
     path = tmp_path / "one.yaml"
     path.write_text("plant: free\n")
     for words in (["--workers", "2"], ["--in-process"], ["--scheduler", "s"], ["--cluster", "c"],
-                  ["--fail-fast"], ["--mix"], ["--dry-run"]):
+                  ["--renew", "3"], ["--fail-fast"], ["--mix"], ["--dry-run"]):
         assert main(["run", str(path), *words]) == 1
         assert f"{words[0]} applies to studies, not to an experiment" in capsys.readouterr().err
     path.write_text("repeats: 2\nplant: free\nvary: {}\n")

@@ -45,3 +45,18 @@ def test_nothing_is_kept_of_a_closed_renderer():
     keys(recent, {"a": 1})
     recent.clear()
     assert keys(recent, {"a": 1}) == ["a"]
+
+
+def test_every_value_that_the_cache_does_not_keep_is_dropped():
+    dropped: list[int] = []
+    recent: ByteLimitedCache[str, Made] = ByteLimitedCache(
+        100, drop=lambda made: dropped.append(made.nbytes)
+    )
+    recent.get("a", lambda: Made(60))
+    recent.get("b", lambda: Made(50))
+    assert dropped == [60]
+    # another thread makes the same value at the same time, and is faster
+    assert recent.get("c", lambda: recent.get("c", lambda: Made(1)) and Made(2)).nbytes == 1
+    assert dropped == [60, 2]
+    recent.clear()
+    assert dropped == [60, 2, 50, 1]

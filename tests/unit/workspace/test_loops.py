@@ -91,8 +91,8 @@ def test_packages_are_compiled_side_by_side_and_one_that_is_not_there_is_named(
         text=True,
     )  # fmt: skip
     assert done.returncode == 1
-    assert done.stderr == ("loops: there is no package nothing on PYTHONPATH; build and source the "
-                           "workspace\n")  # fmt: skip
+    assert done.stderr == ("compile_packages: there is no package nothing on PYTHONPATH; build and "
+                           "source the workspace\n")  # fmt: skip
     assert len(kept(source)) == 2
 
 

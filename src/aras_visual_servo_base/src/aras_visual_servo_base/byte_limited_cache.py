@@ -26,7 +26,8 @@ class ByteLimitedCache(Generic[K, V]):
         Args:
             capacity: largest total size of the values, bytes.
             size: function that returns the size of a value, bytes.
-            drop: function that is called with each value that is removed.
+            drop: function that is called with each value that is removed, or that is not stored
+                because another thread was faster.
         """
         self._capacity, self._size, self._drop = capacity, size, drop
         self._values: OrderedDict[K, V] = OrderedDict()
@@ -38,17 +39,22 @@ class ByteLimitedCache(Generic[K, V]):
             if key in self._values:
                 self._values.move_to_end(key)
                 return self._values[key]
-        value = make()
+        made = make()
         with self._lock:
-            value = self._values.setdefault(key, value)
-            total, dropped = sum(map(self._size, self._values.values())), []
+            # another thread may have added a value of the same key in the meantime
+            value = self._values.setdefault(key, made)
+            dropped = [] if value is made else [made]
+            total = sum(map(self._size, self._values.values()))
             while len(self._values) > 1 and total > self._capacity:
                 dropped.append(self._values.popitem(last=False)[1])
                 total -= self._size(dropped[-1])
-        for old in dropped:
-            self._drop(old)
+        for unused in dropped:
+            self._drop(unused)
         return value
 
     def clear(self) -> None:
         """Remove all values."""
-        self._values.clear()
+        with self._lock:
+            removed, self._values = self._values, OrderedDict()
+        for value in removed.values():
+            self._drop(value)

@@ -126,7 +126,7 @@ def split_packages(packages: Sequence[str], count: int) -> list[list[str]]:
 def main(argv: list[str] | None = None) -> int:
     """Compile the functions of packages, with one process per core; return the exit status."""
     parser = argparse.ArgumentParser(
-        prog="loops", description=__doc__.splitlines()[0],
+        prog="compile_packages", description=__doc__.splitlines()[0],
         epilog=f"example: python -m {__name__} aras_visual_servo_camera",
     )  # fmt: skip
     parser.add_argument("packages", nargs="+", metavar="PACKAGE")
@@ -140,7 +140,7 @@ def main(argv: list[str] | None = None) -> int:
         parser.error(f"--processes is {given.processes}, must be 1 or more")
     faults, uncached = compile_packages(given.packages, given.processes, given.folder)
     for fault in faults:
-        print(f"loops: {fault}", file=sys.stderr)
+        print(f"{parser.prog}: {fault}", file=sys.stderr)
     if uncached:
         warn_uncached(uncached)
     return int(bool(faults or uncached))
@@ -233,6 +233,7 @@ def _compile(packages: Sequence[str], sender: Connection) -> None:
     signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C ends the process without a traceback
     # the parent process already reports functions that cannot be cached
     logging.disable(logging.WARNING)
+    uncached_reasons.clear()  # the parent process may have had another reason before
     # Numba creates many objects, and garbage collection would take one eighth of the compilation
     # time.
     gc.disable()

@@ -8,6 +8,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from .brown_distortion import distort_points, undistort_points
+
 
 def brown(x: np.ndarray, y: np.ndarray, D: Sequence[float]) -> tuple[np.ndarray, ...]:
     """Distort points by Brown's model with rational radial terms, and compute the Jacobian.
@@ -23,8 +25,6 @@ def brown(x: np.ndarray, y: np.ndarray, D: Sequence[float]) -> tuple[np.ndarray,
         Distorted x and y; and a, b, c, d of the Jacobian [[a, b], [c, d]] of the distorted
         coordinates with respect to the undistorted ones. Each has the shape of x.
     """
-    from .brown_distortion import distort_points  # loads Numba
-
     x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
     out = np.empty((6, x.size))
     distort_points(x.ravel(), y.ravel(), *_fill_coefficients(tuple(D)), out)
@@ -41,8 +41,6 @@ def undistort_brown(
         if the iteration does not converge, or if its undistorted radius is above `largest_radius`
         or above the `fold_radius`; its x and y are then 0.
     """
-    from .brown_distortion import undistort_points  # loads Numba
-
     xd, yd = np.asarray(xd, dtype=float), np.asarray(yd, dtype=float)
     out, valid = np.empty((2, xd.size)), np.empty(xd.size, np.bool_)
     radius = min(largest_radius, fold_radius(tuple(D)))

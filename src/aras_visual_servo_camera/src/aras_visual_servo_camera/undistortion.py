@@ -241,7 +241,7 @@ def normalise_pixels(
     """
     if is_closed and camera != assumed and (camera.is_distorted or assumed.is_distorted):
         x, y, _ = camera.normalise(*pixels.T)
-        pixels = np.column_stack(camera.project(*subdivide(np.column_stack([x, y])).T))
+        pixels = camera.project_points(subdivide(np.column_stack([x, y])))
     if not assumed.is_distorted:
         scale, centre = assumed._scale_and_centre
         return (pixels - centre) / scale

@@ -109,8 +109,9 @@ def _add_workers(one: argparse.ArgumentParser) -> None:
                      help="address of a Dask scheduler with workers")
     one.add_argument("--cluster", default="", metavar="FILE",
                      help="YAML file with a Dask cluster class, its arguments and its workers")
-    one.add_argument("--renew", type=int, default=CHUNKS_BEFORE_RESTART, metavar="N",
-                     help="restart workers every N chunks (default %(default)s)")
+    # without a default value, commands notice --renew where it would have no effect
+    one.add_argument("--renew", type=int, metavar="N",
+                     help=f"restart workers every N chunks (default {CHUNKS_BEFORE_RESTART})")
 
 
 def _add_protocol(commands: Commands) -> None:

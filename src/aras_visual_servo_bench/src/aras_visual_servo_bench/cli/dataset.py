@@ -16,9 +16,10 @@ from . import run
 def make_dataset(options: argparse.Namespace) -> int:
     """Run a study that stores images."""
     path = run.find_study_file(options.study)
-    changed = {**parse_overrides(options.overrides), "pictures": "first" if options.views
-        else "all",
-               "depth": options.depth}  # fmt: skip
+    changed = {
+        **parse_overrides(options.overrides),
+        "pictures": "first" if options.views else "all", "depth": options.depth,
+    }  # fmt: skip
     study = Study.from_yaml(path, changed)
     engine.check_study(study)
     print(images.check_room(study, options.out, count_stored_runs(options.out)))

@@ -16,6 +16,7 @@ from ..errors import StudyError, find_program_name
 from ..experiment.packages import PackagePath
 from ..metrics.formatting import format_count
 from ..studies import card, engine, images, tables
+from ..studies.defaults import CHUNKS_BEFORE_RESTART
 from ..studies.pools import DaskPool, InProcessPool, Pool
 from ..studies.progress import format_duration
 from ..studies.results import Results
@@ -148,11 +149,17 @@ def make_pool(options: argparse.Namespace) -> Pool:
     Raises:
         StudyError: the options are invalid or contradict each other.
     """
-    if options.workers < 0 or options.renew < 1:
+    renew = CHUNKS_BEFORE_RESTART if options.renew is None else options.renew
+    if options.workers < 0 or renew < 1:
         raise StudyError("--workers must be 0 or more, and --renew 1 or more")
     if bool(options.scheduler) + bool(options.cluster) + options.in_process > 1:
         raise StudyError("use only one of --in-process, --scheduler and --cluster")
+    if options.in_process and (options.workers or options.renew is not None):
+        raise StudyError("--in-process starts no workers: leave out --workers and --renew")
+    if options.workers and (options.scheduler or options.cluster):
+        raise StudyError("--scheduler and --cluster determine the number of workers: leave out "
+                         "--workers")  # fmt: skip
     compilation.prepare_simulation()
     if options.in_process:
         return InProcessPool()
-    return DaskPool(options.workers, options.scheduler, options.cluster, options.renew)
+    return DaskPool(options.workers, options.scheduler, options.cluster, renew)

@@ -56,7 +56,8 @@ def _read_experiment(name: Path | None, changes: dict[str, Any]) -> Experiment |
 
 def _run_experiment(experiment: Experiment, options: argparse.Namespace) -> int:
     """Run an experiment, print its summary, and write its report into --out."""
-    for name in ("dry_run", "workers", "in_process", "scheduler", "cluster", "fail_fast", "mix"):
+    for name in ("dry_run", "workers", "in_process", "scheduler", "cluster", "renew", "fail_fast",
+                 "mix"):  # fmt: skip
         if getattr(options, name):
             raise StudyError(f"--{name.replace('_', '-')} applies to studies, not to an experiment")
     name, source = ("demo", "") if options.study is None else (options.study.stem, options.study)
@@ -66,7 +67,7 @@ def _run_experiment(experiment: Experiment, options: argparse.Namespace) -> int:
         run = loop.run(experiment)
         run.name = name
     else:
-        # this import takes 0.3 s, and only the run of a study needs it
+        # this import takes 0.3 s, and only an experiment with a report needs it
         from ..studies import replay
 
         run = replay.run_with_images(experiment, name, str(source))

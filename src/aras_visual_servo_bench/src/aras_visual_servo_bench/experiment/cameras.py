@@ -379,9 +379,7 @@ def is_in_view(outline: np.ndarray, camera: CameraModel, margin: float = 2.0) ->
         outline: corners (n, 2) in normalised coordinates.
         margin: minimum distance of the outline from the image border, px.
     """
-    # lens distortion bends edges, so projecting only the corners would be wrong
-    edges = subdivide(outline) if camera.is_distorted else outline
-    pixels = camera.project_points(edges)
+    pixels = _project_outline(outline, camera)
     (left, top), (right, bottom) = pixels.min(axis=0).tolist(), pixels.max(axis=0).tolist()
     return (
         left >= margin and right <= camera.width - 1 - margin
@@ -403,7 +401,14 @@ def draw_outline(outline: np.ndarray | None, camera: CameraModel) -> np.ndarray:
     """
     image = np.full((camera.height, camera.width), WHITE_LEVEL, np.uint8)
     if outline is not None:
-        vertices = subdivide(outline) if camera.is_distorted else outline
-        pixels = np.column_stack(camera.project(*vertices.T))
+        pixels = _project_outline(outline, camera)
         draw_polygon(pixels, float(WHITE_LEVEL), float(DARK_LEVEL), image)
     return image
+
+
+def _project_outline(outline: np.ndarray, camera: CameraModel) -> np.ndarray:
+    """Return the vertices (m, 2) of an outline (n, 2) in the image, px.
+
+    Lens distortion bends edges, so edges are subdivided if there is any.
+    """
+    return camera.project_points(subdivide(outline) if camera.is_distorted else outline)

@@ -140,7 +140,7 @@ def _to_pixels(camera: CameraModel, points: np.ndarray) -> np.ndarray:
     pixels = np.full(points.shape, np.nan)
     known = np.isfinite(points).all(axis=1)
     if known.any():
-        pixels[known] = np.column_stack(camera.project(*points[known].T))
+        pixels[known] = camera.project_points(points[known])
     return pixels
 
 

@@ -402,7 +402,7 @@ class Run(RunPresentation):
         if self.target is None or self.camera is None:
             return None
         outline = self.target.project(self.target.shape.outline, pose, stamp)
-        return None if outline is None else np.column_stack(self.camera.project(*outline.T))
+        return None if outline is None else self.camera.project_points(outline)
 
     def project_desired_outline(self) -> np.ndarray | None:
         """Return the corners (c, 2) of the target's silhouette at the goal pose, px, or None.

@@ -139,9 +139,7 @@ class GraphListener:
         return time.monotonic() - self._last_joints_time > SILENCE_TIMEOUT
 
     def find_missing(self) -> str:
-        """Return what the graph lacks, and why, as text; '' if there is a robot that sends joint
-        states.
-        """
+        """Return what the graph lacks and why, as text; '' if a robot sends joint states."""
         parameter, topic = self.settings.description, self.joints_topic
         try:
             has_description = rospy.has_param(parameter)

@@ -61,7 +61,7 @@ def check_view(context: SetupContext, pose: np.ndarray) -> None:
                 f"goal: {error}{where}: {_suggest_scale(target) or VIEW_REMEDY}"
             ) from error
         if target.shape.is_solid:
-            width, height = np.ptp(np.column_stack(model.project(*outline.T)), axis=0)
+            width, height = np.ptp(model.project_points(outline), axis=0)
             if width > model.width or height > model.height:
                 raise ExperimentError(
                     f"goal: the target is {width:.0f} x {height:.0f} px in the image, "
@@ -207,7 +207,7 @@ def _check_is_target(context: SetupContext, observation: Observation, pose: np.n
         return
     camera, target = context.cameras[observation.name], context.targets[observation.name]
     outline = target.shape.outline(target.target_T_camera(pose))
-    pixels = np.column_stack(camera.true_camera.project(*outline.T))
+    pixels = camera.true_camera.project_points(outline)
     corners = normalise_pixels(pixels, camera.true_camera, camera.calibrated_camera, is_closed=True)
     (left, top), (right, bottom) = corners.min(axis=0), corners.max(axis=0)
     found = observation.moments

@@ -200,7 +200,6 @@ function showController() {
     : state.values.missing ? "" : controllerReason() || "the controller is running and has not processed an image yet";
   const text = phase ? [outcome, reason].filter(Boolean).join(": ") : idle;
   $("controller-message").textContent = remedy && outcome ? `${text} — ${remedy}` : text;
-  $("controller-message").title = $("controller-message").textContent;
 }
 
 async function loadRobot(number) {

@@ -512,7 +512,7 @@ HERE = __name__
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("momments", "unknown scheme 'momments': did you mean 'moments'? known are alpha, "),
+        ("momments", "unknown scheme 'momments': did you mean 'moments'? Or use one of alpha, "),
         ("no_such_package.x:Y", "cannot import no_such_package"),
         ("aras_visual_servo_controller.laws:Proportinal", "did you mean 'Proportional'?"),
         ("aras_visual_servo_controller.laws:Proportional", "not a class derived from Scheme"),

@@ -94,7 +94,7 @@ def test_a_link_that_is_not_there_is_named(world, target, more, why):
 
 
 @pytest.mark.parametrize(("changes", "why"), [
-    ({"world": ""}, "there is none: set world to the file's path or name"),
+    ({"world": ""}, "world is not set: set world to the path or name of the file"),
     ({"plant": "free", "world": ""}, "only plant bullet has a world"),
     ({"target": {"model": "crate", "shape": "square"}}, "has the link's shape"),
 ])  # fmt: skip

@@ -130,7 +130,7 @@ class StudyFolder:
             )
         if manifest.get("chunk") != study.chunk_size:
             raise StudyError(
-                f"{path} has chunks of another size: run the study again in a new folder"
+                f"{path} was written with another chunk size: run the study again in a new folder"
             )
         return cls(path, study, manifest)
 
@@ -269,7 +269,7 @@ class StudyFolder:
             try:
                 stat = path.stat()
                 if not path.is_file():
-                    raise StudyError(f"{path} is not a file: resume the study")
+                    raise StudyError(f"{path} is missing or not a file: resume the study")
                 mark = (stat.st_mtime_ns, stat.st_size)
                 if path in self._cached_tables and self._cached_tables[path][0] == mark:
                     tables.append(self._cached_tables[path][1])

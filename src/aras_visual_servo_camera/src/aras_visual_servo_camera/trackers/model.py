@@ -59,7 +59,8 @@ class ModelTracker(Tracker):
 
     def find(self, grey: NDArray[np.uint8]) -> np.ndarray:
         """Raise VisionError, because the pose depends on the calibration; use `track` instead."""
-        raise VisionError("tracker 'model' needs the camera's calibration: call `track`")
+        raise VisionError("tracker 'model' needs the camera's calibration: call `track` instead of "
+                          "`find`")
 
     def track(
         self, grey: NDArray[np.uint8], camera: CameraModel,

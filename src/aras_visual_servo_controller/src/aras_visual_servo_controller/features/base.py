@@ -330,7 +330,8 @@ def compare_cameras(width: int, height: int, K: np.ndarray, camera: CameraModel)
     if size == (width, height) and np.allclose(here, K, rtol=1e-3, atol=0.6):
         return ""
     return (
-        f"{width}x{height}, fx {K[0, 0]:.2f}; this one is {size[0]}x{size[1]}, fx {here[0, 0]:.2f}"
+        f"{width}x{height} px, fx {K[0, 0]:.2f}; this camera has {size[0]}x{size[1]} px, fx "
+        f"{here[0, 0]:.2f}"
     )
 
 

@@ -51,8 +51,8 @@ class NumberedPoints(PointFeature):
         """Return the points (n, 2) in this image, in normalised coordinates."""
         if observation.corners is None:
             raise MeasurementError(
-                f"{self.name}: this observation has no corners: use a polygon as the target, or a "
-                "feature without corners, such as area"
+                f"{self.name} needs corners, which this observation does not have: use a polygon "
+                "as the target, or a feature without corners, such as area"
             )
         return observation.corners
 
@@ -176,7 +176,7 @@ class PolarPoints(CornerFeature):
         rho = np.hypot(points[:, 0], points[:, 1])
         if rho.min() < MIN_LENGTH:
             raise MeasurementError(
-                "a point lies on the optical axis: it has no polar angle; use the feature points"
+                "a point on the optical axis has no polar angle; use the feature points"
             )
         return np.stack([rho, np.arctan2(points[:, 1], points[:, 0])], axis=1).ravel()
 

@@ -377,7 +377,7 @@ def _compare_lenses(goal_camera: CameraModel, camera: CameraModel) -> str:
         return ""
     return (
             f"lens {goal_camera.model} {list(goal_camera.D)}; "
-            f"this one's is {camera.model} {list(camera.D)}"
+            f"this camera's lens is {camera.model} {list(camera.D)}"
         )
 
 

@@ -126,8 +126,8 @@ def _read_plane(entry: ThreeNumbers | None, name: str) -> Plane | None:
     plane = Plane(*entry)
     if not 1.0 / MAX_DEPTH <= plane.C <= 1.0 / MIN_DEPTH:
         raise ConfigurationError(
-            f"{name}: plane ends with {plane.C:g}, which must be 1/Z of a target {MIN_DEPTH:g} "
-            f"to {MAX_DEPTH:g} m in front of the camera"
+            f"{name}: C, the last number of plane, is {plane.C:g}, must be 1/Z of a target "
+            f"{MIN_DEPTH:g} to {MAX_DEPTH:g} m in front of the camera"
         )
     if plane.C / math.hypot(*plane) < EDGE_ON_COSINE:
         raise ConfigurationError(

@@ -446,7 +446,7 @@ def test_what_is_not_finite_is_refused(place):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"velocity": {"J4": 1.0}}, "velocity names the unknown joint J4"),
+        ({"velocity": {"J4": 1.0}}, "velocity has the unknown joint J4"),
         ({"velocity": [1.0] * 5}, "velocity has 5 values, must have one for each of"),
         ({"velocity": 0.0}, "gantry: velocity 0 must be positive"),
         ({"velocity": 6.0}, "gantry: velocity 6 is beyond the robot's own limit 5"),

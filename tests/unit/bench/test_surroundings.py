@@ -94,8 +94,8 @@ def test_a_link_of_a_world_is_a_solid_at_its_place(world):
     for name, wanted, why in (
             ("crat", "", f"there is no model 'crat' in world '{world}': did you mean 'crate'"),
             ("crate", "hid", "model 'crate' has no link 'hid' with visuals: "),
-            ("pair", "", "model 'pair' has 2 links with visuals: a, b; name the target's link"),
-            ("bare", "", "model 'bare' has 0 links with visuals: none; name the target's link")):
+            ("pair", "", "model 'pair' has 2 links with visuals .a, b.; name the target's link"),
+            ("bare", "", "model 'bare' has 0 links with visuals .none.; name the target's link")):
         with pytest.raises(ExperimentError, match=why):
             find_world_link(world, PACKAGES, name, wanted)
     made = with_target_link(Experiment(world=world, target={"model": "crate"}), PACKAGES).target
@@ -124,7 +124,7 @@ def test_a_link_of_the_robot_s_that_stands_is_one_too(tmp_path):
     corners = read_solid_target(Path(found.shape)).solid.vertices
     np.testing.assert_allclose([corners.min(axis=0), corners.max(axis=0)],
                                [(-0.05, -0.1, -0.05), (0.05, 0.1, 0.25)], atol=1e-9)
-    for link, why in (("tool", "^target.link: a joint of the robot moves 'tool': for a target "),
+    for link, why in (("tool", "^target.link: a joint of the robot moves 'tool'; for a target "),
                       ("pst", "^target.link: model 'r' has no link 'pst' with visuals: did")):
         with pytest.raises(ExperimentError, match=why):
             asked(link)

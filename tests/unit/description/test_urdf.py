@@ -250,7 +250,7 @@ def test_a_comment_that_never_ends_is_named():
     ("", "the description is empty"), ("<robot name='r'>", "line 1, column"),
     ("<sdf/>", "the root element is <sdf>, not <robot>"), ("<robot/>", "<robot> has no name"),
     ("<!DOCTYPE r [<!ENTITY a 'b'>]><robot name='r'/>", "document type and entity declarations"),
-    ("<robot name='r'><xacro:if/></robot>", "unexpanded <xacro:if>; run xacro on the file first"),
+    ("<robot name='r'><xacro:if/></robot>", "<xacro:if> is not expanded; run xacro on the file"),
     ("<a>" * 65 + "</a>" * 65, "more than 64 elements are nested"),
     ("<robot name='r'>" + " " * 16_777_216 + "</robot>", "more than the limit of 16777216"),
 ])

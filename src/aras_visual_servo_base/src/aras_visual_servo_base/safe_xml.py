@@ -62,7 +62,7 @@ def parse(
             )
         if tag.startswith("xacro:"):
             raise DescriptionError(
-                f"{what}: line {find_line()}: unexpanded <{tag}>; "
+                f"{what}: line {find_line()}: <{tag}> is not expanded; "
                 "run xacro on the file first"
             )
         builder.start(tag, attributes)
@@ -92,7 +92,7 @@ def parse(
             f"{expat.errors.messages[error.code]}"
         ) from None
     except (UnicodeEncodeError, ValueError) as error:
-        raise DescriptionError(f"{what}: it is not valid text: {error}") from None
+        raise DescriptionError(f"{what} is not valid text: {error}") from None
     return builder.close()
 
 

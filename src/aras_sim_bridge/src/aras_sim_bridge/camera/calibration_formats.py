@@ -64,8 +64,8 @@ def _read_ros_file(data: Mapping[str, Any], path: str, whole: bool) -> Calibrati
     D = _read_ros_matrix(data, "distortion_coefficients", path, None)
     more = [key for key in ("rectification_matrix", "projection_matrix") if key in data]
     if len(more) == 1 or not (more or whole):
-        raise CameraError(f"{path}: {'projection' if more else 'rectification'}_matrix is missing: "
-                          "the file is incomplete; copy it again")  # fmt: skip
+        raise CameraError(f"{path}: {'projection' if more else 'rectification'}_matrix is missing, "
+                          "so the file is incomplete; copy it again")  # fmt: skip
     R = _read_ros_matrix(data, "rectification_matrix", path, (3, 3)) if more else None
     P = _read_ros_matrix(data, "projection_matrix", path, (3, 4)) if more else None
     return Calibration(path, *size, K, model, D, R, P)
@@ -115,7 +115,7 @@ def _read_ini_camera(size: str, body: str, path: str, name: str) -> Calibration:
         where = f"{path}: {field}"
         found = re.search(rf"^{field}[ \t]*\n((?:[^a-z\[\n#]*(?:\n|$))*)", text, re.MULTILINE)
         if found is None:
-            raise CameraError(f"{where} is missing: the file is incomplete; copy it again")
+            raise CameraError(f"{where} is missing, so the file is incomplete; copy it again")
         try:
             return check_finite([float(word) for word in found[1].split()], where, counts)
         except ValueError:

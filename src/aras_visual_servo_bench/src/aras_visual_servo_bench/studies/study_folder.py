@@ -396,7 +396,7 @@ def _catch_write_errors(path: Path) -> Iterator[None]:
     except OSError as error:
         if error.errno in _DISK_FULL:
             raise StudyError(
-                f"the disk of {path} is full; the results so far are stored: free some space, then "
-                f"{find_command()} resume {path}"
+                f"the disk of {path} is full; the results so far are stored; free some space, then "
+                f"run {find_command()} resume {path}"
             ) from error
         raise StudyError(f"cannot write {path}: {error.strerror or error}") from error

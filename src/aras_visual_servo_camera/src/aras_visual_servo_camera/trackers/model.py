@@ -46,7 +46,8 @@ class ModelTracker(Tracker):
         start, solid = self.model_start, self.model
         self._start_pose = start if isinstance(start, StartPose) else StartPose(start)
         if not solid:
-            raise ModelError("tracker 'model' needs the mesh of the target: set model: FILE")
+            raise ModelError("tracker 'model' needs the mesh of the target: set the parameter "
+                             "model to a file")
         if not isinstance(solid, Solid):
             solid = read_solid(solid, self.model_scale)
         self.tracking = ModelTracking(solid)

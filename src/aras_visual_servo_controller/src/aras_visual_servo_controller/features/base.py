@@ -219,11 +219,11 @@ class Stack(Feature):
             isinstance(w, int | float | np.number) and np.isfinite(w) and w >= 0.0 for w in weights
         ):
             raise ConfigurationError(
-                f"weights {weights}: give one number >= 0 for each of the {len(self.features)} "
-                "features"
+                f"weights is {weights}, must be one number >= 0 for each of the "
+                f"{len(self.features)} features"
             )
         if not any(weights):
-            raise ConfigurationError(f"weights {weights}: at least one has to be above 0")
+            raise ConfigurationError(f"weights is {weights}; at least one weight must be above 0")
         self.needs = frozenset().union(*(f.needs for f in self.features))
         read = [name for f in self.features for name in f.cameras or ("",)]
         self.cameras = () if not any(read) else tuple(dict.fromkeys(read))

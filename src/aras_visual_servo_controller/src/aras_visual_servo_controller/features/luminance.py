@@ -390,6 +390,6 @@ def get_grey_image(observation: Observation) -> np.ndarray:
     image = observation.image
     if image is None:
         raise MeasurementError(
-            "this observation has no image, because its features are exact: set features: images"
+            "this observation has no image, because its features are exact: set features to images"
         )
     return image if image.ndim == 2 else cv2.cvtColor(np.asarray(image), cv2.COLOR_RGB2GRAY)

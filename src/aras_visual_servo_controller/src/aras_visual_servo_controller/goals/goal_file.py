@@ -131,8 +131,8 @@ def _read_plane(entry: ThreeNumbers | None, name: str) -> Plane | None:
         )
     if plane.C / math.hypot(*plane) < EDGE_ON_COSINE:
         raise ConfigurationError(
-            f"{name}: plane is {list(plane)}: the camera looks parallel to it, not at it; give the "
-            "coefficients A, B, C of 1/Z = A x + B y + C of the target's plane"
+            f"{name}: the camera looks parallel to plane, {list(plane)}; give the coefficients "
+            "A, B, C of 1/Z = A x + B y + C of the target's plane"
         )
     return plane
 

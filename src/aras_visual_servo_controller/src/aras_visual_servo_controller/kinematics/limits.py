@@ -119,7 +119,7 @@ def _merge_limits(
             for name, value in override.items():
                 if name not in names:
                     raise ConfigurationError(
-                        f"limits: {key} names the unknown joint {name}; {suggest(name, names)}"
+                        f"limits: {key} has the unknown joint {name}; {suggest(name, names)}"
                     )
                 values[names.index(name)] = float(value)
         elif np.ndim(override) == 0:

@@ -203,7 +203,8 @@ def main() -> int:
         rospy.logerr("Spawning %s failed: %s", args.model, error)
         return 1
     except rospy.ServiceException as error:
-        rospy.logerr("Spawning %s failed: the simulator refused the call: %s", args.model, error)
+        rospy.logerr("Spawning %s failed, because the simulator refused the call: "
+                     "%s", args.model, error)
         return 1
     except rospy.ROSInterruptException:
         return 1

@@ -32,10 +32,10 @@ from aras_visual_servo_controller.schemes import SCHEMES
 
 HEAD = """# Schemes
 
-This page shows tests of all included visual servoing schemes with two published protocols and on
-the case of the original paper. `docs/schemes_page.py` generates it from the result tables of the
-protocols; `rosrun aras_visual_servo_bench protocol canonical --out DIR` computes the first of these
-tables again.
+This page compares all included visual servoing schemes by two published protocols and on the
+case of the original paper. `rosrun aras_visual_servo_bench protocol canonical --out DIR` computes
+the results of the first protocol again, and `docs/schemes_page.py` generates this page from such
+results.
 
 """
 FORMULAS = r"""## Formulas
@@ -277,7 +277,8 @@ def _load_study(name: str) -> Study:
 
 
 def _format_choices(study: Study) -> str:
-    text = f"Source: {study.source}.\n\nChoices made here that the source does not specify:\n\n"
+    text = (f"Source: {study.source}.\n\nThe source does not specify the following choices of this "
+            "study:\n\n")  # fmt: skip
     return text + "".join(f"- {line}\n" for line in study.chosen) + "\n"
 
 
@@ -286,14 +287,14 @@ def canonical_part(path: Path, images: Path | None) -> str:
     study = _load_study("canonical")
     rows = read(path, study.judged)
     page = "## Canonical tasks\n\n" + _format_choices(study)
-    page += "Number of starts from which each scheme reached the goal:\n\n"
+    page += "The table lists the number of starts from which each scheme reached the goal:\n\n"
     page += make_overview(rows, study) + "\n"
     if images is not None:
         pictures.draw_paths(study, "turn 90", images / "schemes.png")
-        page += ("Paths of the target's corners in the image for a rotation of 90 degrees, first "
-                 "start:\n\n")  # fmt: skip
+        page += ("The figure shows the paths of the target's corners in the image for the first "
+                 "start with a rotation of 90 degrees:\n\n")  # fmt: skip
         page += "![paths of the corners in the image](images/schemes.png)\n\n"
-    page += "Comparison of every scheme with the first one, for the same starts:\n\n"
+    page += "The table compares every scheme with the first scheme, for the same starts:\n\n"
     page += make_pairs_table(rows) + "\n"
     page += "<details><summary>Every task: times, errors, paths</summary>\n\n" + make_details(rows)
     return page + "\n</details>\n\n"
@@ -307,8 +308,9 @@ def domain_part(path: Path, images: Path | None) -> str:
     page += make_domain_table(rows, study) + "\n"
     if images is not None:
         pictures.draw_success_map(rows, images / "convergence_domain.png")
-        page += ("Distance and angle of every start from the goal; runs from blue dots converged, "
-                 "those from orange crosses did not:\n\n")  # fmt: skip
+        page += ("The figure shows the distance and the angle of every start from the goal. A blue "
+                 "dot is the start of a run that converged, an orange cross that of another "
+                 "run:\n\n")  # fmt: skip
         page += "![convergence domain](images/convergence_domain.png)\n\n"
     return page
 

@@ -158,7 +158,8 @@ def section(text: str, found: Sequence[Judged], seeds: Sequence[int]) -> str:
         f"{TITLE}\n\nEach row of this table describes runs with injected faults of a known "
         "kind, whose correct outcomes are defined before the run. The outcome `converged` is "
         "correct only if the error of the camera's pose is within the reported uncertainty. "
-        f"`tests/outcomes --write` generates the table, here with the seeds {' and '.join(map(str, seeds))}.\n\n"
+        "`tests/outcomes --write` generates the table, here with the seeds "
+        f"{' and '.join(map(str, seeds))}.\n\n"
     )
     return with_result(f"{before}\n\n{head}{markdown(found)}\n")
 

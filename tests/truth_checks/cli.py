@@ -47,8 +47,9 @@ These inaccuracies occur only in simulation steps that Bullet computes: steps in
 touch each other or the base of a robot is free.
 
 - *Sliding at an angle to the edges of a long box*: for single bodies, the friction is accurate to
-  1 % (see "contact friction"). For sliding models with joints, Bullet computes too little friction:
-  on a foot of 0.6 x 0.1 m it is up to a fifth too low, and the path is curved.
+  1 % (see "contact friction"). For sliding models with joints, Bullet computes too little
+  friction: on a foot of 0.6 x 0.1 m, the friction is up to a fifth too low, and the path is
+  curved.
 - *Joint stops of a robot whose base is free and moving* are exceeded by the motion of the joint in
   one step (see "joint stops of a free base"), which the following steps correct. If the base of the
   robot is fixed or at rest, the joint stops are never exceeded.

@@ -28,6 +28,7 @@ from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.metrics.statistics import compare_rates, holm, proportion
 from aras_visual_servo_bench.studies.study import Study
 from aras_visual_servo_controller.features.base import Feature
+from aras_visual_servo_controller.observation.observation import Need
 from aras_visual_servo_controller.schemes import SCHEMES
 
 HEAD = """# Schemes
@@ -116,6 +117,11 @@ $$
 
 """
 DEGREES = 180.0 / math.pi
+NEEDS = {
+    Need.MOMENTS: "the moments of the target", Need.CONTOUR: "the outline of the target",
+    Need.CORNERS: "the corners of the target", Need.IMAGE: "the whole image",
+    Need.DEPTH: "the depth image", Need.KERNEL: "the kernel features of the camera node",
+}  # fmt: skip
 Row = Mapping[str, Any]
 Rows = Sequence[Row]
 
@@ -264,10 +270,10 @@ def make_descriptions() -> str:
     parts = []
     for name, cls in SCHEMES.items():
         text = inspect.getdoc(cls) or ""
-        needs = ", ".join(sorted(need.value for need in getattr(cls, "needs", ())))
-        kind = "Feature" if issubclass(cls, Feature) else "Scheme"
+        needs = " and ".join(sorted(NEEDS[need] for need in getattr(cls, "needs", ())))
+        kind = "feature" if issubclass(cls, Feature) else "scheme"
         text = text.split("Attributes:")[0].strip().replace("*", r"\*")
-        note = f"{kind}; needs {needs}." if needs else f"{kind}."
+        note = f"This {kind} needs {needs}." if needs else f"This is a {kind}."
         parts.append(f"### `{name}`\n\n{text}\n\n{note}\n")
     return "\n".join(parts)
 

@@ -48,8 +48,8 @@ $$
 v = -\lambda L^{+} e
 $$
 
-**Points** (`points`, `numbered_points`), for each point with normalised coordinates $(x, y)$ and
-depth $Z$:
+**Points** (`points`, `numbered_points`): for each point with normalised coordinates $(x, y)$ and
+depth $Z$, the interaction matrix is
 
 $$
 L = \begin{pmatrix}
@@ -58,57 +58,58 @@ L = \begin{pmatrix}
 \end{pmatrix}
 $$
 
-**Points in 3-D** (`points_3d`, `stereo_points`), for each point $P = (X, Y, Z)$ in the camera
-frame, with the cross-product matrix $[P]_{\times}$:
+**Points in 3-D** (`points_3d`, `stereo_points`): the features of each point $P = (X, Y, Z)$ are its
+coordinates in the camera frame; $[P]_{\times}$ is the cross-product matrix:
 
 $$
 s = P, \qquad L = \begin{pmatrix} -I & [P]_{\times} \end{pmatrix}
 $$
 
-**Image moments** (`moments`), with $Z^{\ast}$ and $a^{\ast}$ of the goal. [Image
-moments](moments.md) derives $L$ for any plane and all moment features:
+**Image moments** (`moments`): with the depth $Z^{\ast}$ and the area $a^{\ast}$ at the goal, the
+features are as follows; [Image moments](moments.md) derives $L$:
 
 $$
 s = (x_n, y_n, a_n, \alpha), \qquad a_n = Z^{\ast} \sqrt{a^{\ast}/a}, \qquad x_n = a_n x_g,
 \qquad y_n = a_n y_g
 $$
 
-**Pose** (`pose`), with translation $t$ and rotation $R$ of the camera in the goal frame and the
-rotation vector $\theta u$ of $R$:
+**Pose** (`pose`): the features are the translation $t$ of the camera in the goal frame and the
+rotation vector $\theta u$ of its rotation $R$:
 
 $$
 s = \begin{pmatrix} t \\ \theta u \end{pmatrix}, \qquad
 L = \begin{pmatrix} R & 0 \\ 0 & J(\theta u) \end{pmatrix}
 $$
 
-where $J$ is the inverse right Jacobian of the rotation. `pose_camera` has the position $p$ of the
-points' centroid in the camera frame instead of $t$, with the rows $(-I, [p]_{\times})$ of $L$.
+where $J$ is the inverse right Jacobian of the rotation. `pose_camera` replaces $t$ by the position
+$p$ of the points' centroid in the camera frame; the rows of $L$ for $p$ are $(-I, [p]_{\times})$.
 
-**2 1/2 D** (`two_and_half_d`), with the centroid of the points at $(x, y)$ and depth $Z$: the rows
-of $x$ and $y$ are those of a point, those of $\theta u$ are those of the pose, and
+**2 1/2 D** (`two_and_half_d`): the features are the image $(x, y)$ and the depth $Z$ of the points'
+centroid, and $\theta u$. $L$ contains the rows of a point and of the pose, and the row of $\ln Z$:
 
 $$
 s = (x, y, \ln Z, \theta u), \qquad
 L_{\ln Z} = \begin{pmatrix} 0 & 0 & -1/Z & -y & x & 0 \end{pmatrix}
 $$
 
-**Grey levels** (`luminance`), with the interaction matrix $L_I$ of all pixels:
+**Grey levels** (`luminance`): with the interaction matrix $L_I$ of all pixels, the twist is
 
 $$
 v = -\lambda \left( L_I^T L_I \right)^{-1} L_I^T e
 $$
 
-**Partitioned** (`partitioned`), with the area $a$ and the depth $Z$ of the points and the angle
-$\theta$ of their first edge; the other four components follow from $L$ of the points:
+**Partitioned** (`partitioned`): the area $a$ and the depth $Z$ of the points and the angle $\theta$
+of their first edge determine two components of the twist; the other four components follow from
+$L$ of the points:
 
 $$
 v_z = \frac{\lambda Z}{2} \ln \frac{a^{\ast}}{a}, \qquad
 \omega_z = \lambda (\theta - \theta^{\ast})
 $$
 
-**Predictive** (`predictive`): the constant twist over $N$ steps of $\Delta t$ that minimises the
-following sum, with a limit on the twist and with all predicted points inside the image; $\rho$ is
-`effort`:
+**Predictive** (`predictive`): the scheme computes the constant twist over $N$ steps of $\Delta t$
+that minimises the following sum, with a limit on the twist and with all predicted points inside the
+image; $\rho$ is `effort`:
 
 $$
 \min_v \sum_{j=1}^{N} \left\lVert s + j \Delta t L v - s^{\ast} - e^{-\lambda j \Delta t}

@@ -54,7 +54,8 @@ touch each other or the base of a robot is free.
   one step (see "joint stops of a free base"), which the following steps correct. If the base of the
   robot is fixed or at rest, the joint stops are never exceeded.
 - *The friction coefficient of a contact* is the smaller one of the coefficients of the two links.
-  If many links touch each other in a ring, Bullet can only approximate these coefficients.
+  If many links touch each other in a ring, Bullet approximates the friction coefficients of their
+  contacts.
 - *A body that hits a free base at rest* rebounds for one step as from a wall. The relative error of
   its speed is at most 1 %, because a base is held at rest only if all loose bodies are lighter than
   a hundredth of its mass. Momentum is conserved.

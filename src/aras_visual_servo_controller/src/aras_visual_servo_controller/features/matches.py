@@ -134,7 +134,7 @@ class Matches(Luminance):
 
 @FEATURES.register("matches_orb")
 class MatchesORB(Matches):
-    """Matches with ORB keypoints: ten times as fast as SIFT, and less reliable."""
+    """`matches` with ORB keypoints, which are ten times as fast as SIFT, but less reliable."""
 
     detector: ClassVar[str] = "orb"
     max_width: ClassVar[int] = 640

@@ -57,8 +57,8 @@ touch each other or the base of a robot is free.
   If many links touch each other in a ring, Bullet approximates the friction coefficients of their
   contacts.
 - *A body that hits a free base at rest* rebounds for one step as from a wall. The relative error of
-  its speed is at most 1 %, because a base is held at rest only if all loose bodies are lighter than
-  a hundredth of its mass. Momentum is conserved.
+  the body's speed is at most 1 %, because a base is held at rest only if all loose bodies are
+  lighter than a hundredth of the base. Momentum is conserved.
 - *Wheels that are meshes* roll over the edges of the mesh, so they do not roll smoothly.
 - *Falling models with joints* rebound with up to 14 % of their speed, because Bullet pushes them
   out of the body that they penetrated during a step. Single bodies are placed at the point of

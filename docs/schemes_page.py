@@ -3,7 +3,7 @@
     PYTHONPATH=$(ls -d src/*/src | paste -sd:) .venv/bin/python docs/schemes_page.py \\
         --canonical DIR/table.csv --domain DIR/table.csv --out docs/schemes.md
 
-The descriptions of the schemes are the docstrings of their classes.
+Longer docstrings of the classes of schemes are part of the page.
 """
 
 from __future__ import annotations
@@ -27,8 +27,6 @@ from aras_visual_servo_bench.cli.run import find_study_file
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.metrics.statistics import compare_rates, holm, proportion
 from aras_visual_servo_bench.studies.study import Study
-from aras_visual_servo_controller.features.base import Feature
-from aras_visual_servo_controller.observation.observation import Need
 from aras_visual_servo_controller.schemes import SCHEMES
 
 HEAD = """# Schemes
@@ -117,12 +115,13 @@ $$
 $$
 
 """
+DESCRIPTIONS = """## Features and schemes
+
+The [README of the controller](../src/aras_visual_servo_controller/README.md#schemes) lists all
+features and schemes with their inputs. The following features and schemes need a longer
+description.
+"""
 DEGREES = 180.0 / math.pi
-NEEDS = {
-    Need.MOMENTS: "the moments of the target", Need.CONTOUR: "the outline of the target",
-    Need.CORNERS: "the corners of the target", Need.IMAGE: "the whole image",
-    Need.DEPTH: "the depth image", Need.KERNEL: "the kernel features of the camera node",
-}  # fmt: skip
 Row = Mapping[str, Any]
 Rows = Sequence[Row]
 
@@ -267,15 +266,12 @@ def make_domain_table(rows: Rows, study: Study) -> str:
 
 
 def make_descriptions() -> str:
-    """Describe every registered scheme and feature by the docstring of its class."""
-    parts = []
+    """Describe the schemes and features whose docstrings have more than one paragraph."""
+    parts = [DESCRIPTIONS]
     for name, cls in SCHEMES.items():
-        text = inspect.getdoc(cls) or ""
-        needs = " and ".join(sorted(NEEDS[need] for need in getattr(cls, "needs", ())))
-        kind = "feature" if issubclass(cls, Feature) else "scheme"
-        text = text.split("Attributes:")[0].strip().replace("*", r"\*")
-        note = f"This {kind} needs {needs}." if needs else f"This is a {kind}."
-        parts.append(f"### `{name}`\n\n{text}\n\n{note}\n")
+        text = (inspect.getdoc(cls) or "").split("Attributes:")[0].strip().replace("*", r"\*")
+        if "\n\n" in text:
+            parts.append(f"### `{name}`\n\n{text}\n")
     return "\n".join(parts)
 
 
@@ -379,7 +375,7 @@ def main(argv: list[str] | None = None) -> int:
             page += basin_part(options.basin)
         if options.speed is not None:
             page += speed_part(options.speed)
-        page += FORMULAS + "## Features and schemes\n\n" + make_descriptions()
+        page += FORMULAS + make_descriptions()
         options.out.write_text(add_summary(page), encoding="utf-8")
     except (ExperimentError, OSError) as error:
         print(f"schemes_page: {error}", file=sys.stderr)

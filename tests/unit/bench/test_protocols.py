@@ -250,7 +250,8 @@ def test_a_goal_is_shown_through_the_camera_as_believed():
     result = run(FLIGHT.with_changes(calibration_offset={"focal": 1.1, "depth": 1.2}))
     assert result.verdict.is_reached and result.outcome == "converged"
     assert "wrong_camera_model" in result.outcomes  # on the way, which is not the one asked for
-    assert result.reason.startswith("the image equals the goal, taught with this camera; but ")
+    assert result.reason.startswith("the image equals the goal, which was taught with this camera, "
+                                    "but ")
     assert "calibrate" in result.remedy
 
 

@@ -58,8 +58,8 @@ class Matches(Luminance):
         places, self._goal_descriptors = self.detect_keypoints(self._goal_image)
         if len(places) < MIN_MATCHES or goal.camera is None:
             raise ConfigurationError(
-                f"{goal.name}: its image has {len(places)} keypoints, {MIN_MATCHES} are needed: "
-                "teach the goal with a textured target, or use the scheme moments"
+                f"the image of {goal.name} has {len(places)} keypoints, but {MIN_MATCHES} are "
+                "needed: teach the goal with a textured target, or use the scheme moments"
             )
         self._goal_keypoints = places
         x, y, _ = goal.camera.normalise(*places.T)
@@ -127,8 +127,8 @@ class Matches(Luminance):
                 x, y, _ = observation.camera.normalise(*places[in_image[inliers]].T)
                 return np.column_stack([x, y]), self._desired_points[in_goal[inliers]]
         raise MeasurementError(
-            f"{len(pairs)} keypoints match the goal image, {MIN_MATCHES} consistent ones are "
-            "needed: bring the target into view, and use a textured target"
+            f"{len(pairs)} keypoints match the goal image, but {MIN_MATCHES} consistent matches "
+            "are needed: bring the target into view, and use a textured target"
         )
 
 

@@ -42,7 +42,7 @@ class NumberedPoints(PointFeature):
     """s = (x_0, y_0, x_1, y_1, ...) of numbered points, in normalised coordinates.
 
     Dots, markers and the points of an exact camera have numbers. The corners of a segmented outline
-    have none; they are matched to the goal's corners.
+    have no numbers; they are matched to the goal's corners.
     """
 
     needs = frozenset((Need.CORNERS,))

@@ -676,8 +676,8 @@ def answered(stamp, error, phase="servoing", arrived=None, observation=None):
 
 
 @pytest.mark.parametrize(("kind", "before", "told"), [
-    ("running", "", "not at the goal after 2.5 s"),
-    ("running", "the arm creeps", "not at the goal after 2.5 s: the arm creeps"),
+    ("running", "", "not converged after 2.5 s"),
+    ("running", "the arm creeps", "not converged after 2.5 s: the arm creeps"),
     ("target_lost", "it went aside", "it went aside"),
 ])  # fmt: skip
 def test_a_run_whose_time_is_over_says_what_it_was_about(kind, before, told):
@@ -688,6 +688,31 @@ def test_a_run_whose_time_is_over_says_what_it_was_about(kind, before, told):
     assert diagnosis.outcome.reason == told
     diagnosis.add(RunEvent("joints_unmeasured", "no more"))  # it has ended
     assert diagnosis.outcome.reason == told
+
+
+@pytest.mark.parametrize(("arrival", "interruption", "since"), [
+    (1.4, None, 1.4), (1.4, 2.0, 2.1), (0.3, None, None), (9.0, None, None),
+])  # fmt: skip
+def test_a_run_that_ends_at_its_goal_before_the_hold_time_is_over_says_so(
+    arrival, interruption, since
+):
+    scheme = SimpleNamespace(tolerances=(1.0,), units=("",))
+    run = RunContext(ServoSettings(duration=2.5), the_goal("2016"), scheme)
+    diagnosis = Diagnosis(run)
+    for k in range(26):
+        t = 0.1 * k
+        record = answered(t, np.array([0.5 if t > arrival - 0.01 else 30.0 * np.exp(-t)]))
+        if interruption is not None and abs(t - interruption) < 0.01:
+            record.state.scheme_output, record.state.phase = None, "holding"
+        diagnosis.add(record)
+    diagnosis.add(RunEvent("timed_out", time=2.5))
+    found, text = diagnosis.outcome, "not converged after 2.5 s"
+    if since is not None:
+        text += (
+            f"; each error was within its tolerance only for the last {2.5 - since:.2f} s, and "
+            "2 s are needed"
+        )
+    assert (found.kind, found.reason) == ("timed_out", text)
 
 
 def test_an_event_that_no_run_has_is_refused():

@@ -149,11 +149,16 @@ class Diagnosis:
         """End the run because its time limit is reached; an outcome that was already found is kept.
         """
         if self.outcome.kind == "running":
-            last = f": {self.outcome.reason}" if self.outcome.reason else ""
-            evidence = self.evidence
-            found = evidence.add_advice(
-                self._explain_timeout(f"not at the goal after {duration:.1f} s{last}")
-            )
+            evidence, hold = self.evidence, self.run_context.settings.hold
+            reason = f"not converged after {duration:.1f} s"
+            if self.outcome.reason:
+                reason = f"{reason}: {self.outcome.reason}"
+            if 0.0 < (settled := evidence.progress_check.settled_time) < hold:
+                reason = (
+                    f"{reason}; each error was within its tolerance only for the last "
+                    f"{settled:.2f} s, and {hold:g} s are needed"
+                )
+            found = evidence.add_advice(self._explain_timeout(reason))
             # An image for which the scheme failed interrupts the loop, and the camera then has to
             # settle again for `hold` seconds. A recent failure therefore explains why the run did
             # not converge in time.

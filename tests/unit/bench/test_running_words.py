@@ -134,12 +134,12 @@ def forget(folder, *chunks):
 def test_what_is_missing_is_run_and_reported(tiny, capsys):
     assert tiny("--no-report") == 0
     said, shown = capsys.readouterr()
-    assert re.fullmatch(f"6 of 6 runs in {tiny.path}, 6 new runs failed, .* s\n", said)
+    assert re.fullmatch(f"6 of 6 runs in {tiny.path}, 6 new runs without success, .* s\n", said)
     assert "6/6 runs" in shown and not (tiny.path / "table.md").exists()
     forget(tiny.path, 1, 4)
     assert tiny() == 0
     said, shown = capsys.readouterr()
-    assert said.startswith(f"6 of 6 runs in {tiny.path}, 2 new runs failed, ")
+    assert said.startswith(f"6 of 6 runs in {tiny.path}, 2 new runs without success, ")
     assert "6/6 runs, " in shown and "2 without success" in shown
     assert f"{tiny.path / 'table.md'} has all metrics" in said
 
@@ -155,7 +155,7 @@ def test_a_run_without_success_stops_it(tiny, capsys):
     assert tiny("--fail-fast") == 1
     last = capsys.readouterr().out.splitlines()[-1]
     assert last.startswith("stopped at run 0, timed_out: not converged after 0.1 s; ")
-    assert last.endswith(f"; bench show {tiny.path} 0")
+    assert last.endswith(f"; rosrun aras_visual_servo_bench bench show {tiny.path} 0")
 
 
 def test_a_study_that_is_whole_is_finished(tiny, capsys):
@@ -187,12 +187,14 @@ def test_what_ends_it_early_says_how_to_go_on(tiny, tmp_path, monkeypatch, capsy
     (tmp_path / "interrupts.py").write_text(INTERRUPTS)
     monkeypatch.syspath_prepend(tmp_path)
     assert tiny("metrics=[success, 'interrupts:third']") == 1
-    more = f"2 of 6 runs are stored; continue with bench resume {tiny.path}"
+    command = f"rosrun aras_visual_servo_bench bench resume {tiny.path}"
+    more = f"2 of 6 runs are stored; continue with {command}"
     assert capsys.readouterr().err.splitlines()[-1] == f"bench: interrupted; {more}"
     assert main(["resume", str(tiny.path), "--workers", "-1"]) == 1
     assert capsys.readouterr().err.splitlines()[-1].endswith(f"--renew 1 or more; {more}")
     assert main(["resume", str(tiny.path), "--in-process", "--no-report"]) == 0
-    assert capsys.readouterr().out.startswith(f"6 of 6 runs in {tiny.path}, 4 new runs failed")
+    said = capsys.readouterr().out
+    assert said.startswith(f"6 of 6 runs in {tiny.path}, 4 new runs without success")
 
 
 def test_other_code_is_refused_or_mixed(tiny, capsys):
@@ -236,7 +238,8 @@ def test_a_report_is_a_table_and_pictures(calls, tmp_path, capsys, monkeypatch, 
     assert calls.found[-1] == ("write_figures", [results], tmp_path / "plots", [tmp_path])
     assert capsys.readouterr().out == ("\n| a |\n\n" if shown else "") + (
         f"{tmp_path / 'table.md'} has all metrics; figures: a.png, b.png\n"
-        f"bench browse {tmp_path} shows the runs and their reports in a browser\n")
+        f"rosrun aras_visual_servo_bench bench browse {tmp_path} shows the runs and their reports "
+        "in a browser\n")
 
 
 @pytest.mark.parametrize(("words", "name", "source", "out"), [

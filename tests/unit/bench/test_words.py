@@ -425,7 +425,8 @@ def test_a_bag_s_experiment_is_shown_and_kept(capsys, monkeypatch, tmp_path):
     assert main(["show", str(bag), "3"]) == 1
     assert f"{bag} is a bag and contains only one run" in capsys.readouterr().err
     assert main(["show", str(tmp_path)]) == 1
-    assert f"give the number of a run: bench show {tmp_path} 0" in capsys.readouterr().err
+    command = f"rosrun aras_visual_servo_bench bench show {tmp_path} 0"
+    assert f"give the number of a run: {command}" in capsys.readouterr().err
 
 
 def test_a_browser_that_fails_is_no_fault(monkeypatch):

@@ -431,7 +431,8 @@ def test_a_run_that_was_a_fault_is_shown_as_a_line_and_where_it_was_raised(tmp_p
     words = ["run", str(file), "--out", str(out), "--in-process", "--fail-fast"]
     assert main(words) == 1
     told = capsys.readouterr().out
-    assert f"stopped at run 0, fault: ZeroDivisionError: of mine; bench show {out} 0" in told
+    command = f"rosrun aras_visual_servo_bench bench show {out} 0"
+    assert f"stopped at run 0, fault: ZeroDivisionError: of mine; {command}" in told
     assert main(["show", str(out), "0"]) == 1
     told = capsys.readouterr().err
     assert "run 0: ZeroDivisionError: of mine; traceback" in told

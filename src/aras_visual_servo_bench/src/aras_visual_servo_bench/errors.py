@@ -71,6 +71,12 @@ def find_program_name() -> str:
     return program if program == "aras-servo" else "bench"
 
 
+def find_command() -> str:
+    """Return how a terminal starts this package's command, for commands in messages."""
+    program = find_program_name()
+    return "rosrun aras_visual_servo_bench bench" if program == "bench" else program
+
+
 def make_missing_library_error(library: str | None, extra: str = "bench") -> BenchError:
     """Return the error for a missing library of pip's optional dependency group `extra`."""
     return BenchError(

@@ -12,7 +12,7 @@ import yaml
 
 from aras_visual_servo_base.names import suggest
 
-from ..errors import StudyError, find_program_name
+from ..errors import StudyError, find_command
 from ..experiment.packages import PackagePath
 from ..metrics.formatting import format_count
 from ..studies import card, engine, images, tables
@@ -95,7 +95,7 @@ def carry_out(folder: StudyFolder, options: argparse.Namespace) -> int:
             raise StudyError(f"interrupted; {_describe_progress(folder)}") from None
         if not has_all_runs:
             failed = "" if folder.study.pictures == "first" else (
-                f"{done.failed} new runs failed, ")
+                f"{done.failed} new runs without success, ")
             print(
                 f"{done.runs} of {format_count(folder.study.run_count, 'run')} in {folder.path}, "
                 f"{failed}"
@@ -105,7 +105,7 @@ def carry_out(folder: StudyFolder, options: argparse.Namespace) -> int:
                 row = done.stopped
                 print(f"stopped at run {row['run']}, {row['outcome']}: "
                       f"{row['reason'] or row['verdict']}; "
-                      f"{find_program_name()} show {folder.path} {row['run']}")
+                      f"{find_command()} show {folder.path} {row['run']}")
                 return 1
         else:
             print(f"all {done.runs} runs are in {folder.path}")
@@ -129,13 +129,13 @@ def _write_report(path: Path) -> None:
         print(f"\n{short}")
     drawn = study_figures.write_figures(found, path / "plots", paths=[path])
     print(f"{path / 'table.md'} has all metrics; figures: {', '.join(map(str, drawn))}")
-    print(f"{find_program_name()} browse {path} shows the runs and their reports in a browser")
+    print(f"{find_command()} browse {path} shows the runs and their reports in a browser")
 
 
 def _describe_progress(folder: StudyFolder) -> str:
     return (
         f"{folder.count_stored_runs()} of {folder.study.run_count} runs are stored; continue with "
-        f"{find_program_name()} resume {folder.path}"
+        f"{find_command()} resume {folder.path}"
     )
 
 

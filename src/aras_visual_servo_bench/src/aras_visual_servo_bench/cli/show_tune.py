@@ -9,7 +9,7 @@ from pathlib import Path
 
 import yaml
 
-from ..errors import BenchError, StudyError, catch_write_errors, find_program_name
+from ..errors import BenchError, StudyError, catch_write_errors, find_command
 from ..experiment import overrides
 from ..studies import engine
 from ..studies.progress import Progress
@@ -23,7 +23,7 @@ def show(options: argparse.Namespace) -> int:
     if options.folder.is_file():
         return _show_bag(options)
     if options.run is None:
-        raise StudyError(f"give the number of a run: {find_program_name()} show {options.folder} 0")
+        raise StudyError(f"give the number of a run: {find_command()} show {options.folder} 0")
     from ..studies import replay  # this import takes 0.5 s, and only this command needs it
     from ..web.report.video import write_with_video
 

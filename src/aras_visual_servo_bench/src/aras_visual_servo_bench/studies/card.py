@@ -7,7 +7,7 @@ from pathlib import Path
 import pyarrow as pa
 import yaml
 
-from ..errors import catch_write_errors, find_program_name
+from ..errors import catch_write_errors, find_command
 from ..metrics.formatting import format_count
 from ..setup.assembly import assemble
 from . import images
@@ -51,7 +51,7 @@ def make_card(folder: StudyFolder) -> str:
         f"# {folder.path.resolve().name}", "",
         f"{format_count(table.num_rows, 'run')}, {format_count(image_count, 'image')} of visual "
         "servoing, simulated "
-        f"by `{find_program_name()} dataset`. "
+        f"by `{find_command()} dataset`. "
         + ("Each run ends with its first image, so the images are views from the study's starts."
            if study.pictures == "first" else
            "The data set contains every image that the control loop processed."), "",

@@ -26,7 +26,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from ..errors import StudyError, find_program_name, read_first_line
+from ..errors import StudyError, find_command, read_first_line
 from . import images, rows, versions
 from .study import Study
 
@@ -397,6 +397,6 @@ def _catch_write_errors(path: Path) -> Iterator[None]:
         if error.errno in _DISK_FULL:
             raise StudyError(
                 f"the disk of {path} is full; the results so far are stored: free some space, then "
-                f"{find_program_name()} resume {path}"
+                f"{find_command()} resume {path}"
             ) from error
         raise StudyError(f"cannot write {path}: {error.strerror or error}") from error

@@ -201,7 +201,6 @@ function showController() {
   const isNamed = reason?.startsWith(outcome);  // such as "no joint states for 0.31 s"
   const text = phase ? [isNamed ? "" : outcome, reason].filter(Boolean).join(": ") : idle;
   $("controller-message").textContent = remedy && outcome ? `${text} — ${remedy}` : text;
-  $("controller-message").title = $("controller-message").textContent;
 }
 
 async function loadRobot(number) {

@@ -12,9 +12,12 @@ from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.runner.loop import run
 from aras_visual_servo_bench.studies.remedies import apply_remedy
 from aras_visual_servo_controller.diagnosis.advice import (
+    suggest_faster_joints,
     suggest_gain,
     suggest_larger_target,
+    suggest_longer_watchdog,
     suggest_more_time,
+    suggest_scheme,
     suggest_wider_limits,
 )
 from aras_visual_servo_controller.diagnosis.evidence import combine_outcomes
@@ -65,6 +68,11 @@ def test_a_remedy_is_made_of_a_text_and_of_changes():
 @pytest.mark.parametrize("remedy", [
     *REMEDIES.values(), UNCOVER_TARGET, suggest_larger_target(1.5), suggest_larger_target(9.0),
     suggest_wider_limits(["lower"]), suggest_more_time(4.0, 9.0, 0.5),
+    suggest_gain(create_scheme("points"), 2.0, 1.0), suggest_gain(None, None, np.inf),
+    suggest_gain(create_scheme("points", create_law("adaptive", zero=4.0, infinity=1.0)), 2.0, 4.0),
+    suggest_faster_joints(Remedy("help")), suggest_longer_watchdog(0.4, 2.0, 4.0),
+    *(suggest_scheme(Outcome(kind), create_scheme(name))
+      for kind in ("singular", "camera_retreat", "local_minimum") for name in ("points", "pose")),
 ])  # fmt: skip
 def test_the_text_names_only_keys_that_a_user_of_a_robot_can_set(remedy):
     parameters = {field.name for field in fields(Settings)}

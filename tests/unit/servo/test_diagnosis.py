@@ -337,6 +337,25 @@ def test_starving_again_and_again_is_remembered():
     assert rig.states[-1].outcome == "running"
 
 
+@pytest.mark.parametrize(("period", "gap", "remedy"), [
+    (1.0 / 30.0, 0.6, "what delays its images: the load of the machine, the network, or the camera "
+     "node"),
+    (0.15, 0.9, "multiply gain by"),
+])  # fmt: skip
+def test_a_lower_gain_is_advised_only_if_images_come_rarely(period, gap, remedy):
+    """A busy machine delays a few images: a gain for the longest gap would be no remedy."""
+    law = Proportional(1.0)
+    rig = Rig(the_servo("2016", law=law), STARTS["2016"], image_period=period)
+    for _ in range(3):
+        rig.run(1.0)
+        rig.next_image = rig.now + gap
+        rig.run(gap - 0.01)
+    found = rig.servo.outcome
+    assert found.kind == "too_few_images" and remedy in found.remedy
+    assert ("gain" in found.remedy) == ("watchdog" in found.remedy) == ("gain" in remedy)
+    assert found.reason.startswith("the watchdog stopped the arm 3 times, the last time at ")
+
+
 class Twice(Feature):
     """Feature that is the same number twice, for two directions: L has rank 1."""
 
@@ -402,7 +421,7 @@ def test_the_image_that_comes_when_the_time_is_over_is_the_last():
 
 
 def test_words_are_among_the_known():
-    assert len(set(KINDS)) == len(KINDS) == 23
+    assert len(set(KINDS)) == len(KINDS) == 24
 
 
 # -- outcomes of their own ------------------------------------------------------------------------
@@ -740,7 +759,8 @@ def test_the_order_has_every_diagnosis_once_and_each_says_what_it_finds():
         assert found.help and found.reads and found.kinds and set(found.kinds) <= set(KINDS), name
         assert found.__module__.endswith(f".{name}")
     assert {kind for name in ORDER for kind in DIAGNOSES[name].kinds} | {
-        "held", "no_joint_states", "too_few_images", "too_noisy", "no_progress", "timed_out"
+        "held", "no_joint_states", "unusable_joint_states", "too_few_images", "too_noisy",
+        "no_progress", "timed_out"
     } == set(KINDS)  # those are of events
 
 

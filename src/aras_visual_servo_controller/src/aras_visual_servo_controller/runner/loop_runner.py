@@ -452,11 +452,15 @@ class LoopRunner:
                 )
         if not missing or wall - self._silence_report_time < 1.0 or self.servo.phase == STOPPED:
             return
-        self._silence_report_time = wall
+        stopped_clock = self._describe_stopped_clock()
         phase = HOLDING if self.servo.phase == HOLDING else WAITING
-        reason = " and ".join(missing) + (
-            f"; {text}" if (text := self._describe_stopped_clock()) else ""
-        )
+        is_certain = self.servo.outcome.kind == kind and len(missing) == 1
+        if is_certain and not (stopped_clock or self._stamps_ahead or settings.lockstep) and (
+            phase == (HOLDING if kind == "no_joint_states" else WAITING)
+        ):  # fmt: skip
+            return  # the periodic reports name this input, and since when it is missing
+        self._silence_report_time = wall
+        reason = "; ".join(filter(None, (stopped_clock, " and ".join(missing))))
         found = self._make_silence_outcome(kind, reason)
         self._report(ServoState(now, phase, found.kind, reason, found.remedy))
 

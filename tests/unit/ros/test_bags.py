@@ -275,6 +275,27 @@ def test_stamps_of_another_clock_are_left_out_and_do_not_reset_the_clock(
     assert notes[1].startswith("/tf: 3 messages are left out")
 
 
+@pytest.mark.parametrize("described_arm", [True, False])
+def test_impossible_joint_states_of_a_second_publisher_are_left_out(
+    graph, face, tmp_path, described_arm
+):
+    experiment = described() if described_arm else None
+    once = write(tmp_path / "a.bag", graph, face, experiment=experiment)
+    strays = []
+    for t in np.arange(STAMPS[0], STAMPS[-1], 0.02):
+        message = joint_states(t + 0.001)
+        message.position = [np.nan] * len(message.name)
+        strays.append(("/two/joint_states", message, t + 0.001))
+    run, single = (bags.read_bag(in_order(tmp_path / "b.bag", once, added, True))
+                   for added in (strays, []))  # fmt: skip
+    same(run.joint_stamp, single.joint_stamp)
+    same(run.measured_positions, single.measured_positions)
+    same(run.true_pose, single.true_pose)
+    (note,) = [note for note in run.notes if note not in single.notes]
+    assert f"impossible positions: {len(strays)} (the measured position" in note
+    assert "second node publishes joint states" in note
+
+
 @pytest.mark.parametrize(("shown", "count"), [((0.29,), 0), ((0.31,), 1), ((40.0, 8.0), 2)])
 def test_the_clock_of_the_bag_shows_when_it_was_reset(graph, face, tmp_path, shown, count):
     """Joint states that are out of order are no reset, if the bag has the clock."""

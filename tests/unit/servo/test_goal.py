@@ -316,7 +316,8 @@ def test_goals_that_do_not_fit_the_arm():
         Goal(world_T_camera=level, depth=0.2).make_level_plane()
     with pytest.raises(ConfigurationError, match="does not contain the target's geometry"):
         Goal().predict_from_pose(np.eye(4))
-    with pytest.raises(ConfigurationError, match="not visible from this pose"):
+    fix = r"not visible from this pose .* mounting \(camera_xyz, camera_rpy\), or teach the goal"
+    with pytest.raises(ConfigurationError, match=fix):
         goal.predict_from_pose(matrix_from_xyz_rpy((0, 0, 1.0), (0, 0, 0)))  # looks up
     with pytest.raises(ConfigurationError, match="not visible .*there is no target.*mounting"):
         goal.predict_from_pose(matrix_from_xyz_rpy((3.0, 0, 0), (0, 0, 0)) @ goal.world_T_camera)

@@ -151,7 +151,7 @@ class PointFeature(Feature):
         except MeasurementError as error:
             raise ConfigurationError(
                 f"{goal.name}: {error} according to the assumed camera mounting; check the "
-                "camera's pose (calibration_offset, camera_xyz, camera_rpy) and the goal"
+                "camera's pose (camera_xyz, camera_rpy) and the goal"
             ) from error
 
     def _match_to_goal(

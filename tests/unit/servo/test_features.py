@@ -744,8 +744,10 @@ ON_A_LINE = np.array([[-0.05, 0.01], [0.0, 0.01], [0.02, 0.01], [0.06, 0.01]])
 @pytest.mark.parametrize(("name", "corners", "words"), [
     ("polar_points", [[0.0, 0.0], [0.1, 0.0], [0.1, 0.1]], "has no polar angle"),
     ("polar_points", [[9e-10, 0.0], [0.1, 0.0], [0.1, 0.1]], "has no polar angle"),
-    ("segments", [[0.1, 0.0], [0.1, 9e-10], [0.3, 0.1]], "coincide and define no edge"),
-    ("lines", [[0.1, 0.2], [0.1, 0.2], [0.3, 0.1]], "coincide and define no edge"),
+    ("segments", [[0.1, 0.0], [0.1, 9e-10], [0.3, 0.1]], "coincide, so the edge between them is "
+                                                         "undefined"),
+    ("lines", [[0.1, 0.2], [0.1, 0.2], [0.3, 0.1]], "coincide, so the edge between them is "
+                                                    "undefined"),
     ("pose", ON_A_LINE, "goal: a pose needs four points that are not on one line; the goal has 4"),
     ("pose", [[0.1, 0.2], [0.1, 0.3], [0.3, 0.1]], "a pose needs four points .* the goal has 3"),
     ("points", "far away", "goal holds no points of the feature 'points': teach it"),

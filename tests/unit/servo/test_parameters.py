@@ -192,7 +192,7 @@ def test_settings_of_the_loop_alone_have_bounds_too():
         ({"pitch_gain": 2.0}, "unknown parameter ~pitch_gain"),
         ({"law_options": {"ramp": 0.1}}, "set ~ramp instead"),
         ({"weights": ["one"]}, "~weights.0. is 'one', must be a finite number"),
-        ({"weights": [0.0]}, "at least one has to be above 0"),
+        ({"weights": [0.0]}, "at least one weight must be above 0"),
         ({"desired": "/nowhere.yaml"}, "cannot read the goal /nowhere.yaml:"),
         ({"desired": "nowhere.yaml"}, "cannot read the goal nowhere.yaml:"),
         ({"desired": "no/where"}, "cannot read the goal no/where:"),

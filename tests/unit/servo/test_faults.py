@@ -187,17 +187,17 @@ def test_a_decision_is_made_of_arrays_whatever_was_answered():
 
 
 @pytest.mark.parametrize(("scheme", "decision", "words"), [
-    ({}, {"features": [1.0]}, r"returned features of shape \(1,\) for 2 names"),
-    ({}, {"desired": "far"}, "returned desired of no numbers for 2 names"),
-    ({}, {"error": None}, "returned error of no numbers for 2 names"),
+    ({}, {"features": [1.0]}, r"returned features of shape \(1,\), must return one number for"),
+    ({}, {"desired": "far"}, "returned desired of no numbers, must return one number for"),
+    ({}, {"error": None}, "returned error of no numbers, must return one number for"),
     ({}, {"error": [1.0, np.inf]}, r"returned error that are not finite: \[1.0, inf\]"),
     ({}, {"desired": [np.nan, 0.0]}, r"returned desired that are not finite: \[nan, 0.0\]"),
     ({"tolerances": (0.1, -0.1)}, {}, r"has tolerances \(0.1, -0.1\), must have 2 numbers above 0"),
     ({"tolerances": (0.0, 0.1)}, {}, r"has tolerances \(0.0, 0.1\), must have 2 numbers above 0"),
     ({"tolerances": (0.1,)}, {}, r"has tolerances \(0.1,\), must have 2 numbers above 0"),
     ({"tolerances": None}, {}, "has tolerances None, must have 2 numbers above 0"),
-    ({}, {"error_drift": [1.0, np.nan]}, "returned the error_drift .*: one finite number"),
-    ({}, {"error_drift": [1.0]}, "returned the error_drift .*: one finite number"),
+    ({}, {"error_drift": [1.0, np.nan]}, "returned the error_drift .*, must return one finite"),
+    ({}, {"error_drift": [1.0]}, "returned the error_drift .*, must return one finite"),
     ({}, {"error_drift": None}, "returned the error_drift None: one finite number for each name"),
     ({}, {"task": 3}, "returned the task int instead of a Task"),
 ])  # fmt: skip

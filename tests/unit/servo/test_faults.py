@@ -103,14 +103,14 @@ FAULTS = {
     "L of five columns": (with_task(L=np.zeros((4, 5))), "(4, 5)"),
     "rate of another length": (with_task(desired_rate=np.zeros(3)), "(3,)"),
     "modelled of four": (with_task(modelled=np.ones(4, bool)), "have the shape (6,), got (4,)"),
-    "long error": (answering(error=np.zeros(5)), "error of shape (5,) for 4 names"),
+    "long error": (answering(error=np.zeros(5)), "error of shape (5,), must return one number for"),
     "NaN in the error": (answering(error=[0.1, np.nan, 0, 0]), "error that are not finite"),
     "text for features": (answering(features="abcd"), "features of no numbers"),
     "NaN in a rate of its own": (
         answering(error_drift=[1.0, np.nan, 0.0, 0.0]), "returned the error_drift"),
     "short rate of its own": (
         answering(error_drift=np.zeros(3)), "returned the error_drift [0. 0. 0.]"),
-    "few names": (answering(names=("x",)), "for 1 names"),
+    "few names": (answering(names=("x",)), "one number for each of the 1 names"),
     "no tolerances": (without_tolerances, "has tolerances ()"),
 }
 
@@ -198,7 +198,7 @@ def test_a_decision_is_made_of_arrays_whatever_was_answered():
     ({"tolerances": None}, {}, "has tolerances None, must have 2 numbers above 0"),
     ({}, {"error_drift": [1.0, np.nan]}, "returned the error_drift .*, must return one finite"),
     ({}, {"error_drift": [1.0]}, "returned the error_drift .*, must return one finite"),
-    ({}, {"error_drift": None}, "returned the error_drift None: one finite number for each name"),
+    ({}, {"error_drift": None}, "returned the error_drift None, must return one finite number"),
     ({}, {"task": 3}, "returned the task int instead of a Task"),
 ])  # fmt: skip
 def test_what_is_wrong_with_a_decision_is_told(scheme, decision, words):

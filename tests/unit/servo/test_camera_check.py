@@ -97,11 +97,11 @@ class Rows:
             return ""
         if one != other and abs(scale[one] - 1.0) < abs(scale[other] - 1.0):
             one, other = other, one
-        beside = f"{scale[other]:.2f} times as far along {DIRECTIONS[other]}"
+        beside = f"along {DIRECTIONS[other]} {scale[other]:.2f}"
         if one == other:
-            beside = "1.00 times as far in other directions"
-        return (f"the features move {scale[one]:.2f} times as far along {DIRECTIONS[one]} as L "
-                f"and the arm's motion predict, but {beside}")
+            beside = "in other directions 1.00"
+        return (f"along {DIRECTIONS[one]} the features move {scale[one]:.2f} times as far as L "
+                f"and the arm's motion predict, but {beside} times as far")
 
 
 def judged(seed, jacobian=None):

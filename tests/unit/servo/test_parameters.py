@@ -182,7 +182,7 @@ def test_settings_of_the_loop_alone_have_bounds_too():
         ({"start": "0 0 0 0 0 far"}, r"~start.5. is 'far', must be a finite number"),
         ({"start": {"J4": 0.0}}, "has a value for J4"),
         ({"start": {"J1": 0.0}}, "has no value for gantry, J2"),
-        ({"start": [0, 0, 0, 2.5, 0, 0]}, "outside its limits"),
+        ({"start": [0, 0, 0, 2.5, 0, 0]}, "outside the joint's limits"),
         ({"start": {"xyz": [0, 0, 5], "rpy": [3.1, 0, 0]}}, "out of the arm's reach"),
         ({"start": {"xyz": [0, 0], "rpy": [3.1, 0, 0]}},
          "~start.xyz is .* must be a list of 3 finite numbers"),

@@ -23,6 +23,7 @@ from aras_visual_servo_controller.records.outcomes import (
     KINDS,
     REMEDIES,
     ArrivalStatus,
+    Outcome,
     PoseUncertainty,
     make_outcome,
 )
@@ -420,10 +421,6 @@ def test_the_image_that_comes_when_the_time_is_over_is_the_last():
     assert (rig.servo.phase, rig.servo.reason) == ("stopped", "the duration of the run is over")
 
 
-def test_words_are_among_the_known():
-    assert len(set(KINDS)) == len(KINDS) == 24
-
-
 # -- outcomes of their own ------------------------------------------------------------------------
 
 
@@ -783,6 +780,22 @@ def test_a_diagnosis_of_ones_own_is_asked_at_its_place():
     asked.clear()
     assert diagnose(run, records, (*ORDER, "bored")).kind == "running"  # the last answers
     assert not asked
+
+
+def test_an_outcome_of_ones_own_has_to_last_a_second_too():
+    class Close(RunDiagnosis):
+        """Reports that the camera is too close from 2 s on, and before it a moving target."""
+
+        def judge(self, record, evidence):
+            is_close = record.state.stamp >= 2.0
+            return Outcome("too_close" if is_close else "target_moves")
+
+    DIAGNOSES.register("close")(Close)
+    scheme = SimpleNamespace(tolerances=(1.0,), units=("",))
+    run = RunContext(ServoSettings(), the_goal("2016"), scheme)
+    for end, kind in ((2.0, "target_moves"), (2.9, "target_moves"), (3.1, "too_close")):
+        records = [answered(0.1 * k, np.ones(1)) for k in range(round(10 * end) + 1)]
+        assert diagnose(run, records, ("close",)).kind == kind
 
 
 def test_a_camera_that_moves_otherwise_than_L_says_may_be_farther_from_its_goal():

@@ -372,6 +372,31 @@ def test_options_of_the_scheme_and_of_the_law_are_handed_on(arm):
         Settings(law_options={1: 2.0}).make_law()
 
 
+def test_options_of_the_tracker_are_passed_to_it(tmp_path, monkeypatch):
+    assert of(tracker="dots", tracker_options={"count": 3}).make_tracker().count == 3
+    (tmp_path / "their_tracker.py").write_text(
+        "from aras_visual_servo_controller import Tracker\n\n\n"
+        "class Ring(Tracker):\n"
+        "    hold: float = 0.25\n\n"
+        "    def find(self, grey):\n"
+        "        raise NotImplementedError\n"
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    # `hold` is also a parameter of the controller, which does not concern the tracker
+    assert of(tracker="their_tracker:Ring").make_tracker().hold == 0.25
+    ring = of(tracker="their_tracker:Ring", tracker_options={"hold": 4}).make_tracker()
+    assert ring.hold == 4.0
+    for given, words in (
+        ({"tracker": "dots", "tracker_options": {"cuont": 3}}, "did you mean 'count'"),
+        ({"tracker": "dots", "tracker_options": {"count": 0}}, "count is 0, must be >= 1"),
+        ({"tracker": "marker", "tracker_options": {"marker": "5"}}, "set ~marker instead"),
+        ({"tracker_options": {"count": 3}}, "'outline' has no options"),
+    ):
+        with pytest.raises(ConfigurationError, match=words):
+            of(**given).make_tracker()
+    sys.modules.pop("their_tracker")
+
+
 def test_secondary_tasks_are_those_that_are_asked_for(arm):
     for given, kinds in (
         ({}, [JointLimitAvoidance]), ({"limit_avoidance": False}, []),

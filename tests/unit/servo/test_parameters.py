@@ -192,7 +192,7 @@ def test_settings_of_the_loop_alone_have_bounds_too():
         ({"pitch_gain": 2.0}, "unknown parameter ~pitch_gain"),
         ({"law_options": {"ramp": 0.1}}, "set ~ramp instead"),
         ({"weights": ["one"]}, "~weights.0. is 'one', must be a finite number"),
-        ({"weights": [0.0]}, "at least one has to be above 0"),
+        ({"weights": [0.0]}, "at least one weight must be above 0"),
         ({"desired": "/nowhere.yaml"}, "cannot read the goal /nowhere.yaml:"),
         ({"desired": "nowhere.yaml"}, "cannot read the goal nowhere.yaml:"),
         ({"desired": "no/where"}, "cannot read the goal no/where:"),
@@ -216,7 +216,8 @@ def test_settings_of_the_loop_alone_have_bounds_too():
         ({"output": "torque"}, "~output is 'torque': use one of position, velocity, effort"),
         ({"lead": -0.01}, "~lead is -0.01, must be >= 0 m, rad"),
         ({"damping": {"J2": -1.0}}, "~damping.J2 is -1.0, must be >= 0"),
-        ({"stiffness": [1.0, 2.0]}, "stiffness is .1.0, 2.0.: one number, or a number for each of"),
+        ({"stiffness": [1.0, 2.0]}, "stiffness is .1.0, 2.0., must be one number, or a number for "
+                                    "each"),
         ({"camera_frame": "camera"}, "did you mean 'camera_link'"),
         ({"interaction": "meen"}, "unknown interaction 'meen': did you mean 'mean'"),
     ],

@@ -89,15 +89,6 @@ def test_pixels_are_as_wide_and_as_high_as_the_camera_matrix_says(lens):
     np.testing.assert_allclose(back[:, :2] / back[:, 2:], rays()[:, :2], atol=1e-9)
 
 
-@pytest.mark.parametrize("D", BROWN)
-def test_brown_unprojection_takes_newton_s_few_steps(D, monkeypatch):
-    lens, asked, distort = BrownLens(D), [], BrownLens.distort
-    points = lens.project(rays())
-    monkeypatch.setattr(BrownLens, "distort", lambda self, p: asked.append(p) or distort(self, p))
-    lens.unproject(points)
-    assert len(asked) <= 12  # two for each quarter of the way, then until it is exact
-
-
 def test_brown_has_no_ray_beyond_the_fold():
     lens = BrownLens((-0.3, 0.0, 0.0, 0.0, 0.0))
     fold = lens.fold_radius()

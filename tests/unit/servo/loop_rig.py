@@ -203,3 +203,17 @@ def a_solution(jacobian) -> IKSolution:
     still = np.zeros(np.shape(jacobian)[1])
     return IKSolution(still, still, *np.zeros((3, 6)), 1.0, still, (), "", (), np.eye(6),
                       np.asarray(jacobian), np.full(6, True))
+
+
+class TolerantScheme(Scheme):
+    """A scheme with given tolerances and accuracy."""
+
+    def __init__(self, tolerances, accuracy=None):
+        self.tolerances, self.units = tolerances, ("",) * len(tolerances)
+        self._accuracy = accuracy
+
+    def accuracy(self, observation, goal):
+        return self._accuracy
+
+    def compute(self, observation, goal):
+        raise AssertionError("no image is processed")

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from loop_rig import a_solution, an_output, scaled
+from loop_rig import TolerantScheme, a_solution, an_output, scaled
 from scipy.spatial.transform import Rotation
 
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy
@@ -29,22 +29,8 @@ from aras_visual_servo_controller.diagnosis.view_check import (
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.kinematics.held_directions import compute_held_directions
 from aras_visual_servo_controller.observation.observation import Observation
-from aras_visual_servo_controller.schemes import Scheme
 
 DEEP = Goal(depth=0.2)
-
-
-class Tolerant(Scheme):
-    """A scheme with given tolerances and accuracy."""
-
-    def __init__(self, tolerances, accuracy):
-        self.tolerances, self._accuracy = tolerances, accuracy
-
-    def accuracy(self, observation, goal):
-        return self._accuracy
-
-    def compute(self, observation, goal):
-        raise AssertionError("no image is processed")
 
 
 def shown(arrival, stamp, error, L=None, modelled=(True,) * 6, pose=None, goal=DEEP, tolerance=1.0,
@@ -54,7 +40,7 @@ def shown(arrival, stamp, error, L=None, modelled=(True,) * 6, pose=None, goal=D
     decision = an_output(error, L, None if L is None else modelled, ambiguity=ambiguity)
     seen = Observation(stamp, 0.1, True, "", None, world_T_camera=pose, moments=moments,
                        other_cameras=others or {}, name="left")  # fmt: skip
-    scheme = Tolerant(tolerance * np.ones(len(error)), accuracy)
+    scheme = TolerantScheme(tolerance * np.ones(len(error)), accuracy)
     return arrival.add(decision, seen, goal, scheme, resolution)
 
 

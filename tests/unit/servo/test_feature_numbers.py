@@ -24,10 +24,7 @@ from aras_visual_servo_controller.kinematics.task import DIRECTIONS
 from aras_visual_servo_controller.observation.observation import Need
 from aras_visual_servo_controller.schemes import base as schemes
 from aras_visual_servo_controller.schemes import create_scheme
-from aras_visual_servo_controller.schemes.broyden import Broyden
-from aras_visual_servo_controller.schemes.feature_scheme import FeatureScheme
 from aras_visual_servo_controller.schemes.laboratory_2016 import Laboratory2016
-from aras_visual_servo_controller.schemes.predictive import Predictive
 
 MODULES = (
     corners, kernel, luminance, matches, moment_features, moments, points, pose, stereo,
@@ -123,41 +120,6 @@ def test_the_directions_that_each_models_and_what_it_needs():
     for made in (luminance.Luminance, luminance.LuminanceDamped, components):
         damping = 0.01 if made is luminance.LuminanceDamped else 0.0
         assert (made.blur, made.damping) == (1.0, damping)
-
-
-def test_what_schemes_are_made_with_where_nothing_is_said():
-    planned = Predictive
-    assert (planned.horizon, planned.steps, planned.effort) == (0.4, 4, 1e-4)
-    assert planned.speed == (1.0, 1.0, 1.0, 1.5, 1.5, 1.5) and planned.margin == 12.0
-    assert not planned()._last_twist.any() and planned()._last_twist.shape == (6,)
-    assert (Broyden().gain, Broyden().floor, Broyden().start) == (0.5, None, None)
-    plain = create_scheme("moments")
-    assert (plain.interaction, plain.smoothing, plain.ratio) == ("current", 0.0, None)
-    assert plain.estimator is None and plain.can_check_camera
-    for interaction in ("desired", "mean", "estimated"):
-        other = create_scheme("moments", interaction=interaction)
-        assert not other.can_check_camera
-        assert (type(other.estimator) is Broyden) is (interaction == "estimated")
-    assert create_scheme("kernel").ratio.tolist() == [1.0, 1.0, 1.0, 0.3]
-    assert create_scheme("kernel", weights=[2.0]).ratio is None
-    assert create_scheme("kernel", ratio=[2.0] * 4).ratio.tolist() == [2.0] * 4
-    assert create_scheme("kernel+points").ratio is None
-    assert FeatureScheme([kernel.Kernel()]).feature.name == "kernel"
-    said = {"interaction": "current", "smoothing": 0.0, "ratio": None, "estimator": ""}
-    for name in ("partitioned", "predictive", "moments_2016"):
-        law = schemes.Proportional(3.0)
-        assert create_scheme(name, law, **said).law is law
-        for option in ({"smoothing": 1.0}, {"interaction": "mean"}, {"weights": [1.0]}):
-            words = f"scheme '{name}' takes no {next(iter(option))}, which only features use"
-            with pytest.raises(ConfigurationError, match=words):
-                create_scheme(name, **option)
-    blind = points.Points()
-    blind.is_geometric = False
-    assert not FeatureScheme(blind).can_check_camera
-    assert not FeatureScheme([points.Points(), blind]).can_check_camera
-    for one in (plain, create_scheme("area+points")):
-        assert one.needs == one.feature.needs and one.names == one.feature.names
-        assert one.units == tuple(one.feature.units)
 
 
 def test_what_a_user_s_own_need_not_say():

@@ -1,7 +1,6 @@
 """Jogging: motion follows requests within the limits and ends when they stop."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -219,23 +218,3 @@ def test_what_another_drive_was_at_is_not_gone_on_with(end):
     assert 0.0 < steps[1] < 8.0 * DT * DT / RAMP_TIME
 
 
-def test_the_resolver_is_told_the_step_and_what_is_moved_now():
-    told = []
-
-    def resolve(q, task, dt, velocity):
-        told.append((q.tolist(), task.desired_rate.tolist(), dt, velocity.tolist()))
-        return SimpleNamespace(velocities=np.arange(6.0) / 100.0, reasons=("slow", "stretched"))
-
-    resolver = SimpleNamespace(solve=resolve, reset=lambda: told.append("reset"))
-    jog = Jog(the_arm(), the_limits(), resolver)
-    for t in (2.0, 2.0001, 2.05):
-        jog.set_twist(0.5 * np.array(MAX_TWIST), t)
-        jog.update(t, START)
-    assert told[0] == "reset"
-    still, moved = [0.0] * 6, [0.0, 0.01, 0.02, 0.03, 0.04, 0.05]
-    for (q, rate, dt, velocity), part, step, before in zip(
-        told[1:], (0.0, 0.0001, 0.05), (1e-3, 1e-3, 0.0499), (still, moved, moved), strict=True
-    ):
-        assert q == START.tolist() and velocity == before and dt == pytest.approx(step)
-        assert rate == pytest.approx(part / RAMP_TIME * np.array(MAX_TWIST))
-    assert jog.reason == "slow; stretched"

@@ -1,6 +1,5 @@
 """Observations from images, messages and exact geometry are equal."""
 
-from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -13,6 +12,7 @@ from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.line_fits import compute_rms_deviation
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.segmentation import Segmentation
+from aras_visual_servo_camera.trackers.base import TrackedPoints, Tracker
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.errors import MeasurementError
 from aras_visual_servo_controller.kinematics.joint_sample import JointSample
@@ -317,18 +317,25 @@ def test_no_motion_is_told_to_and_from_joints_that_are_guessed():
 def test_points_are_a_tracker_s_as_it_answers_them(told):
     heard, found = [], Plane(0.1, 0.2, 4.0)
 
-    def look(grey, camera, pose, depth):
-        heard.append((grey.shape, camera, pose, depth))
-        return SimpleNamespace(
-            points=[[0.1, 0.2], [0.3, -0.4]], accuracy=0.01, repeatability=0.002, plane=found,
-            marker="DICT_5X5_100:7", spread=np.eye(4))
+    class Told(Tracker):
+        resets = 0
 
-    forgot = []
-    tracker = SimpleNamespace(track=look, is_numbered=True, reset=lambda: forgot.append(True))
+        def reset(self):
+            self.resets += 1
+
+        def find(self, grey):
+            raise AssertionError("`track` is called")
+
+        def track(self, grey, camera, world_T_camera=None, depth=None):
+            heard.append((grey.shape, camera, world_T_camera, depth))
+            return TrackedPoints(np.array([[0.1, 0.2], [0.3, -0.4]]), found, 0.01, 0.002,
+                                 "DICT_5X5_100:7", np.eye(4))  # fmt: skip
+
+    tracker = Told()
     observer = FeatureObserver(the_arm(), frozenset((Need.CORNERS,)), tracker=tracker)
     white, depth = np.full((240, 320), 250, np.uint8), np.full((240, 320), 0.3, np.float32)
     seen = observer.observe_image(0.5, white, CAMERA, joints(0.5), depth=depth, plane=told)
-    assert seen.valid and forgot == [True]
+    assert seen.valid and tracker.resets == 1
     ((shape, camera, pose, given),) = heard
     assert shape == (240, 320) and camera is CAMERA and given is depth
     np.testing.assert_array_equal(pose, the_arm().pose(joints(0.5).positions))

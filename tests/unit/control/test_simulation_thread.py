@@ -421,13 +421,12 @@ def test_paused_commands_are_looked_at_every_four_milliseconds_while_they_come()
 
 def test_a_job_does_not_wait_for_the_rest_of_the_steps_that_are_due():
     plan, seen = Plan(4), []
-    thread = SimulationThread(Counter, plan, receiver=Commands(lambda _: False))
 
     def after_step(time_ns: int) -> None:
         if time_ns == MS:
             thread.post(lambda: seen.append(thread.simulation.time_ns))
 
-    thread._after_step = after_step
+    thread = SimulationThread(Counter, plan, after_step, receiver=Commands(lambda _: False))
     thread.start()
     assert plan.over.wait(20.0)
     thread.stop()

@@ -328,8 +328,12 @@ def face(graph: Graph) -> object:
 
 @pytest.fixture
 def thread(request: pytest.FixtureRequest) -> Iterator[SimulationThread]:
-    """Thread of a simulation with only the ground, paused at time 0."""
-    it = SimulationThread(Simulation, Pacer(0.0), paused=True)
+    """Thread of a simulation with only the ground, paused at time 0; each of `batch_hooks` is
+    called after a group of steps."""
+    hooks: list[Callable[[int], None]] = []
+    it = SimulationThread(Simulation, Pacer(0.0), paused=True,
+                          after_batch=lambda time_ns: [hook(time_ns) for hook in hooks])
+    it.batch_hooks = hooks
     it.start()
     yield it
     it.stop()
@@ -349,7 +353,7 @@ def api(graph: Graph, thread: SimulationThread) -> SimpleNamespace:
     it.api = GazeboApi(
         thread, on_graph, lambda: it.resets.append(thread.simulation.time_ns)
     )
-    thread._after_batch = lambda _time_ns: it.api.states.after_batch(thread.simulation)
+    thread.batch_hooks.append(lambda _time_ns: it.api.states.after_batch(thread.simulation))
     return it
 
 

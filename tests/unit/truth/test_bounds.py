@@ -10,7 +10,7 @@ KEYS = {
     "plant": "free", "features": "images", "duration": 12.0, "time_after_convergence": 2.0,
     "start": {"height": [0.2, 0.32], "side": 0.03, "turn": 0.25},
 }  # fmt: skip
-RUNS = 10
+RUNS = 6
 
 
 def run_one(scheme: str, seed: int, **keys) -> float:

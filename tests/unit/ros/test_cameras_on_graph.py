@@ -504,7 +504,7 @@ def test_of_pictures_that_wait_for_the_encoder_the_newest_stay():
 
 def test_the_encoder_ends_with_its_topic(graph):
     topic = CompressedTopic("/c/image", None)
-    graph.publishers["/c/image/compressed"].unregister()  # as rospy closes topics when the node ends
+    graph.publishers["/c/image/compressed"].unregister()  # as rospy does at the end
     topic.publish(Time(1, 2), "lens", SensorFrame(0, RED, "rgb8"))
     until(lambda: all("compress /c" not in thread.name for thread in enumerate_threads()))
 

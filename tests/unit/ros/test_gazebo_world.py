@@ -331,7 +331,7 @@ def test_metrics_tell_how_often_cameras_that_are_looked_at_draw(api, monkeypatch
     camera = api.thread.call(lambda: simulation.add_camera("c", settings))
     metrics = api.graph.publishers["/gazebo/performance_metrics"]
     metrics.impl.connections.append(object())
-    now = [0.0]
+    now = [1e9]
     monkeypatch.setattr("time.monotonic", lambda: now[0])
     for wanted, fps in ((False, 0.0), (True, 10.0)):
         camera.enabled = wanted

@@ -31,7 +31,6 @@ from aras_visual_servo_controller.laws.proportional import Proportional
 from aras_visual_servo_controller.laws.wrappers import ContinuousStart
 from aras_visual_servo_controller.loop.command_integrator import (
     CommandIntegrator,
-    integrate_command,
 )
 from aras_visual_servo_controller.loop.start_approach import StartApproach
 from aras_visual_servo_controller.loop.task_executor import TaskExecutor
@@ -677,24 +676,6 @@ def test_a_first_step_longer_than_the_lead_is_taken():
     assert motion.integrate(np.full(6, 6.0), motion.command, 0.0) == "" and motion.is_at_rest
 
 
-@pytest.mark.parametrize(("before", "ahead", "speed", "late"), [
-    (0.0625, 0.26, 0.0, False), (0.063, 0.26, 0.0, True),  # known by half of the lead
-    (0.07, 0.125, 0.0, False), (0.07, 0.126, 0.0, True),
-    (0.07, 0.25, -0.5, False), (0.07, 0.251, -0.5, True), (0.07, 0.25, 0.5, False),  # and the lag
-    (0.3, 0.3, 0.0, False), (0.3, 0.31, 0.0, True), (0.3, 0.29, 0.0, False),
-])  # fmt: skip
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_a_joint_is_late_that_is_further_behind_than_it_may_be(before, ahead, speed, late, sign):
-    """By lead and lag, and more than before; the first joint is at its command."""
-    measured, command = np.array([0.0, -2.0]), np.array([0.0, -2.0 + sign * before])
-    asked = np.array([0.0, sign * (ahead - before) / 0.5])
-    far, lead = np.full(2, 9.0), np.array([9.0, 0.125])
-    after, speeds, stopped, found = integrate_command(
-        command, np.array([0.0, speed]), asked, measured, -far, far, lead, 0.25, 0.5)
-    assert found.tolist() == [False, late] and not stopped.any()
-    assert after == pytest.approx([0.0, -2.0 + sign * ahead]) and speeds == pytest.approx(asked)
-
-
 def wide_limits(acceleration=(np.inf, np.inf)):
     """Limits of two joints that only their acceleration bounds."""
     return Limits(("a", "b"), np.full(2, -9.0), np.full(2, 9.0), np.full(2, 9.0),
@@ -706,27 +687,6 @@ def test_what_is_waited_for_is_told_with_how_far_it_is_behind():
     motion.start_at(np.zeros(2))
     said = motion.integrate(np.array([0.1, -1.0]), np.array([0.0, 0.3]), 0.5)
     assert said == "waiting for b, which is 0.800 behind its command"
-
-
-def test_a_stop_takes_as_long_as_the_slowest_joint_s_acceleration_asks():
-    for acceleration, ticks in (((9.0, 1.0), 50), ((9.0, 9.0), 15)):
-        motion = CommandIntegrator(("a", "b"), wide_limits(acceleration),
-                                   ServoSettings(stop_time=0.15))  # fmt: skip
-        motion.start_at(np.zeros(2))
-        motion.velocity = np.array([0.1, -0.5])
-        count = 0
-        while not motion.is_at_rest and count < 99:
-            motion.brake(0.01)
-            count += 1
-        assert count in (ticks, ticks + 1)
-
-
-@pytest.mark.parametrize(("off", "taken_up"), [(0.125, False), (0.126, True)])
-def test_one_joint_that_somebody_has_moved_is_enough_to_begin_there(off, taken_up):
-    motion = CommandIntegrator(("a", "b"), None, ServoSettings(arrived=(9.0, 0.125)))
-    motion.start_at(np.array([0.5, -0.25]))
-    motion.adopt_joints(np.array([1.5, -0.25 - off]))
-    assert motion.command.tolist() == ([1.5, -0.25 - off] if taken_up else [0.5, -0.25])
 
 
 def test_efforts_stay_within_those_of_each_joint():

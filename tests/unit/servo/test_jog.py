@@ -11,7 +11,6 @@ from aras_visual_servo_controller.errors import ConfigurationError, ServoError
 from aras_visual_servo_controller.teleop.jog import (
     COMMAND_LIFETIME,
     MAX_LEAD,
-    MAX_TWIST,
     RAMP_TIME,
     Jog,
 )
@@ -175,11 +174,6 @@ def test_servoing_begins_where_somebody_else_has_moved_the_arm(away, begins):
     command = servo.update(0.31, arm.read_joints(arm.names, after)).positions
     np.testing.assert_allclose(command, after if begins == "there" else START, atol=1e-9)
     assert the_goal("2016") is not None
-
-
-def test_its_numbers():
-    assert (COMMAND_LIFETIME, RAMP_TIME, MAX_LEAD) == (0.3, 0.25, 0.05)
-    assert MAX_TWIST == (0.25, 0.25, 0.25, 1.0, 1.0, 1.0)
 
 
 def test_what_is_asked_counts_until_its_time_is_over():

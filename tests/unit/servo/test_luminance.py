@@ -204,52 +204,6 @@ def test_a_picture_that_looks_the_same_when_turned_says_so(sides, told, monkeypa
     assert feature.measure(seen, goal).ambiguity == told
 
 
-@pytest.mark.parametrize(("folds", "told"), [
-    (2, "180°"), (3, "120°"), (4, "90°"), (5, "72°"), (6, "60°"), (7, "51°"), (8, "45°"),
-    (9, "120°"), (10, "72°"), (11, ""),
-])  # fmt: skip
-def test_the_smallest_turn_of_an_eighth_or_more_is_told(folds, told):
-    """Of a star of so many rays about the middle, which fades before the picture ends."""
-    u, v = np.meshgrid(np.arange(160) - 79.5, np.arange(120) - 59.5)
-    away = np.hypot(u, v)
-    star = np.clip((away - 6.0) / 6.0, 0.0, 1.0) * np.clip((44.0 - away) / 6.0, 0.0, 1.0)
-    star = np.round(128.0 + 60.0 * star * np.cos(folds * np.arctan2(v, u))).astype(np.uint8)
-    feature = FEATURES.create("luminance")
-    seen = FeatureObserver(None, feature.needs).observe_image(
-        0.0, star, PINHOLE, plane=Plane(0, 0, 1.25)
-    )
-    assert feature.measure(seen, Goal.teach(FeatureScheme(feature), seen)).ambiguity == told
-
-
-@pytest.mark.parametrize(("column", "told"), [(27, "180°"), (25, "")])
-def test_a_turn_is_judged_by_three_tenths_of_the_picture_at_least(column, told):
-    """Of a rectangle near the left side: half a turn about it leaves 45 or 41 of 140 columns."""
-    image = np.full((120, 160), 250, np.uint8)
-    image[45:75, column - 12 : column + 13] = 20
-    feature = FEATURES.create("luminance")
-    seen = FeatureObserver(None, feature.needs).observe_image(
-        0.0, image, PINHOLE, plane=Plane(0, 0, 1.25)
-    )
-    assert feature.measure(seen, Goal.teach(FeatureScheme(feature), seen)).ambiguity == told
-
-
-@pytest.mark.parametrize(("wide", "told"), [(9, "180°"), (13, "")])
-def test_a_picture_looks_the_same_when_turned_to_its_tolerance_rms(wide, told):
-    """But for two stripes that half a turn about its middle makes 4 brighter or darker."""
-    u, v = np.meshgrid(np.arange(160) - 79.5, np.arange(120) - 59.5)
-    image = np.round(128.0 + 60.0 * np.cos(u / 40.0) * np.cos(v / 20.0)).astype(np.uint8)
-    image[:, 30 : 30 + wide] += 2
-    image[:, 130 - wide : 130] -= 2
-    off = smooth(image.astype(np.float32)) - smooth(image[::-1, ::-1].astype(np.float32))
-    assert (np.sqrt(np.mean(off**2)) < 1.5 < np.mean(off**2)) == bool(told)
-    feature = FEATURES.create("luminance")
-    seen = FeatureObserver(None, feature.needs).observe_image(
-        0.0, image, PINHOLE, plane=Plane(0.0, 0.0, 1.25)
-    )  # fmt: skip
-    goal = Goal.teach(FeatureScheme(feature), seen)
-    assert feature.measure(seen, goal).ambiguity == told
-
-
 @pytest.mark.parametrize("name", ALL)
 @pytest.mark.parametrize("before", ["lens", "goal"])
 def test_nothing_stays_of_the_camera_or_the_goal_before(name, before):

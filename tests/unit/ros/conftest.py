@@ -194,6 +194,12 @@ class Graph:
         """Answer like the master's getPid."""
         return 7
 
+    def lookupService(self, name: str) -> str:
+        """Answer like the master's lookupService."""
+        if name not in self.services:
+            raise rosgraph.MasterError(f"unknown service [{name}]")
+        return "rosrpc://here:1"
+
     def getParam(self, name: str) -> object:
         """Answer like the parameter server's getParam."""
         assert name.startswith("/")

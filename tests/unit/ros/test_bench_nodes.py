@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-import importlib
 import json
 import os
 import runpy
@@ -76,14 +75,10 @@ def test_no_program_is_left_out():
 
 
 @pytest.mark.parametrize("program", STARTED)
-def test_a_program_ends_with_the_status_of_its_module(monkeypatch, program):
-    module = importlib.import_module(STARTED[program])
-    before, heard, name = signal.getsignal(signal.SIGINT), [], program.rpartition("/")[2]
+def test_a_program_prints_its_help_and_ends(monkeypatch, capsys, program):
+    before, name = signal.getsignal(signal.SIGINT), program.rpartition("/")[2]
     collected = gc.isenabled()
-    words = ([name, "a", "b"],) if name in ("analyze", "protocol") else ()
-    monkeypatch.setattr(sys, "argv", [name, "a", "b"])
-    monkeypatch.setattr(module, "main", lambda *given: (
-        heard.append((signal.getsignal(signal.SIGINT), given)), 7)[1])
+    monkeypatch.setattr(sys, "argv", [name, "--help"])
     if STARTED[program].endswith("commands"):  # whose workers import it too
         runpy.run_path(str(SOURCES / program), run_name="__mp_main__")
     try:
@@ -94,11 +89,14 @@ def test_a_program_ends_with_the_status_of_its_module(monkeypatch, program):
         gc.unfreeze()
         if not collected:
             gc.disable()
-    assert ended.value.code == 7
+    printed = capsys.readouterr()
+    if name == "aras_teleop":  # which asks for a terminal before it looks at its words
+        assert ended.value.code == 1 and "needs a terminal" in printed.err
+    else:
+        assert not ended.value.code and len(printed.out) > 60
     early = "program import run" in (SOURCES / program).read_text()
     bench = program.startswith("aras_visual_servo_bench/") or program.endswith(("teleop", "teach"))
     assert early is not bench  # of the others a Ctrl-C while they begin leaves no traceback
-    assert heard == [(signal.SIG_DFL if early else before, words)]
 
 
 XACRO = SOURCES / "upstream_names/xacro/scripts"

@@ -17,7 +17,6 @@ from aras_visual_servo_controller.errors import ConfigurationError, MeasurementE
 from aras_visual_servo_controller.features import FEATURES
 from aras_visual_servo_controller.features.luminance import (
     BORDER,
-    _PixelRays,
     get_grey_image,
     square_root,
 )
@@ -95,22 +94,6 @@ def test_the_normal_equations_are_those_of_every_pixel(name, damping, camera):
     size = scale * np.linalg.norm(e)
     assert found.L.T @ found.error / size == pytest.approx(J.T @ e / size, abs=0.005)
     assert found.error_summary == pytest.approx(np.sqrt(np.mean(e**2)), rel=0.01)
-
-
-def test_pixels_move_with_rays_as_the_lens_projects_them():
-    """Of one that leans: a pixel's column depends on y, its row on x."""
-    K = (180.0, 0, 70.5, 0, 165.0, 66.5, 0, 0, 1)
-    lens = CameraModel(160, 120, K, (-0.3, 0.1, 0.02, -0.03))
-    rays, step = _PixelRays(lens), 1e-6
-    v, u = (grid[BORDER:-BORDER, BORDER:-BORDER] for grid in np.indices((120, 160)))
-    x, y, _ = lens.normalise(u.ravel().astype(float), v.ravel().astype(float))
-    np.testing.assert_allclose(rays.x.ravel(), x, atol=1e-6)
-    np.testing.assert_allclose(rays.y.ravel(), y, atol=1e-6)
-    for by, ways in ((("ux", "vx"), (step, 0.0)), (("uy", "vy"), (0.0, step))):
-        sides = [lens.project(x + sign * ways[0], y + sign * ways[1]) for sign in (1.0, -1.0)]
-        for name, one, other in zip(by, *sides, strict=True):
-            found = getattr(rays, name).ravel()
-            np.testing.assert_allclose(found, (one - other) / (2.0 * step), atol=0.2)
 
 
 @pytest.mark.parametrize("name", MAPS)

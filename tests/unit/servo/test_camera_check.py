@@ -124,7 +124,7 @@ def test_a_little_off_is_within_what_can_be_measured():
 
 def test_motion_the_other_way_and_motion_of_its_own_are_faults():
     against = seen_by(np.array([-1.0] * 3 + [1.0] * 3)).find_fault()
-    assert "translations of the camera move them in the opposite direction" in against
+    assert "when the camera translates, they move in the opposite direction" in against
     evidence = seen_by(ONE, 40, drift=20.0)
     assert "of the motion is not explained" in evidence.find_fault()
     assert "4 % of the motion is not explained" in seen_by(ONE, 40, drift=8.0).find_fault()

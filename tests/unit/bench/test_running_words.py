@@ -155,7 +155,7 @@ def test_a_run_without_success_stops_it(tiny, capsys):
     assert tiny("--fail-fast") == 1
     last = capsys.readouterr().out.splitlines()[-1]
     assert last.startswith(
-        "stopped after run 0, which ended with timed_out (not at the goal after 0.1 s); ")
+        "stopped after run 0, which ended with timed_out (not converged after 0.1 s); ")
     assert last.endswith(f"; repeat it with rosrun aras_visual_servo_bench bench show {tiny.path} "
                          "0")
 

@@ -8,7 +8,31 @@ import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
-from aras_visual_servo_camera.model_tracker import pose_fitting
+from aras_visual_servo_camera.model_tracker import edge_search, pose_fitting
+
+UNKNOWN = edge_search.UNKNOWN_LEVEL
+
+
+@pytest.mark.parametrize("plain", [True, False])
+def test_levels_are_remembered_edge_by_edge(plain):
+    """Compiled, and as plain Python, which reads nothing beyond an array."""
+    expected_levels, learn = edge_search.predict_levels, edge_search.update_levels
+    if plain:
+        expected_levels, learn = expected_levels.py_func, learn.py_func
+    random = np.random.default_rng(3)
+    edge, facing = random.integers(0, 9, 80), random.random((80, 2)) < 0.6
+    values, residuals = random.uniform(0.0, 255.0, (80, 4)), random.normal(0.0, 1.0, 80)
+    levels = np.where(random.random((10, 2)) < 0.5, UNKNOWN, random.uniform(0.0, 255.0, (10, 2)))
+    known = expected_levels(edge, facing, levels)
+    assert (known == np.where(facing, levels[edge], UNKNOWN)).all()
+    renewed = levels.copy()
+    learn(renewed, edge, facing, values, residuals, 0.8)
+    for side in range(2):
+        used = facing[:, side] & (np.abs(residuals) < 0.8)
+        means = pd.Series(values[used, 1 + side]).groupby(edge[used]).mean().reindex(range(10))
+        was = levels[:, side]
+        wanted = np.where(was < 0.0, means, was + 0.2 * (means - was))
+        np.testing.assert_allclose(renewed[:, side], np.where(means.isna(), was, wanted))
 
 
 def tukey(residuals, least):

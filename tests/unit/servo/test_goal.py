@@ -295,14 +295,15 @@ def test_goals_that_do_not_fit_the_arm():
     goal = Goal.load(CONFIG / "goal_2016.yaml")
     with pytest.raises(ConfigurationError, match=r"no value for the joint\(s\) J6"):
         replace(goal, joints={k: v for k, v in goal.joints.items() if k != "J6"}).for_arm(the_arm())
-    with pytest.raises(ConfigurationError, match="J2 at 9.0000, outside its limits"):
+    with pytest.raises(ConfigurationError, match="J2 at 9.0000, outside the joint's limits"):
         replace(goal, joints={**goal.joints, "J2": 9.0}).for_arm(the_arm())
     level = matrix_from_xyz_rpy((0, 0, 1.0), (np.pi / 2, 0, 0))
     with pytest.raises(ConfigurationError, match="parallel to the table"):
         Goal(world_T_camera=level, depth=0.2).make_level_plane()
     with pytest.raises(ConfigurationError, match="does not contain the target's geometry"):
         Goal().predict_from_pose(np.eye(4))
-    with pytest.raises(ConfigurationError, match="not visible from this pose"):
+    fix = r"not visible from this pose .* mounting \(camera_xyz, camera_rpy\), or teach the goal"
+    with pytest.raises(ConfigurationError, match=fix):
         goal.predict_from_pose(matrix_from_xyz_rpy((0, 0, 1.0), (0, 0, 0)))  # looks up
     with pytest.raises(ConfigurationError, match="not visible .*there is no target.*mounting"):
         goal.predict_from_pose(matrix_from_xyz_rpy((3.0, 0, 0), (0, 0, 0)) @ goal.world_T_camera)

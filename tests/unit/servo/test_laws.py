@@ -156,6 +156,17 @@ def test_every_law_is_made_by_name_and_answers_its_shape(name):
     assert isinstance(create_law(name, **gains), LAWS[name])
 
 
+@pytest.mark.parametrize("name", LAWS)
+def test_every_law_forgets_the_previous_run_when_it_is_reset(name):
+    gains = {"values": [1.0, 2.0, 3.0]} if name == "diagonal" else {}
+    law, new = create_law(name, **gains), create_law(name, **gains)
+    for t, dt in ((0.0, 0.0), (1.0, 1.0), (2.0, 1.0)):
+        rate(law, t=t, dt=dt)
+    law.reset()
+    for t, dt in ((0.0, 0.0), (1.0, 1.0), (2.0, 1.0)):
+        np.testing.assert_array_equal(rate(law, -0.5 * E, t, dt), rate(new, -0.5 * E, t, dt))
+
+
 NUMBERS = [
     (law, parameter.name)
     for law in (Proportional, Adaptive, ProportionalIntegral, SlidingMode, ContinuousStart, Ramp)

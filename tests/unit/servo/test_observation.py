@@ -8,11 +8,12 @@ from loop_rig import CAMERA, STARTS, lost, the_arm, the_goal
 
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_camera.contour import CORNER_ACCURACY
+from aras_visual_servo_camera.images import Image
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.line_fits import compute_rms_deviation
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.segmentation import Segmentation
-from aras_visual_servo_camera.trackers.base import TrackedPoints, Tracker
+from aras_visual_servo_camera.trackers import TrackedPoints, Tracker
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.errors import MeasurementError
 from aras_visual_servo_controller.kinematics.joint_sample import JointSample
@@ -133,6 +134,24 @@ def test_a_picture_that_cannot_be_segmented_as_asked_says_why():
     assert not seen.valid and seen.moments is None
     reason = "segmentation 'nearest_colour' needs a colour image, but the image is grey; use a "
     assert seen.reason == reason + "colour camera or method 'otsu'"
+
+
+def test_a_tracker_that_uses_colour_gets_rgb():
+    class Red(Tracker):
+        has_colour = True
+
+        def find(self, image):
+            v, u = np.nonzero((image == (255, 0, 0)).all(axis=2))
+            return np.array([[u.mean(), v.mean()]])
+
+    image = np.full((CAMERA.height, CAMERA.width, 3), 76, np.uint8)  # the grey level of this red
+    image[40:43, 60:63] = 255, 0, 0
+    for encoding, pixels in (("rgb8", image), ("bgr8", image[..., ::-1].copy())):
+        seen = FeatureObserver(None, frozenset((Need.CORNERS,)), tracker=Red()).observe_image(
+            0.0, Image(pixels, encoding), CAMERA
+        )
+        found = np.column_stack(CAMERA.project(*seen.corners.T)[:2])
+        np.testing.assert_allclose(found, [(61.0, 41.0)], atol=1e-6)
 
 
 @pytest.mark.parametrize("begin", [0.0, 31.5])
@@ -316,25 +335,25 @@ def test_no_motion_is_told_to_and_from_joints_that_are_guessed():
 def test_points_are_a_tracker_s_as_it_answers_them(told):
     heard, found = [], Plane(0.1, 0.2, 4.0)
 
-    class Told(Tracker):
-        resets = 0
+    forgot = []
 
-        def reset(self):
-            self.resets += 1
-
+    class Fixed(Tracker):
         def find(self, grey):
-            raise AssertionError("`track` is called")
+            raise AssertionError(grey)
 
         def track(self, grey, camera, world_T_camera=None, depth=None):
             heard.append((grey.shape, camera, world_T_camera, depth))
-            return TrackedPoints(np.array([[0.1, 0.2], [0.3, -0.4]]), found, 0.01, 0.002,
-                                 "DICT_5X5_100:7", np.eye(4))  # fmt: skip
+            return TrackedPoints(
+                np.array([[0.1, 0.2], [0.3, -0.4]]), found, 0.01, 0.002, "DICT_5X5_100:7",
+                np.eye(4))
 
-    tracker = Told()
-    observer = FeatureObserver(the_arm(), frozenset((Need.CORNERS,)), tracker=tracker)
+        def reset(self):
+            forgot.append(True)
+
+    observer = FeatureObserver(the_arm(), frozenset((Need.CORNERS,)), tracker=Fixed())
     white, depth = np.full((240, 320), 250, np.uint8), np.full((240, 320), 0.3, np.float32)
     seen = observer.observe_image(0.5, white, CAMERA, joints(0.5), depth=depth, plane=told)
-    assert seen.valid and tracker.resets == 1
+    assert seen.valid and forgot == [True]
     ((shape, camera, pose, given),) = heard
     assert shape == (240, 320) and camera is CAMERA and given is depth
     np.testing.assert_array_equal(pose, the_arm().pose(joints(0.5).positions))

@@ -182,7 +182,7 @@ def test_settings_of_the_loop_alone_have_bounds_too():
         ({"start": "0 0 0 0 0 far"}, r"~start.5. is 'far', must be a finite number"),
         ({"start": {"J4": 0.0}}, "has a value for J4"),
         ({"start": {"J1": 0.0}}, "has no value for gantry, J2"),
-        ({"start": [0, 0, 0, 2.5, 0, 0]}, "outside its limits"),
+        ({"start": [0, 0, 0, 2.5, 0, 0]}, "outside the joint's limits"),
         ({"start": {"xyz": [0, 0, 5], "rpy": [3.1, 0, 0]}}, "out of the arm's reach"),
         ({"start": {"xyz": [0, 0], "rpy": [3.1, 0, 0]}},
          "~start.xyz is .* must be a list of 3 finite numbers"),
@@ -369,6 +369,31 @@ def test_options_of_the_scheme_and_of_the_law_are_handed_on(arm):
     assert (scheme.interaction, scheme.smoothing, scheme.law.zero) == ("mean", 0.25, 5.0)
     with pytest.raises(ConfigurationError, match="~law_options: 1 is not a parameter of a law$"):
         Settings(law_options={1: 2.0}).make_law()
+
+
+def test_options_of_the_tracker_are_passed_to_it(tmp_path, monkeypatch):
+    assert of(tracker="dots", tracker_options={"count": 3}).make_tracker().count == 3
+    (tmp_path / "their_tracker.py").write_text(
+        "from aras_visual_servo_controller import Tracker\n\n\n"
+        "class Ring(Tracker):\n"
+        "    hold: float = 0.25\n\n"
+        "    def find(self, grey):\n"
+        "        raise NotImplementedError\n"
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    # `hold` is also a parameter of the controller, which does not concern the tracker
+    assert of(tracker="their_tracker:Ring").make_tracker().hold == 0.25
+    ring = of(tracker="their_tracker:Ring", tracker_options={"hold": 4}).make_tracker()
+    assert ring.hold == 4.0
+    for given, words in (
+        ({"tracker": "dots", "tracker_options": {"cuont": 3}}, "did you mean 'count'"),
+        ({"tracker": "dots", "tracker_options": {"count": 0}}, "count is 0, must be >= 1"),
+        ({"tracker": "marker", "tracker_options": {"marker": "5"}}, "set ~marker instead"),
+        ({"tracker_options": {"count": 3}}, "'outline' has no options"),
+    ):
+        with pytest.raises(ConfigurationError, match=words):
+            of(**given).make_tracker()
+    sys.modules.pop("their_tracker")
 
 
 def test_secondary_tasks_are_those_that_are_asked_for(arm):

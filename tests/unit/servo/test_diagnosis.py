@@ -707,7 +707,7 @@ def test_a_run_whose_time_is_over_says_what_it_was_about(kind, before, told):
 def test_a_run_that_ends_at_its_goal_before_the_hold_time_is_over_says_so(
     arrival, interruption, since
 ):
-    scheme = SimpleNamespace(tolerances=(1.0,), units=("",))
+    scheme = TolerantScheme((1.0,))
     run = RunContext(ServoSettings(duration=2.5), the_goal("2016"), scheme)
     diagnosis = Diagnosis(run)
     for k in range(26):
@@ -785,7 +785,7 @@ def test_an_outcome_of_ones_own_has_to_last_a_second_too():
             return Outcome("too_close" if is_close else "target_moves")
 
     DIAGNOSES.register("close")(Close)
-    scheme = SimpleNamespace(tolerances=(1.0,), units=("",))
+    scheme = TolerantScheme((1.0,))
     run = RunContext(ServoSettings(), the_goal("2016"), scheme)
     for end, kind in ((2.0, "target_moves"), (2.9, "target_moves"), (3.1, "too_close")):
         records = [answered(0.1 * k, np.ones(1)) for k in range(round(10 * end) + 1)]

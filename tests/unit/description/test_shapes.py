@@ -20,7 +20,6 @@ from aras_sim_bridge.rendering.scene import Scene
 from aras_sim_bridge.world import World
 from aras_visual_servo_base.meshes.mesh import (
     Mesh,
-    _find_unique_rows,
     check_reach,
     from_corners,
     from_indices,
@@ -194,18 +193,6 @@ def test_numbers_are_within_reach_and_no_normal_stays_none():
     with np.errstate(all="raise"):
         assert normalise(np.array([[0.0, 3.0, 4.0], [0, 0, 0]])).tolist() == [[0, 0.6, 0.8],
                                                                               [0, 0, 0]]
-
-
-def test_rows_of_any_numbers_are_told_apart():
-    rng = np.random.default_rng(5)
-    for reach in (3, 2**20, 2**45):
-        rows = rng.integers(-reach, reach, (500, 4))
-        rows = rows[rng.integers(0, 500, 2000)]
-        first, inverse = _find_unique_rows(rows)
-        _, expected, expected_inverse = np.unique(rows, axis=0, return_index=True,
-                                                  return_inverse=True)
-        assert (first == expected).all()
-        assert (inverse == expected_inverse.reshape(-1)).all()
 
 
 def test_faces_without_an_area_are_left_out():

@@ -291,20 +291,6 @@ def test_the_posture_of_a_goal_is_its_joints_or_found_for_its_pose():
         assert told.find_unreachable_reason(arm) == ""
 
 
-def test_the_posture_is_looked_for_from_zero_to_two_millimetres():
-    class Arm:
-        names, asked = ("a", "b"), []
-
-        def inverse_kinematics(self, *given):
-            self.asked.append(given)
-            return np.array([0.1, 0.2])
-
-    goal, arm = Goal(world_T_camera=matrix_from_xyz_rpy((0.1, 0.2, 0.3), (0, 0, 0))), Arm()
-    assert goal.find_posture(arm).tolist() == [0.1, 0.2] and goal.find_unreachable_reason(arm) == ""
-    for pose, near, reach in arm.asked:
-        assert pose is goal.world_T_camera and near.tolist() == [0.0, 0.0] and reach == 2e-3
-
-
 def test_goals_that_do_not_fit_the_arm():
     goal = Goal.load(CONFIG / "goal_2016.yaml")
     with pytest.raises(ConfigurationError, match=r"no value for the joint\(s\) J6"):

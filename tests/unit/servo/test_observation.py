@@ -17,7 +17,6 @@ from aras_visual_servo_camera.trackers import TrackedPoints, Tracker
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.errors import MeasurementError
 from aras_visual_servo_controller.kinematics.joint_sample import JointSample
-from aras_visual_servo_controller.observation.depth_image import MIN_PIXELS, fit_plane
 from aras_visual_servo_controller.observation.feature_observer import (
     FeatureObserver,
     explain_implausible,
@@ -367,23 +366,6 @@ def test_points_are_a_tracker_s_as_it_answers_them(told):
     assert seen.marker == "DICT_5X5_100:7"
     np.testing.assert_array_equal(seen.corner_spread, np.eye(4))
     assert seen.plane == (told or found) and seen.depth is None
-
-
-@pytest.mark.parametrize("count", [MIN_PIXELS - 1, MIN_PIXELS])
-def test_a_plane_of_a_depth_image_needs_twelve_pixels(count):
-    assert MIN_PIXELS == 12
-    camera = CameraModel(64, 48, (70.0, 0.0, 30.0, 0.0, 55.0, 26.0, 0.0, 0.0, 1.0))
-    rows, columns = np.mgrid[0:48, 0:64]
-    x, y = (columns - 30.0) / 70.0, (rows - 26.0) / 55.0
-    depth = 1.0 / (0.3 * x - 0.2 * y + 1.7)
-    known = np.zeros(depth.size, bool)
-    known[np.random.default_rng(3).permutation(depth.size)[:count]] = True
-    depth[~known.reshape(depth.shape)] = 0.0
-    found = fit_plane(depth, camera, None)
-    if count < MIN_PIXELS:
-        assert found is None
-    else:
-        assert tuple(found) == pytest.approx((0.3, -0.2, 1.7))
 
 
 def test_joints_whose_speed_is_not_known_rest_and_each_needs_a_number():

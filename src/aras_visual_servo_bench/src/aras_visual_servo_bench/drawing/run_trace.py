@@ -14,12 +14,10 @@ import numpy as np
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.kinematics import Arm
 from aras_visual_servo_controller.records.state import (
-    APPROACHING,
     CONVERGED,
     SERVOING,
-    STOPPED,
-    WAITING,
     ServoState,
+    starts_run,
 )
 
 from ..plots.palette import LIVE, to_rgb
@@ -124,12 +122,11 @@ class RunTrace:
         positions: (n,) joint positions at the time of this state; empty if they are unknown.
         """
         last_state, self.state = self.state, state
-        is_moving = state.phase in (SERVOING, CONVERGED)
-        if not is_moving:
-            return
-        if last_state.phase in ("", APPROACHING, WAITING, STOPPED):
+        if starts_run(last_state.phase, state.phase):
             self.start_pose, self._trajectories = None, {}
             self._path.clear()
+        if state.phase not in (SERVOING, CONVERGED):
+            return
         if len(positions) == len(self.arm.names):
             pose = self.arm.pose(np.asarray(positions, float))
             if self.start_pose is None:

@@ -23,6 +23,17 @@ CONVERGED, HOLDING, STOPPED = "converged", "holding", "stopped"
 OUTPUTS = ("position", "velocity", "effort")
 
 
+def starts_run(before: str, after: str) -> bool:
+    """Return whether a run starts between two consecutive phases; `before` is '' at the beginning.
+
+    A run starts with the approach to its start, and again when servoing starts, so that its curves
+    and its path have no part of the approach.
+    """
+    if after == APPROACHING:
+        return before != APPROACHING
+    return after in (SERVOING, CONVERGED) and before in ("", APPROACHING, WAITING, STOPPED)
+
+
 PerJoint = float | tuple[float, ...] | Mapping[str, float]
 
 

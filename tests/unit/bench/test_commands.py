@@ -89,6 +89,7 @@ def test_names_that_are_no_text_are_written_and_printed(experiment, tmp_path):
         (["--workers", "2"], "--workers applies to studies, not to an experiment"),
         (["--dry-run"], "--dry-run applies to studies"),
         (["--fail-fast"], "--fail-fast applies to studies"),
+        (["--out", "o", "--no-report"], "--no-report writes no report: leave out one of them"),
         (["duration=-1"], "duration"),
     ],
 )

@@ -16,8 +16,8 @@ from aras_visual_servo_controller.kinematics import Arm
 from aras_visual_servo_controller.records.state import (
     CONVERGED,
     SERVOING,
+    RunStartDetector,
     ServoState,
-    starts_run,
 )
 
 from ..plots.palette import LIVE, to_rgb
@@ -98,6 +98,7 @@ class RunTrace:
     def clear(self) -> None:
         """Delete the data of the run but not the robot, for example after a reset of the clock."""
         self.state = NO_STATE
+        self._run_starts = RunStartDetector()
         self.start_pose: np.ndarray | None = None
         self._path = Track(3, MIN_SPACING)
         self._trajectories: dict[str, Track] = {}
@@ -121,8 +122,8 @@ class RunTrace:
 
         positions: (n,) joint positions at the time of this state; empty if they are unknown.
         """
-        last_state, self.state = self.state, state
-        if starts_run(last_state.phase, state.phase):
+        self.state = state
+        if self._run_starts.is_start(state.phase):
             self.start_pose, self._trajectories = None, {}
             self._path.clear()
         if state.phase not in (SERVOING, CONVERGED):

@@ -128,7 +128,8 @@ def test_distances_are_filtered_in_the_unit_that_is_shown(page, folder):
     assert page.js("[...document.querySelectorAll('#column option')].map((o) => o.text)").count(
         "final_distance (mm)") == 1  # fmt: skip
     add_filter(page, "final_distance", "≤", f"{1e3 * middle:.6f}")
-    page.wait(f"{COUNTED}.startsWith('{(table.final_distance <= middle + 1e-9).sum()} of 160 runs')")
+    count = (table.final_distance <= middle + 1e-9).sum()
+    page.wait(f"{COUNTED}.startsWith('{count} of 160 runs')")
     chip = page.js("document.querySelector('#filters button').innerText")
     assert chip.startswith("final_distance ≤ ") and " mm" in chip
     assert float(chip.split()[2]) == pytest.approx(1e3 * middle, rel=1e-3)
@@ -141,7 +142,8 @@ def test_distances_are_filtered_in_the_unit_that_is_shown(page, folder):
     page.js("document.querySelector('#rows tbody button').click()")
     page.wait("!document.getElementById('run').hidden")
     run, distance = shown[0]
-    rows = page.js("[...document.querySelectorAll('#run tr')].map((r) => r.innerText.split(/\\s+/))")
+    rows = page.js("""[...document.querySelectorAll("#run tr")]
+        .map((r) => r.innerText.split(/\\s+/))""")
     (found,) = (row for row in rows if row[0] == "final_distance")
     assert found[2] == "mm" and float(found[1]) == pytest.approx(distance, rel=1e-2)
 

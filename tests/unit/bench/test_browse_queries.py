@@ -132,7 +132,8 @@ def test_columns_have_the_unit_of_the_tables():
 def test_columns_are_told_with_the_values_of_those_that_take_few(look):
     told = {one["name"]: one for one in queries.describe_columns(look)}
     assert list(told) == look.table.column_names
-    assert told["gain"] == {"name": "gain", "unit": "1/s", "size": 1.0, "role": "setting", "kind": "number",
+    assert told["gain"] == {"name": "gain", "unit": "1/s", "size": 1.0,
+                            "role": "setting", "kind": "number",
                             "is_binary": False,
                             "count": 4, "known_count": COUNT - 9,
                             "values": [0.25, 1.5, 4.0]}  # fmt: skip

@@ -458,12 +458,13 @@ def test_faces_are_drawn_in_their_colour(page, host):
 
 def test_of_two_cameras_at_the_same_place_one_is_drawn_in_its_whole_length(page, host):
     """Lines of a goal and of a camera that has nearly reached it, in either order of drawing."""
-    counts = page.js("""(() => { const scene = arasPage.scene, y = [0.5, -0.5], answer = [];
+    counts = page.js("""(() => { const { scene } = arasPage, y = [0.5, -0.5], answer = [];
         const make = (colour, d) => ({ kind: "lines", width: 0.01, colour,
             points: y.flatMap((v) => [d * v, v, 0.8 - d * v, d * v, -v, 0.8 + d * v]) });
         const red = [1, 0, 0, 1], blue = [0, 0, 1, 1];
         scene.setView({ middle: [0, 0, 0.8], distance: 2, yaw: 0.95, pitch: 0.36 });
-        for (const changed of [{}, { "desired test": make(red, 0), "camera test": make(blue, 1e-4) },
+        for (const changed of [
+            {}, { "desired test": make(red, 0), "camera test": make(blue, 1e-4) },
                                { "desired test": make(red, 2e-4) }]) {
             scene.setShapes(changed, false); scene.draw();
             const gl = scene.gl, p = new Uint8Array(4 * scene.canvas.width * scene.canvas.height);

@@ -207,7 +207,7 @@ export class Chart {
       for (const [value, text] of lines) {
         const y = u.valToPos(value, "y", true);
         line(bbox.left, y, right, y, shade, [5, 3]);
-        ctx.fillText(text, right - 4 * ratio, y - 3 * ratio);
+        ctx.fillText(text, right - 4 * ratio, y - (y > bbox.top + 14 * ratio ? 3 : -12) * ratio);  // at the top, below the line
       }
     }
     for (const [time, text] of panel.marks) {

@@ -422,7 +422,7 @@ def test_the_command_compares_cases_and_explains_what_it_cannot(path, capsys):
             "values") in text
     for words, complaint in (
         ([path], "diff without --between needs 2 study folders, not 1: give two folders, or one"),
-        ([path, path, "--between", "scheme"], "diff needs 1 study folder, not 2"),
+        ([path, path, "--between", "scheme"], "diff with --between needs 1 study folder, not 2"),
         ([path, "--between", "schem"], "out does not vary 'schem': did you mean 'scheme'?"),
         ([path, "--between", "gain", "--by", "gain"], "gain is given in both --between and --by"),
     ):

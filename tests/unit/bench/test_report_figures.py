@@ -493,7 +493,7 @@ def test_a_figure_has_its_panels_curves_and_names_them(runs, count, name, paper)
             wanted = (
                 [run.name for run in some] if count == 2 else [find_symbol(c.name) for c in full]
             )
-            assert [w for w in named if w not in ("command", "desired")] == wanted
+            assert [w for w in named if w not in ("commanded position", "desired")] == wanted
             for line in axis.lines[: len(panel.curves)]:
                 if line.get_label() in named:
                     assert line.get_color() == named[line.get_label()].get_color()
@@ -510,7 +510,7 @@ def test_a_figure_has_its_panels_curves_and_names_them(runs, count, name, paper)
     ("feature_errors", ["Feature errors s − s*  (pale: as measured, full: filtered)"]),
     ("features", ["Features s  (dashed: desired s*)"]),
     ("camera_twist", ["Twist of the camera  (dashed: desired)"]),
-    ("joint_positions", ["Positions  (dashed: command)", "Speeds"]),
+    ("joint_positions", ["Positions  (dashed: commanded position)", "Speeds"]),
     ("timing", ["Time between images"]), ("conditioning", ["Conditioning"]),
 ])  # fmt: skip
 def test_a_title_says_what_pale_and_dashed_curves_are(runs, name, titles, screen):

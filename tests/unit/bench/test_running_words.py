@@ -223,7 +223,7 @@ def test_resuming_checks_the_study_s_file(tiny, capsys):
 
 
 @pytest.mark.parametrize(("rows", "names", "shown"), [
-    (40, ("settled", "final_distance", "other"), True), (41, ("settled",), False),
+    (40, ("contradicts", "settled", "other"), True), (41, ("settled",), False),
     (3, ("other",), False)])
 def test_a_report_is_a_table_and_pictures(calls, tmp_path, capsys, monkeypatch, rows, names, shown):
     results = SimpleNamespace(study=SimpleNamespace(metric_names=names))
@@ -246,7 +246,7 @@ def test_a_report_is_a_table_and_pictures(calls, tmp_path, capsys, monkeypatch, 
 
 @pytest.mark.parametrize(("words", "name", "source", "out"), [
     ([], "demo", "", None), (["--out", "o"], "demo", "", "o"), (["FILE", "--out", "o"], "one", "F",
-     "o"), (["FILE", "--out", "o", "--no-report"], "one", "F", None)])
+     "o"), (["FILE", "--no-report"], "one", "F", None)])
 def test_an_experiment_is_run_once(calls, tmp_path, monkeypatch, words, name, source, out):
     path = tmp_path / "one.yaml"
     path.write_text("plant: free\nduration: 1.0\n")

@@ -250,16 +250,3 @@ def test_a_goal_behind_the_target_is_refused():
 def test_a_scheme_of_pictures_is_refused_on_exact_features(plant):
     with pytest.raises(ExperimentError, match="set features: images"):
         check(Experiment(plant=plant, scheme="luminance", features="exact"))
-
-
-def test_the_loops_settings_are_read_once(monkeypatch):
-    from aras_visual_servo_controller.settings import Settings
-
-    read = []
-    of = Settings.from_mapping.__func__
-    monkeypatch.setattr(
-        Settings, "from_mapping",
-        classmethod(lambda cls, given, *rest: read.append(dict(given)) or of(cls, given, *rest)),
-    )  # fmt: skip
-    assemble(flying())
-    assert sum("scheme" in given for given in read) == 1

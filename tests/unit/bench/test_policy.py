@@ -34,14 +34,13 @@ def test_brightness_and_contrast_are_nothing_to_it():
     np.testing.assert_allclose(make_inputs(3 * picture + 10), seen, atol=1e-12)
 
 
-def test_what_it_practises_on_belongs_together(monkeypatch):
+def test_what_it_practises_on_belongs_together():
     """Answers are where the goal is: a teacher who flies by them comes there."""
-    monkeypatch.setattr(policy, "PERTURBATION", 0.0)
     x, y = policy.collect_demonstrations(None, 240, seed=2, environments=2)
     assert len(x) == len(y) >= 240 and x.shape[1] == policy.ROWS * policy.COLUMNS
     np.testing.assert_allclose(np.hypot(y[:, 3], y[:, 4]), 1.0, atol=1e-3)
     far = np.linalg.norm(y[:, :3], axis=1)
-    assert far[:2].min() > 0.02 and np.sort(far)[:20].max() < 0.004
+    assert far[:2].min() > 0.02 and np.sort(far)[:20].max() < 0.015
     network = PolicyNetwork(policy.train(x[::2], y[::2]))
     found = np.array([network(row) for row in x[1::2]])
     assert np.median(policy.compute_errors(found, y[1::2])[0]) < 0.03

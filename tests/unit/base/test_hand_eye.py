@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 import yaml
 
-from aras_visual_servo_base.camera_mounting import mount_camera
 from aras_visual_servo_base.hand_eye import HandEyeError, read_hand_eye
 from aras_visual_servo_base.poses import (
     inverse,
@@ -14,6 +13,7 @@ from aras_visual_servo_base.poses import (
     quaternion_from_matrix,
     xyz_rpy_from_matrix,
 )
+from aras_visual_servo_base.urdf_changes import mount_camera
 from aras_visual_servo_controller.kinematics import Arm
 
 POSE = matrix_from_xyz_rpy((0.021, -0.034, 0.085), (0.3, -2.8, 1.2))

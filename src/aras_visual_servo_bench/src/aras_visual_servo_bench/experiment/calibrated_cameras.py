@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from aras_visual_servo_base.camera_mounting import check_optical, find_camera_link
 from aras_visual_servo_base.errors import SimError
 from aras_visual_servo_base.poses import inverse, xyz_rpy_from_matrix
+from aras_visual_servo_base.urdf_changes import check_optical, find_camera_link
 
 from ..errors import ExperimentError
 from .cameras import WORLD, CalibrationOffset, CameraSpec, HandEyeSpec

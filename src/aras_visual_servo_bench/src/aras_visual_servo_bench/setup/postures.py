@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 
 from aras_sim_bridge.errors import SimError
-from aras_visual_servo_base.byte_limited_cache import ByteLimitedCache
+from aras_visual_servo_base.memory import ByteLimitedCache
 from aras_visual_servo_controller.errors import UnreachableError
 from aras_visual_servo_controller.kinematics import Arm
 

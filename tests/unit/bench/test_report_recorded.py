@@ -39,7 +39,7 @@ def pose(number):
 EYE = {"width": 64, "height": 48,
        "camera_matrix": {"fx": 50.0, "fy": 44.0, "cx": 30.0, "cy": 21.0}}  # fmt: skip
 EXPERIMENT = {
-    "plant": "chain", "features": "exact", "gain": 3.0, "scheme": "points@left",
+    "plant": "chain", "features": "exact", "gain": 3.0, "scheme": "moments@left",
     "camera": "original", "target": {"shape": "square", "size": [0.05, 0.05], "pose": [
         0.0, 0.0, 0.591, 0.0, 0.0, 0.3]},
     "cameras": {"left": {"model": EYE}, "blind": {"model": EYE},
@@ -53,12 +53,12 @@ def parts():
 
 
 def recorded(parts, phases=("approaching", "servoing", "servoing"), filmed=True,
-             names=("yg", "an", "xg")):  # fmt: skip
+             names=("yg", "an", "xg", "alpha")):  # fmt: skip
     """Run of made states, of five joint states, and of two images of the camera `wide`."""
     count = len(parts.plant.joint_names)
     recorder = RunRecorder(count, filmed)
     for i, phase in enumerate(phases):
-        decision = SchemeOutput(names, *np.arange(9.0 * i, 9.0 * i + 9).reshape(3, 3))
+        decision = SchemeOutput(names, *np.arange(12.0 * i, 12.0 * i + 12).reshape(3, 4))
         recorder.add_state(ServoState(1.5 + i, phase, scheme_output=decision), pose(i))
     for i in range(5):
         if i == 2:
@@ -90,7 +90,7 @@ def test_a_recorder_keeps_what_it_is_told_from_where_servoing_began(parts):
     np.testing.assert_allclose(run.position_limits, [arm.lower, arm.upper])
     assert run.joint_units == tuple("m" if slides else "rad" for slides in arm.is_prismatic)
     assert list(run.speed_limits) == list(arm.velocity)
-    np.testing.assert_array_equal(run.centres, [[11.0, 9.0], [20.0, 18.0]])  # xg, yg
+    np.testing.assert_array_equal(run.centres, [[14.0, 12.0], [26.0, 24.0]])  # xg, yg
     assert (run.target, run.goal, run.outcome) == (parts.target, parts.goal, "converged")
     assert run.settings["gain"] == "3" and run.experiment.gain == 3.0
     assert list(run.cameras) == list(parts.cameras) and len(run.cameras) == 3
@@ -106,7 +106,7 @@ def test_a_recorder_keeps_what_it_is_told_from_where_servoing_began(parts):
     shown = cv2.imdecode(np.frombuffer(wide.film[1][1], np.uint8), cv2.IMREAD_COLOR)  # bgr
     assert shown.shape == (40, 80, 3) and np.abs(shown[20, 40] - [200.0, 100.0, 10.0]).max() < 9
     assert recorded(parts, filmed=False).cameras["wide"].film == ()
-    for names in (("yg", "an", "x"), ("y", "an", "xg")):
+    for names in (("yg", "an", "x", "a"), ("y", "an", "xg", "a")):
         assert recorded(parts, names=names).centres.shape == (0, 2)
     late = recorded(parts, ("servoing", "approaching", "servoing"))
     assert [state.stamp for state in late.states] == [3.5]

@@ -238,15 +238,3 @@ def test_a_goal_is_not_shown_where_the_target_is_not_in_view(features, scheme):
         with pytest.raises(ExperimentError, match=words) as told:
             refuse(aside)
         assert "\n" not in str(told.value)
-
-
-def test_a_goal_behind_the_target_is_refused():
-    turned = flying(goal=posed(GOAL @ matrix_from_xyz_rpy((0, 0, 0), (np.pi, 0, 0))))
-    with pytest.raises(ExperimentError, match="behind the camera.*give a goal from which"):
-        check(turned)
-
-
-@pytest.mark.parametrize("plant", ["bullet", "chain", "free", "ideal"])
-def test_a_scheme_of_pictures_is_refused_on_exact_features(plant):
-    with pytest.raises(ExperimentError, match="set features: images"):
-        check(Experiment(plant=plant, scheme="luminance", features="exact"))

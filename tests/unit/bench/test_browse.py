@@ -13,7 +13,6 @@ from urllib.error import HTTPError
 from urllib.parse import urlencode
 from urllib.request import Request, urlopen
 
-import numpy as np
 import pyarrow.parquet as pq
 import pytest
 import yaml
@@ -27,7 +26,6 @@ from aras_visual_servo_bench.studies.pools import InProcessPool
 from aras_visual_servo_bench.studies.progress import Progress
 from aras_visual_servo_bench.studies.study import Study
 from aras_visual_servo_bench.studies.study_folder import CHECKSUM_FILE, StudyFolder
-from aras_visual_servo_bench.web.browse.queries import compute_medians, divide_into_cells
 from aras_visual_servo_bench.web.browse.reports import Reports
 from aras_visual_servo_bench.web.browse.server import serve
 from aras_visual_servo_bench.web.browse.studies import Studies
@@ -136,80 +134,6 @@ def test_several_filters_hold_together_and_studies_are_left_out(ask, rows):
     assert ask("rows", **both)["total"] == len(wanted)
     assert ask("rows")["total"] == 62
     assert ask("rows", studies=["first", "words"])["total"] == 32
-
-
-def test_groups_have_rate_interval_median_and_the_commonest_failure(ask, rows):
-    told = ask("groups", **of(), by=["gain", "delay"], values=["final_distance"])
-    assert told["count"] == 6
-    for group in told["groups"]:
-        gain, delay = group["values"]
-        own = [r for r in rows if (r["gain"], r["delay"]) == (gain, delay)]
-        good = sum(r["success"] == 1.0 for r in own)
-        rate, low, high = group["rate"]
-        assert group["runs"] == 5 and rate == good / 5 and low <= rate <= high and low < high
-        middle = np.median([r["final_distance"] for r in own])
-        assert group["estimates"] == [[pytest.approx(middle)]]
-        assert group["failure"] == (f"{5 - good} × oscillating" if good < 5 else "")
-        chosen = ask("rows", studies=["first"], filters=where(*group["bounds"]), count=200)
-        assert chosen["total"] == 5
-    assert 0 < sum(bool(g["failure"]) for g in told["groups"]) < 6
-    whole = ask("groups", **of(), by=[], values=[])["groups"]
-    assert [g["runs"] for g in whole] == [30]
-
-
-def test_each_cell_of_a_map_chooses_its_own_runs(ask, rows):
-    for x, y, value in (("gain", "delay", "success"), ("final_distance", "gain", "final_distance")):
-        told = ask("map", **of(), x=x, y=y, value=value)
-        seen = 0
-        for i, row in enumerate(told["runs"]):
-            for j, count in enumerate(row):
-                bounds = [(y, *b) for b in told["y"]["bounds"][i]]
-                bounds += [(x, *b) for b in told["x"]["bounds"][j]]
-                found = ask("rows", **of(*bounds), count=200)
-                assert found["total"] == count
-                seen += count
-                if count and value == "success":
-                    assert told["values"][i][j] == found["success_count"] / count
-                elif not count:
-                    assert told["values"][i][j] is None
-        assert seen + told["uncounted"] == 30
-    assert told["x"]["labels"][0][0] == pytest.approx(min(r["final_distance"] for r in rows))
-
-
-def test_many_values_make_ranges_and_medians_are_those_of_numpy():
-    import pyarrow as pa
-
-    rng = np.random.default_rng(3)
-    values = rng.normal(size=200)
-    values[::17] = np.nan
-    cut = divide_into_cells(pa.chunked_array([values]), bins=7)
-    assert len(cut.labels) == 7 and cut.uncounted_rows == np.isnan(values).sum()
-    for k, (low, high) in enumerate(cut.labels):
-        inside = values[cut.at == k]
-        assert ((inside >= low) & (inside <= high)).all()
-    group = rng.integers(-1, 5, 200)
-    found = compute_medians(values, group, 6)
-    for k in range(5):
-        assert found[k] == np.nanmedian(values[group == k])
-    assert np.isnan(found[5])
-    wide = divide_into_cells(pa.chunked_array([np.geomspace(1e-6, 1.0, 100)]), bins=6)
-    assert np.diff(np.log10([low for low, _ in wide.labels])) == pytest.approx(np.ones(5))
-
-
-def test_points_are_those_of_the_rows(ask, rows):
-    import base64
-
-    told = ask("points", **of(), x="gain", y="settled", colour_by="success")
-    known = [r for r in rows if r["settled"] == r["settled"]]
-    assert told["count"] == len(known) and told["uncounted"] == 30 - len(known)
-    y = np.frombuffer(base64.b64decode(told["y"]["values"]), "<f4")
-    run = np.frombuffer(base64.b64decode(told["run"]), "<i4")
-    study = np.frombuffer(base64.b64decode(told["study"]), "<i4")
-    assert run.tolist() == [r["run"] for r in known]
-    np.testing.assert_allclose(y, [r["settled"] for r in known], rtol=1e-6)
-    assert {told["studies"][i] for i in study} == {"first"}
-    words = ask("points", **of(), x="outcome", y="gain")
-    assert words["x"]["labels"] == ["converged", "oscillating"]
 
 
 def test_a_run_is_told_with_reason_and_remedy_and_its_whole_seed(ask, rows):

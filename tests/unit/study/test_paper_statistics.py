@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import itertools
 import math
 import re
@@ -16,7 +15,6 @@ import pytest
 from statsmodels.stats.contingency_tables import mcnemar
 from statsmodels.stats.multitest import multipletests
 from statsmodels.stats.proportion import proportion_confint
-from statsmodels.stats.weightstats import DescrStatsW
 
 from aras_visual_servo_bench import Results, Run, Study, metric
 from aras_visual_servo_bench.cli import main
@@ -142,26 +140,6 @@ def test_a_study_without_a_binary_metric_is_not_counted_in_its_rate(tmp_path):
     assert told["with"][0] == 0.75 and told["without"] == [None, None, None]
     query = queries.MapQuery(x="gain", y="gain", value="reached")
     assert queries.compute_success_map(look, query)["values"] == [[0.75]]
-
-
-def test_every_estimate_is_recomputed(path, raw, capsys):
-    text = run_command(["table", path, "--format", "csv"], capsys)[1]
-    table = pd.read_csv(io.StringIO(text), na_values=["nan"])
-    assert len(table) == 6
-    for _, row in table.iterrows():
-        own = raw[(raw.scheme == row.scheme) & (raw.gain == row.gain)]
-        assert row.runs == len(own) == 10
-        for name in ("success", "reached", "contradicts"):
-            found = [row[name + end] for end in ("", "_low", "_high", "_n")]
-            assert found == pytest.approx(wilson(own[name])), name
-        known = own.settled.dropna()
-        assert row.settled_n == len(known)
-        if len(known):
-            middle = DescrStatsW(known).quantile(0.5, return_pandas=False)[0]
-            assert row.settled == pytest.approx(middle) or len(known) % 2 == 0
-            assert row.settled == pytest.approx(known.median())
-        found = [row["final_distance_quartiles" + end] for end in ("_low", "", "_high")]
-        assert found == pytest.approx(own.final_distance.quantile([0.25, 0.5, 0.75]).tolist())
 
 
 @metric("", "greater", "these tests", is_binary=True)

@@ -430,10 +430,6 @@ def axis_of(run, *curves, **more):
     return figure.axes[0]
 
 
-def verticals(axis):
-    return {tuple(line.get_xdata()) for line in axis.lines if len(set(line.get_xdata())) == 1}
-
-
 def test_limits_near_the_curves_are_lines_and_far_ones_are_words(runs, screen):
     rise = (np.linspace(0.0, 3.0, 31), np.linspace(1.0, 2.0, 31))
     low, high = axis_of(runs[0], rise).get_ylim()

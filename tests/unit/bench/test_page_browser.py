@@ -211,6 +211,20 @@ def test_without_a_phase_it_is_said_what_is_missing(page, state):
     page.js("arasPage.state.controller = window.before")
 
 
+@pytest.mark.parametrize(("outcome", "reason", "said"), [
+    ("target_lost", "target lost at 3.20 s: no target", "target lost at 3.20 s: no target — look"),
+    ("no_joint_states", "no joint states yet", "no joint states yet — look"),
+    ("held", "held", "held — look"),
+    ("timed_out", "not converged after 4.0 s", "timed out: not converged after 4.0 s — look"),
+])  # fmt: skip
+def test_the_outcome_is_not_said_twice(page, state, outcome, reason, said):
+    found = json.dumps({"phase": "holding", "outcome": outcome, "reason": reason, "remedy": "look"})
+    page.js(f"window.before = arasPage.state.controller; arasPage.state.controller = {found}")
+    state()  # shows it
+    assert page.js("document.getElementById('controller-message').textContent") == said
+    page.js("arasPage.state.controller = window.before")
+
+
 @pytest.mark.parametrize("width", [320, 390, 820, 1080, 1081, 1440])
 def test_the_page_is_no_wider_than_the_screen(page, width):
     page.js("""document.querySelectorAll('details').forEach((d) => { d.open = true; });

@@ -281,3 +281,103 @@ def test_an_svg_has_bounds(tmp_path):
             continue
         with pytest.raises(ExperimentError, match="has more than 10000 elements"):
             read_svg(file)
+
+
+F = np.array([(0, 0), (60, 0), (60, 20), (20, 20), (20, 40), (45, 40), (45, 60), (20, 60),
+              (20, 100), (0, 100)])  # mm, y down
+F_PATH = f"<path {{}} d='M {' L '.join(f'{x} {y}' for x, y in F)} Z'/>"
+
+
+def page(width, height, box="", how=""):
+    """An SVG of an F of 60 x 100 mm, 20 mm from the left and 10 mm from the top of its page."""
+    size = " ".join(f'{side}="{length}"' for side, length in (("width", width), ("height", height))
+                    if length)  # fmt: skip
+    box = f'viewBox="{box}"' if box else ""
+    return f'<svg xmlns="http://www.w3.org/2000/svg" {size} {box}>{F_PATH.format(how)}</svg>'
+
+
+MM = 96.0 / 25.4  # px
+
+
+@pytest.mark.parametrize(("text", "own"), [
+    (page("100mm", "120mm", "-20 -10 100 120"), True),
+    (page("10cm", "12cm", "0 0 100 120", "transform='translate(20 10)'"), True),
+    (page("100mm", "", "-20 -10 100 120"), True),
+    (page("", "4.7244094in", "-200 -100 1000 1200", "transform='scale(10)'"), True),
+    (page(f"{100 * MM}px", f"{120 * MM}", "", f"transform='scale({MM}) translate(20,10)'"), True),
+    (page(f"{7200 / 25.4}pt", f"{8640 / 25.4}pt", "-20 -10 100 120"), True),
+    (page("100%", "100%", "-20 -10 100 120"), False),
+    (page("", "", "0 0 100 120", "transform='matrix(1 0 0 1 20 10)'"), False),
+])  # fmt: skip
+def test_png_svg_and_outline_of_one_drawing_look_alike(tmp_path, text, own):
+    (tmp_path / "f.svg").write_text(text)
+    image = np.full((1200, 1000), 255, np.uint8)  # ten pixels a mm
+    cv2.fillPoly(image, [10 * (F + (20, 10))], 0)
+    cv2.imwrite(str(tmp_path / "f.png"), image)
+    size = (0.1, 0.12)
+    outline = tuple(map(tuple, (F + (20, 10) - (50, 60)) * (1e-3, -1e-3)))
+    shapes = [make_target(outline), make_target(str(tmp_path / "f.png"), size),
+              make_target(str(tmp_path / "f.svg"), size)]  # fmt: skip
+    shapes += [make_target(str(tmp_path / "f.svg"))] if own else []
+    first, *others = (
+        render_target(shape, CAMERA, above(0.01, -0.02, 0.4)).astype(int) for shape in shapes
+    )
+    assert (first < 128).sum() > 1500
+    for other in others:
+        assert np.abs(other - first).max() < 128 and np.abs(other - first).mean() < 0.3
+
+
+def test_what_is_transparent_in_a_png_is_white(tmp_path):
+    """Whatever colour hides there, and of any depth."""
+    ink = np.zeros((100, 100), np.uint8)
+    ink[20:40, 20:80] = 255
+    ink[45:55, 20:80] = 128  # half
+    expected = 255.0 - ink
+    for depth, hidden in ((np.uint8, 0), (np.uint8, 90), (np.uint16, 0)):
+        full = np.iinfo(depth).max
+        image = np.full((100, 100, 4), hidden, depth)
+        image[ink > 0, :3] = 0
+        image[..., 3] = np.round(ink / 255.0 * full)
+        path = str(tmp_path / f"ink_{full}_{hidden}.png")
+        cv2.imwrite(path, image)
+        target = make_target(path, (0.1, 0.1))
+        assert np.abs(target.pixels - expected).max() <= 1.0
+
+
+def test_a_mesh_gets_a_scale_or_a_size(tmp_path):
+    """The description draws it so, the tracker's model is as large, and both are not given."""
+    (mesh,) = make_meshes(Geometry("box", size=(60.0, 40.0, 20.0)))  # mm
+    path = tmp_path / "part.obj"
+    corners = mesh.positions[mesh.triangles].reshape(-1, 3)
+    lines = [f"v {x} {y} {z}" for x, y, z in corners]
+    lines += [f"f {k} {k + 1} {k + 2}" for k in range(1, len(corners), 3)]
+    path.write_text("\n".join(lines))
+    with pytest.raises(ExperimentError, match=r"is 60 m long.* by 0.001, .* \(target.scale\)"):
+        make_target(str(path))
+    for given, box in (({"scale": 0.001}, (0.06, 0.04, 0.02)),
+                       ({"size": (0.1, 0.2, 0.3)}, (0.1, 0.2, 0.3))):  # fmt: skip
+        target = make_target(str(path), **given)
+        np.testing.assert_allclose(np.ptp(target.solid.vertices, axis=0), box)
+        np.testing.assert_allclose(np.ptp(read_solid(str(target.path)).vertices, axis=0), box)
+        urdf = parse_urdf(write_description(TargetSpec(str(path), **given)).read_text())
+        drawn = np.concatenate([part.positions for visual in urdf.links["target"].visuals
+                                for part in make_meshes(visual.geometry)])  # fmt: skip
+        np.testing.assert_allclose(np.ptp(drawn, axis=0), box, rtol=1e-6)
+    with pytest.raises(ModelError, match=r"by 0.001, .* \(model_scale\)"):  # of the node
+        read_solid(str(path))
+    assert read_solid(str(path), 0.001).size == pytest.approx(0.06)
+    for given, words in (({"scale": 0.1, "size": (1, 1, 1)}, "leave one out"),
+                         ({"size": (0.1, 0.1)}, "three lengths")):  # fmt: skip
+        with pytest.raises(ExperimentError, match=words):
+            make_target(str(path), **given)
+    with pytest.raises(ExperimentError, match="target.scale applies only to meshes"):
+        make_target("square", None, 0.5)
+
+
+def test_a_polygon_s_own_corners_need_no_size():
+    corners = ((0.0, 0.0), (0.1, 0.0), (0.0, 0.2))
+    assert make_target(corners, (9.0,)) == PolygonTarget(corners)
+    with pytest.raises(ExperimentError, match=r"target.size is \[0.1\], must be two lengths"):
+        make_target("square", (0.1,))
+    with pytest.raises(ExperimentError, match="target.shape is 'squar': did you mean 'square'"):
+        make_target("squar", SIZE)

@@ -137,7 +137,7 @@ def test_an_image_that_cannot_be_measured_for_long_is_a_target_lost():
     class Counting(Twice):
         def measure(self, observation, goal):
             if observation.stamp > 0.5:
-                raise MeasurementError("9 points are visible, the goal has 8")
+                raise MeasurementError("9 points are visible, but the goal has 8")
             return super().measure(observation, goal)
 
     rig = Rig(the_servo(scheme=FeatureScheme(Counting(), Proportional(3.0))), near(1))
@@ -337,6 +337,25 @@ def test_starving_again_and_again_is_remembered():
     assert rig.states[-1].outcome == "running"
 
 
+@pytest.mark.parametrize(("period", "gap", "remedy"), [
+    (1.0 / 30.0, 0.6, "what delays its images: the load of the machine, the network, or the camera "
+     "node"),
+    (0.15, 0.9, "multiply gain by"),
+])  # fmt: skip
+def test_a_lower_gain_is_advised_only_if_images_come_rarely(period, gap, remedy):
+    """A busy machine delays a few images: a gain for the longest gap would be no remedy."""
+    law = Proportional(1.0)
+    rig = Rig(the_servo("2016", law=law), STARTS["2016"], image_period=period)
+    for _ in range(3):
+        rig.run(1.0)
+        rig.next_image = rig.now + gap
+        rig.run(gap - 0.01)
+    found = rig.servo.outcome
+    assert found.kind == "too_few_images" and remedy in found.remedy
+    assert ("gain" in found.remedy) == ("watchdog" in found.remedy) == ("gain" in remedy)
+    assert found.reason.startswith("the watchdog stopped the arm 3 times, the last time at ")
+
+
 class Twice(Feature):
     """Feature that is the same number twice, for two directions: L has rank 1."""
 
@@ -402,7 +421,7 @@ def test_the_image_that_comes_when_the_time_is_over_is_the_last():
 
 
 def test_words_are_among_the_known():
-    assert len(set(KINDS)) == len(KINDS) == 23
+    assert len(set(KINDS)) == len(KINDS) == 24
 
 
 # -- outcomes of their own ------------------------------------------------------------------------
@@ -676,8 +695,8 @@ def answered(stamp, error, phase="servoing", arrived=None, observation=None):
 
 
 @pytest.mark.parametrize(("kind", "before", "told"), [
-    ("running", "", "not at the goal after 2.5 s"),
-    ("running", "the arm creeps", "not at the goal after 2.5 s: the arm creeps"),
+    ("running", "", "not converged after 2.5 s"),
+    ("running", "the arm creeps", "not converged after 2.5 s: the arm creeps"),
     ("target_lost", "it went aside", "it went aside"),
 ])  # fmt: skip
 def test_a_run_whose_time_is_over_says_what_it_was_about(kind, before, told):
@@ -688,6 +707,31 @@ def test_a_run_whose_time_is_over_says_what_it_was_about(kind, before, told):
     assert diagnosis.outcome.reason == told
     diagnosis.add(RunEvent("joints_unmeasured", "no more"))  # it has ended
     assert diagnosis.outcome.reason == told
+
+
+@pytest.mark.parametrize(("arrival", "interruption", "since"), [
+    (1.4, None, 1.4), (1.4, 2.0, 2.1), (0.3, None, None), (9.0, None, None),
+])  # fmt: skip
+def test_a_run_that_ends_at_its_goal_before_the_hold_time_is_over_says_so(
+    arrival, interruption, since
+):
+    scheme = SimpleNamespace(tolerances=(1.0,), units=("",))
+    run = RunContext(ServoSettings(duration=2.5), the_goal("2016"), scheme)
+    diagnosis = Diagnosis(run)
+    for k in range(26):
+        t = 0.1 * k
+        record = answered(t, np.array([0.5 if t > arrival - 0.01 else 30.0 * np.exp(-t)]))
+        if interruption is not None and abs(t - interruption) < 0.01:
+            record.state.scheme_output, record.state.phase = None, "holding"
+        diagnosis.add(record)
+    diagnosis.add(RunEvent("timed_out", time=2.5))
+    found, text = diagnosis.outcome, "not converged after 2.5 s"
+    if since is not None:
+        text += (
+            f"; each error was within its tolerance only for the last {2.5 - since:.2f} s, and "
+            "2 s are needed"
+        )
+    assert (found.kind, found.reason) == ("timed_out", text)
 
 
 def test_an_event_that_no_run_has_is_refused():
@@ -715,7 +759,8 @@ def test_the_order_has_every_diagnosis_once_and_each_says_what_it_finds():
         assert found.help and found.reads and found.kinds and set(found.kinds) <= set(KINDS), name
         assert found.__module__.endswith(f".{name}")
     assert {kind for name in ORDER for kind in DIAGNOSES[name].kinds} | {
-        "held", "no_joint_states", "too_few_images", "too_noisy", "no_progress", "timed_out"
+        "held", "no_joint_states", "unusable_joint_states", "too_few_images", "too_noisy",
+        "no_progress", "timed_out"
     } == set(KINDS)  # those are of events
 
 
@@ -763,7 +808,7 @@ def test_a_camera_that_moves_otherwise_than_L_says_may_be_farther_from_its_goal(
     plain, other = arrived(""), arrived("the features move otherwise")
     assert (plain.open_distance, plain.open_angle) == (1e-4, 2e-3) and not plain.remedy
     assert (other.open_distance, other.open_angle) == (2e-4, 4e-3) and "calibrate" in other.remedy
-    assert other.reason.endswith("taught with this camera; but the features move otherwise")
+    assert other.reason.endswith("taught with this camera, but the features move otherwise")
     # not where one of the cameras has no goal that it has shown
     assert arrived("it moves otherwise", other_cameras=["right"]).kind == "wrong_camera_model"
     # and what was seen while the target moved is not held against the camera

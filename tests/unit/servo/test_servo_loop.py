@@ -260,7 +260,7 @@ def test_the_watchdog_stops_the_arm_when_no_images_come():
     assert (speed[(ticks > last + 0.02) & (ticks < last + 0.19)] > 0.005).all()
     assert (speed[ticks > last + 0.2 + 0.15 + 0.04] == 0.0).all()
     assert rig.servo.phase == WAITING
-    assert rig.servo.reason.startswith("no image for 0.2")
+    assert rig.servo.reason == f"no image since {last:.2f} s"
     assert rig.servo.outcome.kind == "too_few_images"
     rig.run(0.3)
     assert rig.states[-1].phase == SERVOING
@@ -1067,7 +1067,7 @@ def test_where_images_come_from_in_words():
     plain, whole = Source(), Source("features", "/eye", "the camera node")
     assert (
         plain.describe_silence() == "no image"
-        and plain.describe_silence(0.256) == "no image for 0.26 s"
+        and plain.describe_silence(142.066) == "no image since 142.07 s"
     )
     assert whole.describe_silence() == "no features on /eye (is the camera node running?)"
     same = "(check that both use the same use_sim_time)"

@@ -217,7 +217,7 @@ def configure_world_camera(
         pose = _read_pose(settings.get("pose"), name)
     elif "pose" in settings:
         raise CameraError(
-            f"camera '{name}': pose and {HAND_EYE_KEY} both define its pose; remove one of them"
+            f"camera '{name}': pose and {HAND_EYE_KEY} both define the camera's pose; remove one"
         )
     else:
         pose = _read_hand_eye_pose(settings[HAND_EYE_KEY], f"camera '{name}': {HAND_EYE_KEY}")
@@ -249,7 +249,7 @@ def find_settings(settings: Mapping[str, object], name: str) -> Mapping[str, obj
         node = node[part]
         if not isinstance(node, Mapping):
             raise CameraError(
-                f"camera '{name}': its settings are {node!r}, must be keys with values"
+                f"camera '{name}': its settings are {node!r}, must be a mapping"
             )
     return node
 

@@ -235,7 +235,7 @@ class Robot:
             pose = pose @ joint.pose.matrix()
         if pose is None:
             raise ExperimentError(f"link '{link}' does not carry the camera: set hand_eye.link to "
-                                  "one that does")
+                                  "the link that carries it")
         return pose
 
     def make_arm(self, camera: str = "") -> Arm:
@@ -330,7 +330,7 @@ class Robot:
         for name in names:
             if name not in self.parameters:
                 raise ExperimentError(
-                    f"robot.controllers: '{name}' is not in {self.spec.config}: "
+                    f"robot.controllers names '{name}', which is not in {self.spec.config}: "
                     + suggest(name, self.parameters)
                 )
             controller = known.get(name)

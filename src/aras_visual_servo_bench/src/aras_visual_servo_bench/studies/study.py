@@ -135,13 +135,14 @@ class Study(KeywordSettings):
             content = read_yaml(self.experiment, StudyError, "the experiment") or {}
             if not isinstance(content, Mapping):
                 raise StudyError(
-                    f"{self.experiment} is not an experiment: write keys with values into it"
+                    f"{self.experiment} is not an experiment: write a mapping of keys to values "
+                    "into it"
                 )
             object.__setattr__(self, "experiment", content)
         if "seed" in self.experiment:
             raise StudyError(
                 "seed belongs to the study, not to its experiment, because every run has its own "
-                "seed: move the key"
+                "seed: move seed out of experiment"
             )
         for key in RENAMED_KEYS:
             if key in self.experiment:
@@ -209,7 +210,7 @@ class Study(KeywordSettings):
         """
         values = read_yaml(path, StudyError)
         if not isinstance(values, Mapping):
-            raise StudyError(f"{path} is not a study: write keys with values into it")
+            raise StudyError(f"{path} is not a study: write a mapping of keys to values into it")
         values = dict(values)
         base = values.get("experiment")
         # A relative path refers to the folder of the study's file or, if there is no such file
@@ -257,7 +258,7 @@ class Study(KeywordSettings):
         if path is not None:
             return run_study(self, path, workers, progress)
         if self.has_image_rows:
-            raise StudyError("traces and pictures are stored in a folder: give path")
+            raise StudyError("traces and pictures need an output folder: give path")
         with tempfile.TemporaryDirectory(prefix="study_") as folder:
             return dataclasses.replace(run_study(self, folder, workers, progress), name="study")
 

@@ -278,14 +278,12 @@ class Arm:
         if joint >= 0 and not is_speed:
             raise MeasurementError(
                 f"the measured position {q[joint]:g} of {self.names[joint]} is impossible (limits "
-                f"{self.lower[joint]:g} to {self.upper[joint]:g}): check the joint states, and the "
-                "limits in the robot description"
+                f"{self.lower[joint]:g} to {self.upper[joint]:g})"
             )
         if joint >= 0:
             raise MeasurementError(
                 f"the measured speed {speeds[joint]:g} of {self.names[joint]} is impossible (limit "
-                f"{self.velocity[joint]:g}): check the joint states, and the limit in the robot "
-                "description"
+                f"{self.velocity[joint]:g})"
             )
 
     def inverse_kinematics(
@@ -352,9 +350,9 @@ def find_camera_path(tree: UrdfTree, base: str, camera_frame: str) -> list[Joint
         if link == camera_frame:
             return path
         raise DescriptionError(
-            f"link '{link}' carries no camera sensor that defines a viewing direction: "
-            f"add the frame '{camera_frame}' (z forward, x right, y down) to the description, or "
-            "name as camera_frame a link whose z axis is the viewing direction"
+            f"the viewing direction of camera_frame '{camera_frame}' is unknown, because link "
+            f"'{link}' carries no camera sensor: add the frame '{camera_frame}' (z forward, x "
+            "right, y down) to the description, or set camera_frame to such a frame"
         )
     xyz, rpy = xyz_rpy_from_matrix(optical_pose(tree.cameras[link].matrix()))
     frame = camera_frame if camera_frame != link else f"{link}{OPTICAL}"

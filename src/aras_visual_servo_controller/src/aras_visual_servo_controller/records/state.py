@@ -103,8 +103,8 @@ class ServoSettings:
             shapes = ((len(names),),) if key == "start" else ((), (len(names),))
             if value is not None and np.shape(value) not in shapes:
                 raise ConfigurationError(
-                    f"{key} is {value}: " + ("a" if key == "start" else "one number, or a")
-                    + f" number for each of {', '.join(names)} is needed"
+                    f"{key} is {value}, must be " + ("a" if key == "start" else "one number, or a")
+                    + f" number for each of {', '.join(names)}"
                 )
         if self.output == "effort" and not np.any(self.stiffness):
             raise ConfigurationError(
@@ -123,22 +123,26 @@ class Source:
     topic: str = ""
     sender: str = ""
 
-    def describe_silence(self, seconds: float | None = None) -> str:
+    def describe_silence(self, since: float | None = None) -> str:
         """Return a text that says that no images arrive from the source.
 
         Args:
-            seconds: how long none have arrived, s; None if it is not reported.
+            since: stamp of the last image, s; None if it is not reported.
         """
         text = f"no {self.content}" + (f" on {self.topic}" if self.topic else "")
-        text += "" if seconds is None else f" for {seconds:.2f} s"
+        text += "" if since is None else f" since {since:.2f} s"
         return text + (f" (is {self.sender} running?)" if self.sender else "")
 
     def describe_stamp_lead(self, seconds: float) -> str:
         """Return a text that says that the stamps of the source are `seconds` ahead of the clock.
+
+        A negative number means that they are behind it.
         """
         where = f" on {self.topic}" if self.topic else ""
-        advice = "(check that both use the same use_sim_time)"
-        return f"{self.content}{where} are stamped {seconds:.2f} s ahead of the clock {advice}"
+        lead = f"{abs(seconds):.2f} s {'ahead of' if seconds > 0.0 else 'behind'} the clock"
+        return (
+            f"{self.content}{where} are stamped {lead} (check that both use the same use_sim_time)"
+        )
 
 
 @dataclass(frozen=True, eq=False)

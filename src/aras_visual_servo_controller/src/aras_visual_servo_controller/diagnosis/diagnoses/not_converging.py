@@ -19,7 +19,7 @@ class NotConverging(RunDiagnosis):
     always reports an outcome.
     """
 
-    help = "the error does not decrease; decides whether arm, features or gain are the cause"
+    help = "the error does not decrease, because of the arm, the features or the gain"
     reads = (
         "error, joint limits and rank of L in 1.5 s (`progress_check.py`), oscillations "
         "(`gain_check.py`)"

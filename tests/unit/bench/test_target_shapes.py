@@ -7,6 +7,8 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from aras_sim_bridge.description import parse_urdf
+from aras_sim_bridge.description.shapes import make_meshes
+from aras_sim_bridge.description.types import Geometry
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_bench.errors import ExperimentError, ViewError
 from aras_visual_servo_bench.targets.files import write_description, write_target
@@ -14,6 +16,7 @@ from aras_visual_servo_bench.targets.geometry import (
     ARAS,
     BoxesTarget,
     PlacedTarget,
+    PolygonTarget,
     PoseHistory,
     RoundTarget,
     project,
@@ -29,6 +32,8 @@ from aras_visual_servo_bench.targets.target_factory import (
 )
 from aras_visual_servo_bench.targets.target_spec import TargetSpec
 from aras_visual_servo_bench.targets.textures import TexturedTarget
+from aras_visual_servo_camera.errors import ModelError
+from aras_visual_servo_camera.model_tracker import read_solid
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.observation.target_geometry import TargetGeometry
 
@@ -228,6 +233,21 @@ def test_a_picture_has_its_own_grey_levels_on_white(camera):
     assert set(np.unique(image[80:150, 100:150])) == {77}
     assert set(np.unique(image[80:150, 175:230])) == {200}
     assert (image[:40] == 255).all() and (image[:, :50] == 255).all()
+
+
+def test_a_lens_shows_a_texture_where_it_projects_it():
+    """A dark square far from the axis of a fisheye, whose corners see nothing."""
+    pixels = np.full((200, 200), 255, np.uint8)
+    pixels[60:80, 150:170] = 0
+    target = TexturedTarget(pixels, (2.0, 2.0))  # the square is about (0.6, 0.3) m
+    fish = CameraModel(200, 160, (50.0, 0, 99.5, 0, 60.0, 79.5, 0, 0, 1), (0.0,) * 4, "equidistant")
+    pose = above(0.0, 0.0, 0.5)
+    rows, columns = np.nonzero(render_target(target, fish, pose) < 128)
+    corners = np.array([(x, y, 0.0) for x in (0.5, 0.7) for y in (0.2, 0.4)])
+    seen = (corners - pose[:3, 3]) @ pose[:3, :3]
+    u, v = fish.project(*(seen[:, :2] / seen[:, 2:]).T)
+    assert (columns.min(), columns.max()) == pytest.approx((u.min(), u.max()), abs=1.5)
+    assert (rows.min(), rows.max()) == pytest.approx((v.min(), v.max()), abs=1.5)
 
 
 def test_a_solid_is_lit_on_white_and_its_pixels_are_shown():

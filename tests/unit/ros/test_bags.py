@@ -26,7 +26,6 @@ from aras_visual_servo_bench.recording import message_run_builder
 from aras_visual_servo_bench.recording.graph_recording import GraphRecording
 from aras_visual_servo_bench.ros import bag as bags
 from aras_visual_servo_camera.moments import Moments
-from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.schemes.base import SchemeOutput
 from aras_visual_servo_controller.settings import Settings
 
@@ -435,28 +434,6 @@ def test_joint_states_that_lack_a_place_are_left_out_and_speeds_may_be_unknown(g
     np.testing.assert_allclose(run.joint_stamp, table.index)
     np.testing.assert_allclose(run.measured_positions, table[["slide", "elbow"]])
     np.testing.assert_allclose(run.measured_velocities, table[["slide speed", "elbow speed"]])
-
-
-@pytest.mark.parametrize("depth", [0.2, 18.0])
-def test_a_bag_s_verdict_is_of_a_part_of_the_depth_and_of_a_third_of_a_degree(depth):
-    goal, angle = Goal(world_T_camera=np.eye(4), depth=depth), np.radians(0.3)
-    for part, turn, word in ((1.45e-3, 0.9 * angle, "goal_reached"), (1.55e-3, 0.0, "goal_missed"),
-                             (0.0, 1.1 * angle, "goal_missed")):  # fmt: skip
-        off = part * depth
-        pose = np.eye(4)
-        pose[:3, :3] = Rotation.from_rotvec([0.0, turn, 0.0]).as_matrix()
-        pose[:3, 3] = 0.0, off, 0.0
-        found = message_run_builder._compute_verdict(goal, np.array([np.eye(4) * 2, pose]))
-        assert found.name == word
-        assert (found.distance, found.angle) == pytest.approx((off, turn), abs=1e-9)
-        pose[0, 0] = np.nan
-        assert message_run_builder._compute_verdict(goal, np.array([np.eye(4), pose])).name == ""
-    placed = message_run_builder._make_target(Goal(target="boxes"))
-    assert placed.shape.geometry == "boxes"
-    np.testing.assert_array_equal(placed.pose, np.eye(4))
-    assert (
-        message_run_builder._make_target(Goal()) is message_run_builder._make_target(None) is None
-    )
 
 
 def test_a_run_ends_where_the_arm_goes_to_a_start_or_other_features_are_seen():

@@ -274,6 +274,15 @@ def test_metrics_say_what_they_are():
         metrics.metric("m", "less", "here")
 
 
+def test_metrics_of_the_errors_declare_that_they_depend_on_the_features():
+    """Two runs with the same camera motion and different features have the same other metrics."""
+    one, other = run(decay(2.0)), run(3.0 * decay(1.0, (1.0, -0.2)) - 0.5)
+    changed = {n for n in metrics.METRICS if not np.array_equal(
+        measured(n, one), measured(n, other), equal_nan=True)}  # fmt: skip
+    assert {"overshoot", "decay_rate"} <= changed
+    assert not {name for name in changed if not metrics.find_metric(name).is_feature_based}
+
+
 def test_what_is_left_open_is_the_last_image_s():
     found = run()
     left = PoseUncertainty(distance=2e-4, angle=0.03)

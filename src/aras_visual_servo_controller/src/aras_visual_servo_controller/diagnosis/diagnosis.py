@@ -22,13 +22,12 @@ from .base import DIAGNOSES, ORDER
 from .evidence import Evidence
 
 # During servoing, an outcome of another kind replaces the reported one only after it has been found
-# for at least STEADY_TIME, s. The outcome 'running' is replaced at once. The delay applies only
-# between the kinds in WHILE_SERVOING.
+# for at least STEADY_TIME, s. The outcome 'running' is replaced at once. There is no delay if one
+# of the two outcomes is 'converged' or one of IMMEDIATE.
 STEADY_TIME = 1.0
-WHILE_SERVOING = (
-    "running", "target_moves", "wrong_camera_model", "gain_too_high", "joint_limit", "singular",
-    "local_minimum", "camera_retreat", "out_of_reach", "saturation", "too_noisy", "no_progress",
-    "wrong_object",
+IMMEDIATE = (
+    "stopped", "held", "no_joint_states", "unusable_joint_states", "joints_do_not_follow",
+    "too_few_images", "target_lost", "ambiguous", "scheme_fault", "timed_out",
 )  # fmt: skip
 # Stops by the watchdog are forgotten if no further stop follows within this time, s.
 RECOVERY_TIME = 10.0
@@ -230,9 +229,12 @@ class Diagnosis:
         if candidate.kind == current.kind:
             self._candidate = None
             return candidate
-        same_phase = candidate.kind in WHILE_SERVOING and current.kind in WHILE_SERVOING
+        is_immediate = any(
+            kind in IMMEDIATE or kind.startswith("converged")
+            for kind in (candidate.kind, current.kind)
+        )
         is_new = stamp - self._outcome_stamp < STEADY_TIME
-        if not same_phase or current.kind == "running" or is_new:
+        if is_immediate or current.kind == "running" or is_new:
             self._outcome_stamp, self._candidate = stamp, None
             return candidate
         if self._candidate is None or self._candidate[0] != candidate.kind:

@@ -179,7 +179,8 @@ class PointFeature(Feature):
         """
         points = np.asarray(self.points(observation), float)
         if not np.isfinite(points).all():
-            raise MeasurementError("a point that the feature measured is not finite")
+            raise MeasurementError("the feature returned a point that is not finite; correct the "
+                                   "feature")
         if points.shape == desired.shape:
             return points
         message = (

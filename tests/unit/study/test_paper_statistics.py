@@ -744,26 +744,6 @@ def test_figures_for_a_paper_have_its_column_and_font(tmp_path, capsys):
         assert all(axis.get_window_extent().height > 60 for axis in figure.axes if axis.lines)
 
 
-@pytest.mark.filterwarnings("error:constrained_layout not applied")
-@pytest.mark.parametrize("is_paper", [False, True])
-def test_long_names_leave_space_for_the_axes(is_paper, tmp_path):
-    names = ("image moments with a decoupled rotation about the axis",
-             "four points in polar coordinates, $L^+$ at the goal")  # fmt: skip
-    cases = {"scheme": [{"name": names[0], "set": {"scheme": "points"}},
-                        {"name": names[1], "set": {"scheme": "moments"}}]}  # fmt: skip
-    for vary in ({}, {"gain": [1.0, 2.0]}):
-        path = write_study(tmp_path / f"out{len(vary)}", make_study(cases=cases, vary=vary))
-        metrics = Results.read(path).select_metrics(["settled"])
-        for figure in (draw(path, study_figures.draw_success, is_paper=is_paper),
-                       draw(path, study_figures.draw_boxes, metrics, is_paper=is_paper),
-                       draw(path, study_figures.draw_distributions, metrics, is_paper=is_paper)):
-            total = figure.bbox.width
-            drawn = sum(axis.get_window_extent().width for axis in figure.axes[:1 + (not is_paper)])
-            assert drawn > 0.3 * total
-            with study_figures.apply_style(is_paper):
-                assert figure.get_tightbbox().x0 >= 0.0
-
-
 def test_paper_figures_compile(path, tmp_path):
     study_figures.write_figures(
         [Results.read(path)], tmp_path, ["pdf"], ["final_distance"], is_paper=True

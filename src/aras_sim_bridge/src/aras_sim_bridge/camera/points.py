@@ -10,7 +10,8 @@ from aras_visual_servo_base.compiled import jit
 
 from ..description import DepthTopics
 
-POINT_FLOATS = 8  # floats per point in PCL's layout: x, y, z, 1 unused, colour, 3 unused
+# Number of floats per point, as in PCL: x, y, z, one unused, colour, and three unused.
+POINT_FLOATS = 8
 COLOUR = 4  # index of the colour among the floats of a point
 
 

@@ -48,7 +48,7 @@ class GoalHandle(Generic[Goal, Result]):
         self.announce()
 
     def finish(self, status: str, result: Result) -> None:
-        """End the goal without calling on_done (see announce). Only the controller calls this."""
+        """Call on_done if the goal has ended, unless on_done has already been called."""
         if not self.is_done:
             self.result = result
             self.status = status

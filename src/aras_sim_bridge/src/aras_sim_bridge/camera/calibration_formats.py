@@ -2,10 +2,8 @@
 
 If the text is in another format, a reader returns None. Otherwise it returns a dict that maps each
 camera's name to a function without arguments, which returns the camera's Calibration. Camera
-matrices
-and distortion coefficients are not converted, because all these formats measure pixel coordinates
-from
-the centre of the first pixel and have OpenCV's order of the coefficients.
+matrices and distortion coefficients are not converted, because all these formats measure pixel
+coordinates from the centre of the first pixel and have OpenCV's order of the coefficients.
 """
 
 from __future__ import annotations
@@ -62,7 +60,7 @@ def read_ros(text: str, path: str) -> CameraReaders | None:
 def _read_ros_file(data: Mapping[str, Any], path: str, whole: bool) -> Calibration:
     size = [_read_size(data, key, path) for key in ("image_width", "image_height")]
     K = _read_ros_matrix(data, "camera_matrix", path, (3, 3))
-    # Camera_info files of old ROS versions do not contain this key.
+    # Files of old ROS versions do not contain the key distortion_model.
     model = data.get("distortion_model")
     model = None if model is None else find_distortion_model(model, path)
     D = _read_ros_matrix(data, "distortion_coefficients", path, None)

@@ -224,8 +224,7 @@ class CameraConfig:
         """Check that the distortion maps at most one ray to each pixel of the image.
 
         Two rays share a pixel if, inside the image, the distorted radius stops increasing with the
-        undistorted
-        radius. If a cutoff_angle is set, nothing is checked.
+        undistorted radius. If a cutoff_angle is set, nothing is checked.
         """
         if not any(self.distortion_coefficients) or self.cutoff_angle is not None:
             return
@@ -326,8 +325,7 @@ class CameraConfig:
         """Return the settings of a camera of a robot description, changed by `overrides`.
 
         `overrides` are settings of a preset. They are merged key by key, also in nested settings:
-        an image
-        effect that is not in `overrides` keeps its value of the description.
+        an image effect that is not in `overrides` keeps its value of the description.
 
         Raises:
             CameraError: the message names the wrong key.

@@ -79,8 +79,7 @@ def projection_matrix(K: np.ndarray, baseline: float) -> np.ndarray:
     """Return CameraInfo's projection matrix P (3, 4) of a camera whose images are not rectified.
 
     P contains the camera matrix K (3, 3), px, and -fx `baseline` in its last column, where
-    `baseline` (m)
-    is the distance from the left to the right camera of a stereo pair.
+    `baseline` (m) is the distance from the left to the right camera of a stereo pair.
     """
     P = np.zeros((3, 4))
     P[:, :3] = K

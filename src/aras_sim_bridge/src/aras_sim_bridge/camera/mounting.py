@@ -1,10 +1,9 @@
 """Mounting of cameras on links or in the world, and the settings of these cameras.
 
 The settings of all cameras are a nested mapping, such as /gazebo/cameras on the parameter server.
-The
-camera name 'a/b' stands for the mapping settings['a']['b'], whose keys are fields of CameraConfig.
-Settings with the key `parent` define a camera that is fixed in the world; other settings change a
-camera of a robot description.
+The camera name 'a/b' stands for the mapping settings['a']['b'], whose keys are fields of
+CameraConfig. Settings with the key `parent` define a camera that is fixed in the world; other
+settings change a camera of a robot description.
 """
 
 from __future__ import annotations
@@ -96,7 +95,7 @@ class MountedCamera:
 
     @property
     def idle_until_ns(self) -> int:
-        """Latest simulated time, ns, up to which `before_step` and `after_step` need not be called.
+        """Simulated time, ns, until which the camera needs neither `before_step` nor `after_step`.
         """
         return 0 if self._is_new else self.sensor.due_ns - 1
 
@@ -272,8 +271,7 @@ def _list_mappings(node: object, path: str) -> Iterator[tuple[str, Mapping[str, 
     """Yield the path (such as 'a/b') and the settings of each possible camera in nested settings.
 
     `node` is the mapping at `path`. A mapping is a camera's settings if it contains the key
-    `parent` or any
-    value that is not a mapping. Its own values are not searched.
+    `parent` or any value that is not a mapping. Its own values are not searched.
     """
     if not isinstance(node, Mapping):
         return

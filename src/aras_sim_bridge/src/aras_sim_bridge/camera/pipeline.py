@@ -53,10 +53,9 @@ class ImagePipeline:
     """Effects and exposures of the images of one camera.
 
     A partial exposure is a band of rows, rendered for one instant of the exposure time. An image is
-    made
-    in these steps: if `is_lost`, skip it; add its partial exposures with `exposure.add`; get their
-    mean
-    with `exposure.take`; convert the mean with `read_out`, which also adapts the auto exposure.
+    made in these steps: if `is_lost`, skip it; add its partial exposures with `exposure.add`; get
+    their mean with `exposure.take`; convert the mean with `read_out`, which also adapts the auto
+    exposure.
 
     Attributes:
         parts: rows and time of each partial exposure.

@@ -57,18 +57,15 @@ class CameraSensor:
     """Camera that exposes at the simulated times k / update_rate s, k = 1, 2, ...
 
     An exposure is usually due between the start and the end of a physics step. The image is
-    rendered at
-    the end of this step, with poses that are interpolated to the time of the exposure. In a step of
-    dt that
-    ends at time t, the simulation calls
+    rendered at the end of this step, with poses that are interpolated to the time of the exposure.
+    In a step of dt that ends at time t, the simulation calls
 
         if sensor.needs_previous_pose(t): sensor.before_step(world_T_link, t - dt)  # before Bullet
         ...
         if sensor.is_due(t): frame = sensor.capture(world_T_link, t)                # after Bullet
 
     If `before_step` was not called, the image shows the world at the end of the step. A camera with
-    a
-    trigger_topic exposes only after a call of `trigger`, once for each call.
+    a trigger_topic exposes only after a call of `trigger`, once for each call.
 
     Attributes:
         config: settings of the camera.
@@ -123,8 +120,7 @@ class CameraSensor:
         """Return the rays (H, W, 3) float32 of the pixels, in the optical frame.
 
         The ray of a pixel times its depth is the visible point. A pixel that no ray reaches, such
-        as one
-        outside a fisheye's image circle, gets NaN.
+        as one outside a fisheye's image circle, gets NaN.
         """
         c = self.config
         pixels = np.stack(np.meshgrid(np.arange(c.width), np.arange(c.height)), axis=2)
@@ -268,8 +264,7 @@ class CameraSensor:
         """Render what is due at `time_ns`, and return the frame whose latency has passed, or None.
 
         Call this at the end of a physics step. `world_T_link` is the pose (4, 4) of the camera's
-        link at
-        `time_ns`.
+        link at `time_ns`.
         """
         while self._next_ns <= time_ns:
             self._skip_missed(time_ns)

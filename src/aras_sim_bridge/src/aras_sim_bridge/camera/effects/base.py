@@ -19,9 +19,8 @@ class Effect(ABC):
     """Effect on the light of an image before the sensor converts it, such as blur, glare or dust.
 
     A subclass implements `apply` and is selected as 'package.module:Class'. It becomes a dataclass;
-    its
-    fields are the parameters of the effect. Their units and bounds are declared with `parameter` of
-    aras_visual_servo_base.settings.
+    its fields are the parameters of the effect. Their units and bounds are declared with
+    `parameter` of aras_visual_servo_base.settings.
 
     Attributes:
         name: short name, for messages.

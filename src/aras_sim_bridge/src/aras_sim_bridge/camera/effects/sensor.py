@@ -273,8 +273,7 @@ def _draw_normal(key, n):
     """Return number n of a sequence of standard normal random numbers, float32.
 
     `key` (uint64) selects the sequence. The numbers are computed from uniform random numbers of
-    splitmix64
-    (Steele, Lea and Flood 2014).
+    splitmix64 (Steele, Lea and Flood 2014).
     """
     z = key + np.uint64(n) * np.uint64(0x9E3779B97F4A7C15)
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)

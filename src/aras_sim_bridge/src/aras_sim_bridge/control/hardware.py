@@ -106,8 +106,9 @@ class RobotHardware:
     def _add(self, transmission: Transmission) -> list[str]:
         """Register a transmission.
 
-        If the name of its interface lacks the prefix 'hardware_interface/', return a list with the
-        name of its joint, otherwise an empty list.
+        Return a list with the joint's name if the interface is written without
+        'hardware_interface/', an old form about which the caller warns; otherwise return an empty
+        list.
         """
         label = f"transmission '{transmission.name}'"
         joint_name, interface = transmission.joint, transmission.interface

@@ -140,7 +140,7 @@ def parse(root: Element, links: Mapping[str, Link], joints: Mapping[str, Joint],
 
 
 def _unify(block: Element, warnings: list[str]) -> Element:
-    """Return a copy of a <gazebo> block whose SDF elements have the form of the newest SDF."""
+    """Return a copy of a <gazebo> block, converted to the newest version of SDF."""
     block = copy.deepcopy(block)
     for node in block:
         if node.tag in ("link", "joint", "sensor", "collision"):

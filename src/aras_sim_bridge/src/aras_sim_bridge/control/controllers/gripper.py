@@ -66,8 +66,8 @@ class GripperActionController(Controller):
         stall_velocity_threshold: 0.001 rad/s or m/s.
         stall_timeout: 1 s.
 
-    All methods must be called in the simulation thread. A method calls listeners as its last
-    action.
+    All methods must be called in the simulation thread. The functions `on_done` and `on_state` may
+    call the controller, because a method calls them only when it has finished its own work.
     """
 
     action_kind = "gripper_command"
@@ -178,7 +178,8 @@ class GripperActionController(Controller):
 
 @register("position_controllers/GripperActionController", interface=POSITION)
 class PositionGripperController(GripperActionController):
-    """Command the position of the goal, and report the goal's effort, as in ros_controllers."""
+    """Command the position of the goal; as in ros_controllers, the goal's max_effort has no effect.
+    """
 
     def _start_output(self) -> None:
         self._handle.position_command = self._handle.position

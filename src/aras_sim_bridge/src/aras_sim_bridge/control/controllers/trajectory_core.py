@@ -63,9 +63,9 @@ class _Timer:
 class JointTrajectoryController(Controller):
     """Base class of the trajectory controllers for the position, velocity and effort interfaces.
 
-    All methods must be called in the simulation thread, so a trajectory is used immediately instead
-    of being stored in the slot. A method calls listeners as its last action, so a listener may call
-    the controller.
+    All methods must be called in the simulation thread; `set_command` therefore uses a trajectory
+    immediately. The functions `on_done`, `on_feedback` and `on_state` may call the controller,
+    because a method calls them only when it has finished its own work.
     """
 
     command_kind = "joint_trajectory"

@@ -36,7 +36,7 @@ NOT_FINITE = 4  # a commanded effort of the next cycle is not finite
 def _apply_outputs(drives, state, joints):
     """Copy the outputs of the drives to the efforts and motor targets of the joints.
 
-    `state` and `joints` are arrays of JointSpace.arrays. Return False, without a change, if an
+    `state` and `joints` are elements of JointSpace.arrays. Return False, without a change, if an
     output is not finite.
     """
     for k in range(len(drives)):
@@ -66,12 +66,11 @@ def run_cycles(count, time_ns, step_ns, loops, handles, drives,
     Args:
         loops, handles, drives: arrays (number, columns) with one row for each JointLoop,
             JointHandle and Drive.
-        bodies to modes: the arrays that JointSpace.arrays returns, in the same order. `state` (3,
-            n) holds the joint positions, velocities and efforts and is updated in place.
+        bodies to modes: the elements of JointSpace.arrays, in this order. `state` (3, n) holds the
+            joint positions, velocities and efforts and is updated in place.
         dt: physics step, s.
         is_base_resting: whether the base rests on the ground without being fixed.
-        previous_speeds to ground_wrench: the arrays that RestingBase.arrays returns, in the same
-            order.
+        previous_speeds to ground_wrench: the elements of RestingBase.arrays, in this order.
 
     Returns:
         Number of cycles done; reason for returning, such as ALL_MADE or DIVERGED; and index of the

@@ -228,8 +228,8 @@ def _read_link_flags(block: Element, name: str, tags: GazeboTags, warnings: list
         link,
         gravity=gravity,
         mu=friction,
-        # Gazebo applies the <bounce> of any <collision> in the <gazebo> block to the link's
-        # collisions.
+        # As in Gazebo, the first <bounce> of a <collision> in the block applies to all collisions
+        # of the link.
         bounce=next(
             filter(None, (read_bounce(one, where) for one in block.findall("collision"))),
             link.bounce,

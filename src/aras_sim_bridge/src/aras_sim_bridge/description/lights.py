@@ -83,9 +83,9 @@ def read_light(element: Element, pose: Pose) -> Light:
 def read_scene(scene: Element | None) -> SceneSettings:
     """Read a world's `<scene>`.
 
-    The element `<aras:shadows>` selects the shadows. SDF's `<shadows>` is ignored: worlds that
-    Gazebo saved switch it on, but the thresholds of the original image processing were chosen for
-    images without shadows.
+    The element `<aras:shadows>` selects the shadows. SDF's `<shadows>` is ignored: Gazebo sets it
+    in every world that it saves, but the image-processing thresholds of the ARAS simulator were
+    chosen for images without shadows.
 
     Raises:
         DescriptionError: an element has an invalid value.

@@ -83,7 +83,8 @@ def read_appearance(
 
 
 def _resolve_inheritance(name: str, scripts: dict[str, tuple[str, Appearance]]) -> Appearance:
-    """Return the appearance of a material; its parent materials provide missing values."""
+    """Return a material's colour and texture; a missing one is that of its nearest parent with one.
+    """
     colour, texture, visited = None, "", set()
     while name in scripts and name not in visited:
         visited.add(name)

@@ -99,8 +99,8 @@ def _compute_positions(population: Element, where: str) -> list[Vector3]:
             raise DescriptionError(f"{where}: distribution '{shorten(kind)}' is not supported in "
                                    "this region; use a <box> with random, linear-x, linear-y or "
                                    "linear-z, a <cylinder> with random, or grid")
-    # As in Gazebo, `corner`, the offset from the region's corner to its centre, is not rotated with
-    # the region.
+    # Subtract `corner`, the offset from the region's corner to its centre. As in Gazebo, it is in
+    # the world's axes even if the region is rotated.
     moved = Pose(tuple(a - b for a, b in zip(pose.xyz, corner, strict=True)), pose.quat)
     return [moved.apply(tuple(one)) for one in inside]
 

@@ -84,7 +84,7 @@ class Renderer:
         self._closed = False
 
     def snapshot(self) -> None:
-        """Store the present poses, from which later images with `blend` < 1 interpolate."""
+        """Store the present poses. Images with `blend` < 1 interpolate from these poses."""
         self.scene.snapshot()
 
     def close(self) -> None:
@@ -166,7 +166,8 @@ class Renderer:
         if self._closed:
             raise RenderingError("the renderer is closed; create another one")
         self.scene.refresh()
-        # Compare versions, because a snapshot may have refreshed the scene before this call.
+        # Compare version numbers instead of using the result of `refresh`: `snapshot` also
+        # refreshes the scene, so this call may find nothing new.
         if self.scene.version != self._scene_version:
             self._scene_version = self.scene.version
             self.triangles = Triangles.from_visuals(self.scene.visuals)
@@ -184,7 +185,7 @@ class Renderer:
 
     def resolve(self, sampled: SampledView, view: View, uniform: np.ndarray
                 ) -> tuple[np.ndarray, Fragments, np.ndarray]:
-        """Find the pixels with edges, and compute their fragments.
+        """Find the pixels with edges, and compute the visible parts (fragments) of their triangles.
 
         Args:
             sampled: samples of the view.

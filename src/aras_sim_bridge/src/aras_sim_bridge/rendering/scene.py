@@ -33,7 +33,11 @@ class VisualMesh:
 
 @dataclass(frozen=True)
 class _ModelRows:
-    """Rows of a model's poses: from `first` on, its root if `has_root`, then its `links`."""
+    """Rows of one model in the arrays of poses.
+
+    Row `first` belongs to the model's root if `has_root`; the next rows belong to `links`, in this
+    order.
+    """
 
     model: Model
     first: int

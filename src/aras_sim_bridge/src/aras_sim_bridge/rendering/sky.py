@@ -37,8 +37,8 @@ def _fill(matrices, cells, columns, up, colours, out):
                 length += ray * ray
                 height += up[j] * ray
             height /= np.sqrt(max(length, 1e-300))
-            # Above the horizon, the colour of the sky changes to blue quickly. Below the horizon,
-            # the colour changes to haze within some degrees.
+            # `height` is the sine of the ray's elevation. Above the horizon, the colour changes
+            # quickly to that of the zenith; below it, to haze within ten degrees.
             share = np.sqrt(height) if height > 0.0 else min(-6.0 * height, 1.0)
             other = 0 if height > 0.0 else 2
             for j in range(3):

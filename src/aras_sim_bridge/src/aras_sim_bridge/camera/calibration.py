@@ -1,4 +1,4 @@
-"""Calibration of a camera in any file format: its checks, and its conversion to settings."""
+"""Intrinsic calibration of a camera, with checks and a conversion to settings of CameraConfig."""
 
 from __future__ import annotations
 
@@ -127,7 +127,7 @@ class Calibration:
 
 
 def find_distortion_model(name: Any, where: str) -> str:
-    """Return CameraInfo's name of a distortion model.
+    """Return the name in CameraInfo of the distortion model that a calibration file calls `name`.
 
     Raises:
         CameraError: the model is not supported.

@@ -104,7 +104,8 @@ class BrownLens:
 class FisheyeLens:
     """Fisheye model of Kannala and Brandt.
 
-    The radius is t (1 + k1 t^2 + k2 t^4 + k3 t^6 + k4 t^8) at the angle t from the axis.
+    A ray at the angle t from the optical axis has the image radius t (1 + k1 t^2 + k2 t^4 + k3 t^6
+    + k4 t^8) at unit focal length.
 
     Attributes:
         D: coefficients k1 to k4.

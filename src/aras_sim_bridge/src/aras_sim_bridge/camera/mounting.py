@@ -241,7 +241,7 @@ def find_settings(settings: Mapping[str, object], name: str) -> Mapping[str, obj
     """Return the settings of the camera `name`; an empty mapping if there are none.
 
     Raises:
-        CameraError: the value is not a mapping.
+        CameraError: the settings are not a mapping.
     """
     node: object = settings
     for part in name.strip("/").split("/"):

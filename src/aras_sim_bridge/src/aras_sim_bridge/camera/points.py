@@ -47,8 +47,8 @@ class PointCloud:
         """Return the points (H, W, 8) float32 of all pixels.
 
         The first three numbers are x, y, z in the optical frame, m. They are NaN for pixels that
-        have no surface or are outside the range. The number at COLOUR contains the bytes blue,
-        green, red and 0.
+        have no surface or are outside the range. The number at index COLOUR contains the bytes
+        blue, green, red and 0.
 
         Args:
             depth: depth image (H, W) float32, m.

@@ -19,10 +19,10 @@ class RowBand:
 def make_row_bands(effects: Effects, height: int) -> tuple[RowBand, ...]:
     """Return the partial exposures of an image of `height` rows, in temporal order.
 
-    The rows are divided into bands of rows_together rows; with a row_time of 0, there is a single
-    band. Each band has exposure_samples partial exposures, spread evenly over exposure_time. They
-    are centred at the time stamp + (r - (height - 1) / 2) row_time, where r is the central row of
-    the band.
+    A partial exposure is a band of rows, rendered for one instant. The rows are divided into bands
+    of rows_together rows; with a row_time of 0, there is a single band. Each band has
+    exposure_samples partial exposures, spread evenly over exposure_time. They are centred at the
+    time stamp + (r - (height - 1) / 2) row_time, where r is the central row of the band.
     """
     e = effects
     samples = e.exposure_samples if e.exposure_time > 0.0 else 1

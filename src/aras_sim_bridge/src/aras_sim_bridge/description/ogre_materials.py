@@ -83,7 +83,9 @@ def read_appearance(
 
 
 def _resolve_inheritance(name: str, scripts: dict[str, tuple[str, Appearance]]) -> Appearance:
-    """Return a material's colour and texture; a missing one is that of its nearest parent with one.
+    """Return the colour and texture of a material.
+
+    A value that the material does not set is that of its nearest parent material that sets it.
     """
     colour, texture, visited = None, "", set()
     while name in scripts and name not in visited:
@@ -133,7 +135,8 @@ def _parse(path: str, _changed_ns: int) -> dict[str, tuple[str, Appearance]]:
 
 
 def _parse_colour(texts: list[str]) -> Rgba | None:
-    """Return a colour given as three or four numbers; None for other texts (`vertexcolour`)."""
+    """Return a colour given as three or four numbers; None for other texts, such as `vertexcolour`.
+    """
     try:
         values = [min(max(float(word), 0.0), 1.0) for word in texts[:4]]
     except ValueError:

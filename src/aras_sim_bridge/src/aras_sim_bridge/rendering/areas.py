@@ -113,9 +113,10 @@ def clip_pixel(shape, goal, line, n, lines, spare):
 
 @jit("f8[:,:,::1], i8[::1], i8, i8, f8[:,:,::1], i8[::1]")
 def visible_area(shape, sizes, i, count, line, lines):
-    """Return the area of polygon i that is not hidden by any of the first `count` polygons.
+    """Return the area of polygon i that none of the first `count` polygons hides.
 
-    `line[k]` contains the lines of polygon k, and `lines[k]` is their number.
+    A polygon hides another one where its plane is nearer to the camera. line[k] contains the sides
+    and the inverse distance of polygon k (see LINES); lines[k] is the number of its sides.
     """
     first, spare = DENSE, DENSE + PIECES
     end = first + 1

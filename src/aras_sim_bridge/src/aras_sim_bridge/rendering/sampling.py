@@ -189,7 +189,10 @@ def _cull_tiles(cover, start, member, full, side, opaque, matrices, axis, nodes,
 
 @jit_inline
 def _find_box(corner, m, inverse, n):
-    """Return left, right, top and bottom of triangle m, px from the first pixel of tile n."""
+    """Return the image bounding box of triangle m: left, right, top, bottom.
+
+    They are px from the first pixel of tile n. `inverse` is Tiles.inverse.
+    """
     left = top = np.inf
     right = bottom = -np.inf
     for j in range(3):

@@ -238,9 +238,9 @@ class EffectChain:
     def _apply_shot_noise(self, image: np.ndarray, stamp_ns: int, factor: float) -> np.ndarray:
         """Add shot noise, read noise and Gaussian noise, and clip to 0..255.
 
-        The variance of the whole noise is gain² (shot * light + read²) + noise_stddev². `shot` is
-        the variance of the shot noise per grey level, and `read` is the standard deviation of the
-        read noise.
+        The variance of the whole noise is gain² (shot * light + read²) + noise_stddev², where
+        `shot` is the variance of the shot noise divided by the grey level, and `read` is the
+        standard deviation of the read noise, in grey levels.
         """
         e = self.effects
         if self._shade is not None:

@@ -195,7 +195,7 @@ class Controller:
         )
 
     def take_handle(self, hardware: RobotHardware, joint: str) -> JointHandle:
-        """Return the handle of `joint` through `interface`.
+        """Return the handle of a joint that the controller's `interface` offers.
 
         Raises:
             ControllerError: the interface has no such joint; the message lists its joints.

@@ -67,7 +67,8 @@ class JointStateController(Controller):
         return (ClaimedResources(f"hardware_interface::{self.interface}", ()),)
 
     def starting(self, time_ns: int) -> None:
-        """Publish a sample in the first cycle; a restart does not change the sampling times."""
+        """Make the first cycle publish a sample; a later start does not change the sampling times.
+        """
         super().starting(time_ns)
         if self._start_ns is None:
             self._start_ns = time_ns - 1.001 * self._step_ns

@@ -27,7 +27,8 @@ JointSegments = list[Segment]
 
 @dataclass(frozen=True, slots=True)
 class Tolerances:
-    """Path and goal tolerances of each joint, in the controller's order; the goal time is in ns."""
+    """Path and goal tolerances of each joint, in the controller's order, and of the goal time (ns).
+    """
 
     path: tuple[Tolerance, ...]
     goal: tuple[Tolerance, ...]

@@ -291,8 +291,8 @@ class CameraConfig:
     def make_intrinsics(self) -> CameraIntrinsics:
         """Return the content of CameraInfo.
 
-        It describes the rendered image. If legacy_camera_info is set, it is computed from
-        `declared` with Gazebo's formulas instead.
+        It describes the rendered image; if legacy_camera_info is set, it contains the results of
+        Gazebo's formulas for `declared` instead.
         """
         K, D, name = self.K, tuple(self.projection.lens.D), self.distortion_model
         if self.legacy_camera_info:

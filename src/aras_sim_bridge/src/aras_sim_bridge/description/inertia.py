@@ -31,12 +31,13 @@ def make_inertial(
     """Return the checked inertial parameters of a link, or None for a link without mass.
 
     A tensor that violates the triangle inequality causes a warning but is used, because the
-    equations of motion only need it to be positive definite. A tensor that is zero, or has a
-    principal moment that is negative within _NEGLIGIBLE, causes a warning and is replaced by that
+    equations of motion only need it to be positive definite. A tensor that is zero, or that has a
+    negative principal moment but none above _NEGLIGIBLE, causes a warning and is replaced by that
     of a solid sphere of 5 cm radius.
 
     Raises:
-        DescriptionError: the mass or a principal moment is negative.
+        DescriptionError: the mass is negative, or a principal moment is negative and another is
+            above _NEGLIGIBLE.
     """
     if mass < 0.0:
         raise DescriptionError(f"{where}: mass is {mass} kg; it must not be negative")

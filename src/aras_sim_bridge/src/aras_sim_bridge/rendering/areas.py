@@ -15,8 +15,9 @@ COPLANAR_TOLERANCE = 1e-8
 # Largest number of corners of a polygon, and largest number of pieces into which a polygon is cut.
 CORNERS, PIECES = 24, 64
 # Rows of the arrays `line`. Each row contains the coefficients a, b, c of a function a + b x + c y
-# of a pixel position. Up to LINES rows belong to the sides of a triangle and are positive inside
-# the side; the row PLANE gives the inverse distance of the triangle's plane.
+# of a pixel position. Up to LINES rows belong to the sides of a triangle; their functions are
+# positive inside the triangle. The function of the row PLANE is the inverse distance of the
+# triangle's plane.
 LINES, PLANE = 5, 5
 
 

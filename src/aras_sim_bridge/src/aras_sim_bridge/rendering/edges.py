@@ -249,8 +249,8 @@ def resolve_fragments(
                 b, c = line[k, PLANE, 1], line[k, PLANE, 2]
                 ahead = line[k, PLANE, 0] + b * xc + c * yc - top - 0.5 * (
                     abs(b - work[TOP_X, q]) + abs(c - work[TOP_Y, q]))
-                # Clear `last` unless the triangle is in front of the one that fills the pixel, in
-                # this pixel or as a whole.
+                # `last` is only valid if every other triangle is in front of the one that fills the
+                # pixel, in this pixel or as a whole.
                 if ahead < -COPLANAR_TOLERANCE * top and not _is_before(
                     corner, side, m, member[first + best]
                 ):

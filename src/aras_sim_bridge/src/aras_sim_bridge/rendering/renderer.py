@@ -166,8 +166,8 @@ class Renderer:
         if self._closed:
             raise RenderingError("the renderer is closed; create another one")
         self.scene.refresh()
-        # Compare version numbers instead of using the result of `refresh`: `snapshot` also
-        # refreshes the scene, so this call may find nothing new.
+        # Compare version numbers, because `snapshot` also calls `refresh`: it may have read a
+        # change that the call above does not report again.
         if self.scene.version != self._scene_version:
             self._scene_version = self.scene.version
             self.triangles = Triangles.from_visuals(self.scene.visuals)

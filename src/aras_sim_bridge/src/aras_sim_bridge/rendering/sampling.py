@@ -29,9 +29,11 @@ class PixelSamples:
 
     Attributes:
         tile: (tiles,) value of all pixels of a tile; SEVERAL if they may have different values.
-        pixel: (rows * TILE, columns * TILE) int32, value of each pixel, in tiles that are SEVERAL.
+        pixel: (rows * TILE, columns * TILE) int32, value of each pixel, in tiles with the value
+            SEVERAL.
         most: value of most tiles.
-        start, member, full: triangles of each tile that is SEVERAL, as in VisibleTriangles.
+        start, member, full: triangles that touch each tile with the value SEVERAL; lists as in
+            VisibleTriangles.
         pixel_masks: (P,) uint64, bit mask of the pixels that each triangle in `member` may touch.
             The number of a bit is row * TILE + column.
     """
@@ -217,7 +219,7 @@ def _find_box(corner, m, inverse, n):
           "u8[::1]")
 def _sample(tile, start, member, full, corner, side, cut, opaque, matrices, inverse, spread, axis,
             cells, is_uniform, columns, near, far, at, pixel, pixel_masks):
-    """Find the visible triangle at the sample of each pixel, in tiles that are SEVERAL.
+    """Find the visible triangle at the sample of each pixel, in tiles with the value SEVERAL.
 
     Write it to `pixel`, and fill `pixel_masks`; see PixelSamples. Triangles that touch no pixel of
     a tile are removed from the tile's list. Return the total length of the remaining lists.

@@ -53,8 +53,8 @@ class Shader:
         Args:
             triangles: triangles of the scene.
             visible, samples: visible triangles, and the one that each pixel shows.
-            uniform: (N,) packed colour of each visible triangle; 0 if its colour varies. sky:
-                packed colour of the background.
+            uniform: (N,) packed colour of each visible triangle; 0 if its colour varies.
+            sky: packed colour of the background.
             edges: bit masks of the pixels with edges.
             light: irradiance from several lights; empty if there is only the sun. If it is not
                 empty, `uniform` must be 0.

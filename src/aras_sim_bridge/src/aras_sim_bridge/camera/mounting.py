@@ -167,7 +167,7 @@ def configure_robot_camera(camera: CameraDescription, settings: Mapping[str, obj
     Args:
         camera: camera of the description.
         settings: settings of all cameras by name; those for this camera override its description.
-        defaults: settings that apply if `settings` do not set them.
+        defaults: fields of CameraConfig that override the description, unless `settings` set them.
         seed: seed of the simulation, from which the camera's default seed is derived.
 
     Raises:

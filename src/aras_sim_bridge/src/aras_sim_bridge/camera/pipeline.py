@@ -37,7 +37,7 @@ class ExposureMean:
         self._sum[part.first : part.last] += image
 
     def take(self) -> np.ndarray:
-        """Return the uint8 mean of all partial exposures, and start the next image."""
+        """Return the uint8 mean of the partial exposures that were added, and discard them."""
         image, self._sum = self._sum, None
         if len(self._parts) == 1:
             return image

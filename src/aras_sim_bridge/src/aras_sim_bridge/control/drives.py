@@ -1,4 +1,4 @@
-"""Drives, which apply the command of each joint to the simulated model in one of five ways.
+"""Drives, which apply the commands of the joints to the simulated model.
 
 `compute_outputs` is called in every physics step. If a command is not finite, a drive uses the last
 finite command.

@@ -186,7 +186,7 @@ class Pid:
         return command
 
     def notify_listener(self, dt: float) -> None:
-        """Pass the last computation to the listener if it was valid.
+        """Pass the inputs and results of the last computation to `on_state` if they were valid.
 
         `dt` is the time, s, between the last two computations.
         """

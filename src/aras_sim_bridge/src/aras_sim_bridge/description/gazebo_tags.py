@@ -203,7 +203,10 @@ def _drop_duplicates(
 
 
 def _read_setting(block: Element, tag: str) -> str | None:
-    """Return the text of a child element, or its attribute `value`, which old URDF files use."""
+    """Return the text of the child element `tag`.
+
+    In old URDF files, the attribute `value` of the child contains the text.
+    """
     child = block.find(tag)
     if child is not None and child.get("value") is not None:
         return child.get("value")

@@ -27,7 +27,7 @@ def check_light(light: Light) -> Light:
     """Return the light if it is valid.
 
     Raises:
-        WorldError: a setting is not finite, negative, or otherwise impossible for a light.
+        WorldError: a setting is negative, infinite, NaN or otherwise impossible for a light.
     """
     if not light.name:
         raise WorldError("a light has no name; give it one")

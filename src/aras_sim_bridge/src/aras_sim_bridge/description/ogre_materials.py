@@ -110,7 +110,8 @@ def _read_scripts(file: Path, warnings: list[str]) -> dict[str, tuple[str, Appea
 def _parse(path: str, _changed_ns: int) -> dict[str, tuple[str, Appearance]]:
     """Return (parent material, appearance) of each material by name; the parent may be ''.
 
-    `_changed_ns`, the time at which the file was last changed, only distinguishes cached results.
+    `_changed_ns` is the time at which the file was last changed. It is not used here; as an
+    argument of a cached function, it makes a changed file be read again.
     """
     text = _COMMENT.sub("", Path(path).read_text(encoding="utf-8", errors="replace"))
     found: dict[str, tuple[str, Appearance]] = {}

@@ -89,8 +89,8 @@ def _compute_positions(population: Element, where: str) -> list[Vector3]:
             if radius <= 0.0 or length <= 0.0:
                 raise DescriptionError(f"{where}: radius and length must be positive")
             angle, share, height = random.random((3, count))
-            # The radius is uniformly distributed, as in Gazebo, so the positions are denser near
-            # the axis.
+            # As in Gazebo, the distance from the axis is uniformly distributed, so the positions
+            # are denser near the axis.
             out = radius * share
             inside = np.transpose([out * np.cos(2 * math.pi * angle),
                                    out * np.sin(2 * math.pi * angle), length * height]).tolist()

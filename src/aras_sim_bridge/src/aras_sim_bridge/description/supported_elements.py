@@ -159,8 +159,8 @@ _DEPTH_PLUGIN = {
 _PLUGINS = {
     "gazebo_ros_control": {
         **_mark_supported_tags("robotNamespace", "controlPeriod", "eStopTopic"),
-        # Accepted without effect: the model's own URDF is used instead of robotParam, and the
-        # transmissions define the interfaces in either mode.
+        # Accepted without effect: the model's own URDF is used instead of that in robotParam, and
+        # the interfaces of joints are those of the transmissions, with or without legacyModeNS.
         **_mark_supported_tags("robotParam", "legacyModeNS"),
         "robotSimType": ("gazebo_ros_control/defaultrobothwsim",),
     },
@@ -338,7 +338,7 @@ def describe_ignored_elements(element: Element, block: str, where: str) -> list[
     programs ("program:tag") are not reported.
 
     Args:
-        where: name of the element in messages; '' if the names of its children suffice.
+        where: name of the element in messages; '' if messages need only the names of its children.
     """
     return format_sentences(find_ignored_elements(element, block, where))
 

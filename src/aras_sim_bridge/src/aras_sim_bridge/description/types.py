@@ -306,7 +306,7 @@ class GraspDescription:
     Attributes:
         angle: smallest angle between two opposing forces, rad.
         rate: contact checks per second of simulated time.
-        most: upper limit of the number of counted contacts with an object.
+        most: largest value of the contact counter of an object.
         threshold: number of counted contacts above which the object is grasped.
         release_tolerance: distance, m, that a finger may move relative to its contact before the
             object is released.

@@ -57,7 +57,8 @@ def create_renderer(
         name: one of RENDERERS.
         world: world to draw.
         light: lighting; None for Gazebo's defaults.
-        cache_bytes: largest size of the cache for data of views, bytes.
+        cache_bytes: largest size, bytes, of the cache for data that depend on a camera's image size
+            and lens.
 
     Raises:
         RenderingError: there is no renderer of this name.

@@ -1,7 +1,7 @@
 """Tests of boxes and triangles against cones. A cone encloses the rays of a tile or of several.
 
-Cones are rows of Tiles.nodes. If a test returns True, the result is certain; if it returns False,
-the opposite may be true.
+Cones are rows of Tiles.nodes. A test returns True only if this is certain; it may return False
+although True would be correct.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def is_cone_disjoint(x, y, z, cosine, sine, nodes, n):
 
 @jit_inline
 def is_box_outside(T, r, centre, half, n, nodes, root):
-    """Return whether box n, in the frame of link r, is outside the cone of node `root`."""
+    """Return whether box n of link r is outside the cone of node `root`."""
     cosine, sine = nodes[root, 3], nodes[root, 4]
     if cosine <= 0.0:
         return False

@@ -106,7 +106,7 @@ def sample_pixel(triangles, line, lines, sliver, x0, y0, count, opaque_count, wo
 
 @jit_inline
 def compute_sample_mean(work, n, visible_count, middle):
-    """Write the mean position of the samples where triangle n is visible to middle[n]."""
+    """Write to middle[n] the mean position of the samples where triangle n is visible."""
     name, x, y = np.float32(n), np.int32(0), np.int32(0)
     for i in range(FINE):
         x += np.int32(work[2, i] == name) * np.int32(i)
@@ -119,9 +119,9 @@ def compute_sample_mean(work, n, visible_count, middle):
 def integrate_rows(own, lines, work, middle, n):
     """Return the area of a pixel on the positive side of the lines own[0, :lines].
 
-    The area is the mean of its exact widths in FINE rows. If the area is thinner along y than along
-    x, it is the mean of its heights in FINE columns. The centre of the area is written to
-    middle[n]. `work` (3, FINE) float32 is work space.
+    The pixel is divided into FINE rows, or into FINE columns if the area is thinner along y than
+    along x. The result is the mean of the exact widths of the area in these rows or columns. The
+    centre of the area is written to middle[n]. `work` (3, FINE) float32 is work space.
     """
     across = down = 0.0
     for k in range(lines):

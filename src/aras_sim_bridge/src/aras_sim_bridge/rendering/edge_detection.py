@@ -122,7 +122,7 @@ def _compute_brightness(side, light, m, rx, ry, rz):
 
 @jit_inline
 def _find_triangle_at(tile, pixel, columns, v, u):
-    """Return the triangle that is visible at the sample v, u; NOTHING outside the image."""
+    """Return the triangle at the sample in row v and column u; NOTHING outside the image."""
     if v < 0 or u < 0 or v >= pixel.shape[0] or u >= pixel.shape[1]:
         return np.int64(NOTHING)
     whole = tile[(v // TILE) * columns + u // TILE]

@@ -96,8 +96,8 @@ def resolve_fragments(
     longest = 1
     for n in range(len(start) - 1):
         longest = max(longest, start[n + 1] - start[n])
-    # For each triangle of a cell: coefficients of its sides and inverse distance (see areas.LINES),
-    # relative to the cell's first pixel.
+    # For each triangle of a cell, which is a part of a tile with one pinhole model: coefficients of
+    # its sides and inverse distance (see areas.LINES), relative to the cell's first pixel.
     line, lines = np.empty((longest, LINES + 1, 3)), np.empty(longest, np.int64)
     inside, sliver = np.empty((longest, CELL)), np.empty(longest, np.bool_)
     # One array for all values of the pixels: the compiler knows that its rows do not overlap, and
@@ -171,9 +171,9 @@ def resolve_fragments(
                     inside[k, q] = np.inf
                 for i in range(lines[k]):
                     a, b, c = line[k, i, 0], line[k, i, 1], line[k, i, 2]
-                    # Scale the coefficients of the side, so that its value at the pixel centre
-                    # tells where the pixel is: outside the side if the value is <= -1, inside if
-                    # the value is >= 1.
+                    # Scale the coefficients of the side, so that its value at a pixel centre tells
+                    # where the whole pixel is: outside the side if the value is <= -1, inside if it
+                    # is >= 1.
                     scale = 2.0 / max(abs(b) + abs(c), 1e-300)
                     a, b, c = a * scale, b * scale, c * scale
                     for q in range(pixels):
@@ -301,9 +301,9 @@ def resolve_fragments(
                 elif crossing == 1:
                     a, b, c = own[0, 0, 0], own[0, 0, 1], own[0, 0, 2]
                     shares[n] = half_plane_area(a, b, c)
-                    # With a < 0, the fragment covers less than half of the pixel. The fragment's
-                    # centre is then midway between the line and that corner of the pixel which is
-                    # farthest from the line on its positive side.
+                    # With a < 0, the only side that crosses the pixel leaves less than half of it
+                    # inside the triangle. The fragment's centre is then midway between this side
+                    # and the pixel corner that is farthest inside.
                     if a < 0.0:
                         back = a / (b * b + c * c)
                         middle[n, 0] = 0.5 * ((0.5 if b > 0.0 else -0.5) - back * b)

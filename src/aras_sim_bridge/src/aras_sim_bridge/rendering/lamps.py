@@ -35,9 +35,10 @@ _KINDS = {"directional": DIRECTIONAL, "point": POINT, "spot": SPOT}
 
 def pack_lights(lights: Sequence[Light], optical_T_world: np.ndarray, scale: float, shadows: str
             ) -> np.ndarray:
-    """Return the rows (lights, WIDTH) of lights that are given in the world frame.
+    """Return the rows (lights, WIDTH) of lights, whose values are in the optical frame.
 
-    `shadows` is 'none', 'hard' or 'soft'.
+    `lights` are given in the world frame. `scale` multiplies their colours. `shadows` is 'none',
+    'hard' or 'soft'.
     """
     rows = np.zeros((len(lights), WIDTH))
     R, t = optical_T_world[:3, :3], optical_T_world[:3, 3]

@@ -73,7 +73,11 @@ class Renderer:
     """
 
     def __init__(self, world: World, light: Lighting, cache_bytes: int) -> None:
-        """Create a renderer; `cache_bytes` is the size of the cache for data of views."""
+        """Create a renderer.
+
+        `cache_bytes` is the largest size of the cache for data that depend on a camera's image size
+        and lens.
+        """
         self.scene = Scene(world)
         self.light = light
         self._canvases: ByteLimitedCache[Hashable, _Canvas] = ByteLimitedCache(cache_bytes)

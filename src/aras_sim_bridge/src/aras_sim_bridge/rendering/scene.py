@@ -102,9 +102,9 @@ class Scene:
         return self._labels
 
     def find_bodies_around(self, point: np.ndarray) -> list[str]:
-        """Return the names 'model::link' of links with a visual around a point (3,) of the world.
+        """Return the names 'model::link' of links with a visual that contains a point of the world.
 
-        Only visuals with a closed surface are found reliably.
+        `point` (3,) is in m. Only visuals with a closed surface are found reliably.
         """
         self.refresh()
         poses = self.read_poses()

@@ -295,10 +295,11 @@ def _find_surface_point(matrices, c, side, m, x, y, p, g):
 
 @jit_inline
 def _aim_ray(lamps, n, p, d, far, e, a, b, ray):
-    """Write to ray (3,) the vector from p to the point a, b of the disc of lamp n.
+    """Write to ray (3,) the vector from p to a point of the disc that represents lamp n.
 
-    d is the normal of the disc, and the rows of e are its axes. Return the length of the ray in
-    units of this vector: 1, or inf for a directional lamp.
+    The point has the coordinates a, b along the rows of e, in units of the disc's radius. d is the
+    normal of the disc. Return the length of the ray in units of this vector: 1, or inf for a
+    directional lamp.
     """
     radius = lamps[n, RADIUS]
     directional = lamps[n, KIND] == 0.0

@@ -176,7 +176,7 @@ class Controller:
         self.slot.clear()
 
     def restart(self, time_ns: int) -> None:
-        """Restart with the simulation: keep the set point, reset PID integrals and last errors."""
+        """Restart together with the simulation: keep the set point, and reset the PIDs."""
         for pid in self.pids.values():
             pid.reset()
 

@@ -16,7 +16,7 @@ from aras_visual_servo_base.compiled import column, jit
 # Interval between commands that is assumed until two commands have arrived, s: the period of a 30
 # Hz camera.
 USUAL_INTERVAL = 1.0 / 30.0
-# Shortest interval between commands, s. In the mean interval, shorter ones count as this one.
+# Shortest interval between commands, s. A shorter interval counts as this one in the mean interval.
 SHORTEST_INTERVAL = 0.002
 # Longest interval between commands, s. A longer interval is a pause and is left out of the mean
 # interval.

@@ -1,4 +1,4 @@
-"""Control loop of one joint of a commanded controller."""
+"""Control loop of one joint of a CommandedController (see forward.py)."""
 
 from collections.abc import Callable
 from math import inf
@@ -126,7 +126,7 @@ class JointLoop:
             self.pid.row = row[:PID_COLUMNS]
 
     def start(self) -> None:
-        """Reset the PID. Hold the current position, or command 0 if commands are not positions."""
+        """Reset the PID. Hold the current position, or command 0 if commands are no positions."""
         row, stays = self.row, 0.0
         if self._kind == POSITION_PID or self._kind == FORWARD and row[_TARGET] == Q_COMMAND:
             stays = min(max(self.handle.position, row[_LOWER]), row[_UPPER])

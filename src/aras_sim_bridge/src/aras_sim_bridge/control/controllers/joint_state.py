@@ -140,7 +140,7 @@ class JointStateController(Controller):
 
 
 def _find_next_cycle(due_ns: float, time_ns: int, step_ns: int) -> int:
-    """Return the first of the times time_ns + k step_ns (k is an integer) after `due_ns`."""
+    """Return the first time after `due_ns` among time_ns + k step_ns, where k is any integer."""
     return time_ns + (int(due_ns - time_ns) // step_ns + 1) * step_ns
 
 

@@ -177,8 +177,8 @@ class JointTrajectoryController(Controller):
             if segment.goal is not self._goal:
                 continue
             name, error = self.joints[k], errors[0][k]
-            # Check the goal only after the end time of the last segment: a straight line still has
-            # a velocity at its end.
+            # Check the goal only after the end of the last segment. Before, the desired velocity
+            # may not be 0 yet, as on a straight line.
             if now_ns <= segment.end_ns:
                 if not segment.path_tolerance.is_met(error, errors[1][k]):
                     code = ErrorCode.PATH_TOLERANCE_VIOLATED

@@ -77,7 +77,7 @@ class CameraSensor:
     """
 
     def __init__(self, config: CameraConfig, renderer: Renderer) -> None:
-        """Prepare the renderer.
+        """Create the sensor, and prepare the renderer for the camera's image size and lens.
 
         Raises:
             CameraError: the images cannot be rendered.

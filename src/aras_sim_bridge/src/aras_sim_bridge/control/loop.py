@@ -130,7 +130,7 @@ class ControlLoop:
         return [loop.handle.name for c in self._compiled_controllers for loop in c.loops]
 
     def _apply_pending_commands(self, time_ns: int) -> None:
-        """Apply the pending commands of all controllers whose loops are compiled."""
+        """Apply the pending commands of all controllers whose loops compiled code can run."""
         given = [
             c.slot.pop() if c.slot else [nan] * len(c.loops) for c in self._compiled_controllers
         ]

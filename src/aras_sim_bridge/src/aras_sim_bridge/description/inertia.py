@@ -32,12 +32,12 @@ def make_inertial(
 
     A tensor that violates the triangle inequality causes a warning but is used, because the
     equations of motion only need it to be positive definite. A tensor that is zero, or that has a
-    negative principal moment but none above _NEGLIGIBLE, causes a warning and is replaced by that
-    of a solid sphere of 5 cm radius.
+    negative principal moment but none above 1e-6 kg m² in magnitude, causes a warning and is
+    replaced by that of a solid sphere of 5 cm radius.
 
     Raises:
-        DescriptionError: the mass is negative, or a principal moment is negative and another is
-            above _NEGLIGIBLE.
+        DescriptionError: the mass is negative, or a principal moment is negative and one is above
+            1e-6 kg m² in magnitude.
     """
     if mass < 0.0:
         raise DescriptionError(f"{where}: mass is {mass} kg; it must not be negative")

@@ -50,9 +50,8 @@ def find_edges(
 
     Returns:
         Bit masks (tiles,) uint64, in which bit row * TILE + column is set if the pixel of the tile
-        contains an edge; and the numbers (P,) of these pixels, row * width + column in the padded
-        image, ordered by tile, and within a tile by cell (see Tiles). The padded image consists of
-        whole tiles.
+        contains an edge; and the numbers (P,) of these pixels, row * width + column in the image
+        enlarged to whole tiles, ordered by tile, and within a tile by cell (see Tiles).
     """
     t = tiles
     edges, mixed = _find_corner_edges(

@@ -18,7 +18,7 @@ class Fragments:
     """Fragments of the pixels with edges.
 
     Attributes:
-        pixel: (P,) number of each pixel, row * width + column in the padded image.
+        pixel: (P,) number of each pixel, row * width + column in the image enlarged to whole tiles.
         start: (P + 1,) start of each pixel's fragments in the following arrays.
         member: (F,) triangle of each fragment, as an index in VisibleTriangles. In each pixel,
             opaque triangles come first, then transparent ones from far to near.

@@ -35,13 +35,13 @@ OFF, OFF_FAR = 2e-5, 2e-6
 
 @dataclass(frozen=True)
 class Irradiance:
-    """Light (red, green, blue) on pixels and fragments. A white surface in the light 1 gets 255.
+    """Light (red, green, blue) on pixels and fragments. Light of 1 gives a white surface 255.
 
     Both arrays are empty if there is only the sun; VisibleTriangles.light is then used instead.
 
     Attributes:
-        pixels: (rows, columns, 3) float32, light on each pixel of the padded image that has no
-            edge.
+        pixels: (rows, columns, 3) float32, light on each pixel without an edge; the image is
+            enlarged to whole tiles.
         fragments: (F, 3) float32, light on each fragment.
     """
 

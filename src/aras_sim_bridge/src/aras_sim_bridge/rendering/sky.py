@@ -17,7 +17,7 @@ NO_SKY = np.zeros((0, 0), np.uint32)
 
 
 def draw_sky(tiles: Tiles, world_T_optical: np.ndarray) -> np.ndarray:
-    """Return the packed colours of the sky for each pixel of the padded image, uint32."""
+    """Return the packed colours (uint32) of the sky; the image is enlarged to whole tiles."""
     out = np.empty((tiles.rows * TILE, tiles.columns * TILE), np.uint32)
     _fill(tiles.matrices, tiles.cells, tiles.columns, np.ascontiguousarray(world_T_optical[2, :3]),
           np.array([ZENITH, HORIZON, HAZE]), out)

@@ -43,8 +43,9 @@ def find_edges(
         visible: visible triangles.
         samples: samples at the upper left corners of the pixels.
         uniform: (N,) packed colour of each visible triangle; 0 if its colour varies.
-        smooth, part: (N,) Triangles.smooth (or .facets) and Triangles.part of the visible
-            triangles.
+        smooth: (N,) Triangles.smooth of the visible triangles; Triangles.facets instead if there
+            are several lights.
+        part: (N,) Triangles.part of the visible triangles.
         sky: packed colour of the background.
         near, far: clip distances, m.
 

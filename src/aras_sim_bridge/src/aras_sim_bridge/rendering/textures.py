@@ -67,11 +67,10 @@ class Textures:
     """Textures of a scene with their mipmaps.
 
     Attributes:
-        texels: (N,) uint64, one texture after another. The first element of a texture is its number
-            of texels per side. Its texels follow row by row, from v = 0 upwards as in OBJ files. A
+        texels: (N,) uint64, one texture after another. A texture consists of its number of texels
+            per side, its texels, row by row from v = 0 upwards as in OBJ files, and the texels of
+            its mipmap levels, each with half the size of the previous one, down to one texel. A
             texel contains red, green and blue from the lowest bit on, with CHANNEL_BITS bits each.
-            Then the mipmap levels follow in the same way, each with half the size of the previous
-            one, down to one texel.
     """
 
     def __init__(self, files: set[str]) -> None:

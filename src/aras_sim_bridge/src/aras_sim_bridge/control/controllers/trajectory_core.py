@@ -169,7 +169,8 @@ class JointTrajectoryController(Controller):
         return self._segments[0][present[0]]
 
     def _check_goal(self, now_ns: int) -> GoalHandle | None:
-        """Check the active goal's tolerances and return the goal if it has ended."""
+        """End the active goal if it is reached or violates a tolerance; return it if it has ended.
+        """
         errors = self._errors
         for k in range(len(self.joints)):
             segments, index = self._segments[k], self._segment_indices[k]

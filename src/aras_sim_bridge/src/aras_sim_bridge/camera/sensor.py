@@ -243,7 +243,7 @@ class CameraSensor:
         return self._next_ns < time_after_ns
 
     def before_step(self, world_T_link: np.ndarray, time_ns: int) -> None:
-        """Store the poses of the camera and of the world's links before a step; see the class."""
+        """Store `world_T_link` and the poses of all models at `time_ns`, the start of a step."""
         self.renderer.snapshot()
         self._previous_pose = (time_ns, np.array(world_T_link, dtype=float))
 

@@ -149,7 +149,8 @@ class ControlLoop:
                 loop.warn_beyond_limits(command, time_ns)
 
     def _gather_loops(self, running: tuple[LoadedController, ...]) -> None:
-        """Store the state of all running loops in one array, for compiled cycles."""
+        """Store the states of all running loops in one array, for control cycles in compiled code.
+        """
         self._running = running
         self._other_entries = [entry for entry in running if not entry.controller.is_compilable]
         self._compiled_controllers = [e.controller for e in running if e.controller.is_compilable]

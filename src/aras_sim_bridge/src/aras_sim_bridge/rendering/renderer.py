@@ -221,7 +221,10 @@ class Renderer:
         return edges, fragments, background
 
     def find_bodies_around(self, point: np.ndarray) -> list[str]:
-        """Return the names 'model::link' of visuals that contain a point (3,) of the world."""
+        """Return the names 'model::link' of the links with a visual that contains `point`.
+
+        `point` (3,) is in the world frame, m.
+        """
         return self.scene.find_bodies_around(point)
 
     def _get_canvas(self, view: View) -> _Canvas:

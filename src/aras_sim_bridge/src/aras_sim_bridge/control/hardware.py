@@ -1,7 +1,8 @@
 """Hardware interface between the controllers and the simulated joints.
 
 `RobotHardware.read` copies positions, velocities and efforts into the handles; `write` limits the
-commands and applies them. Order, limits and emergency stop are those of gazebo_ros_control.
+commands and applies them. The order of these steps, the limits and the emergency stop are the same
+as in gazebo_ros_control.
 """
 
 from collections.abc import Callable, Iterable, Mapping

@@ -307,7 +307,7 @@ class GraspDescription:
         angle: smallest angle between two opposing forces, rad.
         rate: contact checks per second of simulated time.
         most: largest value of the contact counter of an object.
-        threshold: number of counted contacts above which the object is grasped.
+        threshold: value of this counter above which the object is grasped.
         release_tolerance: distance, m, that a finger may move relative to its contact before the
             object is released.
         collides: whether a grasped object still collides with other bodies.

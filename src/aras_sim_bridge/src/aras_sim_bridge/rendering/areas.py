@@ -173,8 +173,8 @@ def visible_area(shape, sizes, i, count, line, lines):
                     end += 1
                 if size < 3:
                     break
-            # The piece `now` is hidden by triangle j, so remove it: the last unchecked piece takes
-            # its place, and the last of all pieces takes the place of the moved one.
+            # Remove the piece `now`, which triangle j hides: move the last unchecked piece to its
+            # place, and the last of all pieces to the place that becomes free.
             last -= 1
             end -= 1
             for move in range(2):

@@ -360,7 +360,7 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
 
 @jit("i8[::1], i8[::1], b1[::1], i8, i8")
 def _sort_by_tile(tile, member, full, pairs, tiles):
-    """Sort the pairs of a triangle (`member`) and a tile by tile, and then by triangle.
+    """Sort pairs, each of a `tile` and a triangle (`member`), first by tile and then by triangle.
 
     Return start (tiles + 1,), member (pairs,) and full (pairs,), as in VisibleTriangles.
     """

@@ -15,7 +15,7 @@ from .triangles import Triangles
 
 @dataclass(frozen=True)
 class Fragments:
-    """Fragments of the pixels with edges.
+    """Visible parts of triangles (fragments) in the pixels with edges.
 
     Attributes:
         pixel: (P,) number of each pixel, row * width + column in the image enlarged to whole tiles.

@@ -158,10 +158,11 @@ def map_texture(matrices, c, side, m, uv, t, planes):
 
 @jit_inline
 def apply_texture(planes, layer, texels, x, y, rgb):
-    """Multiply the colour rgb (3,) by the mean of a texture over the pixel at x, y in a cell.
+    """Multiply the colour rgb (3,) by the mean of a texture over one pixel.
 
-    `planes` is the result of map_texture. The area of the pixel on the texture is treated as an
-    ellipse, whose shorter axis determines the mipmap level.
+    `planes` is the result of map_texture for a cell, and x, y is the pixel's position relative to
+    the first pixel of this cell. The area of the pixel on the texture is treated as an ellipse,
+    whose shorter axis determines the mipmap level.
     """
     Ux, Uy, Vx, Vy, Wx, Wy = (planes[0, 0], planes[0, 1], planes[1, 0], planes[1, 1], planes[2, 0],
                               planes[2, 1])

@@ -34,7 +34,7 @@ class Calibration:
         width, height: image size, px; None if the file does not contain it.
         matrix: (9,) camera matrix, row by row, px.
         model: name of the distortion model as in CameraInfo; None for OpenCV's files, which do not
-            name the model; it then follows from the number of coefficients.
+            name the model. The number of coefficients then determines the model.
         D: distortion coefficients in OpenCV's order.
         R, P: the matrices R (9 numbers) and P (12 numbers) of CameraInfo, row by row; None if the
             file does not contain them.

@@ -103,10 +103,10 @@ class Textures:
 
 @jit_inline
 def _find_direction(cosine, sine):
-    """Return the index in DIRECTIONS of the direction that is nearest to an axis.
+    """Return the index in DIRECTIONS of the direction whose angle from x is nearest to t.
 
-    The axis is at the angle t from x. `cosine` and `sine` are those of 2 t, times any positive
-    factor.
+    `cosine` and `sine` are those of 2 t, times any positive factor. Opposite directions count as
+    equal.
     """
     share = cosine / max(abs(cosine) + abs(sine), 1e-300)
     part = 1.0 - share if sine >= 0.0 else 3.0 + share

@@ -179,7 +179,7 @@ class GripperActionController(Controller):
 
 @register("position_controllers/GripperActionController", interface=POSITION)
 class PositionGripperController(GripperActionController):
-    """Command the position of the goal; as in ros_controllers, the goal's max_effort has no effect.
+    """Command the goal's position; as in ros_controllers, the result repeats the goal's max_effort.
     """
 
     def _start_output(self) -> None:

@@ -82,7 +82,7 @@ def save_calibration(info: CameraInfo, camera_name: str, config: CameraConfig) -
 
 
 def format_sensor_yaml(config: CameraConfig) -> str:
-    """Return the YAML text of a camera preset with the parameters that CameraInfo lacks."""
+    """Return camera settings as YAML text, limited to parameters that CameraInfo cannot contain."""
     return SENSOR_HEADER + yaml.safe_dump(config.sensor_settings(), sort_keys=False)
 
 

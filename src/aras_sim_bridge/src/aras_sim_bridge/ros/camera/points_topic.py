@@ -29,7 +29,8 @@ class PointsTopic(NonBlockingPublisher):
 
         Args:
             topic: name of the topic.
-            rays: (H, W, 3) result of CameraSensor.compute_rays.
+            rays: (H, W, 3) ray of each pixel in the optical frame. The ray times the pixel's depth
+                is the visible point.
             settings: settings of the depth topics.
             on_change: called from any thread when subscribers connect or leave.
         """

@@ -1,4 +1,7 @@
-"""Camera settings in /gazebo/cameras: presets of robot cameras, and cameras of the world."""
+"""Camera settings below the parameter /gazebo/cameras.
+
+They change cameras of spawned robots, or define further cameras that are fixed in the world.
+"""
 
 from __future__ import annotations
 

@@ -178,7 +178,10 @@ class ManagerServices:
             self._manager.carry_out_switches(now)
 
     def _call_with_parameters(self, job: Callable[[], T]) -> T:
-        """Run `job` between two steps, with the robot's current ROS parameters in the manager."""
+        """Update the manager's copy of the robot's ROS parameters, and run `job`.
+
+        Both are done in the simulation thread, between two steps.
+        """
         parameters = get_namespace(self._namespace or "/")
 
         def refresh_and_call() -> T:

@@ -129,10 +129,10 @@ def fill_joint_states(message: JointState, states: base.JointStates) -> None:
 def _restamp(
     fill: Callable[[Message, object], None], thread: SimulationThread
 ) -> Callable[[Message, object], None]:
-    """Return a function that calls `fill` and sets the stamp to the current simulated time.
+    """Return a function that calls `fill` and stamps the message with the current simulated time.
 
-    Controllers are updated before the physics step. At that moment, the simulated time is still the
-    time of the measured joint states.
+    Controllers publish states before the physics step, when the current time is still the time at
+    which the joints were measured.
     """
 
     def fill_and_stamp(message: Message, state: object) -> None:

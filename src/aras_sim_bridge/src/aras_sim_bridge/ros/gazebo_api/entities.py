@@ -43,7 +43,10 @@ def find_joint(simulation: Simulation, name: str) -> tuple[Model, str]:
 
 
 def find_loop_joint(simulation: Simulation, name: str) -> tuple[Model, LoopJoint] | None:
-    """Return the model and the loop joint called `name`, or None if there is none."""
+    """Return the model and the joint `name`, if this joint closes a kinematic loop.
+
+    Return None otherwise.
+    """
     for candidate in simulation.world.models.values():
         for loop in candidate.description.loops:
             if name in (loop.joint.name, candidate.get_scoped_name(loop.joint.name)):

@@ -125,7 +125,7 @@ class GazeboNode:
 
 
 def _set_up_log(level: str) -> None:
-    """Send the log records of packages that do not use rospy to the console and /rosout."""
+    """Send log records to the console and to /rosout, for packages that do not use rospy."""
     rosout = logging.getLogger("rosout")
     for name in ("aras_sim_bridge", "aras_visual_servo_base"):
         logger = logging.getLogger(name)

@@ -102,7 +102,9 @@ class Body:
         for index in range(pybullet.getNumJoints(self.body_id, physicsClientId=self.client)):
             info = pybullet.getJointInfo(self.body_id, index, physicsClientId=self.client)
             if info[1].decode() not in description.joints:
-                continue  # an empty link that bullet_files.py added to the URDF
+                # bullet_files.py may have added an empty link, which the description does not
+                # contain
+                continue
             joints[info[1].decode()] = index
             links[info[12].decode()] = index
         missing = set(description.links) - set(links)
@@ -115,7 +117,11 @@ class Body:
                          for index, mu in coefficients.items()}
 
     def _set_dynamics(self, bodies: RobotDescription) -> None:
-        """Disable Bullet's damping and velocity limit, and set contact parameters and inertias."""
+        """Set the dynamics parameters of the body in Bullet from its description.
+
+        Damping, the velocity limit, restitution and rolling friction are switched off; the
+        collision margin, friction anchors and principal moments of inertia are set.
+        """
         client, body = self.client, self.body_id
         # Set these values once, not for each link: PyBullet applies them to the body or its root,
         # whichever link is named.

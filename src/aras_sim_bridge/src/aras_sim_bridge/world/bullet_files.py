@@ -217,11 +217,10 @@ def _format_link(link: Link, concave: bool, colour: Rgba | None, files: BulletFi
 def _split_round_shape(collision: Collision) -> Iterator[Collision]:
     """Split a moving cylinder or capsule into a middle part and two rims, so that it rolls freely.
 
-    In each step, Bullet finds one contact point between two shapes, and it keeps the points of
-    earlier steps at their old positions. A rolling cylinder needs a contact point at each of its
-    two ends. The point that Bullet found a step earlier therefore lags behind, and the weight on it
-    accelerates the cylinder by some per cent. With two rims, each rim has one contact point of its
-    own; the middle part is slightly thinner and touches nothing.
+    A rolling cylinder needs a contact point at both ends, but Bullet finds only one point per pair
+    of shapes in each step. The point at the other end is from an earlier step and lags behind, so
+    that the weight on it accelerates the cylinder. Each rim has its own contact point; the middle
+    part is slightly thinner and touches nothing.
     """
     shape, half = collision.geometry, 0.5 * collision.geometry.length
     if shape.kind not in ("cylinder", "capsule"):
@@ -243,9 +242,9 @@ def _split_round_shape(collision: Collision) -> Iterator[Collision]:
 def _needs_empty_link(description: RobotDescription) -> bool:
     """Return whether an empty first link is needed so that moving links collide with static bodies.
 
-    Bullet treats a link as static if all joints above it are fixed, but it does not check the joint
-    of the first link. It therefore treats links that are fixed to a moving first link as static,
-    and never tests them against static bodies. An empty first link prevents this.
+    If the first link moves, Bullet wrongly treats the links that are fixed to it as static, and
+    does not test them against other static bodies. This does not happen if the first link is empty
+    and fixed.
     """
     joints = list(description.joints.values())
     first = next((joint for joint in joints if joint.parent == description.root), None)

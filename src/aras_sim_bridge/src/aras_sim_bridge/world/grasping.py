@@ -36,13 +36,15 @@ LinkId = tuple[str, str]  # names of a model and of its link
 
 @dataclass
 class FingerContact:
-    """Contact of a finger with an object: values that are summed over steps with contact.
+    """Contact of a finger with an object, summed over all steps in which the finger pressed it.
+
+    Divide the sums by `steps` to get averages.
 
     Attributes:
-        steps: number of steps in which the finger pressed the object.
+        steps: number of these steps.
         force: sum of the forces on the object in world axes, N.
         point: sum of the contact points in the finger's frame, m.
-        origin: sum of the object's origins in the finger's frame, m.
+        origin: sum of the positions of the object's origin in the finger's frame, m.
     """
 
     steps: int = 0
@@ -115,7 +117,7 @@ class GraspFix:
 
     @property
     def idle_until_ns(self) -> int:
-        """Time in ns until which `after_step` need not be called.
+        """Simulated time, ns, until which `after_step` need not be called.
 
         A model that Bullet does not step touches nothing, so its fingers need no checks.
         """
@@ -124,11 +126,14 @@ class GraspFix:
         return self._due_ns - 1
 
     def reset(self) -> None:
-        """Reset all counts after the clock jumped and all objects were detached."""
+        """Reset the counts of all objects after the clock jumped and all objects were detached."""
         self._clear()
 
     def after_step(self, time_ns: int) -> None:
-        """Record the finger contacts of the step that ended at `time_ns`, and update the counts."""
+        """Record the finger contacts of the step that ended at `time_ns` (simulated time, ns).
+
+        If a check is due, count up or down for each object, and attach or release it.
+        """
         if not self.model.joints.has_own_dynamics:
             self._collect_contacts()
         if time_ns >= self._due_ns:

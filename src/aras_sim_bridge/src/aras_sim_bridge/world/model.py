@@ -26,13 +26,15 @@ from aras_visual_servo_base.poses import (
 class Model:
     """A model that was spawned by `World.spawn`. A reset of the world does not replace this object.
 
+    If no joint connects some links of a description to its root, they become a separate Model. The
+    Model with the root is then the main model.
+
     Attributes:
         client: Bullet's client id.
         name: name of the model in the world.
         description: description from which the model was loaded.
-        main_model: the model itself, or the model that it belongs to if it is a separate part (one
-            that no joint connects to the rest).
-        bodies: the model and its separate parts; only the model itself if it is a separate part.
+        main_model: the main model of a separate part; otherwise the model itself.
+        bodies: the model, followed by its separate parts if it is the main model.
         spawn_pose: world_T_root at the spawn.
         fixed_base: whether the root is fixed in the world.
         release: for a model that rests on the ground (see resting_base.py), function that must be
@@ -51,8 +53,9 @@ class Model:
                  main_model: Model | None = None) -> None:
         """Load the model.
 
-        `on_move(model, is_moved, has_new_positions)` is called after the whole model was moved to
-        another pose, its joints were set to other positions, its twist was set, or a free model was
+        `on_move(model, is_moved, has_new_positions)` is called after each change that is no step.
+        `is_moved` is True if the whole model was moved to another pose, `has_new_positions` if its
+        joints were set to other positions. Both are False if its twist was set or a free model was
         pushed.
         """
         self.client = client
@@ -85,7 +88,10 @@ class Model:
 
     @property
     def body_id(self) -> int:
-        """Bullet's body id, which changes with each load. Reading it updates Bullet's joints."""
+        """Bullet's body id, which changes with each load.
+
+        Reading this property also copies the joint states to Bullet, so that Bullet can be queried.
+        """
         self.joints.update_bullet()
         return self.body.body_id
 
@@ -147,7 +153,7 @@ class Model:
 
     @property
     def needs_steps(self) -> bool:
-        """True if `before_step` has any effect."""
+        """Whether `before_step` must be called before each step of Bullet."""
         return bool(self.joint_names or self.body.weightless_link_masses)
 
     def before_step(self, dt: float) -> None:

@@ -1,8 +1,8 @@
 """Collision filters, so that Bullet does not test pairs of links that can never touch.
 
-Bullet would test them because their bounding boxes may overlap nevertheless: adjacent links overlap
-each other, and a ground plane overlaps everything. For an arm above the ground, these tests take a
-tenth of the time of a step.
+Bullet tests all pairs of links whose bounding boxes overlap. Many of these pairs can never touch:
+the boxes of adjacent links overlap, and the box of a ground plane overlaps everything. For an arm
+above the ground, such tests take a tenth of the time of a step.
 """
 
 import math
@@ -88,7 +88,10 @@ def disable_distant_pairs(models: list[Model]) -> None:
 
 
 def _disable_own_contacts(part: Model) -> None:
-    """Disable collisions of a separate part with the rest of its model, as in Gazebo."""
+    """Disable collisions of a separate part with the rest of its model, as in Gazebo.
+
+    A separate part consists of links that no joint connects to the root of the model.
+    """
     for other in part.main_model.bodies:
         for a in part.link_indices.values() if other is not part else ():
             for b in other.link_indices.values():

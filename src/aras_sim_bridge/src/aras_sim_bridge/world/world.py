@@ -123,10 +123,11 @@ class World:
             solverResidualThreshold=SOLVER_RESIDUAL, deterministicOverlappingPairs=True,
             # Read meshes and other files again for each model, because they may have changed.
             enableFileCaching=False,
-            # With split impulses, a joint may remain more than 4 cm beyond its limit
-            # (bullet3#2944).
+            # With split impulses, a joint may remain more than 4 cm beyond its limit (bullet3 issue
+            # 2944).
             useSplitImpulse=False,
-            restitutionVelocityThreshold=0.0,  # impacts.py sets the restitution of each impact
+            # Apply restitution at any speed; impacts.py sets the coefficient for each impact.
+            restitutionVelocityThreshold=0.0,
             # With mode 0, a pair of links is tested if the collision filters of both links accept
             # the pair. By default, one accepting filter suffices.
             collisionFilterMode=0,
@@ -134,14 +135,13 @@ class World:
         pybullet.setGravity(*self._gravity, physicsClientId=self.client)
 
     def _choose_solver(self) -> None:
-        """Use a direct solver for friction, stops and motors if all bases are fixed.
+        """Choose the direct solver for friction, stops and motors if all bases are fixed.
 
-        Joints that are coupled as tightly as those of the ARAS arm need hundreds of sweeps of the
-        iterative solver. With 50 sweeps, the joint J5 of the arm at rest still moves at 2e-5 rad/s,
-        and the sweeps take twice as long as Dantzig's direct solver. However, Bullet itself changes
-        to the iterative solver in steps with contacts, and a body on the ground would shake at each
-        change. Therefore only the iterative solver is used if there are free models, closed chains
-        or attachments.
+        For an arm with strongly coupled joints, such as the ARAS arm, the iterative solver needs
+        hundreds of sweeps per step, and Dantzig's direct solver is faster. However, Bullet itself
+        changes to the iterative solver in steps with contacts, and a body on the ground would shake
+        at each change. Therefore the iterative solver is used throughout if there are free models,
+        closed chains or attachments.
         """
         direct = not self.attachments and all(model.fixed_base and not model.description.loops
                                               for model in self.models.values())
@@ -269,7 +269,11 @@ class World:
 
     @property
     def main_models(self) -> dict[str, Model]:
-        """Models by name, without the separate parts of models."""
+        """Models by name, one per spawned description.
+
+        Parts of a description that no joint connects to its root are models of their own in
+        `models`; they are left out here.
+        """
         return {name: model for name, model in self.models.items() if model.main_model is model}
 
     def model(self, name: str) -> Model:
@@ -310,12 +314,15 @@ class World:
         self._update_models()
 
     def _update_attachments(self) -> None:
-        """Free all resting bases and update the models, after an attachment changed."""
+        """Free all resting bases and update the world, after an attachment was added or removed."""
         self.resting_bases.release()
         self._update_models()
 
     def _update_models(self) -> None:
-        """Update everything that depends on the models, after their list or one of them changed."""
+        """Update everything that depends on the models.
+
+        This is called after a model was added, removed or changed.
+        """
         self.revision += 1
         self.attachments.renew()
         self.friction.set_models(self.models.values())
@@ -328,7 +335,10 @@ class World:
         self.resting_bases.refresh()
 
     def _on_model_move(self, model: Model, is_moved: bool, has_new_positions: bool = False) -> None:
-        """React to a model that was moved, whose joints were moved, or that was pushed."""
+        """Update the world after a model was moved, its joints were moved, or it was pushed.
+
+        `is_moved` and `has_new_positions` are True in the first and in the second case.
+        """
         if is_moved or has_new_positions:
             self._deep.continue_watching()
         if is_moved and model.fixed_base:
@@ -405,14 +415,12 @@ class World:
         return self.isolation.steps_until_update
 
     def get_compiled_step(self, model: Model) -> tuple[np.ndarray | float, ...] | None:
-        """Return the arguments with which cycle.py makes compiled steps of a model.
+        """Return the arguments for the compiled steps of `model` in cycle.run_cycles.
 
-        They are JointSpace.arrays, the time step, whether the model has a resting base, and the
-        arguments of resting_base.is_supported. Free bodies are stepped later, in
-        `finish_compiled_steps`.
+        They are the last arguments of this function, from `bodies` on.
 
-        Return None if the model cannot be stepped alone, because another model has joints or may
-        touch it, or an effort is pending.
+        Return None if compiled steps are impossible: another model has joints or may touch this
+        one, or an effort is pending.
         """
         if self.isolation.steps_until_update <= 0:
             self._update_isolation()
@@ -434,7 +442,7 @@ class World:
     def finish_compiled_steps(
         self, model: Model, count: int, diverged_joint: int = -1, is_base_supported: bool = True
     ) -> None:
-        """Update the world after compiled steps of a model.
+        """Update the world after compiled steps of a model, and make these steps for free bodies.
 
         Args:
             model: model that made the steps.
@@ -523,7 +531,10 @@ def _check_iterations(value: int) -> int:
 def _compute_start_positions(
     descriptions: Sequence[RobotDescription], name: str, positions: Mapping[str, float]
 ) -> list[dict[str, float]]:
-    """Return, for each of a model's descriptions, the start positions by joint name."""
+    """Return the start positions of the joints (rad or m), one mapping per description.
+
+    A model consists of several descriptions if joints do not connect all its links.
+    """
     every = tuple(joint for one in descriptions for joint in one.list_moving_joints())
     for joint, value in positions.items():
         if joint not in every:

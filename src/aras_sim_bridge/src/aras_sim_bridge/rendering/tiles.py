@@ -273,7 +273,7 @@ class _ExtrapolatedLens:
         return self.compute_rays((np.argwhere(visible)[:, ::-1] + 0.5) * size - 0.5)
 
     def compute_rays(self, points: np.ndarray) -> np.ndarray:
-        """Return unit rays (N, 3) of pixels (N, 2)."""
+        """Return unit rays (N, 3) of pixels (N, 2), extrapolated outside the image circle."""
         rays = self._unproject(points)
         beyond = ~np.isfinite(rays[:, 0])
         if not beyond.any():
@@ -300,9 +300,10 @@ class _ExtrapolatedLens:
 
 
 def get_shared_tiles(width: int, height: int, key: Hashable, make: Callable[[], Tiles]) -> Tiles:
-    """Return tiles from a cache that all renderers of the process share.
+    """Return the tiles of an image of this size, from a cache that all renderers share.
 
-    If they are not in the cache, `make` creates them. `key` identifies the rays of the image.
+    If the cache does not contain them, `make` creates them. Images with the same `key` and size
+    have the same rays.
     """
     if width * height > LARGEST_CACHED_IMAGE:
         return make()
@@ -387,7 +388,7 @@ def _build_tree(axis: np.ndarray, angle: np.ndarray, visible: np.ndarray, rows: 
 
 
 def _group_by_fours(x: np.ndarray, rows: int, columns: int) -> np.ndarray:
-    """Return x in groups of 4 x 4, (rows, columns, 16, ...), padded with zeros."""
+    """Return x (a, b, ...) in groups of 4 x 4 as (rows, columns, 16, ...), padded with zeros."""
     pad = [(0, 4 * rows - x.shape[0]), (0, 4 * columns - x.shape[1])]
     x = np.pad(x, pad + [(0, 0)] * (x.ndim - 2)).reshape(rows, 4, columns, 4, *x.shape[2:])
     return x.swapaxes(1, 2).reshape(rows, columns, 16, *x.shape[4:])

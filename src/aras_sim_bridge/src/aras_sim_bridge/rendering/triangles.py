@@ -218,7 +218,10 @@ _cache: ByteLimitedCache[bytes, Triangles] = ByteLimitedCache(CACHE_BYTES)
 
 
 def _make_key(parts: list[VisualMesh]) -> bytes:
-    """Return a checksum of the visuals and of the modification times of their texture files."""
+    """Return a checksum of the visuals, the key of the cache.
+
+    It includes the modification times of the texture files.
+    """
     key = hashlib.blake2b(digest_size=16)
     for part in parts:
         mesh = part.mesh

@@ -13,8 +13,8 @@ from aras_sim_bridge.world import Model, World
 from aras_visual_servo_base.poses import Vector3
 
 State = TypeVar("State")
-# Last numbers of two random seeds: _BIAS for the constant bias of a sensor, _NOISE for the noise of
-# a reading.
+# Added to the seed of a sensor, these numbers give two independent random sequences: _BIAS for the
+# constant bias of the sensor, _NOISE for the noise of each reading.
 _BIAS, _NOISE = 0, 1
 
 

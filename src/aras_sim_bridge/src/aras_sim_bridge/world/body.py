@@ -26,7 +26,8 @@ class Body:
         body_id: Bullet's body id; it changes with each load.
         links: Bullet's link index by link name; -1 is the root.
         joint_indices: Bullet's joint index by joint name.
-        inertial_poses: link_T_principal by link name; the principal frame is Bullet's link frame.
+        inertial_poses: pose of the principal axes of inertia in the frame of each link, by link
+            name. Bullet uses the frame of the principal axes as its link frame.
         is_asleep: whether the body is asleep, so that Bullet's steps do not move it.
         weightless_link_masses: masses of the links that gravity does not act on, kg.
         friction: contact friction coefficient by Bullet's link index.

@@ -1,10 +1,11 @@
 """Counterpart of libgazebo_grasp_fix.so: a grasped object is attached to the palm of the gripper.
 
 Friction alone does not hold an object for long in a simulated gripper. Several times a second, the
-plug-in checks whether two fingers press an object with opposed forces. It counts up if they do, and
-down otherwise. If the count exceeds a threshold, the object is attached to the palm. The object is
-released when the count has fallen to the threshold and a finger has moved away from its contact
-point. This is the algorithm of GazeboGraspFix (JenniferBuehler/gazebo-pkgs).
+plug-in checks for each object whether two fingers press it with opposed forces. It increases a
+counter of the object if they do, and decreases it otherwise. If the counter exceeds a threshold,
+the object is attached to the palm. The object is released when its counter has fallen to the
+threshold and a finger has moved away from its contact point. This is the algorithm of
+GazeboGraspFix (JenniferBuehler/gazebo-pkgs).
 """
 
 from __future__ import annotations
@@ -126,13 +127,16 @@ class GraspFix:
         return self._due_ns - 1
 
     def reset(self) -> None:
-        """Reset the counts of all objects after the clock jumped and all objects were detached."""
+        """Reset the counters of all objects.
+
+        This is called after the clock jumped and all objects were detached.
+        """
         self._clear()
 
     def after_step(self, time_ns: int) -> None:
         """Record the finger contacts of the step that ended at `time_ns` (simulated time, ns).
 
-        If a check is due, count up or down for each object, and attach or release it.
+        If a check is due, update the counter of each object, and attach or release the object.
         """
         if not self.model.joints.has_own_dynamics:
             self._collect_contacts()

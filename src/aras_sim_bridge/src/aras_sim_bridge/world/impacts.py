@@ -83,7 +83,10 @@ class Impacts:
         self.check_all()
 
     def check_all(self) -> None:
-        """Check all bodies in the next step; called after one of them was pushed or moved."""
+        """Check all free bodies for impacts in the next step.
+
+        This is called after a free body was pushed or moved.
+        """
         self._steps_without_check = dict.fromkeys(self._links, 0)
 
     def restore_restitution(self) -> None:

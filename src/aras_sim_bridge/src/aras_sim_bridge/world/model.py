@@ -335,7 +335,13 @@ class Model:
 def _compute_frame_state(
     com: Pose, linear: tuple, angular: tuple, inertial: Pose
 ) -> tuple[Pose, Twist]:
-    """Return pose and twist of a link frame from those of its centre of mass."""
+    """Return pose and twist of a link frame in the world.
+
+    Args:
+        com: pose of the principal axes at the link's centre of mass in the world.
+        linear, angular: velocity of the centre of mass, m/s, and angular velocity, rad/s.
+        inertial: pose of the principal axes in the link frame.
+    """
     pose = com @ inertial.inverse()
     lever = subtract(pose.xyz, com.xyz)
     return pose, Twist(add(linear, cross(angular, lever)), angular)

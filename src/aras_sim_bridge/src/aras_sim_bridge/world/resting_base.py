@@ -140,10 +140,9 @@ def is_supported(
         + (my - (rz * sx - rx * sz)) * ny
         + (mz - (rx * sy - ry * sx)) * nz
     )
-    # A torque `twist` about the normal takes up friction, too. Let a and b be the distances of the
-    # nearest and the farthest corner from the centre of pressure (`nearest` is a², `farthest` is
-    # b²). With a suitable pressure distribution, friction resists the torque with a lever of at
-    # least a² / b.
+    # Friction must also resist the torque `twist` about the normal. If the pressure is distributed
+    # suitably, its lever is at least a² / b, where a and b are the smallest and the largest
+    # distance of a corner from the centre of pressure. `nearest` is a², `farthest` is b².
     return slide + twist * np.sqrt(farthest) / nearest <= _LOAD_LIMIT * friction * pressure
 
 
@@ -299,7 +298,10 @@ class RestingBases:
     """
 
     def __init__(self, models: Mapping[str, Model], on_change: Callable[[], None]) -> None:
-        """Create the list without fixed bases; `on_change` is called after models were reloaded."""
+        """Create an object without fixed bases.
+
+        `on_change` is called after bases were fixed or freed.
+        """
         self._models, self._on_change = models, on_change
         self.fixed_bases: list[RestingBase] = []
         self.is_active = self.is_new = False
@@ -307,7 +309,10 @@ class RestingBases:
         self._countdown = CHECK_EVERY
 
     def refresh(self) -> None:
-        """Look for free models again; called after models were spawned, deleted or reloaded."""
+        """Look again for models whose base may come to rest.
+
+        This is called after models were spawned, deleted or reloaded.
+        """
         self.is_new = self.is_active = bool(self._list_free_models())
         self._last_poses = {}
 
@@ -413,7 +418,7 @@ class RestingBases:
             self.release()
 
     def release_from(self, model: Model) -> None:
-        """Free all bases if `model` has or supports one of them.
+        """Free all bases if one of them belongs to `model` or rests on it.
 
         This must be called before `model` is moved or deleted.
         """

@@ -41,7 +41,10 @@ class SlidingFriction:
         self._pause = 0  # number of steps until the next check of the free bodies
 
     def check_all(self) -> None:
-        """Check all bodies in the next step; called after one of them was pushed or moved."""
+        """Check all free bodies for sliding and impacts in the next step.
+
+        This is called after a free body was pushed or moved.
+        """
         self._pause = 0
         self._impacts.check_all()
 

@@ -1,4 +1,4 @@
-"""The World: models that are simulated together, by Bullet or by their own joint dynamics."""
+"""The World: models that are simulated together, by Bullet or by joint_dynamics.py."""
 
 import logging
 import math
@@ -335,9 +335,13 @@ class World:
         self.resting_bases.refresh()
 
     def _on_model_move(self, model: Model, is_moved: bool, has_new_positions: bool = False) -> None:
-        """Update the world after a model was moved, its joints were moved, or it was pushed.
+        """Update the world after a change of a model that is no step.
 
-        `is_moved` and `has_new_positions` are True in the first and in the second case.
+        Args:
+            model: the model.
+            is_moved: whether the whole model was moved to another pose.
+            has_new_positions: whether its joints were set to other positions. If both are False,
+                the model was pushed or its twist was set.
         """
         if is_moved or has_new_positions:
             self._deep.continue_watching()
@@ -393,7 +397,7 @@ class World:
             self.resting_bases.detect_rest()
 
     def _step_bullet(self, dt: float) -> None:
-        """Make one step of Bullet, which moves all models without own dynamics."""
+        """Make one step of Bullet, which moves all models that joint_dynamics.py does not step."""
         for model in self._bullet_models:
             model.before_step(dt)
         if self.friction.is_active:
@@ -411,7 +415,7 @@ class World:
 
     @property
     def steps_until_contact(self) -> int:
-        """Number of steps that one compiled call may compute before a contact becomes possible."""
+        """Number of steps that can be made before a contact with the models becomes possible."""
         return self.isolation.steps_until_update
 
     def get_compiled_step(self, model: Model) -> tuple[np.ndarray | float, ...] | None:

@@ -1,4 +1,4 @@
-"""CameraInfo messages, frame names, and the calibration files that set_camera_info writes."""
+"""Creation of CameraInfo messages, and the calibration files that set_camera_info writes."""
 
 from __future__ import annotations
 
@@ -63,7 +63,8 @@ def find_calibration_path(camera_name: str) -> Path:
 def save_calibration(info: CameraInfo, camera_name: str, config: CameraConfig) -> Path:
     """Write a calibration in the format of camera_calibration_parsers and return its path.
 
-    The sensor's parameters are written to NAME_sensor.yaml in the same folder.
+    Parameters of the image sensor that CameraInfo lacks are written to NAME_sensor.yaml in the same
+    folder.
 
     Raises:
         CameraError: the name of the camera is not a valid file name.

@@ -52,5 +52,5 @@ class PointsTopic(NonBlockingPublisher):
         message.height, message.width = height, width
         message.row_step = message.point_step * width
         message.is_dense = bool(np.isfinite(points[..., 2]).all())
-        # the byte after the array is the field is_dense
+        # one byte follows the array in the message: the field is_dense
         self.publish_array(message, points, trailing_bytes=1)

@@ -31,7 +31,7 @@ class PidTopics:
     """Reconfigurable gains and state topic of one PID."""
 
     def __init__(self, namespace: str, pid: Pid, thread: SimulationThread) -> None:
-        """Advertise the gains of `pid` in `namespace`, and its state if `publish_state` is set."""
+        """Advertise the gains of `pid` in `namespace`, and its state if it is to be published."""
         self._pid = pid
         gains = pid.gains
         values = {

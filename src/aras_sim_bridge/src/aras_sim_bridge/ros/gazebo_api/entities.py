@@ -1,7 +1,7 @@
 """Look-up of models, links and joints by the names that Gazebo's clients use.
 
-A link is named `model::link` or only `link`. The name `link` refers to the link of this name whose
-model was spawned first. The same applies to joints.
+A link is named `model::link` or only `link`. If several models have a link of this name, `link`
+means the link of the model that was spawned first. The same applies to joints.
 """
 
 from __future__ import annotations
@@ -95,10 +95,14 @@ def find_frame(simulation: Simulation, name: str) -> tuple[Pose, Twist]:
 def express_in_frame(
     pose: Pose, twist: Twist, frame: Pose, frame_twist: Twist
 ) -> tuple[Pose, Twist]:
-    """Express pose and twist in a reference frame, as Gazebo does.
+    """Express a pose and a twist in a reference frame, as Gazebo does.
 
-    The frame's twist is subtracted from `twist`. As in Gazebo, the velocity that the frame's
-    rotation causes away from the frame's origin is neglected.
+    The frame's twist is subtracted from that of the body. If the frame rotates and the body is not
+    at its origin, this is not the exact relative velocity, but Gazebo computes it in this way.
+
+    Args:
+        pose, twist: pose and twist of a body in the world frame.
+        frame, frame_twist: pose and twist of the reference frame in the world frame.
     """
     inverse = conjugate(frame.quat)
     linear = rotate(inverse, subtract(twist.linear, frame_twist.linear))

@@ -38,7 +38,7 @@ class _Wrench(_TimedForce):
     torque: tuple[float, float, float]
 
     def apply(self) -> None:
-        """Apply the force (at the centre of mass) and the torque for one step, in world axes."""
+        """Apply the force (at the centre of mass) and the torque of the wrench for one step."""
         inertial = self.model.description.links[self.link].inertial
         centre = self.model.link_pose(self.link).apply(inertial.origin_xyz)
         self.model.apply_force(self.link, self.force, centre, self.torque)

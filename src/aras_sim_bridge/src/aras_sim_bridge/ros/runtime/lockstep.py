@@ -1,13 +1,16 @@
 """Lockstep mode: simulated time waits for the replies to each camera frame.
 
-The user selects the topics on which replies are published. A round starts just before a frame is
-published, or, if a period is set, whenever this simulated time is over. No step is made until a
-message has arrived on each selected topic. A command that is computed from a frame therefore takes
-effect in the first step after this frame, however slow the node is. Select all topics that act on
-the simulation, because messages of different topics arrive in any order.
+The user selects the topics on which nodes publish their replies. Just before a frame is published,
+simulated time stops. It continues when a message has arrived on each selected topic. A command that
+is computed from a frame therefore takes effect in the first step after this frame, however slow the
+node is. Instead of each frame, a fixed period of simulated time can be set. The time from one stop
+to the next is called a round.
 
-Simulated time also waits for subscribers that have not received all images and states yet, so that
-a recorder receives all of them.
+Select all topics that act on the simulation, because messages of different topics arrive in any
+order.
+
+Simulated time also stops while a subscriber has not received all images and states yet, so that a
+recorder receives all of them.
 """
 
 from __future__ import annotations

@@ -138,8 +138,8 @@ class MessageReceiver:
 
     def add(self, stream: MessageStream) -> None:
         """Start to read `stream`."""
-        # If the system has given this stream the number of a file that was closed, end the stream
-        # of the closed file.
+        # An earlier stream with the same file descriptor has ended: the system reuses the number of
+        # a closed socket.
         self._end(self._streams.pop(stream.descriptor, None))
         try:
             self._poll.register(stream.descriptor, select.EPOLLIN)
@@ -176,7 +176,10 @@ class MessageReceiver:
         return delivered
 
     def take_skipped_count(self) -> int:
-        """Return the largest number of skipped messages of any stream, and reset the counters."""
+        """Return how many messages were skipped in the stream that skipped the most.
+
+        Messages count since the last call of this method.
+        """
         most = 0
         for stream in self._streams.values():
             most, stream.skipped_count = max(most, stream.skipped_count), 0

@@ -354,7 +354,7 @@ class SimulationThread:
         return self.simulation.step_ns if is_single else BATCH_NS
 
     def _run_jobs(self) -> None:
-        """Run pending jobs for JOBS_BUDGET, but at least one so that every job runs eventually."""
+        """Run pending jobs until JOBS_BUDGET is over, but at least one job."""
         jobs = self._jobs
         start = time.monotonic()
         while jobs and not self._is_stopping:

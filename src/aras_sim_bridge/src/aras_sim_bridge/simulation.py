@@ -396,9 +396,9 @@ class Simulation:
             compiled_controller: controller that runs in the compiled function, or None.
 
         Returns:
-            The arguments of `_run_cycles` after `until_ns`. None if the first step needs Python:
-                there is not exactly one robot, a contact is possible, or a controller or listener
-                is in Python.
+            The arguments of `_run_cycles` after `until_ns`. None if the first step needs Python
+            code: there is not exactly one robot, a contact is possible, or a controller or listener
+            is written in Python.
         """
         if len(self.robots) != 1:
             return None

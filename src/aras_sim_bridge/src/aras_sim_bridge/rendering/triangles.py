@@ -15,7 +15,8 @@ from . import clustering
 from .scene import VisualMesh
 from .textures import Textures
 
-# Size of the cache for scenes, bytes. A study renders the same scene ten thousand times.
+# Size of the cache for scenes, bytes. The cache is worthwhile because a study renders the same
+# scene thousands of times.
 CACHE_BYTES = 1 << 24
 # A visual is tested for convexity if its number of vertices times its number of triangles is at
 # most MOST_CONVEX_TESTS. FLAT is the tolerance of the test, relative to the size of the visual; it

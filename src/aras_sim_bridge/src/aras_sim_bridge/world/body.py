@@ -13,8 +13,8 @@ DEFAULT_FRICTION = 1.0  # Gazebo's default friction coefficient of a link
 # rad/s.
 _UNBOUNDED_VELOCITY = 1e9
 # Bullet's collision margins, m: ROOT_MARGIN for a root link, LINK_MARGIN for all other links.
-# Bullet enlarges the convex hulls of meshes by the margin. A body at rest sinks into the ground by
-# ROOT_MARGIN, which is therefore small. PyBullet cannot change LINK_MARGIN.
+# Bullet enlarges the convex hulls of meshes by this margin. ROOT_MARGIN is small, because a body at
+# rest sinks into the ground by it. PyBullet cannot change LINK_MARGIN.
 LINK_MARGIN = 1e-3
 ROOT_MARGIN = 1e-5
 
@@ -137,8 +137,8 @@ class Body:
                 "restitution": 0.0, "rollingFriction": 0.0, "spinningFriction": 0.0,
             }
             if link.inertial is not None and not (index == -1 and self.fixed_base):
-                # Set the true principal moments, because Bullet replaces an inertia tensor that
-                # violates the triangle inequality by zero.
+                # Set the true principal moments. If an inertia tensor violates the triangle
+                # inequality, Bullet has set its moments to zero.
                 settings["localInertiaDiagonal"] = bullet_files.find_principal_frame(link.inertial)[
                     1
                 ]

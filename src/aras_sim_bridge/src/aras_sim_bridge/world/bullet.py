@@ -14,7 +14,7 @@ def silence_output() -> Iterator[None]:
 
     Exceptions are still raised.
     """
-    # C buffers its output to pipes and files, so flush this buffer
+    # C buffers its output to pipes and files; this function writes the buffered output now.
     flush = ctypes.CDLL(None).fflush
     for stream in (sys.stdout, sys.stderr):
         if stream is not None:

@@ -152,6 +152,7 @@ class BulletFiles:
             meshes = mesh_files.read(filename)
             pieces = {mesh.piece for mesh in meshes}
             # Bullet builds one convex hull per STL file, and one per object of an OBJ file.
+            # Therefore several pieces need an OBJ file.
             write_file, kind = (write_obj, "obj") if len(pieces) > 1 else (write_stl, "stl")
             path = self._make_file(kind)
             write_file(meshes, path)
@@ -186,8 +187,8 @@ def _format_link(link: Link, concave: bool, colour: Rgba | None, files: BulletFi
     else:
         pose, moments = find_principal_frame(link.inertial)
         mass = link.inertial.mass
-    # Bullet replaces principal moments that violate the triangle inequality by zeros, so load valid
-    # moments. body.py sets the true ones after loading.
+    # Bullet sets principal moments that violate the triangle inequality to zero. Therefore load
+    # moments that fulfil it; body.py sets the true ones afterwards.
     largest = max(moments)
     ixx, iyy, izz = moments if 2.0 * largest <= sum(moments) else (largest,) * 3
     body = (

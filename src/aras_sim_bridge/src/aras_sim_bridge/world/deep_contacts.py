@@ -54,7 +54,7 @@ class DeepContacts:
         self._steps_since_move = 0
         self._largest_depth = 0.0  # largest penetration depth of all contacts, m
         self._has_bounded_speed = False
-        # present values of Bullet's contactERP and globalCFM
+        # present values of Bullet's parameters contactERP and globalCFM
         self._parameters = (_DEFAULT_ERP, 0.0)
         self._reported_links: set[tuple[str, str]] = set()
 
@@ -110,8 +110,8 @@ class DeepContacts:
         if self._has_unknown_depth:
             self._warn_overlaps(contacts)
         self._has_unknown_depth = False
-        # Stay active for one step after the last step with a limited separation speed. In it,
-        # before_step restores Bullet's default parameters.
+        # Stay active for one step after the last step with a limited separation speed. In this
+        # additional step, before_step restores Bullet's default parameters.
         self.is_active = (
             self._has_bounded_speed
             or self._largest_depth * _DEFAULT_ERP > _SEPARATION_SPEED * dt

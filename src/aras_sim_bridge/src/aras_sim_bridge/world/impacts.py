@@ -147,9 +147,9 @@ class Impacts:
 
         Returns:
             Time to the impact (s), link of the body that hits, body and link that are hit,
-                coefficient of restitution, contact normal, and velocity (m/s) of the contact point
-                on the body that is hit. This velocity is given only if that body has joints,
-                otherwise it is 0. None if no impact is predicted.
+            coefficient of restitution, contact normal, and velocity (m/s) of the contact point on
+            the body that is hit. This velocity is given only if that body has joints, otherwise it
+            is 0. None if no impact is predicted.
         """
         other = point[2]
         speed, drift = (

@@ -18,8 +18,8 @@ from aras_sim_bridge.world.reach import MARGIN, Box, HalfSpace, can_meet, comput
 
 # Distance between the bounding boxes of two bodies below which they may touch in the next step, m.
 _CONTACT_DISTANCE = 0.02
-# Increase of a body's speed between two checks that is allowed for, m/s. It is added to all
-# measured speeds.
+# Assumed largest increase of a body's speed between two checks, m/s. It is added to all measured
+# speeds.
 _SPEED_MARGIN = 5.0
 # Bullet stops stepping a model, and joint_dynamics.py steps it again, only if no contact is
 # possible within this number of steps.
@@ -74,7 +74,7 @@ class IsolatedModel:
         far = min(
             (_compute_steps(self.reach, solid, fastest, dt) for solid in loose), default=_SELDOM
         )
-        # No other body is near the space that the robot can reach.
+        # No free body is near the space that the robot can reach.
         if far >= _SELDOM and not self.nearby_models:
             return _SELDOM
         boxes, speed = self.compute_boxes_and_speed()
@@ -173,7 +173,7 @@ def _compute_speed(model: Model) -> float:
 
 def _compute_steps(boxes: Iterable[Box], solids: Iterable[Box | HalfSpace], speed: float,
            dt: float) -> float:
-    """Return the number of steps of `dt` s after which one of the boxes may touch a solid.
+    """Return the number of steps of `dt` s after which a box may touch one of the `solids`.
 
     `speed` (m/s) is the speed at which they approach each other.
     """

@@ -53,10 +53,10 @@ class Model:
                  main_model: Model | None = None) -> None:
         """Load the model.
 
-        `on_move(model, is_moved, has_new_positions)` is called after each change that is no step.
-        `is_moved` is True if the whole model was moved to another pose, `has_new_positions` if its
-        joints were set to other positions. Both are False if its twist was set or a free model was
-        pushed.
+        `on_move(model, is_moved, has_new_positions)` is called when the model is changed between
+        two steps. `is_moved` is True if the whole model was moved to another pose,
+        `has_new_positions` if its joints were set to other positions. Both are False if its twist
+        was set or a free model was pushed.
         """
         self.client = client
         self.name = name
@@ -182,7 +182,9 @@ class Model:
         return self.link_twist(self.description.root)
 
     def link_pose(self, name: str) -> Pose:
-        """Return world_T_link, the pose of the link's URDF frame. It unpacks as (xyz, quat xyzw).
+        """Return world_T_link, the pose of the link's URDF frame.
+
+        A pose unpacks as position (x, y, z) and quaternion (x, y, z, w).
 
         Raises:
             WorldError: the model has no link of this name.
@@ -264,7 +266,10 @@ class Model:
         return Pose(state[0], state[1])
 
     def set_pose(self, pose: Pose) -> None:
-        """Move the whole model so that its root frame is at `pose`; joint positions stay."""
+        """Move the whole model so that its root frame is at `pose`.
+
+        The joint positions do not change.
+        """
         if len(self.bodies) > 1:
             moved = pose @ self.pose().inverse()
             for part in self.bodies[1:]:
@@ -298,7 +303,7 @@ class Model:
         self._on_move(self, False)
 
     def set_joint_positions(self, positions: dict[str, float]) -> None:
-        """Set joint positions, see ModelJoints.set_joint_positions."""
+        """Set the positions (rad or m) of some joints, see ModelJoints.set_joint_positions."""
         self.joints.set_joint_positions(positions)
         self._on_move(self, False, True)
 

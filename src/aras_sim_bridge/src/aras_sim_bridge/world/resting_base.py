@@ -38,9 +38,10 @@ _CONTACT_DISTANCE = 1e-4
 # the largest friction. The centre of pressure must be inside the support polygon after this polygon
 # is scaled by the factor.
 _LOAD_LIMIT = 0.9
-# Let a joint move with unit speed, and its contact point in the direction of the contact normal
-# with the speed s. If s is below this bound (for a revolute joint: times the distance of the point
-# from the joint's origin), the joint is regarded as unable to move the point in this direction.
+# A joint counts as able to move a contact point along the contact normal if the velocity of the
+# point along the normal is at least this fraction of v. For a prismatic joint, v is the joint's
+# speed; for a revolute joint, it is this speed times the distance between the point and the joint's
+# origin.
 _SMALLEST_LEVER = 0.05
 # A resting base is treated as fixed only if its mass is at least this multiple of the mass of every
 # free body. A free body that hits the base rebounds as from a wall in this step. The relative error
@@ -141,8 +142,8 @@ def is_supported(
         + (mz - (rx * sy - ry * sx)) * nz
     )
     # Friction must also resist the torque `twist` about the normal. If the pressure is distributed
-    # suitably, its lever is at least a² / b, where a and b are the smallest and the largest
-    # distance of a corner from the centre of pressure. `nearest` is a², `farthest` is b².
+    # suitably, friction has a lever of at least a² / b, where a and b are the smallest and the
+    # largest distance of a corner from the centre of pressure. `nearest` is a², `farthest` is b².
     return slide + twist * np.sqrt(farthest) / nearest <= _LOAD_LIMIT * friction * pressure
 
 

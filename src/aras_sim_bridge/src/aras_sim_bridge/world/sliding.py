@@ -20,7 +20,7 @@ from aras_visual_servo_base.poses import Vector3, add, cross, scale, subtract
 # rest.
 _SLOWEST_SLIDING = 5e-3
 _SLOWEST_TURNING = 5e-2
-# Number of steps between two checks while no free body moves.
+# While no free body moves, number of steps between two checks whether one has started to move.
 _PAUSE = 5
 # A contact point is regarded as sliding if friction cannot stop it within this number of steps.
 _STEPS = 4

@@ -37,7 +37,8 @@ from aras_visual_servo_base.poses import IDENTITY, Pose, Twist, check_pose, chec
 
 logger = logging.getLogger(__name__)
 
-# Smallest time step of the physics, s; simulated time is counted in whole nanoseconds.
+# Smallest time step of the physics, s. Simulated time is counted in whole nanoseconds, so a step
+# must be much longer than 1 ns.
 SMALLEST_STEP = 1e-6
 # Largest time step of the physics, s. With longer steps, neither PID controllers nor contacts are
 # stable.
@@ -335,7 +336,7 @@ class World:
         self.resting_bases.refresh()
 
     def _on_model_move(self, model: Model, is_moved: bool, has_new_positions: bool = False) -> None:
-        """Update the world after a change of a model that is no step.
+        """Update the world after a model was changed between two steps.
 
         Args:
             model: the model.
@@ -372,7 +373,9 @@ class World:
             self.attachments.disable_contacts()
 
     def step(self) -> None:
-        """Advance the physics by one time step, with all efforts and forces set before it.
+        """Advance the physics by one time step.
+
+        All efforts and forces act that were set since the last step.
 
         Raises:
             WorldError: an effort is not finite (then no model has moved), or the simulation
@@ -419,12 +422,10 @@ class World:
         return self.isolation.steps_until_update
 
     def get_compiled_step(self, model: Model) -> tuple[np.ndarray | float, ...] | None:
-        """Return the arguments for the compiled steps of `model` in cycle.run_cycles.
+        """Return the arguments of cycle.run_cycles from `bodies` on, to make steps of `model`.
 
-        They are the last arguments of this function, from `bodies` on.
-
-        Return None if compiled steps are impossible: another model has joints or may touch this
-        one, or an effort is pending.
+        Return None if these compiled steps are impossible: another model has joints or may touch
+        `model`, or an effort is pending.
         """
         if self.isolation.steps_until_update <= 0:
             self._update_isolation()

@@ -49,7 +49,7 @@ def encode(image: np.ndarray, encoding: str, settings: dict[str, Value]) -> tupl
             image = cv2.cvtColor(image, _COLOUR[encoding])
         target = "bgr8" if jpeg or image.dtype == np.uint8 else "bgr16"
     if jpeg:
-        # Convert 16 bits to the 8 bits of JPEG: 65535 / 257 is 255.
+        # JPEG has 8 bits per channel; 65535 / 257 is 255.
         if image.dtype == np.uint16:
             image = (image // 257).astype(np.uint8)
         options = [

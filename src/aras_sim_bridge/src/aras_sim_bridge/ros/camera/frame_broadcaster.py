@@ -1,7 +1,7 @@
 """Static transforms of camera frames that robot_state_publisher does not publish.
 
-robot_state_publisher only publishes frames of the URDF. The frame of a camera that is fixed in the
-world is not in a URDF, nor may be an optical frame that is named in the settings of a camera. The
+robot_state_publisher only publishes frames that are links of a URDF. This is not the case for a
+camera that is fixed in the world, or if the settings of a camera name another optical frame. The
 bridge publishes such frames on /tf_static. One message contains all of them, because a latched
 topic only keeps the last message.
 """

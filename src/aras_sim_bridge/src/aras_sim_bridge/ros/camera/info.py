@@ -1,4 +1,4 @@
-"""Creation of CameraInfo messages, and the calibration files that set_camera_info writes."""
+"""Create CameraInfo messages, and write the calibration files of the service set_camera_info."""
 
 from __future__ import annotations
 

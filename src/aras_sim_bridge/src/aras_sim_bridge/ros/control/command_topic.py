@@ -88,7 +88,8 @@ class _SharedSubscription:
         self._topic = topic
         self._message = message
         self._thread = thread
-        self._streams: set[MessageStream] = set()  # used in the simulation thread only
+        # streams of the present connections; used in the simulation thread only
+        self._streams: set[MessageStream] = set()
         self._is_subscribed = threading.Event()
         if thread.lockstep is not None:
             thread.lockstep.claim(topic)

@@ -16,7 +16,7 @@ WORLD_ALIASES = ("", "world", "map", "/map")
 
 
 def find_link(simulation: Simulation, name: str) -> tuple[Model, str]:
-    """Return the model and the plain name of a link.
+    """Return the model of a link, and the link's name without the model.
 
     Raises:
         WorldError: the link does not exist.
@@ -28,7 +28,7 @@ def find_link(simulation: Simulation, name: str) -> tuple[Model, str]:
 
 
 def find_joint(simulation: Simulation, name: str) -> tuple[Model, str]:
-    """Return the model and the plain name of a joint.
+    """Return the model of a joint, and the joint's name without the model.
 
     Raises:
         WorldError: the joint does not exist or closes a kinematic loop.
@@ -55,9 +55,10 @@ def find_loop_joint(simulation: Simulation, name: str) -> tuple[Model, LoopJoint
 
 
 def _find_part(simulation: Simulation, name: str, kind: str) -> tuple[Model, str] | None:
-    """Return the model and the plain name of the first link or joint that matches a name.
+    """Return the model of a link or joint, and the name of the part without the model.
 
-    kind: name of an attribute of RobotDescription: "links" or "joints".
+    The first part that matches `name` is returned, or None if there is none. `kind` is "links" or
+    "joints".
     """
     model_name, scope, plain = name.rpartition("::")
     for candidate in simulation.world.models.values():

@@ -14,8 +14,8 @@ log = logging.getLogger(__name__)
 # Simulated time of a group of steps, ns. The simulation thread wakes up once for each group, that
 # is at 250 Hz.
 BATCH_NS = 4_000_000
-# If simulated time is behind real time by more than this, it does not try to catch up, ns of
-# simulated time.
+# If simulated time lags behind real time by more than this, ns of simulated time, it continues from
+# there and does not catch up.
 LARGEST_LAG_NS = 200_000_000
 WINDOW = 2.0  # time over which the real-time factor is measured, s of wall time
 WARN_BELOW = 0.95  # fraction of the desired real-time factor below which a warning is logged

@@ -339,8 +339,7 @@ class SimulationThread:
 
     @property
     def _is_streaming(self) -> bool:
-        # _stream_until_ns is at most STREAM_NS ahead, unless simulated time was reset after the
-        # last command.
+        # The difference exceeds STREAM_NS only if simulated time was reset after the last command.
         return 0 < self._stream_until_ns - self.simulation.time_ns <= STREAM_NS
 
     def _compute_group_ns(self) -> int:

@@ -349,11 +349,11 @@ class Simulation:
         """Simulate one time step in Gazebo's order: time, controllers, physics, sensors.
 
         Args:
-            until_ns: simulated time, ns, up to which further steps may be made. They are made in
-                the same compiled function, which saves time. It returns before a step that involves
-                a camera, a sensor, a listener or a controller in Python. The results are identical
-                to those of single steps.
-            compiled_controller: controller that runs in this compiled function.
+            until_ns: simulated time, ns. Further steps up to this time are made in the same call if
+                a compiled function can make them, which saves time. The call ends before a step
+                that involves a camera, a sensor, a listener or a controller in Python. The results
+                are identical to those of single steps.
+            compiled_controller: controller that runs in the compiled function.
         """
         start_ns, time_ns = self.time_ns, self.time_ns + self.step_ns
         cameras = [camera for camera in self.cameras if camera.enabled]

@@ -60,7 +60,7 @@ class View:
         return self.lens or (self.width, self.height, self.K.tobytes())
 
     def get_tiles(self) -> Tiles:
-        """Return the tiles of the image."""
+        """Return the tiles into which the image is divided, with the rays of its pixels."""
         return self.lens or get_shared_tiles(self.width, self.height, self.K.tobytes(), lambda: (
             Tiles.of_pinhole(self.width, self.height, self.K)))
 

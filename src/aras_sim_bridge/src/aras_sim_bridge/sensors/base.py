@@ -22,8 +22,9 @@ class RateSensor(ABC, Generic[State]):
     """Sensor that measures at a fixed rate of simulated time.
 
     The k-th reading is taken after the first step that ends at or after the time k / rate. With a
-    rate of 0, a reading is taken after every step. For a rate of change, a sensor stores a state of
-    the model `_span_ns` before the reading, or one step before it if `_span_ns` is 0.
+    rate of 0, a reading is taken after every step. A sensor that measures a rate of change needs an
+    earlier state of the model. This state is stored `_span_ns` before the reading, or one step
+    before it if `_span_ns` is 0.
 
     The simulation calls `before_step` and `after_step` around each step while the sensor is
     `enabled`. It may leave out the calls for steps that end at or before `idle_until_ns`.

@@ -109,9 +109,9 @@ def find_contacts(body: int, client: int) -> list[tuple[int, int, int, tuple[flo
 
     Returns:
         For each contact, the tuple (link of the body, other body, link of the other body, numbers).
-            The sixteen numbers are the contact point in the world (m), the normal force and two
-            friction forces on the body, each as magnitude (N) and unit direction, and the
-            penetration depth (m).
+        The sixteen numbers are the contact point in the world (m), the normal force and two
+        friction forces on the body, each as magnitude (N) and unit direction, and the penetration
+        depth (m).
     """
     found = []
     for c in pybullet.getContactPoints(physicsClientId=client):

@@ -19,9 +19,9 @@ _SMALLEST_LENGTH = 1e-3
 def close_loop(body: Body, loop: LoopJoint) -> list[int]:
     """Connect the two links of a loop-closing joint by constraints; return Bullet's ids of them.
 
-    A revolute joint becomes two constraints, each of which keeps a point of the joint axis
-    together. The two points are on both sides of the joint, far enough apart for an accurate
-    solution.
+    A revolute joint becomes two constraints. Each of them makes a point on the joint axis of one
+    link coincide with the same point of the other link. The two points are on both sides of the
+    joint, far enough apart for an accurate solution.
     """
     joint = loop.joint
     parent, child = (body.inertial_poses[name].inverse() @ pose for name, pose in (

@@ -123,7 +123,7 @@ class IsolationMonitor:
         self.steps_until_update = 0
 
     def replace_model(self, model: Model) -> None:
-        """Update which models the moved fixed-base model `model` may touch."""
+        """Update which models can touch the fixed-base model `model`, after it was moved."""
         if model.joint_names:
             self.refresh()
             return
@@ -136,7 +136,7 @@ class IsolationMonitor:
         self.steps_until_update = 0
 
     def update(self, dt: float) -> None:
-        """Choose the solver of each model for the following steps of `dt` s."""
+        """Choose, for each model, the solver of the following steps of `dt` s."""
         loose = [find_solids(model, model.link_indices.values()) for model in self._loose]
         # Highest speed of the free bodies, m/s. It is doubled, because a body that another one hits
         # may become faster.

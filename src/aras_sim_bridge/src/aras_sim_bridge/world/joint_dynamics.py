@@ -537,9 +537,9 @@ def advance(
 def compute_reactions(
     bodies, tree, state, wrenches, gravity, frames, matrices, rows, joints, modes, dt
 ):
-    """Write the efforts of damping, springs and stops in the next step of `dt` s to rows[PUSH].
+    """Compute the efforts of damping, springs and stops in the next step of `dt` s.
 
-    Friction is not included; the solver that makes the step (Bullet) applies it.
+    They are written to rows[PUSH]. Bullet makes this step and adds the friction.
     """
     _compute_equations(bodies, tree, state, wrenches, gravity, frames, matrices, rows)
     _start_step(state, wrenches, rows)

@@ -154,7 +154,10 @@ def compute_reach(model: Model) -> dict[str, Box]:
 
 
 def _compute_travel(joint: Joint) -> tuple[float, float]:
-    """Return the range of displacements of a joint's child link along the axis, m."""
+    """Return the smallest and the largest displacement of a joint's child link, m.
+
+    It is measured along the joint axis, and is 0 unless the joint is prismatic.
+    """
     return joint.stops if joint.kind == "prismatic" else (0.0, 0.0)
 
 

@@ -277,9 +277,9 @@ class RestingBase:
             _add_contact_wrenches(np.array(pushes), self._root, self.contact_wrench)
 
     def apply_excess_load(self) -> None:
-        """Apply the load that the ground did not support to the base, after the base was freed.
+        """Apply the load of the last step to the base after it was freed.
 
-        Otherwise this load of the last step would be lost.
+        In that step the base was still fixed, although the ground could not support this load.
         """
         root = self.model.pose()
         torque, force = (
@@ -526,7 +526,7 @@ def _make_polygon(points: np.ndarray, normal: np.ndarray) -> np.ndarray | None:
 
     Returns:
         (m, 6) for each corner of the hull, its position, followed by the outward normal of the edge
-            that starts there. None if the points are on a line.
+        that starts there. None if the points are on a line.
     """
     aside = np.cross(normal, (1.0, 0.0, 0.0) if abs(normal[0]) < 0.7 else (0.0, 1.0, 0.0))
     aside /= np.linalg.norm(aside)

@@ -466,7 +466,10 @@ class World:
             self.resting_bases.release_overload()
 
     def reset_world(self) -> None:
-        """Move all models to their spawn poses, at rest. As in Gazebo, joint positions stay."""
+        """Move all models to their spawn poses, at rest.
+
+        As in Gazebo, the joint positions do not change.
+        """
         for model in self.models.values():
             model.set_pose(model.spawn_pose)
             model.set_twist(Twist())

@@ -48,8 +48,7 @@ class CameraTopics:
     ) -> None:
         """Advertise the topics of the camera `mounted`, and publish its frame on /tf_static.
 
-        before_frame: function that the simulation thread calls before an image is published, or
-        None.
+        If given, the simulation thread calls `before_frame` before it publishes an image.
         """
         self._mounted = mounted
         self._thread = thread
@@ -185,7 +184,7 @@ class CameraTopics:
         self._thread.post(job)
 
     def _on_subscribers(self) -> None:
-        """Make the simulation thread enable what has subscribers; any thread may call this."""
+        """Make the simulation thread call `_update_outputs`; any thread may call this."""
         self._thread.post(self._update_outputs)
 
     def _update_outputs(self) -> None:

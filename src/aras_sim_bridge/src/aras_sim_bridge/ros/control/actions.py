@@ -75,8 +75,8 @@ class ControllerAction(ABC):
                  namespace: str, thread: SimulationThread) -> None:
         """Start the action server `namespace`/`topic` for `controller`.
 
-        A subclass defines the class attributes `action`, the message type of the action, and
-        `topic`.
+        A subclass defines the class attributes `action`, which is the message type of the action,
+        and `topic`, which is the last part of its name.
         """
         self._controller = controller
         # goals by their ids; used in the simulation thread only

@@ -1,6 +1,7 @@
-"""The topics of a controller, which depend on its command_kind, state_kind and action_kind.
+"""Topics of a controller.
 
-Only the simulation thread accesses the controller; rospy's threads only post jobs to it.
+Its attributes command_kind, state_kind and action_kind determine which topics it has. Only the
+simulation thread accesses the controller; rospy's threads only post jobs to it.
 """
 
 from __future__ import annotations

@@ -27,7 +27,7 @@ def parse_root(text: str) -> Element:
 
 
 def describe_root(root: Element) -> str:
-    """Return the name of a root element for messages."""
+    """Return the name by which error messages refer to a root element."""
     return f"<{safe_xml.shorten(root.tag)}>" if root.tag else "no element"
 
 

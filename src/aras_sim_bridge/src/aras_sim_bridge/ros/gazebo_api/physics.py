@@ -79,7 +79,10 @@ class Physics:
     def get_physics_properties(
         self, simulation: Simulation, _request: GetPhysicsProperties
     ) -> Fields:
-        """Return the current properties, and the stored parameters of ODE."""
+        """Return the current physics properties.
+
+        They include the parameters of ODE, which are stored but have no effect.
+        """
         return {
             "time_step": simulation.world.time_step,
             "pause": self._thread.paused,

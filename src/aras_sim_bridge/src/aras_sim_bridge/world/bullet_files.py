@@ -196,8 +196,8 @@ def _format_link(link: Link, concave: bool, colour: Rgba | None, files: BulletFi
         f'<inertia ixx="{ixx!r}" ixy="0" ixz="0" iyy="{iyy!r}" iyz="0" izz="{izz!r}"/></inertial>'
     )
     if colour is not None:
-        # Name the material after the link, because Bullet stores one material per name for the
-        # whole model.
+        # Name the material after the link: Bullet stores the materials of a whole model by name, so
+        # equal names would share one material.
         material = (
                 f"<material name={quoteattr(link.name)}><color rgba={_format_numbers(colour)}/>"
                 "</material>"

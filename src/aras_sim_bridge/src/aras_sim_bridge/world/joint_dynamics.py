@@ -153,8 +153,8 @@ def _compute_inertia(b, f, gravity):
 def _compute_kinematics(bodies, tree, state, gravity, frames):
     """Write poses, joint axes, velocities, inertias and forces of all bodies to `frames`.
 
-    The columns of `frames` are below, in the axes of the root frame. Spatial vectors and moments
-    refer to the origin of the root frame.
+    Row j of `frames` belongs to the body that joint j moves. Its columns are in the axes of the
+    root frame and in SI units; all except the first two refer to the origin of the root frame:
 
         0:9    rotation matrix of the body
         9:12   origin of the body

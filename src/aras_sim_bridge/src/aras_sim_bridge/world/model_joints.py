@@ -233,7 +233,7 @@ class ModelJoints:
         self.finish_steps(self.space.advance(dt))
 
     def finish_steps(self, diverged_joint: int) -> None:
-        """Update efforts and caches after steps with joint_dynamics.py.
+        """Update the efforts and the cached states after steps with joint_dynamics.py.
 
         The efforts of these steps are in space.state[2].
 

@@ -28,8 +28,8 @@ def find_overlaps(world: World, model: Model, before_step: bool = False) -> list
     Args:
         world: world that contains the model.
         model: model to check.
-        before_step: whether no step was made since the model was moved. If so, contacts are
-            computed here; otherwise those of the last step are used.
+        before_step: True if no step was made since the model was moved. Contacts are then computed
+            here; otherwise those of the last step are used.
     """
     if before_step:
         model.joints.update_bullet()

@@ -42,9 +42,9 @@ class Box(NamedTuple):
         return Box((a - margin, b - margin, c - margin), (d + margin, e + margin, f + margin))
 
     def gap(self, other: "Box") -> float:
-        """Return the largest of the distances between two boxes along the axes, m.
+        """Return the largest of the distances between two boxes along x, y and z, m.
 
-        The result is negative if the boxes overlap.
+        A distance is negative if the boxes overlap along this axis.
         """
         return max([max(c - b, a - d) for a, b, c, d in zip(*self, *other, strict=True)])
 

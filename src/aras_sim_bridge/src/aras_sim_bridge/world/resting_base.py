@@ -212,7 +212,8 @@ class RestingBase:
                     and _is_blocked(model, contact)
                 ):
                     return None
-                # contacts of links outside the base do not support the base; see `contact_wrench`
+                # only contacts of the base support the base; the others are part of
+                # `contact_wrench`
                 continue
             if not other.fixed_base:
                 continue
@@ -254,8 +255,8 @@ class RestingBase:
     def is_supported(self, dt: float, is_touchable: bool) -> bool:
         """Return whether the ground supported the base in the last step of `dt` s.
 
-        `is_touchable` states whether another body may touch the base. If it is False, contacts are
-        only read if Bullet made the step.
+        `is_touchable` states whether another body may touch the base. If it is False, Bullet's
+        contacts are only read if Bullet made the step.
         """
         if not self.model.joints.has_own_dynamics:
             self.model.joints.read_bullet_state()
@@ -367,9 +368,9 @@ class RestingBases:
             self._countdown = 4 * CHECK_EVERY
 
     def _fix_resting(self, free: list[Model]) -> bool:
-        """Treat those bases of the models `free` as fixed that rest on static bodies.
+        """Find the models in `free` that rest on static bodies, and treat their bases as fixed.
 
-        Return False if no base does.
+        Return False if there is no such model.
         """
         others = {model.body_id: model for model in self._models.values()}
         found = [one for one in (RestingBase.from_contacts(model, others) for model in free) if one]

@@ -1,4 +1,4 @@
-"""Publisher of the link names that belong to the numbers in segmentation images."""
+"""Publisher of the names of the links that the numbers in segmentation images stand for."""
 
 from __future__ import annotations
 

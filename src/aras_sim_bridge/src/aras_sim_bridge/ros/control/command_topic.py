@@ -81,7 +81,7 @@ class CommandTopic:
 
 
 class _SharedSubscription:
-    """The only subscription of this process to a topic, shared by its CommandTopic objects."""
+    """The only subscription of this process to a topic; several CommandTopic objects share it."""
 
     def __init__(self, topic: str, message: type[Message], thread: SimulationThread) -> None:
         self.command_topics: tuple[CommandTopic, ...] = ()

@@ -123,7 +123,7 @@ class AppliedForces:
         self._thread.before_step = self._apply_forces if forces else None
 
     def _apply_forces(self, time_ns: int) -> None:
-        """Apply the active forces before the step that ends at `time_ns`."""
+        """Apply all forces that act during the step that ends at `time_ns` (simulated time, ns)."""
         has_expired = False
         for force in self._forces:
             if force.end_ns is not None and time_ns > force.end_ns:

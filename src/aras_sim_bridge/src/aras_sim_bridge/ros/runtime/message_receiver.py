@@ -103,9 +103,9 @@ class MessageStream:
 
 
 class MessageReceiver:
-    """Wake-up event and message streams of the simulation thread.
+    """Wake-up event and command messages of the simulation thread.
 
-    Any thread may call `wake`; all other methods belong to the simulation thread.
+    Any thread may call `wake`; all other methods may only be called in the simulation thread.
     """
 
     def __init__(self) -> None:

@@ -80,7 +80,7 @@ class Pacer:
 
     @property
     def real_time_factor(self) -> float:
-        """Real-time factor measured over the last window."""
+        """Real-time factor measured over the last WINDOW seconds."""
         return self._meter.value
 
     def set_factor(self, factor: float, time_ns: int) -> None:

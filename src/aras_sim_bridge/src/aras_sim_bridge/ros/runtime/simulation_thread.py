@@ -306,7 +306,7 @@ class SimulationThread:
                 self._stream_until_ns = simulation.time_ns + STREAM_NS
 
     def _make_steps(self, end_ns: int) -> None:
-        """Make the steps up to `end_ns`.
+        """Make all steps until the simulated time reaches `end_ns`, ns.
 
         Stop early if a job is pending, time is paused, or lockstep mode waits for messages.
         """

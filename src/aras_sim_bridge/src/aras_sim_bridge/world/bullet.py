@@ -51,7 +51,7 @@ _idle_clients: list[int] = []
 # Program that tries to open Bullet's window in a process of its own, because Bullet ends the
 # process if this fails.
 _WINDOW_PROGRAM = "import pybullet; raise SystemExit(pybullet.connect(pybullet.GUI) < 0)"
-WINDOW_TIMEOUT = 30.0  # time to wait for the window, s
+WINDOW_TIMEOUT = 30.0  # time to wait until Bullet's window has opened, s
 
 
 def check_window() -> None:

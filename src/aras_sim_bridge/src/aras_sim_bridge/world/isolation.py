@@ -28,9 +28,9 @@ _FAR = 1e9  # assumed gap between two models if one of them has no shapes, m
 # Assumed distance of a robot's links from its joint axes, m. Joint speeds times this length bound
 # the speeds of the links of a nearby robot.
 _ARM_LENGTH = 2.0
-# Numbers of steps until the next check of a model. _OFTEN: while Bullet steps the model. _WITHIN:
-# at most, if another body may come within the model's reach. _SELDOM: if all bodies are far from
-# the reach. _NEVER: if there are no free bodies and no models nearby.
+# Numbers of steps until the next check of a model: _OFTEN while Bullet steps the model; _WITHIN or
+# fewer if another body may come within the model's reach; _SELDOM if all bodies are far from this
+# reach; _NEVER if there are neither free bodies nor models nearby.
 _OFTEN, _WITHIN, _SELDOM, _NEVER = 10, 20, 100, 1 << 60
 
 

@@ -16,8 +16,8 @@ from aras_sim_bridge.world.impacts import Impacts
 from aras_sim_bridge.world.model import Model
 from aras_visual_servo_base.poses import Vector3, add, cross, scale, subtract
 
-# A free body that is slower than both limits, m/s and rad/s, is not corrected: Bullet brings it to
-# rest.
+# The friction on a free body is not corrected if its speed is below _SLOWEST_SLIDING (m/s) and its
+# angular velocity is below _SLOWEST_TURNING (rad/s). Bullet brings such a body to rest.
 _SLOWEST_SLIDING = 5e-3
 _SLOWEST_TURNING = 5e-2
 # While no free body moves, number of steps between two checks whether one has started to move.

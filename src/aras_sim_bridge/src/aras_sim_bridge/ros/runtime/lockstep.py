@@ -50,14 +50,15 @@ class Lockstep:
         clock: Callable[[], float] = time.monotonic,
         flusher: QueueFlusher = QUEUE_FLUSHER,
     ) -> None:
-        """Create a gate that waits, in every round, for one message on each of `topics`.
+        """Create a gate; in every round, simulated time waits for a message on each of `topics`.
+
+        A round lasts from one stop of simulated time to the next.
 
         Args:
             topics: names of the topics.
             timeout: wall time after which simulated time continues without a message, s.
             wake: function that is called when simulated time may continue; any thread may call it.
-            period: simulated time between the starts of two rounds, s; 0 starts a round with each
-                camera frame.
+            period: simulated time of a round, s; 0 starts a round with each camera frame.
             clock: function that returns the wall time, s.
             flusher: object that sends the messages that subscribers have not received yet.
 
@@ -100,7 +101,10 @@ class Lockstep:
         return bool(self._missing_topics or self._flusher.list_behind())
 
     def claim(self, topic: str) -> None:
-        """Leave the messages of `topic` to the caller, which calls `note_message` for each."""
+        """Stop receiving the messages of `topic`, because the caller receives them.
+
+        The caller calls `note_message` for each message.
+        """
         with self._lock:
             self._claimed_topics.add(topic)
             listener = self._listeners.pop(topic, None)

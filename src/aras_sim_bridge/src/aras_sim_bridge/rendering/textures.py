@@ -190,8 +190,9 @@ def apply_texture(planes, layer, texels, x, y, rgb):
         turn, kind = _find_direction(ux * ux + vx * vx - uy * uy - vy * vy,
                                 2.0 * (ux * uy + vx * vy)), count
         c, s = DIRECTIONS[turn, 0], DIRECTIONS[turn, 1]
-        # Move the sample points closer together, because a mipmap level is blurred by half a texel
-        # on each side.
+        # Each texel of a mipmap level is an average of several texels of the texture. This widens
+        # the area from which the samples take their colour. Therefore move the samples closer
+        # together across the narrow side of this area.
         narrow = np.sqrt(max(1.0 - 3.0 * (1.0 - level * level) * longer * longer
                              / max(area * area, 1e-300), 0.0))
         ux, uy = ux * c + uy * s, narrow * (uy * c - ux * s)

@@ -20,7 +20,8 @@ def main(argv: list[str] | None = None) -> int:
     overrides = [word for word in remaining if "=" in word and not word.startswith("-")]
     if len(overrides) < len(remaining) or (remaining and "overrides" not in options):
         parser.error(f"unknown argument {remaining[0]}")
-    if remaining:  # argparse leaves positional arguments that follow an option in `remaining`
+    # Argparse stores positional arguments that follow an option in `remaining`, not in `options`.
+    if remaining:
         options.overrides += overrides
     try:
         return options.carry_out(options)

@@ -21,7 +21,7 @@ def analyze(options: argparse.Namespace) -> int:
     from ..plots.style import FILE_FORMATS
 
     kinds = [kind.strip() for kind in options.formats.split(",") if kind.strip()]
-    # A wrong format is reported before the runs are read, which may take a minute.
+    # Reading the runs can take a minute, so a wrong file format is reported before.
     check_formats(kinds, FILE_FORMATS)
     names = [name.strip() for name in options.names.split(",") if name.strip()]
     if names and len(names) != len(options.runs):

@@ -51,7 +51,8 @@ def _print_start(server: BrowseServer, is_quiet: bool) -> None:
 
 
 def _open_browser(address: str) -> bool:
-    """Open the page in a graphical browser, not in a text browser; return whether this worked."""
+    """Open the page in a graphical browser, and return whether this worked; ignore text browsers.
+    """
     if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         return False
     try:

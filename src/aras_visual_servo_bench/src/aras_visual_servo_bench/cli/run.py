@@ -80,7 +80,10 @@ def resume(options: argparse.Namespace) -> int:
 
 
 def carry_out(folder: StudyFolder, options: argparse.Namespace) -> int:
-    """Carry out the missing runs of a study, write its report, and return the exit status."""
+    """Carry out the runs of a study that have no result yet, and write its report.
+
+    Return the exit status.
+    """
     if not options.mix:
         folder.check_code()
     with folder.lock():

@@ -82,8 +82,8 @@ def tune(options: argparse.Namespace) -> int:
         run.find_study_file(options.study), overrides.parse_overrides(options.overrides)
     )
     ranges = [SearchRange.parse(text) for text in options.over]
-    # The search sets the keys of the ranges, so the study's own variations of these keys are
-    # removed.
+    # The search sets the keys of the tuned settings, so the study's own variations of these keys
+    # are removed.
     keys = {r.key for r in ranges}
     study = dataclasses.replace(
         study, vary={key: values for key, values in study.vary.items() if key not in keys}

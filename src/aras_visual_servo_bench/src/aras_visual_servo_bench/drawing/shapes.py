@@ -12,10 +12,11 @@ from aras_visual_servo_camera.undistortion import CameraModel
 Rgba = tuple[float, float, float, float]
 
 LINES, STRIP, ARROW, TEXT, FACES = "lines", "strip", "arrow", "text", "faces"
-# Largest half angle of view of a drawn camera, rad. With a larger angle, such as that of a fisheye
-# lens, the sides of the camera's pyramid would be flat or point backwards.
+# Largest half angle of view of a drawn camera, rad. For a larger angle, such as that of a fisheye
+# lens, the camera could not be drawn as a pyramid.
 MAX_VIEW_ANGLE = np.radians(70.0)
-# number of decimals of lengths in m that are sent to the page, where a pixel is about 1 mm
+# Number of decimals of lengths in m that are sent to the web page with the 3-D view, where a pixel
+# is about 1 mm.
 DIGITS = 5
 # Number of points on each side of the border of an image; lens distortion can bend the border.
 POINTS_PER_SIDE = 8
@@ -108,10 +109,10 @@ def place_on_image_plane(border: np.ndarray, points: np.ndarray, size: float) ->
 
 
 def compute_image_depth(border: np.ndarray, size: float) -> float:
-    """Return the depth, m, of the drawn image.
+    """Return the distance, m, of the drawn image plane from the optical centre.
 
-    The distance of its farthest corner from the optical centre is `size`, m. `border` is the border
-    of the image, from `compute_image_border`.
+    border: (n, 2) border of the image, from `compute_image_border`.
+    size: distance of the farthest corner of the drawn image from the optical centre, m.
     """
     return size / float(np.sqrt(1.0 + (border**2).sum(axis=1).max()))
 

@@ -48,7 +48,7 @@ class Regressor:
 
     @classmethod
     def find_weights(cls) -> Path:
-        """Return the path of the weights that are part of this package."""
+        """Return the path of the file with the weights that this package contains."""
         return Path(PackagePath().find("aras_visual_servo_bench")) / "config" / f"{cls.module}.npz"
 
     @classmethod
@@ -150,7 +150,7 @@ def fit_network(
         y: (n, m) outputs.
         min_scale: smallest scale of an input; inputs are divided by their scale.
         dtype: data type of the stored weights.
-        refinements: learning rate and number of epochs of each further training.
+        refinements: learning rate and number of epochs of each phase after the first training.
         options: options of scikit-learn's MLPRegressor.
 
     Raises:

@@ -335,10 +335,9 @@ def limit_time(run: Run) -> float:
     default=True,
 )  # fmt: skip
 def image_excursion(run: Run) -> float:
-    """Largest offset of a target corner from the image centre.
+    """Largest offset of a target corner from the image centre; it is 1 at the border of the image.
 
-    Horizontal offsets are divided by half the image width, vertical ones by half the height. So a
-    value above 1 means that a corner was outside the image.
+    Horizontal offsets are divided by half the image width, vertical ones by half the height.
     """
     target, camera = run.target, run.camera
     if target is None or camera is None:

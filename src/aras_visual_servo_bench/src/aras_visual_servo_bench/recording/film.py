@@ -45,7 +45,10 @@ def select_frames(
 
 
 def encode_film(images: Iterable[tuple[float, np.ndarray]], count: int) -> Film:
-    """Encode images as JPEG, with the best size and quality for a film of at most MAX_BYTES.
+    """Encode images as JPEG for a film of at most MAX_BYTES.
+
+    Size and quality are reduced, as listed in SIZES_AND_QUALITIES, when an image would make the
+    film too large.
 
     Args:
         images: stamp (s) and rgb image of each frame.
@@ -53,7 +56,8 @@ def encode_film(images: Iterable[tuple[float, np.ndarray]], count: int) -> Film:
     """
     remaining, level, frames = MAX_BYTES, 0, []
     for number, (stamp, image) in enumerate(images):
-        share = remaining / max(count - number, 1)  # largest allowed size of this image, bytes
+        # Largest size of this image, bytes, if all remaining images of the film have the same size.
+        share = remaining / max(count - number, 1)
         while (
             len(frame := _encode_jpeg(image, *SIZES_AND_QUALITIES[level])) > share
             and level < len(SIZES_AND_QUALITIES) - 1

@@ -30,7 +30,7 @@ PERIOD = 0.5
 
 @dataclass(frozen=True)
 class PageSettings:
-    """Parameters of the live page. The node also has the parameters of the controller."""
+    """Parameters of the live page; the node also has the parameters of the controller node."""
 
     host: str = "127.0.0.1"
     port: int = parameter(8080, least=1, most=65535)
@@ -110,9 +110,9 @@ class Dashboard:
             return self.page.make_update(trace, joints, velocities, listener.stamp)
 
     def make_robot_model(self) -> dict[str, Any] | None:
-        """Return the robot model, or None if there is no robot.
+        """Return the robot model for the page's 3-D view, or None if there is no robot.
 
-        If the robot cannot be drawn, a warning is logged, and the result is an empty model.
+        If the robot cannot be drawn, a warning is logged, and the result is a model without links.
         """
         from ..web.live.robot_model import make_robot_model
 

@@ -31,6 +31,7 @@ def main(argv: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print(f"{find_program_name()}: interrupted", file=sys.stderr)
         return 130
-    except BrokenPipeError:  # the reading program has ended, as in `bench table DIR | head`
+    # The program that reads this output has ended, such as `head` in `bench table DIR | head`.
+    except BrokenPipeError:
         sys.stderr.close()
         return 1

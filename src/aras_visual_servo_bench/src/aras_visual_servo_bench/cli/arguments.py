@@ -69,7 +69,7 @@ def _set_function(parser: argparse.ArgumentParser, module: str, function: str) -
         try:
             with fast_imports():
                 imported = import_module(f"..{module}", __name__)
-        # The missing library may be one that only some commands need.
+        # the module of this command needs a library that is not installed
         except ModuleNotFoundError as error:
             raise make_missing_library_error(error.name) from None
         run: Callable[[argparse.Namespace], int] = getattr(imported, function)

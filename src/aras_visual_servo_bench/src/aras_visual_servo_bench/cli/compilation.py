@@ -25,7 +25,8 @@ def prepare_simulation() -> None:
     Raises:
         CompilerError: Numba cannot be imported.
     """
-    # Garbage collection while Numba is imported would take a tenth of the time of a short run.
+    # `fast_imports` suspends garbage collection, which would otherwise take a tenth of the time of
+    # a short run.
     with fast_imports():
         import_numba()
     if find_program_name() != "bench":

@@ -50,7 +50,7 @@ def find_study_file(name: Path) -> Path:
 
 
 def run_study(options: argparse.Namespace, changes: dict[str, Any]) -> int:
-    """Run a study with changed settings."""
+    """Run a study with changed settings, or only estimate its duration (--dry-run)."""
     options.study = find_study_file(options.study)
     study = Study.from_yaml(options.study, changes)
     engine.check_study(study)

@@ -76,7 +76,8 @@ def make_axes(
 def compute_image_border(camera: CameraModel) -> np.ndarray:
     """Return points (n, 2) on the border of the camera's image, normalised.
 
-    Their angle to the optical axis is limited to MAX_VIEW_ANGLE.
+    Points at a larger angle to the optical axis than MAX_VIEW_ANGLE are replaced by points at this
+    angle.
     """
     right, low = camera.width - 0.5, camera.height - 0.5
     corners = np.array([[-0.5, -0.5], [right, -0.5], [right, low], [-0.5, low]])

@@ -40,7 +40,7 @@ PRESET_KEY = "preset"  # key of a camera's settings that names a preset
 DEFAULT_PRESET = "original"
 NO_SETTINGS: Mapping[str, Any] = MappingProxyType({})
 WORLD = "world"  # value of HandEyeSpec.link for a camera that is fixed in the world
-# grey levels of the table and of the target; rendered images have the same levels
+# grey levels of the table and of the target in drawn images, equal to those in rendered images
 WHITE_LEVEL, DARK_LEVEL = 255, 0
 
 

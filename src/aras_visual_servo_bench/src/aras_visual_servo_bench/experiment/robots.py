@@ -400,7 +400,7 @@ class Robot:
         return link, calibration.link_T_camera
 
     def _apply_hand_eye(self, spec: HandEyeSpec) -> str:
-        """Return the description with the robot's camera at the pose of a hand-eye file."""
+        """Return the description with the robot's camera at the pose that a hand-eye file gives."""
         from aras_visual_servo_base.urdf_changes import mount_camera
 
         try:
@@ -414,7 +414,7 @@ class Robot:
     def _move_camera(self, link_T_link: np.ndarray) -> str:
         """Return the description with the robot's camera displaced in its link.
 
-        If camera_link carries the optical frame, camera_link is displaced, as the launch files do;
+        If camera_link carries the optical frame, camera_link is displaced, as in the launch files;
         otherwise a new optical frame is added.
         """
         if np.array_equal(link_T_link, np.eye(4)):
@@ -457,8 +457,7 @@ def read_arm(urdf: str, camera_frame: str, target_frame: str) -> Arm:
 
 
 def find_camera_name(camera: CameraDescription) -> str:
-    """Return the name of a camera in the robot description: the namespace of the camera's topics.
-    """
+    """Return the name of a camera in the robot description, the namespace of its topics."""
     plugin_name = camera.plugin.camera_name if camera.plugin is not None else ""
     return (plugin_name or camera.name).strip("/")
 

@@ -112,7 +112,7 @@ class LearnedScheme(Scheme):
         self._goal, self._goal_prediction = goal, self.predict_goal(goal)
 
     def compute(self, observation: Observation, goal: Goal, t: float) -> SchemeOutput:
-        """Compute features, error and twist of an image, as `Scheme.compute` requires."""
+        """Compute features, error and twist for an observation, as `Scheme.compute` requires."""
         if self._goal is not goal:
             self.check(goal)
         prediction = self.predict(observation)

@@ -118,7 +118,7 @@ class LearnedPose(Feature):
         self._goal, self._goal_T_reference = goal, inverse(exponential(prediction))
 
     def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
-        """Compute s and L of an image, as `Feature.measure` requires."""
+        """Compute the feature s and its interaction matrix L, as `Feature.measure` requires."""
         if self._goal is not goal:
             self.check(goal)
         reference_T_c = exponential(self._network(make_inputs(get_grey_image(observation))))

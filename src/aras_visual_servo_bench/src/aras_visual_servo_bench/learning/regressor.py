@@ -55,8 +55,8 @@ class Regressor:
     def load(cls, path: Path | None = None) -> Self:
         """Load a network from a file.
 
-        By default, it is the file in the environment variable ARAS_<MODULE>_WEIGHTS. If this
-        variable is not set, it is the file of this package.
+        By default, it is the file whose path is in the environment variable ARAS_<MODULE>_WEIGHTS.
+        If this variable is not set, it is the file that this package contains.
 
         Raises:
             ConfigurationError: the file does not exist, or does not contain a network.

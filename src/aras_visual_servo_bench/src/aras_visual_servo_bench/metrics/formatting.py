@@ -17,8 +17,8 @@ NEARLY_ZERO = "≈0"  # text of a number that is negligible compared with the la
 # A number is negligible if it is this many decades smaller than the largest number of its group.
 NEGLIGIBLE_DECADES = 6
 
-# Prefixes of units, largest first, with their factors. A quantity is shown with the first prefix
-# for which its number is at least MIN_IN_UNIT.
+# Prefixes of units, largest first, with their factors. A quantity is shown with the largest prefix
+# with which its number is at least MIN_IN_UNIT.
 PREFIXES = (("", 1.0), ("m", 1e-3), ("µ", 1e-6))
 MIN_IN_UNIT = 0.1
 SCALABLE_UNITS = {"m": ("m", 1.0), "m/s": ("m/s", 1.0), "s": ("s", 1.0), "ms": ("s", 1e-3)}

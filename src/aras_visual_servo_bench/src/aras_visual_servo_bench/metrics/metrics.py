@@ -466,7 +466,7 @@ def image_rate(run: Run) -> float:
     "", SMALLER, "n - 1 missing images in each gap of n periods, plus images later than 1.5 periods"
 )  # fmt: skip
 def images_late(run: Run) -> float:
-    """Number of images that are missing or arrived more than 1.5 periods after their exposure."""
+    """Number of images that are missing or arrived more than 1.5 image periods after exposure."""
     gaps = np.diff(run.control_record.stamp)
     if not gaps.size:
         return 0.0

@@ -75,7 +75,7 @@ def make_frame(run: Run) -> pandas.DataFrame:
 
 
 def import_pandas() -> Any:
-    """Import pandas, which takes half a second, when a table is requested.
+    """Import pandas, which takes 0.5 s and is therefore done only for a table.
 
     Raises:
         BenchError: pandas is not installed.

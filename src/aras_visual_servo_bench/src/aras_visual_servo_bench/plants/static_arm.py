@@ -1,4 +1,4 @@
-"""Arm at a given posture: occlusion of the target and collisions."""
+"""Check an arm at a given posture: occlusion of the target by the arm, and collisions."""
 
 from __future__ import annotations
 

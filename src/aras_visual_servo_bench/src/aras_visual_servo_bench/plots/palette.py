@@ -37,7 +37,7 @@ LIVE = {
     # backgrounds
     "back": "#14181f", "box": "#1c222c", "well": "#11151b", "button": "#2a3341", "over": "#344054",
     "active": "#2558cc", "bad": "#8d2f27",
-    # colours of marks: a good state, and one that needs attention
+    # colours of status marks: a good state, and one that needs attention
     "ok": "#4cd6a8", "caution": "#e6b450",
     # lines
     "line": "#2d3644", "edge": "#66748b", "zero": "#56627a",

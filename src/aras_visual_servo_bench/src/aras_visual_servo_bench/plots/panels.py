@@ -235,7 +235,7 @@ def make_pose_panels(runs: Sequence[Run]) -> list[Panel]:
 
 
 def make_feature_panels(runs: Sequence[Run]) -> list[Panel]:
-    """Return panels of the features s and s* of a single run, one for each unit.
+    """Return panels of the measured and the desired features of a single run, one for each unit.
 
     For several runs, the result is empty.
     """

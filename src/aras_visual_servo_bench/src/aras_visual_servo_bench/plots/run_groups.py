@@ -47,7 +47,7 @@ def find_varied_keys(all_results: Sequence[Results]) -> list[str]:
 def limit_groups(
     all_results: Sequence[Results], keys: Sequence[str], max_groups: int
 ) -> Sequence[str]:
-    """Return the first keys of `keys`, as many as possible.
+    """Return as many of the first keys as possible without too many groups of runs.
 
     Grouping the runs by the values of the returned keys gives at most `max_groups` groups.
     """

@@ -118,7 +118,8 @@ class ReportFigure(Figure):
 
 
 class Margins(NamedTuple):
-    """Margins around and between axes for the screen, inches. In a paper, they are smaller."""
+    """Margins around and between the axes of figures for the screen, inches; smaller for a paper.
+    """
 
     left: float = 0.0
     right: float = 0.0

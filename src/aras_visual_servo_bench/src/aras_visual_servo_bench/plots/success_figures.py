@@ -206,7 +206,7 @@ def find_curve_keys(all_results: Sequence[Results]) -> Sequence[str]:
 
 
 def _describe_tolerance(axis: Axes, all_results: Sequence[Results]) -> None:
-    """Write the tolerance below an axis of final distances; for a paper, the caption has it."""
+    """Write the tolerance of the final distance below its axis, except in figures for a paper."""
     if not is_paper():
         text = textwrap.fill(captions.describe_tolerances(all_results), MAX_NAME)
         axis.set_xlabel(f"{axis.get_xlabel()}\n{escape_math(text)}")

@@ -1,4 +1,4 @@
-"""Figures of the image plane, of images at some times, and of the camera's path in space."""
+"""Figures of the image plane, of images at selected times, and of the camera's path in space."""
 
 from __future__ import annotations
 
@@ -28,7 +28,8 @@ from .style import (
 )
 from .time_plots import make_curve_styles
 
-IMAGE_CONTRAST = 0.35  # factor of the contrast of an image on which curves are drawn
+# Factor by which the contrast of an image is reduced, so that curves on it remain visible.
+IMAGE_CONTRAST = 0.35
 MIN_AXIS_RATIO = 0.35  # smallest length of an axis of a 3-D view, relative to the longest axis
 # A 3-D view is tall if its height, divided by its larger horizontal side, is above this value.
 MAX_HEIGHT_RATIO = 1.5
@@ -125,7 +126,7 @@ def _draw_tracks(
 
 
 def draw_filmstrip(runs: Sequence[Run]) -> Figure | None:
-    """Draw images at which the error has decreased to certain fractions, with the desired outline.
+    """Draw the images that `find_milestones` selects, with the desired outline of the target.
 
     Return None if no run has images.
     """

@@ -18,8 +18,8 @@ from .run import Film, Run
 MAX_FRAMES = 600
 # maximum size of all frames of a film, bytes; base64 increases this size by a third
 MAX_BYTES = 8_000_000
-# Pairs of the longest side of a frame (px) and its JPEG quality, largest first. The first pair with
-# which the film is small enough is used.
+# Pairs of the longest side of a frame (px) and its JPEG quality, largest first. When a frame would
+# make the film too large, the next pair is used for this and all later frames.
 SIZES_AND_QUALITIES = ((640, 85), (480, 75), (400, 65), (320, 50), (240, 40), (160, 30))
 SMALL_SIZE_AND_QUALITY = (320, 65)
 
@@ -62,7 +62,7 @@ def encode_film(images: Iterable[tuple[float, np.ndarray]], count: int) -> Film:
             len(frame := _encode_jpeg(image, *SIZES_AND_QUALITIES[level])) > share
             and level < len(SIZES_AND_QUALITIES) - 1
         ):
-            # the smaller size and quality apply to this image and to all images after it
+            # this image and all later ones are encoded with the next smaller size and quality
             level += 1
         remaining -= len(frame)
         frames.append((stamp, frame))

@@ -103,7 +103,7 @@ class MessageRunBuilder:
         return self._with_images(run, exposed)
 
     def _with_images(self, run: Run, exposure_stamps: np.ndarray) -> Run:
-        """Return a copy of the run with its milestone images and its film.
+        """Return a copy of the run with the images that a report shows, and with its film.
 
         Both are read in one pass over the bag.
 

@@ -273,7 +273,7 @@ class BagReader(GraphRecording):
         return False
 
     def _read_stamps(self, topic: str) -> list[tuple[tuple, int]]:
-        """Return position and stamp (ns) of each message on a topic; none if there is no topic."""
+        """Return file position and stamp (ns) of each message on a topic; none without a topic."""
         if topic not in self._counts:
             return []
         return [

@@ -21,7 +21,7 @@ class ExperimentError(BenchError):
 
 
 class ViewError(BenchError):
-    """The target is behind the camera or outside the image."""
+    """Error that the target is behind the camera or outside the image."""
 
 
 class StudyError(BenchError):

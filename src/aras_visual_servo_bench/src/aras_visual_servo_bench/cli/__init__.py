@@ -20,7 +20,7 @@ def main(argv: list[str] | None = None) -> int:
     overrides = [word for word in remaining if "=" in word and not word.startswith("-")]
     if len(overrides) < len(remaining) or (remaining and "overrides" not in options):
         parser.error(f"unknown argument {remaining[0]}")
-    # Argparse stores positional arguments that follow an option in `remaining`, not in `options`.
+    # argparse puts positional arguments into `remaining` if they follow an option
     if remaining:
         options.overrides += overrides
     try:

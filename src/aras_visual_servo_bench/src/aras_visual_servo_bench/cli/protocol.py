@@ -35,7 +35,7 @@ def run_protocol(options: argparse.Namespace) -> int:
 
 
 def _select_cases(study: Study, options: argparse.Namespace) -> Study:
-    """Return the study with the cases that the options select.
+    """Return a copy of the study with only those cases that the options select.
 
     Raises:
         StudyError: an option names an unknown case.

@@ -120,7 +120,7 @@ def carry_out(folder: StudyFolder, options: argparse.Namespace) -> int:
 
 
 def _write_report(path: Path) -> None:
-    """Write the table and figures into the study's folder, and print a short table."""
+    """Write a table and figures of the results into the study's folder, and print a short table."""
     from ..plots import study_figures  # this import takes 0.5 s, and workers do not need it
 
     found = [Results.read(path)]
@@ -147,7 +147,7 @@ def _read_workers(options: argparse.Namespace) -> int:
 
 
 def make_pool(options: argparse.Namespace) -> Pool:
-    """Create the workers that the options select, and compile functions if necessary.
+    """Create the worker processes that the options select; first compile functions if necessary.
 
     Raises:
         StudyError: the options are invalid or contradict each other.

@@ -55,7 +55,8 @@ def _write_traceback(error: BaseException, out: Path) -> Path:
 
 
 def _show_bag(options: argparse.Namespace) -> int:
-    """Print the experiment of a bag, and write it and the files it needs into the folder --out."""
+    """Print the experiment of a bag; write it, and the files that it needs, into the folder --out.
+    """
     from ..ros.bag import read_recorded_experiment
 
     if options.run is not None:

@@ -172,7 +172,7 @@ class RunTrace:
         return depth if depth > 0.0 else None
 
     def make_text_lines(self) -> list[str]:
-        """Return the lines of the text next to the robot."""
+        """Return the lines of the text next to the camera."""
         state = self.state
         if not state.phase:
             return ["no controller yet"]

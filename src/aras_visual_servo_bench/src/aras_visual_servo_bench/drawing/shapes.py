@@ -18,7 +18,8 @@ MAX_VIEW_ANGLE = np.radians(70.0)
 # Number of decimals of lengths in m that are sent to the web page with the 3-D view, where a pixel
 # is about 1 mm.
 DIGITS = 5
-# Number of points on each side of the border of an image; lens distortion can bend the border.
+# Number of points on each side of the border of an image. There are several, because lens
+# distortion can bend the border.
 POINTS_PER_SIDE = 8
 
 
@@ -44,7 +45,7 @@ class Shape:
     text: str = ""
 
     def to_json(self) -> dict[str, Any]:
-        """Return the shape as a JSON object for the script scene.js.
+        """Return the shape as a JSON object for the script scene.js, which draws it.
 
         Coordinates are rounded to 10 um.
         """
@@ -98,7 +99,7 @@ def place_on_image_plane(border: np.ndarray, points: np.ndarray, size: float) ->
 
     Args:
         border: (m, 2) border of the image, from `compute_image_border`.
-        points: (n, 2) points, normalised.
+        points: (n, 2) points in normalised image coordinates.
         size: distance from the optical centre to the farthest corner of the drawn image, m.
 
     Returns:

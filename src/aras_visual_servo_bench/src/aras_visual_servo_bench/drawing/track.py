@@ -48,7 +48,7 @@ class Track:
 
 
 class RealTimeFactor:
-    """Ratio of simulated time to wall time, measured over the last seconds."""
+    """Ratio of simulated time to wall time, measured over the last WINDOW seconds of wall time."""
 
     # Length of the interval over which the real-time factor is measured, s of wall time.
     WINDOW = 2.0

@@ -63,7 +63,7 @@ class HandEyeSpec:
         check(self, ExperimentError, "hand_eye")
 
     def read(self, packages: PackagePath) -> HandEyeCalibration:
-        """Read the file.
+        """Read the calibration from the file.
 
         Raises:
             HandEyeError: the file does not contain a calibration.

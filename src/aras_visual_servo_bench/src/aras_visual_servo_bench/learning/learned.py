@@ -108,7 +108,7 @@ class LearnedScheme(Scheme):
         return self._network(make_inputs(goal.moments))
 
     def check(self, goal: Goal) -> None:
-        """Check a goal and store the prediction for its image, as `Scheme.check` requires."""
+        """Check a goal and store the prediction for its image, as required by `Scheme.check`."""
         self._goal, self._goal_prediction = goal, self.predict_goal(goal)
 
     def compute(self, observation: Observation, goal: Goal, t: float) -> SchemeOutput:

@@ -47,8 +47,8 @@ HIDDEN_LAYERS = (160, 96)
 PROTOCOL, EPOCHS = "convergence_domain", 60
 TEXTURE_COUNT = 120  # number of changed versions of the poster in the training images
 PLACES_BETWEEN = 3  # number of training poses near the path from each start to the goal
-# Standard deviation of the training poses from the straight path to the goal, at the start of the
-# path, m and degrees. It decreases linearly to 0 at the goal.
+# Training poses deviate at random from the straight path to the goal. These are the standard
+# deviations at the start of the path, m and degrees; they decrease linearly to 0 at the goal.
 PATH_DEVIATION = (0.02, 2.0)
 
 

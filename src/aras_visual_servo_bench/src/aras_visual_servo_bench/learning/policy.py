@@ -49,7 +49,8 @@ GAIN = 1.5  # gain of the expert and of the policy, 1/s
 # Standard deviation of the noise added to the actions, whose range is -1 to 1. The noise moves the
 # camera away from good paths to the goal, so that the network also learns from images there.
 PERTURBATION = 0.3
-MAX_PERTURBATION_STEPS = 30  # the noise changes after a random number of steps below this bound
+# Upper bound of the random number of steps after which the noise is drawn again.
+MAX_PERTURBATION_STEPS = 30
 EPOCHS = 30  # number of training epochs at a learning rate of 1e-3
 # Learning rate and number of epochs of each phase after the first training phase.
 REFINEMENTS = ((1e-4, 15), (1e-5, 5))

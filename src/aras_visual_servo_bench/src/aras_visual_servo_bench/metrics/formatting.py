@@ -114,7 +114,7 @@ def format_in_unit(value: float, unit: str) -> str:
 
 
 def format_heading(name: str, unit: str) -> str:
-    """Return the heading of a column or the label of an axis."""
+    """Return the heading of a column or the label of an axis: the name and the unit."""
     return f"{name} ({unit})" if unit else name
 
 

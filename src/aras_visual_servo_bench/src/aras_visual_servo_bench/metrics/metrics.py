@@ -1,7 +1,7 @@
 """All metrics; a metric describes a run by one number, with a unit and a formula.
 
 Studies, protocols, reports and the analysis of bags use these metrics. A metric of your own is a
-function with the same decorator, and its name is 'package.module:function':
+function with the decorator `metric`, and its name is 'package.module:function':
 
     @metric(unit="m", better="smaller", source="this paper, equation 3")
     def closest(run: Run) -> float: ...

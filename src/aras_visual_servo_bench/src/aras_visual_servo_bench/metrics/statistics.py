@@ -213,7 +213,7 @@ def _rank(values: np.ndarray) -> np.ndarray:
 
 
 def _sum_tails(fractions: np.ndarray, observed: int, mean: float) -> float:
-    """Add the fractions of all rank sums that are at least as far from `mean` as `observed`."""
+    """Add fractions[s] of all rank sums s that are at least as far from `mean` as `observed`."""
     distance = np.abs(np.arange(fractions.size) - mean)
     is_extreme = distance >= abs(observed - mean) * (1.0 - 1e-12)
     return min(float(fractions[is_extreme].sum()), 1.0)

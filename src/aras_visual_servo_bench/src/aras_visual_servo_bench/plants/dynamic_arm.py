@@ -93,7 +93,7 @@ class TrackedLink:
 
 
 class DynamicArm(Plant):
-    """Robot arm in the bridge's Simulation, with 1 000 physics steps per second."""
+    """Robot arm that is simulated with Bullet, with 1 000 physics steps per second."""
 
     def __init__(
         self,

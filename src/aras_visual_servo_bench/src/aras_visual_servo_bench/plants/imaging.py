@@ -24,7 +24,7 @@ from ..experiment import cameras
 from ..targets.geometry import PlacedTarget, Target, project
 from .base import CAMERA, CameraPlacement
 
-OCCLUSION_LEVEL = 128  # grey level below which a pixel belongs to a dark shape
+OCCLUSION_LEVEL = 128  # grey level below which a pixel is regarded as covered by the dark polygon
 # maximum number of noise draws until the edges of a noisy outline do not cross each other
 MAX_TRIES = 100
 

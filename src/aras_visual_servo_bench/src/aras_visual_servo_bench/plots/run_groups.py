@@ -24,7 +24,7 @@ class RunGroup(NamedTuple):
 
     name: label of the group.
     results: results of the study.
-    rows: (n,) indices of the rows of its runs.
+    rows: (n,) indices of the rows of the group's runs in the results.
     """
 
     name: str
@@ -33,7 +33,7 @@ class RunGroup(NamedTuple):
 
 
 def find_values(all_results: Iterable[Results], key: str) -> list:
-    """Return the distinct values of a column, in the order in which they first appear."""
+    """Return the distinct values of a column of the results, in the order in which they appear."""
     return list(dict.fromkeys(v for r in all_results for v in r.read_column(key)))
 
 

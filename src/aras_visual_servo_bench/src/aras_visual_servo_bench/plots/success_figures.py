@@ -166,7 +166,7 @@ def _draw_map(
     Args:
         axis: axes of the map.
         results: results of the study.
-        rows: (n,) indices of the rows of the runs.
+        rows: (n,) indices of the rows of these runs in the results.
         down: key of the vertical axis and its values.
         across: key of the horizontal axis and its values.
     """

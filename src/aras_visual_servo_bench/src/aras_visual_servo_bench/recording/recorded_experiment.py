@@ -124,7 +124,8 @@ class RecordedExperiment:
 
     @cached_property
     def goal(self) -> Goal | None:
-        """Goal of the control loop; missing joints or pose are computed with the kinematics."""
+        """Goal of the control loop; missing joints, or a missing pose, are computed from the other.
+        """
         if self.settings is None:
             return None
         name = self.settings.find_goal_file().name

@@ -230,7 +230,7 @@ class Run(RunPresentation):
 
     @cached_property
     def error(self) -> np.ndarray:
-        """Measured errors s - s* (n, k), with angles wrapped."""
+        """Measured errors s - s* (n, k); errors of angles are wrapped to -pi to pi."""
         return self._collect_outputs("error")
 
     @cached_property

@@ -1,4 +1,4 @@
-"""`bench protocol NAME --out DIR` runs a published protocol, which is one of the shipped studies.
+"""`bench protocol NAME --out DIR` runs a published protocol, which is a study of this package.
 
 In addition to the files of the study, it writes table.csv with a row for each run.
 """

@@ -75,7 +75,7 @@ def make_axes(
 
 
 def compute_image_border(camera: CameraModel) -> np.ndarray:
-    """Return points (n, 2) on the border of the camera's image, normalised.
+    """Return points (n, 2) on the border of the camera's image, in normalised coordinates.
 
     Points at a larger angle to the optical axis than MAX_VIEW_ANGLE are replaced by points at this
     angle.

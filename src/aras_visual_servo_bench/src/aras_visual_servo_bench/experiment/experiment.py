@@ -259,7 +259,7 @@ class Experiment(KeywordSettings):
         )
 
     def _check_size(self) -> None:
-        """Check that the target fits on the table of the shipped robot.
+        """Check that the target fits on the table of the ARAS robot.
 
         Raises:
             ExperimentError: the target is larger than the table.

@@ -64,7 +64,7 @@ NO_TARGETS: Mapping[str, MountedTarget] = {}
 
 @dataclass(frozen=True)
 class RobotSpec:
-    """Settings of the robot; the defaults describe the shipped one.
+    """Settings of the robot; the defaults describe the ARAS robot.
 
     urdf: path or package:// URL of the robot description.
     config: path or package:// URL of the YAML file with the controllers.

@@ -27,7 +27,7 @@ class Sampler:
     turn: maximum rotation about the vertical, from the camera's orientation at the goal, rad.
     tilt: maximum tilt from the camera's orientation at the goal, rad.
     margin: minimum distance of the target from the image border, px.
-    attempts: maximum number of draws; without a valid start among them, an error is raised.
+    attempts: maximum number of draws; if none of them gives a valid start, an error is raised.
     """
 
     height: Vector2 = parameter((0.15, 0.5), "m")

@@ -133,11 +133,11 @@ def make_training_data(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarra
     """Make training data from images of the poster of the study convergence_domain.
 
     The poses of the camera are random starts with the distribution of this study, and poses near
-    the straight paths from these starts to the goal. Every other image shows a perturbed poster.
+    the straight paths from these starts to the goal. In every other image, the poster is changed.
 
     Args:
         count: number n of images.
-        seed: seed of the poses and of the perturbations.
+        seed: seed of the poses and of the changes of the poster.
 
     Returns:
         Inputs (n, ROWS * COLUMNS), and outputs (n, 6): the logarithm of the camera's pose relative

@@ -1,4 +1,4 @@
-"""Panels of curves over time, for the page and the figures of a report."""
+"""Panels of curves over time, for the report page and for the figures of a report."""
 
 from __future__ import annotations
 

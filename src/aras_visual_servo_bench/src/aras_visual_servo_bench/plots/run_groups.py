@@ -15,7 +15,7 @@ from .style import escape_math, is_paper
 
 MAX_GROUPS = 24  # largest number of boxes in a panel for which their labels are legible
 MAX_CURVES = 8
-# largest number of success maps in a figure: on the screen, and in a paper
+# largest number of success maps in a figure for the screen, and in a figure for a paper
 MAX_MAPS, MAX_PAPER_MAPS = 12, 6
 
 

@@ -40,7 +40,7 @@ DEFAULT_DURATION = 8.0  # duration of an experiment if the controller node had n
 
 
 def find_preset(settings: Mapping[str, Any]) -> str | dict[str, Any]:
-    """Return the name of the camera preset with these settings; without one, the settings."""
+    """Return the name of the camera preset with these settings, or else the settings themselves."""
     folder = Path(PackagePath().find(RobotSpec().cameras)) / "config" / "cameras"
     for file in sorted(folder.glob("*.yaml")):
         if read_yaml(file, ExperimentError) == dict(settings):

@@ -29,7 +29,7 @@ class StudyError(BenchError):
 
 
 class RefusedError(BenchError):
-    """Error of a request from a web page that is refused; the message gives the reason."""
+    """A request from a web page is refused; the message gives the reason."""
 
 
 def require(condition: bool, text: str) -> None:

@@ -31,7 +31,7 @@ def main(argv: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print(f"{find_program_name()}: interrupted", file=sys.stderr)
         return 130
-    # The program that reads this output has ended, such as `head` in `bench table DIR | head`.
+    # The program that reads this output, such as `head` in `bench table DIR | head`, has ended.
     except BrokenPipeError:
         sys.stderr.close()
         return 1

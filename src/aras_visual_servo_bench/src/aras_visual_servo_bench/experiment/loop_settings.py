@@ -108,8 +108,8 @@ def _make_tracker_settings(target: TargetSpec) -> dict[str, Any]:
     """Return the tracker settings for a solid target: its mesh and its initial pose."""
     if not is_solid(target.shape):
         return {}
-    # The tracker starts its search at the target's true pose, unless `controller_parameters` set
-    # another pose.
+    # The tracker starts its search at the pose in `model_start`, here the target's true pose;
+    # `controller_parameters` can set another pose.
     mesh = str(target.placed_target.shape.path)
     return {"model": mesh, "model_start": {"pose": list(target.pose)}}
 

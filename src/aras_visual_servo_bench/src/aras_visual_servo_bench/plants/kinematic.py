@@ -35,8 +35,8 @@ if TYPE_CHECKING:
 
     from .base import JointListener
 
-# Time from the start of a joint state period to the stamp of its joint state, ns. The plant
-# 'bullet' has the same time.
+# Time from the start of each joint state period to the stamp of its joint state, ns; equal to that
+# of the plant 'bullet'.
 JOINT_PHASE_NS = 1_000_000
 
 

@@ -107,8 +107,8 @@ def draw_cumulative(axis: Axes, metric: Metric, groups: Sequence[RunGroup]) -> N
         if not known.size:
             axis.plot([], [], label=f"{name} (no value)", **style)
             continue
-        # The curve can end below 100 %, because runs without a value, such as a settling time,
-        # count too.
+        # Runs without a value, such as a settling time, are included, so the curve can end below
+        # 100 %.
         fraction = np.arange(known.size + 1) / values.size
         axis.step(np.append(known[0], known), 100.0 * fraction, where="post", label=name, **style)
     set_scale(axis, "x", scaled)

@@ -21,7 +21,7 @@ UNLIMITED = 100.0  # joint limit above which a joint counts as unlimited, rad or
 # (s), and longer than MAX_GAP_PERIODS times the median time between points.
 MAX_GAP_TIME, MAX_GAP_PERIODS = 0.3, 5.0
 MIN_POSE_ERROR = 1e-4  # lower end of the logarithmic axes of the pose error, mm and degrees
-# Start of the curves of the joints, relative to the start of servoing, s.
+# time at which the curves of the joints start, relative to the start of servoing, s
 TIME_BEFORE_START = -0.1
 
 

@@ -103,7 +103,7 @@ def _draw_success_maps(all_results: Sequence[Results], keys: Sequence[str]) -> F
             axis.set_title((name if len(panels) > 1 else "Success") + escape_math(pool))
         else:
             add_title(axis, "Success")
-    # In a figure for a paper, cells contain numbers instead of colours with a colour bar.
+    # a figure for a paper needs no colour bar, because its cells contain the numbers
     if not is_paper():
         figure.colorbar(image, ax=axes, label="runs with success (%)", shrink=0.9)
     if distance_axis is not None:

@@ -41,7 +41,8 @@ MARKER_SPACING = 0.125  # distance between markers on a curve, relative to the s
 # Extra line width of the first run's curves, relative to the width of the last run's, so that
 # curves that coincide remain visible.
 EXTRA_WIDTH = 0.7
-# Fraction of the time axis after which the text of a time mark is to the left of its line.
+# The text of a time mark is to the left of its line if the line is beyond this fraction of the time
+# axis.
 TEXT_SIDE_SWITCH = 0.75
 
 
@@ -112,7 +113,7 @@ def draw_panels(
         _draw_panel(axis, panel, styles, columns > 1)
     if is_single:
         add_title(axes[0], title + _make_hints(panels))
-    # Only the left panel has a title, because the legend with the names of the runs needs space.
+    # only the left panel has a title, because the names of the runs need the space on the right
     else:
         add_title(
             axes[0],

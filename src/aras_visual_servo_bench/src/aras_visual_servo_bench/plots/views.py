@@ -28,7 +28,7 @@ from .style import (
 )
 from .time_plots import make_curve_styles
 
-# factor of the contrast of an image, which makes curves on it more visible
+# the contrast of an image is multiplied by this factor, so that curves on it are more visible
 IMAGE_CONTRAST = 0.35
 MIN_AXIS_RATIO = 0.35  # smallest length of an axis of a 3-D view, relative to the longest axis
 # A 3-D view is tall if its height, divided by its larger horizontal side, is above this value.

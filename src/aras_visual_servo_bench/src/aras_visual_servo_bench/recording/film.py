@@ -16,7 +16,7 @@ from ..experiment import cameras
 from .run import Film, Run
 
 MAX_FRAMES = 600
-# maximum size of all frames of a film, bytes; base64 increases this size by a third
+# maximum size of all frames of a film, bytes; base64 makes them a third larger on a report page
 MAX_BYTES = 8_000_000
 # Pairs of the longest side of a frame (px) and its JPEG quality, largest first. When a frame would
 # make the film too large, the next pair is used for this and all later frames.

@@ -155,7 +155,7 @@ class MessageRunBuilder:
         stamps, positions, velocities, faults = [], [], [], []
         has_limits = arm is not None and arm.names == names
         for message in self._recording.joints:
-            # with stamp 0, the publisher did not know the simulated time yet
+            # a stamp of 0 means that the publisher did not know the simulated time yet
             if not message.header.stamp:
                 continue
             indices = {name: i for i, name in enumerate(message.name)}

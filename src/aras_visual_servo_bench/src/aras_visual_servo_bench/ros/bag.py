@@ -203,8 +203,8 @@ class BagReader(GraphRecording):
         if not self._clock:
             self._clock_topic = self._topics.state
             self._clock = RecordedClock(self._read_stamps(self._clock_topic), STATES_TOLERANCE_NS)
-        # For each topic, differences (ns) between this time and the stamps of messages that were
-        # left out because another clock has stamped them.
+        # For each topic, differences (ns) between the time of the recording and the stamps of
+        # messages that were left out because another clock has stamped them.
         self._foreign: dict[str, list[int]] = {}
 
     def read(self, progress: Callable[[float], None]) -> None:

@@ -11,7 +11,7 @@ from aras_visual_servo_bench.runner.loop import run
 from aras_visual_servo_bench.studies.remedies import apply_remedy
 from aras_visual_servo_controller.diagnosis.advice import suggest_gain
 from aras_visual_servo_controller.diagnosis.evidence import combine_outcomes
-from aras_visual_servo_controller.laws.registry import create_law
+from aras_visual_servo_controller.laws.base import create_law
 from aras_visual_servo_controller.records.outcomes import Outcome
 from aras_visual_servo_controller.records.remedy import Change, Remedy, multiply, remove, set_value
 from aras_visual_servo_controller.schemes.registry import create_scheme

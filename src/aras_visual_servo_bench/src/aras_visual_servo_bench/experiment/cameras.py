@@ -26,7 +26,6 @@ from aras_visual_servo_controller.observation.camera_rig import MAX_WAITING_IMAG
 from ..errors import ExperimentError, require
 from ..targets.target_spec import PoseValues, TargetSpec
 from .packages import PackagePath
-from .polygon_drawing import draw_polygon
 
 if TYPE_CHECKING:
     from aras_visual_servo_base.hand_eye import HandEyeCalibration
@@ -399,6 +398,8 @@ def draw_outline(outline: np.ndarray | None, camera: CameraModel) -> np.ndarray:
     Returns:
         Image (rows, columns), uint8.
     """
+    from .polygon_drawing import draw_polygon
+
     image = np.full((camera.height, camera.width), WHITE_LEVEL, np.uint8)
     if outline is not None:
         pixels = _project_outline(outline, camera)

@@ -39,8 +39,7 @@ from ..plants.free_body import FreeBody
 from ..plants.kinematic import FreeCamera, KinematicArm
 from ..targets.geometry import PlacedTarget
 from .imaging_setup import make_imaging_settings
-from .read_context import SchemeWrapper, check_scheme, read_context
-from .setup_context import SetupContext
+from .setup_context import SchemeWrapper, SetupContext, check_scheme, read_context
 
 if TYPE_CHECKING:
     from .postures import Postures

@@ -3,8 +3,7 @@
 The registry `LAWS` contains them by name.
 """
 
-from .base import LAWS, Law
+from .base import LAWS, Law, create_law
 from .proportional import Proportional
-from .registry import create_law
 
 __all__ = ["LAWS", "Law", "Proportional", "create_law"]

@@ -378,11 +378,10 @@ def is_in_view(outline: np.ndarray, camera: CameraModel, margin: float = 2.0) ->
         outline: corners (n, 2) in normalised coordinates.
         margin: minimum distance of the outline from the image border, px.
     """
-    pixels = _project_outline(outline, camera)
-    (left, top), (right, bottom) = pixels.min(axis=0).tolist(), pixels.max(axis=0).tolist()
+    columns, rows = _project_outline(outline, camera).T.tolist()
     return (
-        left >= margin and right <= camera.width - 1 - margin
-        and top >= margin and bottom <= camera.height - 1 - margin
+        min(columns) >= margin and max(columns) <= camera.width - 1 - margin
+        and min(rows) >= margin and max(rows) <= camera.height - 1 - margin
     )  # fmt: skip
 
 

@@ -60,7 +60,7 @@ MAX_WINDOW = 120  # largest number of images over which the error is averaged
 # camera are removed. So far from the goal, the linearisation by L is not valid.
 FAR_TOLERANCES = 12.0
 # The uncertainty of the pose is computed again when the mean error has decreased to this fraction
-# of its value at the last computation, unless it was below NEGLIGIBLE_ERROR, in tolerances, already.
+# of its value at the last computation, but not if that was below NEGLIGIBLE_ERROR, in tolerances.
 RENEWAL_RATIO = 0.7
 NEGLIGIBLE_ERROR = 0.02
 # Largest difference between the camera's offset in the latest image and the mean offset, in

@@ -133,7 +133,7 @@ class ProgressCheck:
         output = state.scheme_output
         error = output.error / tolerances
         size = max(map(abs, error.tolist()))
-        modelled = 6 if output.task is None else int(output.task.modelled.sum())
+        modelled = 6 if output.task is None else output.task.modelled.tolist().count(True)
         self._window.append(
             _ServoedImage(state.stamp, size, state, min(modelled, len(error)), error, tolerances,
                           depth, state.ik_solution, is_stretched)

@@ -62,7 +62,7 @@ FAR_TOLERANCES = 12.0
 # The uncertainty of the pose is computed again when the mean error has decreased to this fraction
 # of its value at the last computation, but not if that was below NEGLIGIBLE_ERROR, in tolerances.
 RENEWAL_RATIO = 0.7
-NEGLIGIBLE_ERROR = 0.02
+NEGLIGIBLE_ERROR = 0.1
 # Largest difference between the camera's offset in the latest image and the mean offset, in
 # standard deviations. A larger difference shows that kinematics do not describe the camera's
 # motion.

@@ -18,7 +18,13 @@ import numpy as np
 from aras_visual_servo_base.compiled import jit
 
 from ..goals.goal import DEFAULT_DEPTH
-from ..kinematics.algebra import is_task_finite, solve_least_squares, svd
+from ..kinematics.algebra import (
+    is_task_finite,
+    multiply,
+    multiply_vector,
+    solve_least_squares,
+    svd,
+)
 from ..observation.recent_errors import RecentErrors
 from ..records.outcomes import ArrivalStatus, PoseUncertainty
 from .pose_uncertainty import (
@@ -412,11 +418,12 @@ def compute_offset(
     L, error = np.asarray(L, float), np.asarray(error, float)
     if not is_task_finite(L, error):
         return None
-    scale = np.array((1.0, 1.0, 1.0, depth, depth, depth))
-    L_free, tolerance = (L / scale) @ free.T, RANK_TOLERANCE
     if len(L) > MAX_ROWS:
-        L_free, error, tolerance = L_free.T @ L_free, L_free.T @ error, RANK_TOLERANCE**2
-    return solve_least_squares(L_free, error, tolerance) @ free / scale
+        scale = np.array((1.0, 1.0, 1.0, depth, depth, depth))
+        L_free = (L / scale) @ free.T
+        found = solve_least_squares(L_free.T @ L_free, L_free.T @ error, RANK_TOLERANCE**2)
+        return found @ free / scale
+    return _solve_offset(L, error, free, depth)
 
 
 def _compute_observable(scheme_output: SchemeOutput, free: np.ndarray, depth: float) -> np.ndarray:
@@ -436,6 +443,19 @@ def _compute_observable(scheme_output: SchemeOutput, free: np.ndarray, depth: fl
 def _compute_lengths(offset: Sequence[float]) -> tuple[float, float]:
     """Return the lengths of an offset's translation and rotation, m and rad."""
     return hypot(*offset[:3]), hypot(*offset[3:])
+
+
+@jit("f8[:,:], f8[:], f8[:,:], f8")
+def _solve_offset(L, error, free, depth):
+    """Compute `compute_offset` for L (k, 6) and error (k,)."""
+    scaled, turned = L.copy(), free.copy()
+    for j in range(3, 6):
+        for i in range(len(L)):
+            scaled[i, j] /= depth
+        for i in range(len(free)):
+            turned[i, j] /= depth
+    found = solve_least_squares(multiply(scaled, free.T), error, RANK_TOLERANCE)
+    return multiply_vector(turned.T, found)
 
 
 @jit("f8[:], f8[:]")

@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from aras_visual_servo_base.byte_limited_cache import ByteLimitedCache
 from aras_visual_servo_base.poses import inverse, relative_pose
 from aras_visual_servo_camera.segmentation import BY_COLOUR
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.kinematics import Arm
 from aras_visual_servo_controller.observation.camera_rig import InverseCameraKinematics
+from aras_visual_servo_controller.observation.frame import Frame
 from aras_visual_servo_controller.observation.observation import Need
 from aras_visual_servo_controller.schemes import JointController, Scheme
 from aras_visual_servo_controller.settings import Settings
@@ -34,6 +36,8 @@ if TYPE_CHECKING:
 # data that exist only in an image, not in features computed from the geometry
 IMAGE_ONLY_NEEDS = {Need.IMAGE, Need.KERNEL}
 
+# Images of goals, by what determines them; each value has one frame for each camera.
+GoalImages = ByteLimitedCache[tuple, Mapping[str, Frame]]
 SchemeWrapper = Callable[[Scheme | JointController], Scheme | JointController]
 
 
@@ -57,6 +61,7 @@ class SetupContext:
         has_depth: whether every camera delivers depth images, even if the scheme needs none.
         labelled_link: model or 'model::link' to mark as the target in label images; '': label
             images are not needed.
+        goal_images: images of goals that were rendered for earlier runs; None if runs share none.
     """
 
     experiment: Experiment
@@ -71,6 +76,7 @@ class SetupContext:
     placements: Mapping[str, CameraPlacement]
     has_depth: bool = False
     labelled_link: str = ""
+    goal_images: GoalImages | None = None
 
     @property
     def has_free_camera(self) -> bool:
@@ -109,6 +115,7 @@ def read_context(
     wrap_scheme: SchemeWrapper | None = None,
     has_unread_cameras: bool = True,
     has_depth: bool = False,
+    goal_images: GoalImages | None = None,
 ) -> SetupContext:
     """Read the files of an experiment and choose its scheme.
 
@@ -117,6 +124,7 @@ def read_context(
             run; None: the scheme is used unchanged.
         has_unread_cameras: whether to include the cameras that the scheme does not read.
         has_depth: whether every camera delivers depth images, even if the scheme needs none.
+        goal_images: see SetupContext.
 
     Raises:
         ExperimentError: the experiment cannot be run.
@@ -148,6 +156,7 @@ def read_context(
         {name: observer.needs for name, observer in rig.observers.items()},
         target, targets, placements, has_depth,
         segmentation.label if segmentation.method == "label" else "",
+        goal_images,
     )  # fmt: skip
 
 

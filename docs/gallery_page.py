@@ -28,10 +28,10 @@ CELL, COLUMNS, EDGE, LETTERS = (300, 210), 6, 10, 26  # of the overview picture,
 ROUND = 5.0  # s; durations are rounded up to multiples of this
 HEAD = """# Gallery
 
-Each of these examples is a short script, run by one command in the workspace's folder.
-First run `./setup.sh` and `source devel/setup.bash; source .venv/bin/activate`, or `pip install .`.
-Each example writes a picture and, if it servoes, a report to `out/gallery/NAME`. The times are for
-one core of 2026 and include the start of Python.
+Each example is a short script that writes a picture and, if it servoes, a report to the folder
+`out/gallery/NAME`. Run the commands in the folder of the workspace, after `./setup.sh` and `source
+devel/setup.bash; source .venv/bin/activate`, or after `pip install .`. The durations are those of
+one core of a computer of 2026 and include the start of Python.
 """
 
 
@@ -59,8 +59,8 @@ def main() -> int:
             picture.quantize(128, method=Image.Quantize.FASTOCTREE,
                              dither=Image.Dither.NONE).save(target, optimize=True)  # fmt: skip
             short, sentence = title(name)
-            lines.append(f"## {short}\n\n{sentence} About {seconds:.0f} s. "
-                         f"[The script](gallery/{name}.py).\n\n```bash\npython "
+            lines.append(f"## {short}\n\n{sentence} The example takes about "
+                         f"{seconds:.0f} s. [The script](gallery/{name}.py).\n\n```bash\npython "
                          f"docs/gallery/{name}.py\n```\n\n"
                          f"![{short}](images/gallery_{name}.png)\n")  # fmt: skip
             print(f"{name}: {seconds:.0f} s")

@@ -3,7 +3,7 @@
     PYTHONPATH=$(ls -d src/*/src | paste -sd:) .venv/bin/python docs/schemes_page.py \\
         --canonical DIR/table.csv --domain DIR/table.csv --out docs/schemes.md
 
-The descriptions of the schemes are the docstrings of their classes.
+Longer docstrings of the classes of schemes are part of the page.
 """
 
 from __future__ import annotations
@@ -27,15 +27,14 @@ from aras_visual_servo_bench.cli.run import find_study_file
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.metrics.statistics import compare_rates, holm, proportion
 from aras_visual_servo_bench.studies.study import Study
-from aras_visual_servo_controller.features.base import Feature
 from aras_visual_servo_controller.schemes import SCHEMES
 
 HEAD = """# Schemes
 
-This page shows tests of all included visual servoing schemes with two published protocols and on
-the case of the original paper. `docs/schemes_page.py` generates it from the result tables of the
-protocols; `rosrun aras_visual_servo_bench protocol canonical --out DIR` computes the first of these
-tables again.
+This page compares all included visual servoing schemes by two published protocols and on the
+case of the original paper. `rosrun aras_visual_servo_bench protocol canonical --out DIR` computes
+the results of the first protocol again, and `docs/schemes_page.py` generates this page from such
+results.
 
 """
 FORMULAS = r"""## Formulas
@@ -47,8 +46,8 @@ $$
 v = -\lambda L^{+} e
 $$
 
-**Points** (`points`, `numbered_points`), for each point with normalised coordinates $(x, y)$ and
-depth $Z$:
+**Points** (`points`, `numbered_points`): for each point with normalised coordinates $(x, y)$ and
+depth $Z$, the interaction matrix is
 
 $$
 L = \begin{pmatrix}
@@ -57,63 +56,70 @@ L = \begin{pmatrix}
 \end{pmatrix}
 $$
 
-**Points in 3-D** (`points_3d`, `stereo_points`), for each point $P = (X, Y, Z)$ in the camera
-frame, with the cross-product matrix $[P]_{\times}$:
+**Points in 3-D** (`points_3d`, `stereo_points`): the features of each point $P = (X, Y, Z)$ are its
+coordinates in the camera frame; $[P]_{\times}$ is the cross-product matrix:
 
 $$
 s = P, \qquad L = \begin{pmatrix} -I & [P]_{\times} \end{pmatrix}
 $$
 
-**Image moments** (`moments`), with $Z^{\ast}$ and $a^{\ast}$ of the goal. [Image
-moments](moments.md) derives $L$ for any plane and all moment features:
+**Image moments** (`moments`): with the depth $Z^{\ast}$ and the area $a^{\ast}$ at the goal, the
+features are as follows; [Image moments](moments.md) derives $L$:
 
 $$
 s = (x_n, y_n, a_n, \alpha), \qquad a_n = Z^{\ast} \sqrt{a^{\ast}/a}, \qquad x_n = a_n x_g,
 \qquad y_n = a_n y_g
 $$
 
-**Pose** (`pose`), with translation $t$ and rotation $R$ of the camera in the goal frame and the
-rotation vector $\theta u$ of $R$:
+**Pose** (`pose`): the features are the translation $t$ of the camera in the goal frame and the
+rotation vector $\theta u$ of its rotation $R$:
 
 $$
 s = \begin{pmatrix} t \\ \theta u \end{pmatrix}, \qquad
 L = \begin{pmatrix} R & 0 \\ 0 & J(\theta u) \end{pmatrix}
 $$
 
-where $J$ is the inverse right Jacobian of the rotation. `pose_camera` has the position $p$ of the
-points' centroid in the camera frame instead of $t$, with the rows $(-I, [p]_{\times})$ of $L$.
+where $J$ is the inverse right Jacobian of the rotation. `pose_camera` replaces $t$ by the position
+$p$ of the points' centroid in the camera frame; the rows of $L$ for $p$ are $(-I, [p]_{\times})$.
 
-**2 1/2 D** (`two_and_half_d`), with the centroid of the points at $(x, y)$ and depth $Z$: the rows
-of $x$ and $y$ are those of a point, those of $\theta u$ are those of the pose, and
+**2 1/2 D** (`two_and_half_d`): the features are the image $(x, y)$ and the depth $Z$ of the points'
+centroid, and $\theta u$. $L$ contains the rows of a point and of the pose, and the row of $\ln Z$:
 
 $$
 s = (x, y, \ln Z, \theta u), \qquad
 L_{\ln Z} = \begin{pmatrix} 0 & 0 & -1/Z & -y & x & 0 \end{pmatrix}
 $$
 
-**Grey levels** (`luminance`), with the interaction matrix $L_I$ of all pixels:
+**Grey levels** (`luminance`): with the interaction matrix $L_I$ of all pixels, the twist is
 
 $$
 v = -\lambda \left( L_I^T L_I \right)^{-1} L_I^T e
 $$
 
-**Partitioned** (`partitioned`), with the area $a$ and the depth $Z$ of the points and the angle
-$\theta$ of their first edge; the other four components follow from $L$ of the points:
+**Partitioned** (`partitioned`): the area $a$ and the depth $Z$ of the points and the angle $\theta$
+of their first edge determine two components of the twist; the other four components follow from
+$L$ of the points:
 
 $$
 v_z = \frac{\lambda Z}{2} \ln \frac{a^{\ast}}{a}, \qquad
 \omega_z = \lambda (\theta - \theta^{\ast})
 $$
 
-**Predictive** (`predictive`): the constant twist over $N$ steps of $\Delta t$ that minimises the
-following sum, with a limit on the twist and with all predicted points inside the image; $\rho$ is
-`effort`:
+**Predictive** (`predictive`): the scheme computes the constant twist over $N$ steps of $\Delta t$
+that minimises the following sum, with a limit on the twist and with all predicted points inside the
+image; $\rho$ is `effort`:
 
 $$
 \min_v \sum_{j=1}^{N} \left\lVert s + j \Delta t L v - s^{\ast} - e^{-\lambda j \Delta t}
 (s - s^{\ast}) \right\rVert^2 + \rho \lVert v \rVert^2
 $$
 
+"""
+DESCRIPTIONS = """## Features and schemes
+
+The [README of the controller](../src/aras_visual_servo_controller/README.md#schemes) lists all
+features and schemes with their inputs. The following features and schemes need a longer
+description.
 """
 DEGREES = 180.0 / math.pi
 Row = Mapping[str, Any]
@@ -260,15 +266,12 @@ def make_domain_table(rows: Rows, study: Study) -> str:
 
 
 def make_descriptions() -> str:
-    """Describe every registered scheme and feature by the docstring of its class."""
-    parts = []
+    """Describe the schemes and features whose docstrings have more than one paragraph."""
+    parts = [DESCRIPTIONS]
     for name, cls in SCHEMES.items():
-        text = inspect.getdoc(cls) or ""
-        needs = ", ".join(sorted(need.value for need in getattr(cls, "needs", ())))
-        kind = "Feature" if issubclass(cls, Feature) else "Scheme"
-        text = text.split("Attributes:")[0].strip().replace("*", r"\*")
-        note = f"{kind}; needs {needs}." if needs else f"{kind}."
-        parts.append(f"### `{name}`\n\n{text}\n\n{note}\n")
+        text = (inspect.getdoc(cls) or "").split("Attributes:")[0].strip().replace("*", r"\*")
+        if "\n\n" in text:
+            parts.append(f"### `{name}`\n\n{text}\n")
     return "\n".join(parts)
 
 
@@ -277,7 +280,8 @@ def _load_study(name: str) -> Study:
 
 
 def _format_choices(study: Study) -> str:
-    text = f"Source: {study.source}.\n\nChoices made here that the source does not specify:\n\n"
+    text = (f"Source: {study.source}.\n\nThe source does not specify the following choices of this "
+            "study:\n\n")  # fmt: skip
     return text + "".join(f"- {line}\n" for line in study.chosen) + "\n"
 
 
@@ -286,14 +290,14 @@ def canonical_part(path: Path, images: Path | None) -> str:
     study = _load_study("canonical")
     rows = read(path, study.judged)
     page = "## Canonical tasks\n\n" + _format_choices(study)
-    page += "Number of starts from which each scheme reached the goal:\n\n"
+    page += "The table lists the number of starts from which each scheme reached the goal:\n\n"
     page += make_overview(rows, study) + "\n"
     if images is not None:
         pictures.draw_paths(study, "turn 90", images / "schemes.png")
-        page += ("Paths of the target's corners in the image for a rotation of 90 degrees, first "
-                 "start:\n\n")  # fmt: skip
+        page += ("The figure shows the paths of the target's corners in the image for the first "
+                 "start with a rotation of 90 degrees:\n\n")  # fmt: skip
         page += "![paths of the corners in the image](images/schemes.png)\n\n"
-    page += "Comparison of every scheme with the first one, for the same starts:\n\n"
+    page += "The table compares every scheme with the first scheme, for the same starts:\n\n"
     page += make_pairs_table(rows) + "\n"
     page += "<details><summary>Every task: times, errors, paths</summary>\n\n" + make_details(rows)
     return page + "\n</details>\n\n"
@@ -307,8 +311,9 @@ def domain_part(path: Path, images: Path | None) -> str:
     page += make_domain_table(rows, study) + "\n"
     if images is not None:
         pictures.draw_success_map(rows, images / "convergence_domain.png")
-        page += ("Distance and angle of every start from the goal; runs from blue dots converged, "
-                 "those from orange crosses did not:\n\n")  # fmt: skip
+        page += ("The figure shows the distance and the angle of every start from the goal. A blue "
+                 "dot is the start of a run that converged, an orange cross that of another "
+                 "run:\n\n")  # fmt: skip
         page += "![convergence domain](images/convergence_domain.png)\n\n"
     return page
 
@@ -370,7 +375,7 @@ def main(argv: list[str] | None = None) -> int:
             page += basin_part(options.basin)
         if options.speed is not None:
             page += speed_part(options.speed)
-        page += FORMULAS + "## Features and schemes\n\n" + make_descriptions()
+        page += FORMULAS + make_descriptions()
         options.out.write_text(add_summary(page), encoding="utf-8")
     except (ExperimentError, OSError) as error:
         print(f"schemes_page: {error}", file=sys.stderr)

@@ -13,7 +13,7 @@ def add_summary(page: str) -> str:
     """Return the page with the summary inserted below its title."""
     title, _, rest = page.partition("\n\n")
     summary = "".join(f"- {line}\n" for line in summarize(page))
-    return f"{title}\n\nSummary of the tables below:\n\n{summary}\n{rest}"
+    return f"{title}\n\nThe following list summarises the tables of this page:\n\n{summary}\n{rest}"
 
 
 def summarize(page: str) -> list[str]:
@@ -31,20 +31,20 @@ def summarize(page: str) -> list[str]:
              for task in dict.fromkeys(row[2] for row in canonical)}  # fmt: skip
     if tasks:
         hardest = min(tasks, key=tasks.get)
-        lines.append("Of all these runs the goal is reached in " + ", ".join(
+        lines.append("In the canonical tasks, all schemes together reach the goal in " + ", ".join(
             f"{100 * share:.0f} % ({task})" for task, share in tasks.items())
-            + f": {hardest} is the hardest.")  # fmt: skip
+            + f" of the runs; the task '{hardest}' is the hardest.")  # fmt: skip
     for condition in dict.fromkeys(row[1] for row in domain):
         own = [row for row in domain if row[1] == condition]
         known = [f"{row[3]}" for row in own if row[3]]
-        published = f" Published: {', '.join(known)}." if known else ""
+        published = f" The published rate is {', '.join(known)}." if known else ""
         lines.append(f"*Rendered, {condition}*: {_describe_best(own, 'converge')}{published}")
     for rows in basin[:1]:
         for row in rows:
             starts = row[3].partition(" (")[0]
-            lines.append(f"*Case of the original paper, {row[0]}*: {starts} starts reach the goal; "
-                         f"medians: {row[5]} mm and {row[6]} degrees from the goal, settled after "
-                         f"{row[4]} s.")  # fmt: skip
+            lines.append(f"*Case of the original paper, {row[0]}*: the goal is reached from "
+                         f"{starts} starts. The median error is {row[5]} mm and {row[6]} degrees, "
+                         f"and the median settling time is {row[4]} s.")  # fmt: skip
     return lines
 
 
@@ -61,8 +61,9 @@ def _describe_best(rows: Sequence[Sequence[str]], verb: str) -> str:
     good, of = hits[names[0]]
     more = f"; and {len(names) - MAX_NAMES} more" if len(names) > MAX_NAMES else ""
     median_rate = median(100 * g / o for g, o in hits.values())
-    return (f"{good} of {of} runs {verb} with each of: {'; '.join(names[:MAX_NAMES])}{more}. The "
-            f"median of all {len(hits)} schemes is {median_rate:.0f} %.")  # fmt: skip
+    return (f"{good} of {of} runs {verb} with each of these schemes: "
+            f"{'; '.join(names[:MAX_NAMES])}{more}. The median success rate of all {len(hits)} "
+            f"schemes is {median_rate:.0f} %.")  # fmt: skip
 
 
 def _compute_share(rows: Sequence[Sequence[str]]) -> float:

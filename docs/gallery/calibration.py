@@ -1,5 +1,5 @@
-"""Calibration: intrinsics and hand-eye pose from recorded images of a chessboard, and servoing to a
-computed goal with them.
+"""Calibration: recorded images of a chessboard give the intrinsics and the hand-eye pose of the
+camera, with which the arm then servoes to a computed goal.
 """
 
 import sys

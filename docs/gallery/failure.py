@@ -1,5 +1,5 @@
-"""A failure and its reason: with a delay of 0.2 s, a gain of 8 1/s is too high, and the loop
-reports it.
+"""A failure and its reason: with a delay of 0.2 s, a gain of 8 1/s makes the loop oscillate, and
+the loop reports the cause.
 """
 
 from output import report_runs

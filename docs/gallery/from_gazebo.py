@@ -1,4 +1,6 @@
-"""From Gazebo: a Gazebo world file with a camera plugin, simulated and rendered without Gazebo."""
+"""From Gazebo: the example simulates and renders a Gazebo world file with a camera plugin, without
+Gazebo.
+"""
 
 import cv2
 from output import folder

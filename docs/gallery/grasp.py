@@ -1,4 +1,5 @@
-"""Pick and place: the arm finds a loose box by its image, grips it and places it elsewhere."""
+"""Pick and place: the arm finds a loose box in its camera image, grips it, and places it elsewhere.
+"""
 
 import sys
 

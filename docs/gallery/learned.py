@@ -1,4 +1,6 @@
-"""Learned: a network that was trained on images of the simulator, compared with image moments."""
+"""Learned: the example compares a network that was trained on images of the simulator with image
+moments.
+"""
 
 from output import report_runs
 

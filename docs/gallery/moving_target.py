@@ -1,5 +1,5 @@
-"""A moving target: with a proportional law the camera lags by velocity over gain, with a PI law it
-does not.
+"""A moving target: with a proportional law, the camera lags behind the target by velocity divided
+by gain; with a PI law, it does not lag.
 """
 
 from output import report_runs

@@ -1,4 +1,6 @@
-"""Exposure and noise: the uncertainty of the final pose, as reported by the loop."""
+"""Exposure and noise: the loop reports the uncertainty of the final camera pose, without and with
+noise in the images.
+"""
 
 from output import report_runs
 

@@ -1,5 +1,5 @@
-"""Your own arm: any URDF with its controllers, here docs/examples/my_arm.urdf and an L as the
-target.
+"""Your own arm: the example servoes an arm that is defined by a URDF and a YAML file of
+controllers, docs/examples/my_arm.urdf.
 """
 
 from output import EXAMPLES, report_runs

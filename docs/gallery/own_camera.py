@@ -1,5 +1,5 @@
-"""Your own camera: a fisheye lens of 180 degrees, with a calibrated focal length that is right or
-10 % too short.
+"""Your own camera: the camera has a fisheye lens of 180 degrees; the controller uses the true focal
+length in one run and a focal length that is 10 % too short in the other run.
 """
 
 from output import report_runs

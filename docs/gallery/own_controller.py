@@ -1,5 +1,5 @@
-"""Your own controller: predictive control of the joints within their limits, in 60 lines of your
-code.
+"""Your own controller: a user-defined model-predictive controller of 60 lines commands the joints
+within their limits.
 """
 
 import sys

@@ -1,4 +1,6 @@
-"""Your own feature: four corners, found in the image by your own image processing."""
+"""Your own feature: user-defined image processing finds the four corners of the target in each
+image.
+"""
 
 import sys
 

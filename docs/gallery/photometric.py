@@ -1,4 +1,6 @@
-"""No features at all: the grey levels of the whole image of a textured poster."""
+"""No features at all: the scheme compares the grey levels of the whole image of a textured poster
+with those of the goal image.
+"""
 
 from output import report_runs
 

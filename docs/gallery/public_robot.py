@@ -1,5 +1,5 @@
-"""A public robot: the UR5 of the package example-robot-data, as it is distributed, with a camera at
-its tool.
+"""A public robot: the UR5 of the package example-robot-data is simulated without changes, with a
+camera at its tool.
 """
 
 import importlib.util

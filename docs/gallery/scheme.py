@@ -1,4 +1,4 @@
-"""A scheme: image moments on the simulated arm, from the start of the paper of 2016."""
+"""A scheme: image moments control the simulated arm, from the start pose of the paper of 2016."""
 
 from output import report_runs
 

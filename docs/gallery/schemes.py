@@ -1,4 +1,6 @@
-"""A comparison of schemes: moments, points and 3-D points from the same start, in one report."""
+"""A comparison of schemes: one report compares the schemes moments, points and points_3d from the
+same start.
+"""
 
 from output import report_runs
 

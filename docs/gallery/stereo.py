@@ -1,5 +1,5 @@
-"""Stereo: two cameras in front of an arm measure the depth without a model of the target, in a
-scheme of 32 lines.
+"""Stereo: a scheme of 32 lines measures the depth of the target by two cameras in front of the arm,
+without a model of the target.
 """
 
 import os

@@ -1,4 +1,6 @@
-"""A study: 64 runs over gain and delay, a table with intervals, and a map of success."""
+"""A study: the example runs 64 experiments with different gains and delays, and draws a map of
+success with a table of confidence intervals.
+"""
 
 import shutil
 import subprocess

@@ -1,4 +1,5 @@
-"""Two arms in one world: each servoes with the camera in its hand, in its own loop."""
+"""Two arms in one world: each arm has a camera in its hand and is controlled by its own servo loop.
+"""
 
 import cv2
 import numpy as np

@@ -230,7 +230,7 @@ def on_the_graph(
         collector.close()
     nodes.stop()
     robot.stop()
-    assert "in vain" not in output, output[-2000:]
+    assert "lockstep: after waiting" not in output, output[-2000:]
     return told
 
 

@@ -295,7 +295,7 @@ def test_another_scheme_and_a_moved_goal(viewer):
     done, why = viewer.ask("servo", scheme="os:system", law="proportional", start="2016",
                            goal="auto")  # fmt: skip
     assert not done
-    assert why.startswith("servo: scheme is 'os:system', which does not exist: known are alpha, ")
+    assert why.startswith("servo: scheme is 'os:system', which does not exist: use one of alpha, ")
     done, why = viewer.ask("servo", scheme="luminance", law="proportional", start="2015",
                            goal="2016", timeout=90.0)  # fmt: skip
     assert not done

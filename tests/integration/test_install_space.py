@@ -8,10 +8,9 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 PROGRAMS = {
     "aras_sim_bridge": "gazebo",
-    "aras_visual_servo_bench": "demo",
+    "aras_visual_servo_bench": "adapt_description",
     "aras_visual_servo_camera": "aras_visual_servo_camera_node",
     "aras_visual_servo_controller": "aras_visual_servo_controller_node",
-    "aras_visual_servo_gazebo": "adapt_description",
 }
 WEB = "aras_visual_servo_bench/web"
 PAGES = (f"{WEB}/page", f"{WEB}/live/page", f"{WEB}/report/page", f"{WEB}/browse/page")

@@ -11,7 +11,7 @@ SUMMARISED = (
     "projection", "depth and labels",
 )  # fmt: skip
 NEAREST = 3  # number of comparisons in the list of those closest to their bounds
-OUTCOMES = "Correct in "  # first words of the sentence about outcomes of the servo loop
+OUTCOMES = "The servo loop reports a correct outcome in "  # start of the sentence on outcomes
 
 
 def with_result(page: str) -> str:
@@ -41,17 +41,18 @@ def result(page: str) -> list[str]:
     lines = [
         f"{len(rows) - len(failed)} of {len(rows)} comparisons, in {checks} checks, are within "
         f"their bounds{'; beyond: ' + '; '.join(failed) if failed else ''}.",
-        "Compared with " + ", ".join(f"{name} ({n})" for name, n in counted.most_common(8)) + ".",
+        "The references, with the number of comparisons: "
+        + ", ".join(f"{name} ({n})" for name, n in counted.most_common(8)) + ".",
     ]
     for name in SUMMARISED:
         own = [row for row in rows if row[0] == name]
         if own:
             worst = max(own, key=_share)
-            lines.append(f"*{name}*, compared with {worst[1]}: largest deviation {worst[4]}, "
-                         f"bound {worst[5]} ({worst[2]}).")  # fmt: skip
+            lines.append(f"*{name}*, compared with {worst[1]}: the largest deviation is {worst[4]} "
+                         f"(in the case '{worst[2]}'); the bound is {worst[5]}.")  # fmt: skip
     near = sorted(rows, key=_share)[-NEAREST:][::-1]
-    lines.append("Closest to their bounds: " + "; ".join(
-        f"{row[0]}, {row[2]}: {row[4]}, bound {row[5]}" for row in near) + ".")  # fmt: skip
+    lines.append("The deviations that are closest to their bounds: " + "; ".join(
+        f"{row[0]} ({row[2]}): {row[4]}, bound {row[5]}" for row in near) + ".")  # fmt: skip
     lines += [line for line in page.splitlines() if line.startswith(OUTCOMES)][:1]
     return lines
 

@@ -268,7 +268,7 @@ def test_a_joint_pushed_a_little_over_its_limit_is_still_measured():
 
 CHANGES = [
     ("<?xml", "<robot", "URDF: line 1, column"),
-    ("camera_optical_frame", "lens", "no link camera_optical_frame; known are base_link, slider"),
+    ("camera_optical_frame", "lens", "no link camera_optical_frame; use one of base_link, slider"),
     ('<parent link="link3"/>', "", "joint 'J5': it has no <parent link=…>"),
     ('name="J5" type="revolute"', 'name="J5" type="floating"', "'J5' on the path .*'floating'"),
     ('<limit lower="-3000" upper="3000" effort="50000" velocity="5"/>', "", "'J6': .* needs <lim"),

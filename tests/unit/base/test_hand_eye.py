@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 import yaml
 
-from aras_visual_servo_base.camera_mounting import mount_camera
 from aras_visual_servo_base.hand_eye import HandEyeError, read_hand_eye
 from aras_visual_servo_base.poses import (
     inverse,
@@ -14,6 +13,7 @@ from aras_visual_servo_base.poses import (
     quaternion_from_matrix,
     xyz_rpy_from_matrix,
 )
+from aras_visual_servo_base.urdf_changes import mount_camera
 from aras_visual_servo_controller.kinematics import Arm
 
 POSE = matrix_from_xyz_rpy((0.021, -0.034, 0.085), (0.3, -2.8, 1.2))
@@ -119,17 +119,18 @@ def test_a_file_that_is_cut_off_is_refused_or_says_the_same(tmp_path, name):
 
 @pytest.mark.parametrize(("text", "units", "says"), [
     (rows(POSE @ np.diag([1, 1, 1, 1]) + 1e3 * np.pad(T[:, None], ((0, 1), (3, 0)))), "",
-     "m long: set units if it is in mm"),
-    (rows(POSE), "mm", "long in mm: correct units"), (rows(POSE), "inch", "'inch', must be m, cm"),
-    (rows(POSE.T), "", "last row .* transpose it"), (rows(POSE[:3]), "", "holds 12 numbers"),
+     "m long; if it is in mm"),
+    (rows(POSE), "mm", "long in mm; correct units"), (rows(POSE), "inch", "'inch', must be m, cm"),
+    (rows(POSE.T), "", "last row .* transpose it"), (rows(POSE[:3]), "", "has 12 numbers"),
     (rows(POSE * [1.1, 1.1, 1.1, 1]), "", "is not a rotation"),
     (rows(POSE @ np.diag([1, 1, -1, 1])), "", "is not a rotation"),
-    (words((*T, *np.degrees(TURN))), "", "theta u .* in rad, not in degrees"),
-    (launch((*T, *np.degrees(RPY))), "", "give them in rad"),
+    (words((*T, *np.degrees(TURN))), "", "theta u .* looks like degrees; give it in rad"),
+    (launch((*T, *np.degrees(RPY))), "", "look like degrees; give rad"),
     (launch((*T, 0.5, 0.5, 0.5, 0.1)), "", "quaternion .* must be 1"),
-    (launch((*T, *Q)).replace("tool0", ""), "", "and two frames"),
+    (launch((*T, *Q)).replace("tool0", ""), "", "then two frames"),
     (VISP_XML.replace("theta_uy", "other"), "", "<theta_uy> is None"),
-    (yaml.safe_dump({"R": R.tolist()}), "", "R has no t"), ("a: 1\n", "", "contains a, must have"),
+    (yaml.safe_dump({"R": R.tolist()}), "", "the rotation R, but not the translation "
+                                            "t"), ("a: 1\n", "", "contains only a; add"),
     (yaml.safe_dump({"rows": 6, "cols": 1, "data": VECTOR[:5]}), "", "data has 5 numbers"),
 ])  # fmt: skip
 def test_what_is_wrong_is_named(tmp_path, text, units, says):

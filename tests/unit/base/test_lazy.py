@@ -45,7 +45,7 @@ def test_a_wrong_attribute_gets_the_nearest_name(package: str) -> None:
     said = "^module 'lazy_example' has no attribute 'Experimnt': did you mean 'Experiment'[?]$"
     with pytest.raises(AttributeError, match=said):
         module.Experimnt  # noqa: B018
-    with pytest.raises(AttributeError, match="known are Experiment, Study"):
+    with pytest.raises(AttributeError, match="use one of Experiment, Study"):
         module.Unheard  # noqa: B018
     assert not hasattr(module, "Experimnt") and not hasattr(module, "__wrapped__")
 

@@ -233,7 +233,7 @@ def test_a_goal_is_not_shown_where_the_target_is_not_in_view(features, scheme):
     aside = flying(scheme=scheme, features=features, goal=away)
     words = "goal: the target is not in the camera's view: give a goal"
     if scheme == "luminance" and features == "exact":
-        words = "scheme 'luminance' needs images: set features: images"
+        words = "scheme 'luminance' needs images: set features to images"
     for refuse in (check, assemble):
         with pytest.raises(ExperimentError, match=words) as told:
             refuse(aside)
@@ -248,7 +248,7 @@ def test_a_goal_behind_the_target_is_refused():
 
 @pytest.mark.parametrize("plant", ["bullet", "chain", "free", "ideal"])
 def test_a_scheme_of_pictures_is_refused_on_exact_features(plant):
-    with pytest.raises(ExperimentError, match="set features: images"):
+    with pytest.raises(ExperimentError, match="set features to images"):
         check(Experiment(plant=plant, scheme="luminance", features="exact"))
 
 

@@ -175,14 +175,14 @@ CARRIED, STANDS = {"target": PLATE}, {"target_frame": "", "target": PLATE}
 @pytest.mark.parametrize(
     ("left", "changes", "words"),
     [
-        ({"target": None}, {}, "cameras.left.target_frame is the link that carries the"),
+        ({"target": None}, {}, "cameras.left.target_frame needs a target on this link"),
         ({"target_frame": "hnd", "target": PLATE}, {}, "did you mean 'hand'"),
         ({"target": {**PLATE, "motion": {"velocity": [0.1] + [0.0] * 5}}}, {},
          "its link moves it"),
         ({"target_frame": "", "target": {**PLATE, "box": {"size": [0.1, 0.1, 0.1]}}}, {},
-         "cameras.left.target may only have shape, size, pose"),
+         "cameras.left.target may only have shape, size, pose and motion"),
         ({"target": {"shape": "aras"}}, {}, "cameras.left.target needs a shape"),
-        ({"target": {"shape": "marker"}}, {}, "tracked by the tracker 'marker'"),
+        ({"target": {"shape": "marker"}}, {}, "needs the tracker 'marker'"),
         (CARRIED, {"plant": "free", "features": "exact"}, "cameras.left.target_frame is a link"),
         (STANDS, {}, "camera 'left' is fixed in the world"),
         ({"target_frame": "y"}, {}, "point them at a target that this link carries"),

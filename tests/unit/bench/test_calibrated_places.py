@@ -93,7 +93,7 @@ def test_a_fixed_camera_is_where_a_file_says(tmp_path, plant):
         ),
         (
             {"calibration_offset": {"hand_eye": "{}"}, "plant": "free"},
-            "plant 'free' has no arm: give calibration_offset",
+            "plant 'free' has no arm: set calibration_offset",
         ),
         (
             {"cameras": {"a": {"hand_eye": "{}"}}, "plant": "free", "scheme": "points"},
@@ -126,8 +126,8 @@ def test_optical_axes_are_those_of_the_file(tmp_path):
     _, found = mounting.configure_world_camera("cam", {**base, "hand_eye": place}, {}, 0)
     np.testing.assert_allclose(optical_pose(found.matrix()), PLACE, atol=1e-9)
     for wrong, reason in (
-        ({"hand_eye": file}, "set units if it is in mm"),
-        ({"hand_eye": place, "pose": [0] * 6}, "pose and hand_eye both define its pose"),
+        ({"hand_eye": file}, "if it is in mm or cm, set units"),
+        ({"hand_eye": place, "pose": [0] * 6}, "pose and hand_eye both define the camera's pose"),
         ({"hand_eye": {"path": file}}, "hand_eye"),
     ):
         with pytest.raises(CameraError, match=reason):

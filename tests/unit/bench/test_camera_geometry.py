@@ -243,7 +243,7 @@ def test_a_camera_is_read_with_its_rate(tmp_path):
     with pytest.raises(ExperimentError, match="camera.preset is 3, must be the name of a preset"):
         read_preset({"preset": 3}, packages, ROBOT)
     for name, words in (("orignal", "no preset: did you mean 'original'"),
-                        (str(tmp_path / "list.yml"), "contains no keys with values")):
+                        (str(tmp_path / "list.yml"), "contains no mapping")):
         (tmp_path / "list.yml").write_text("[1, 2]")
         with pytest.raises(ExperimentError, match=words):
             read_preset(name, packages, ROBOT)
@@ -265,7 +265,7 @@ def eye(name, rate, delay=0.0):
     (eye("a", 8.0, 0.3), eye("b", 16.0), None),
     (eye("a", 8.0, 0.5), eye("b", 16.0), "images of cameras 'b' and 'a' are never available "
      "together, because those of 'a' arrive 0.5 s later, and only the last 8 images of 'b' "
-     "(0.5 s) are stored: give the cameras more similar delays, or camera 'b' a lower rate"),
+     "(0.5 s) are stored: make the delays more similar, or reduce the rate of camera 'b'"),
     (eye("a", 16.0), eye("b", 16.0, 0.5), "images of cameras 'a' and 'b' are never available "
      "together, because those of 'b' arrive 0.5 s later"),
     (eye("a", 16.0, 0.5), eye("b", 16.0, 0.5), None),

@@ -152,7 +152,7 @@ def test_pips_program_compiles_before_it_simulates(pip, words, tmp_path, capsys)
     assert main(words.split()) == 0
     assert pip == ["aras_sim_bridge"]
     lines = capsys.readouterr().err.splitlines()
-    assert lines[0] == "first simulation: compiling for one or two minutes"
+    assert lines[0] == "compiling before the first simulation, which takes one or two minutes"
     assert lines[1].startswith("compiled in ")
 
 

@@ -58,7 +58,7 @@ def test_results_go_into_a_folder(tmp_path, monkeypatch):
     (["--law", "proportionel"], "did you mean 'proportional'?"),
     (["--gain", "5000"], "gain is 5000.0, must be <= 1000 1/s"),
     (["--gain", "high"], "'high' must be 1 finite numbers"),
-    (["--camera", "pinhole"], "camera 'pinhole' is no preset: known are calibrated, fisheye"),
+    (["--camera", "pinhole"], "camera 'pinhole' is no preset: use one of calibrated, fisheye"),
     (["--camera", "/nowhere/lens.yaml"], "no file /nowhere/lens.yaml"),
     (["--out", "/dev/null/x"], "cannot make /dev/null/x: Not a directory"),
     (["--gain", "0"], "0 must be above 0"),
@@ -84,7 +84,7 @@ def test_what_cannot_be_is_told_with_what_would_be_right(words, told, capsys):
 
 def test_a_name_that_is_nothing_like_one_is_told_all_there_are(capsys):
     told = refused(["--scheme", "momnets"], capsys)
-    for name in ("known are alpha, ", "partitioned", "luminance", "pose_camera"):
+    for name in ("use one of alpha, ", "partitioned", "luminance", "pose_camera"):
         assert name in told
 
 

@@ -146,7 +146,7 @@ def test_many_are_stepped_at_once():
 
 
 @pytest.mark.parametrize(("options", "complaint"), [
-    ({"observes": "picture"}, "known are features, image"),
+    ({"observes": "picture"}, "use one of features, image"),
     ({"observes": "image"}, "features: images"),
 ])  # fmt: skip
 def test_what_cannot_be_observed_is_refused(options, complaint):

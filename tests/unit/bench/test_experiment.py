@@ -179,13 +179,13 @@ def test_with_names_a_key_that_there_is_not(changes, text):
         ({"start": [0, math.inf]}, r"start\[1\] is inf, must be a finite number"),
         ({"start": {"height": [0.3, 0.2]}}, "start.height is 0.3 to 0.2"),
         ({"reached": [0, 0.1]}, r"reached\[0\] is 0.0, must be > 0"),
-        ({"features": "exact", "noise": 2.0}, "noise acts only on images, .*: give jitter"),
+        ({"features": "exact", "noise": 2.0}, "noise acts only on images, .*: set jitter"),
         (
             {"target": {"shape": [[0, 0], [1, 0], [0, 1]], "motion": {"step": [1, 0, 0]}}},
-            "set target.shape and target.pose",
+            "set target.shape, too",
         ),
         ({"target": {"occluder": [[0, 0], [0.1, 0.1]]}}, "set another target.shape"),
-        ({"plant": "free", "noise": 5}, "give jitter"),
+        ({"plant": "free", "noise": 5}, "set jitter"),
         ({"jitter": 1}, "give noise"),
         ({"plant": "free", "target": {"motion": {"amplitude": [1, 0, 0]}}}, "need a frequency"),
         ({"plant": "free", "target": {"shape": "squar"}}, "did you mean 'square'"),
@@ -196,7 +196,7 @@ def test_with_names_a_key_that_there_is_not(changes, text):
         ({"plant": "free", "record_peak_speeds": True}, "needs physics steps"),
         ({"calibration_offset": {"focal": 0}}, "calibration_offset.focal is 0"),
         ({"robot": 5}, "robot.urdf is 5, must be a text"),
-        ([], "must be keys with values"),
+        ([], "must be a mapping"),
     ],
 )
 def test_what_cannot_be_run_is_refused_in_one_line(values, complaint):

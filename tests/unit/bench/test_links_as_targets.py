@@ -64,14 +64,14 @@ def test_it_is_where_its_description_has_it(asked):
 def test_flat_corners_in_its_place_are_refused(asked, scheme):
     """They would be seen on z = 0: moments' goal was 0.11 m off, and the run said `converged`."""
     asked_for = asked({"shape": corners()}, scheme=scheme)
-    why = r"area of the target in the image is 2\.\d+ times .* {link: NAME}"
+    why = r"target's area in the image is 2\.\d+ times .* set target.link"
     with pytest.raises(ExperimentError, match=why):
         assemble(asked_for)
 
 
 def test_corners_that_are_larger_than_what_is_drawn_are_refused(asked):
     larger = corners([3.0 * side for side in SIZE])
-    with pytest.raises(ExperimentError, match=r"area of the target in the image is 0\.\d+ times"):
+    with pytest.raises(ExperimentError, match=r"target's area in the image is 0\.\d+ times"):
         assemble(asked({"shape": larger}))
 
 

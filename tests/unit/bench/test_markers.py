@@ -167,5 +167,6 @@ def test_the_target_marker_is_drawn_as_the_one_that_is_chosen():
         experiment = Experiment(target={"shape": "marker", "size": [0.1, 0.1], "marker": given},
                                 **keys)  # fmt: skip
         assert assemble(experiment).goal.marker.endswith(str(given).rpartition(":")[2])
-    with pytest.raises(ExperimentError, match="target.marker is for a target that shows markers"):
+    with pytest.raises(ExperimentError, match="target.marker applies only to a target that shows "
+                                              "markers"):
         Experiment(target={"shape": "l_shape", "marker": 3}, **keys)

@@ -78,7 +78,7 @@ def test_it_gets_its_parameters_and_its_tracker():
     ({"shape": f"{__name__}:Kit"}, "has no Kit: did you mean 'Kite'"),
     ({"shape": f"{__name__}:PolygonTarget"}, "Target is not a class derived from"),
     ({"shape": "no_such_package.module:Kite"}, "cannot import no_such_package.module"),
-    ({"shape": KITE, "marker": "5"}, "target.marker is for a target that shows markers"),
+    ({"shape": KITE, "marker": "5"}, "target.marker applies only to a target that shows markers"),
     ({"shape": "l_shap"}, "did you mean 'l_shape'"),
 ])  # fmt: skip
 def test_a_wrong_name_is_told_before_anything_runs(target, why):

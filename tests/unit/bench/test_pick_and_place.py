@@ -37,7 +37,7 @@ def test_a_goal_is_shown_by_an_arm_that_stands_where_it_is_asked_for(example, ro
 def test_a_hand_that_is_taken_for_the_target_is_told(example, robot):
     """The loop said converged 52 mm off: the finger, which never moves in the picture, was it."""
     wide = example.experiment(robot, 0).with_changes(camera={"horizontal_fov": 2.0})
-    with pytest.raises(ExperimentError, match="is not at the target's pose: another object of"):
+    with pytest.raises(ExperimentError, match="another object is detected as the target"):
         assemble(wide)
 
 
@@ -74,5 +74,5 @@ def test_the_box_is_loose_and_the_target_lies_on_it():
     {"shape": [[0, 0], [0.1, 0], [0, 0.1]]},
 ])
 def test_a_box_is_refused_where_it_could_not_be_loose(target):
-    with pytest.raises(ExperimentError, match=r"target\.box is for a target with a shape"):
+    with pytest.raises(ExperimentError, match=r"target\.box needs a target with a pose"):
         Experiment(target={**target, "box": {"size": [0.1, 0.1, 0.1]}})

@@ -250,7 +250,8 @@ def test_a_goal_is_shown_through_the_camera_as_believed():
     result = run(FLIGHT.with_changes(calibration_offset={"focal": 1.1, "depth": 1.2}))
     assert result.verdict.is_reached and result.outcome == "converged"
     assert "wrong_camera_model" in result.outcomes  # on the way, which is not the one asked for
-    assert result.reason.startswith("the image equals the goal, taught with this camera; but ")
+    assert result.reason.startswith("the image equals the goal, which was taught with this camera, "
+                                    "but ")
     assert "calibrate" in result.remedy
 
 
@@ -350,11 +351,13 @@ def test_the_page_is_made_of_the_tables(tmp_path, capsys):
     text = out.read_text()
     first = text.split("Every visual servoing scheme")[0].splitlines()
     assert first[4:7] == [
-        "- *Canonical tasks, clean*: 3 of 4 runs reach the goal with each of: one. The median of "
-        "all 2 schemes is 38 %.",
-        "- Of all these runs the goal is reached in 38 % (turn 90): turn 90 is the hardest.",
-        "- *Rendered, clean*: 1 of 2 runs converge with each of: feature points. The median of "
-        "all 1 schemes is 50 %. Published: 89.6 % (ViT-VS, SIFT).",
+        "- *Canonical tasks, clean*: 3 of 4 runs reach the goal with each of these schemes: one. "
+        "The median success rate of all 2 schemes is 38 %.",
+        "- In the canonical tasks, all schemes together reach the goal in 38 % (turn 90) of the "
+        "runs; the task 'turn 90' is the hardest.",
+        "- *Rendered, clean*: 1 of 2 runs converge with each of these schemes: feature points. The "
+        "median success rate of all 1 schemes is 50 %. The published rate is 89.6 % (ViT-VS, "
+        "SIFT).",
     ]
     assert "| one | clean | 3/4 |" in text
     assert "| 3 of 4 (30-95 %) | 1.50 | 1.000 | 0.200 | 1.10 | 0.20 | camera_retreat 1 |" in text

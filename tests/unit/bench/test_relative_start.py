@@ -88,6 +88,6 @@ def test_an_experiment_starts_about_its_goal_s_pose():
     assert asked.with_absolute_start.start.pose == start.compute_pose(GOAL, TARGET, 9)
     assert asked.with_absolute_start.with_absolute_start == asked.with_absolute_start
     with pytest.raises(
-        ExperimentError, match="start.kind 'back' is relative to the goal: give the goal"
+        ExperimentError, match="start.kind 'back' is relative to the goal pose: set goal"
     ):
         assemble(Experiment(start=RelativeStart("back")))

@@ -365,7 +365,8 @@ def test_a_hand_eye_calibration_puts_the_camera(made):
     moved = made(hand_eye=metres, xyz=(0.0, 0.01, 0.0)).make_arm().pose(Q)  # on top, in camera_link
     assert np.linalg.norm((moved - hand() @ found)[:3, 3]) == pytest.approx(0.01)
     with pytest.raises(
-        ExperimentError, match="hand_eye: .*mm.txt: the translation .* set units if it is in mm"
+        ExperimentError, match="hand_eye: .*mm.txt: the translation .* if it is in mm or cm, set "
+                               "units"
     ):
         made(hand_eye=HandEyeSpec(mm.file, link="b"))
     with pytest.raises(ExperimentError, match="cameras.other.hand_eye: .* no link 'c'"):

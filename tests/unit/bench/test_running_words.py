@@ -154,8 +154,10 @@ def test_a_study_of_first_pictures_reports_no_failures(tiny, capsys):
 def test_a_run_without_success_stops_it(tiny, capsys):
     assert tiny("--fail-fast") == 1
     last = capsys.readouterr().out.splitlines()[-1]
-    assert last.startswith("stopped at run 0, timed_out: not at the goal after 0.1 s; ")
-    assert last.endswith(f"; rosrun aras_visual_servo_bench bench show {tiny.path} 0")
+    assert last.startswith(
+        "stopped after run 0, which ended with timed_out (not at the goal after 0.1 s); ")
+    assert last.endswith(f"; repeat it with rosrun aras_visual_servo_bench bench show {tiny.path} "
+                         "0")
 
 
 def test_a_study_that_is_whole_is_finished(tiny, capsys):

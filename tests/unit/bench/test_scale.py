@@ -120,7 +120,7 @@ def test_noise_is_not_followed_where_the_features_hardly_show_a_direction():
     farthest = np.max(result.pose_error_history()[0]) / 0.9
     assert farthest < 0.16  # the start is 0.137 off; with all six directions it wanders to 0.4
     assert result.rank[0] == 4
-    assert "directions of the camera not servoed" in result.states[0].reason
+    assert "directions of the camera are not servoed" in result.states[0].reason
     assert "commanded" in result.states[0].reason and "achieved" in result.states[0].reason
 
 

@@ -280,10 +280,10 @@ def test_the_judge_finds_nothing_in_cameras_as_believed():
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"scheme": "points@rihgt"}, "reads the camera 'rihgt': did you mean 'right'"),
+        ({"scheme": "points@rihgt"}, "reads the unknown camera 'rihgt': did you mean 'right'"),
         ({"cameras": two(right={"rpy": [0.0, 0.0, -0.9]})},
-         "camera 'left' sees the target, but it is not in view of camera 'right': their views do "
-         "not overlap there: turn or move camera 'right'"),
+         "the target is in view of camera 'left', but not of camera 'right'; turn or move "
+         "camera 'right'"),
         ({"goal": posed(GOAL @ exponential((0.5, 0.0, 0.0, 0.0, 0.0, 0.0)))},
          "the target is not in view of camera 'left'"),
         ({"cameras": two(right={"delay": 0.3})},

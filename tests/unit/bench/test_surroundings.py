@@ -94,8 +94,8 @@ def test_a_link_of_a_world_is_a_solid_at_its_place(world):
     for name, wanted, why in (
             ("crat", "", f"there is no model 'crat' in world '{world}': did you mean 'crate'"),
             ("crate", "hid", "model 'crate' has no link 'hid' with visuals: "),
-            ("pair", "", "model 'pair' has 2 links with visuals: a, b; name the target's link"),
-            ("bare", "", "model 'bare' has 0 links with visuals: none; name the target's link")):
+            ("pair", "", "model 'pair' has 2 links with visuals .a, b.; name the target's link"),
+            ("bare", "", "model 'bare' has 0 links with visuals .none.; name the target's link")):
         with pytest.raises(ExperimentError, match=why):
             find_world_link(world, PACKAGES, name, wanted)
     made = with_target_link(Experiment(world=world, target={"model": "crate"}), PACKAGES).target
@@ -124,7 +124,7 @@ def test_a_link_of_the_robot_s_that_stands_is_one_too(tmp_path):
     corners = read_solid_target(Path(found.shape)).solid.vertices
     np.testing.assert_allclose([corners.min(axis=0), corners.max(axis=0)],
                                [(-0.05, -0.1, -0.05), (0.05, 0.1, 0.25)], atol=1e-9)
-    for link, why in (("tool", "^target.link: a joint of the robot moves 'tool': for a target "),
+    for link, why in (("tool", "^target.link: a joint of the robot moves 'tool'; for a target "),
                       ("pst", "^target.link: model 'r' has no link 'pst' with visuals: did")):
         with pytest.raises(ExperimentError, match=why):
             asked(link)
@@ -161,12 +161,12 @@ def test_what_speaks_against_a_posture_is_said_and_weighed():
         and of(Told, is_visible=False).compute_cost(joints) == 2.0
     )
     assert of(Told).list_faults(joints, "goal", True) == [
-        "the arm is in collision at the goal, link 'a' of the arm is in 'b': give other joints",
-        "the arm hides 37 % of the target at the goal: give other joints"]
+        "the arm is in collision at the goal (link 'a' of the arm is in 'b'); give other joints",
+        "the arm hides 37 % of the target at the goal; give other joints"]
     assert of(Told).list_faults(joints, "start", False) == [
-        "the arm is in collision at the start, link 'a' of the arm is in 'b', and no posture "
-        "without a collision was found: give another pose",
-        "the arm hides 37 % of the target at the start, and no posture that hides less was found: "
+        "the arm is in collision at the start (link 'a' of the arm is in 'b'), and no posture "
+        "without a collision was found; give another pose",
+        "the arm hides 37 % of the target at the start, and no posture that hides less was found; "
         "give another pose"]
     assert len(of(Told, is_visible=False).list_faults(joints, "goal", True)) == 1
 
@@ -424,11 +424,11 @@ LABEL = {"segmentation": {"method": "label", "label": "target"}}
 
 
 @pytest.mark.parametrize(("keys", "why"), [
-    ({"plant": "ideal", "scheme": f"{__name__}:Joints"}, "commands joints, and the ideal camera"),
-    ({"scheme": "luminance"}, "needs images: set features: images"),
+    ({"plant": "ideal", "scheme": f"{__name__}:Joints"}, "commands joints, but the ideal camera"),
+    ({"scheme": "luminance"}, "needs images: set features to images"),
     ({"features": "images", "scheme": "moments", "controller_parameters": {"segmentation": {
         "method": "colour", "colour_low": [0, 0, 0], "colour_high": [9, 9, 9]}}},
-     "segmentation 'colour' needs colours, and the images of plant 'free' are grey"),
+     "segmentation 'colour' needs colours, but the images of plant 'free' are grey"),
     ({"target": {"shape": "circle"}}, "target 'circle' has no corners, which scheme 'points' n"),
     ({"start": "none"}, "start is 'none', but a plant needs a start"),
     ({"goal": [0.0] * 5, "target": {}}, "goal is .0.0, 0.0"),

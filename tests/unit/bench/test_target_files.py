@@ -145,7 +145,7 @@ def test_the_arm_servoes_on_a_target_that_was_put_there():
     ("changes", "told"),
     [
         ({"shape": "four_dots"}, "whose top is at z = 0.59"),
-        ({"shape": SQUARE, "motion": {"step": [0.01, 0, 0]}}, "is fixed at the pose given there"),
+        ({"shape": SQUARE, "motion": {"step": [0.01, 0, 0]}}, "set target.shape, too"),
         ({"shape": "square", "pose": PLACE, "size": [3, 1]}, "the size of the table"),
         ({"shape": "nowhere.png", "pose": PLACE}, "there is no file"),
     ],
@@ -303,7 +303,7 @@ def test_the_command_s_words_are_explained(capsys):
         "[--occluder X0 Y0 X1 Y1] [--name NAME] [--meshes MESHES] --out OUT shape")
     assert does.startswith("Write the files of a target") and "l_shape --size 0.1 0.08" in example
     told = " ".join(" ".join(told).split())
-    for words in ("name of a target, or path", "of a solid along x, y and z", "white rectangle",
+    for words in ("name of a target, or path", "for a solid: x, y and z", "white rectangle",
                   "name of the files", "URL of the folder", "--out OUT folder"):
         assert words in told
 

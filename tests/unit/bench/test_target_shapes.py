@@ -392,7 +392,7 @@ def test_a_mesh_gets_a_scale_or_a_size(tmp_path):
                          ({"size": (0.1, 0.1)}, "three lengths")):  # fmt: skip
         with pytest.raises(ExperimentError, match=words):
             make_target(str(path), **given)
-    with pytest.raises(ExperimentError, match="target.scale is for meshes"):
+    with pytest.raises(ExperimentError, match="target.scale applies only to meshes"):
         make_target("square", None, 0.5)
 
 

@@ -187,9 +187,10 @@ def test_a_path_turns_evenly():
 
 
 @pytest.mark.parametrize(("path", "complaint"), [
-    (((0.0, 0.1, 0.0, 0.0),), "times are 0 s, must increase and be above 0"),
-    (((2.0, 0.1, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)), "times are 2, 1 s, must increase"),
-    (((1.0, 0.1, 0.0),), r"\[1.0, 0.1, 0.0\] is no waypoint: give t, x, y, z"),
+    (((0.0, 0.1, 0.0, 0.0),), "times are 0 s, must be above 0 and increase"),
+    (((2.0, 0.1, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)), "times are 2, 1 s, must be above 0 and "
+                                                   "increase"),
+    (((1.0, 0.1, 0.0),), r"waypoint \[1.0, 0.1, 0.0\], must be \[t, x, y, z\]"),
 ])  # fmt: skip
 def test_a_path_that_is_none_is_refused(path, complaint):
     with pytest.raises(ExperimentError, match=complaint):

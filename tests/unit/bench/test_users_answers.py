@@ -50,7 +50,7 @@ CLEAR = {
                        notes=lambda m: "a word"),
 }  # fmt: skip
 WRONG = {
-    "Nothing": (lambda m: None, "measure returned NoneType None: a FeatureMeasurement is needed"),
+    "Nothing": (lambda m: None, "measure returned NoneType None, must return a FeatureMeasurement"),
     "Short": (changed(L=lambda m: m.L[:3]), r"L ndarray of shape \(3, 6\).*\(8, 6\) finite"),
     "Texts": (changed(s=lambda m: ["a"] * 8), r"returned s list \['a'"),
     "Missing": (changed(error=lambda m: None), "returned error NoneType None"),

@@ -69,7 +69,7 @@ def test_chance_depends_on_seed_and_stamp_alone():
     ({"defocus": {"sigma": 1.0}}, "effect 'defocus' takes no 'sigma': .*stddev"),
     ({"defocus": {"stddev": -1.0}}, "effect defocus: stddev is -1.0, must be > 0 px"),
     ({"math:pi": {}}, "not a class derived from Effect"),
-    ({"defocus": 2.0}, "effects.further.defocus is 2.0, must be keys with values"),
+    ({"defocus": 2.0}, "effects.further.defocus is 2.0, must be a mapping"),
 ])
 def test_what_is_wrong_is_named(further, words):
     with pytest.raises(CameraError, match=words):

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from aras_visual_servo_base.byte_limited_cache import ByteLimitedCache
+from aras_visual_servo_base.memory import ByteLimitedCache
 
 
 @dataclass

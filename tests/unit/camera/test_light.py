@@ -166,7 +166,7 @@ def test_a_light_of_a_world_comes_and_goes(tmp_path):
         (told,) = found.warnings
         assert not found.lights
         assert re.match(f"light 'l' is ignored: light 'l': aras:shines.*{complaint}", told)
-    with pytest.raises(WorldError, match="'l': lit interval from 2 to 1 s"):
+    with pytest.raises(WorldError, match="'l': the lit interval is from 2 to 1 s"):
         Simulation(SimulationConfig(lights=(Light("l", lit_intervals=((2.0, 1.0),)),)))
 
 

@@ -457,7 +457,7 @@ def test_a_pose_in_the_world_starts_it_and_kinematics_tell_where_to_look(folder)
     ({}, "must define the start pose"),
     ({"pose": [0, 0, 0]}, "six finite numbers"),
     ({"pose": [0] * 6, "clicks": []}, "must define the start pose"),
-    ({"clicks": [[0, 0, 0, 1, 1]] * 3}, "four rows of five"),
+    ({"clicks": [[0, 0, 0, 1, 1]] * 3}, "four clicks of five"),
     ({"marker": {"size": 0.1}}, "'pose'"),
 ])  # fmt: skip
 def test_a_start_that_is_none_is_refused(given, why):

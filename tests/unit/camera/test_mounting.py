@@ -86,7 +86,7 @@ def test_settings_are_found_by_name_and_the_rest_is_told():
     [
         ("widht", 3, "width"), ("width", "3", "whole number"),
         ("depth", 1, "must be true or false"),
-        ("xyz", [1, 2], "3 finite numbers"), ("effects", 5, "must be keys with values"),
+        ("xyz", [1, 2], "3 finite numbers"), ("effects", 5, "must be a mapping"),
         ("format", 8, "text"),
         ("camera_matrix", {"fx": 1}, "fy is missing"), ("pose", "here", "m and rad"),
         ("pose", {"xyz": 5}, "3 finite numbers"),
@@ -259,7 +259,8 @@ def test_intrinsics_of_a_lens_are_drawn_and_published(kind):
 
 
 @pytest.mark.parametrize(("kind", "inside", "reason"), [
-    ("wideanglecamera", "<intrinsics/>", "a wideanglecamera has no <intrinsics>, so it is"),
+    ("wideanglecamera", "<intrinsics/>", "<intrinsics> is ignored, because a wideanglecamera has "
+                                         "none"),
     ("camera", "<type>equidistant</type>", "needs a wideanglecamera; this camera is drawn"),
 ])
 def test_what_a_lens_has_in_vain_is_named(kind, inside, reason):

@@ -177,7 +177,8 @@ def test_a_goal_of_no_number_is_refused(make, goal):
 
 
 @pytest.mark.parametrize("parameters, word", [
-    ({"joint": 3}, "joint"), ({"joint": "c"}, "no joint 'c'"), ({"stall_timeout": "x"}, "stall"),
+    ({"joint": 3}, "joint"), ({"joint": "c"}, "joint 'c' does not "
+                                              "have"), ({"stall_timeout": "x"}, "stall"),
     ({"gains": {"b": {"p": "x"}}}, "gains/b"),
 ])
 def test_a_parameter_that_cannot_be_is_named(make, parameters, word):

@@ -142,7 +142,7 @@ def test_it_claims_nothing(make):
     ("change", "text"),
     [
         ({"publish_rate": "fast"}, "publish_rate is 'fast', must be a finite number"),
-        ({"joints": ["J9"]}, "no joint 'J9'"),
+        ({"joints": ["J9"]}, "joint 'J9' does not have"),
         ({"joints": []}, "joints is .., must be a non-empty"),
         ({"extra_joints": [{"name": "a", "position": 1}]}, "must be a double.*write 0.0"),
         ({"extra_joints": [{"position": 1.0}]}, r"extra_joints\[0\]/name"),

@@ -145,7 +145,7 @@ def test_bad_parameters_are_named(parameters, text):
 def test_a_misspelt_gain_is_told_with_the_nearest_name(caplog):
     Pid.from_parameters({"p": 1, "i_clmap": 2.0, "d": 3}, "/r/c/pid")
     assert caplog.messages == [
-        "parameter /r/c/pid/i_clmap is not used: did you mean 'i_clamp'?"
+        "parameter /r/c/pid/i_clmap is not used; did you mean 'i_clamp'?"
     ]
 
 

@@ -539,7 +539,7 @@ class TestOutputsAndState:
         ("kind", "change", "text"),
         [
             ("position", {"joints": []}, "non-empty list"),
-            ("position", {"joints": ["z"]}, "no joint 'z'"),
+            ("position", {"joints": ["z"]}, "joint 'z' does not have"),
             ("position", {"constraints": {"a": {"goal": "near"}}}, "constraints/a/goal"),
             ("position", {"stop_trajectory_duration": -1.0}, "negative"),
             ("effort", {}, "/robot/c/gains/a/p"),

@@ -202,14 +202,14 @@ def test_an_axis_is_in_the_frame_that_its_version_says(version, axis, outer):
 
 BAD = {  # a model that cannot be served, and what is said of it
     "gone include": ("<include><uri>model://not_there</uri></include>", "not_there"),
-    "no links": ("", "has no <link>"),
+    "no links": ("", "<link> is missing"),
     "ball joint": (link("a") + link("b") + joint("j", "a", "b", "ball"), "type 'ball'"),
     "no such link": (link("a") + joint("j", "a", "x"), "link 'x' does not exist"),
     "pose": (link("a", "1 2"), "needs 6 numbers"),
     "quaternion": ("<link name='a'><pose rotation_format='quat_xyzw'>0 0 0 0 0 0 w</pose></link>",
                    "needs 6 numbers"),
     "mass": (link("a", inside="<inertial><mass>-1</mass></inertial>"), "must not be negative"),
-    "huge": (link("a", "0 0 0 0 0 0", BOX.replace(".1", "1e12")), "beyond 1e+09 m"),
+    "huge": (link("a", "0 0 0 0 0 0", BOX.replace(".1", "1e12")), "must be at most 1e+09 m"),
     "number": (link("a", inside="<inertial><mass>heavy</mass></inertial>"), "'heavy' is not a"),
     "twins": (link("a") + link("a"), "two links are named 'a'"),
     "size": (link("a", inside=BOX.replace(">.1", ">-.1")), "must be positive"),
@@ -242,9 +242,10 @@ def test_a_world_with_one_bad_model_of_twenty_starts_with_nineteen(tmp_path, bad
 
 
 @pytest.mark.parametrize(("text", "sentence"), [
-    ("<static>yes</static>", "model 'm': static is 'yes', read as true; write true or false"),
-    ("<static>maybe</static>", "static is 'maybe', which is neither true nor false; ignored"),
-    ("<pose>1 2 3</pose>", "pose '1 2 3' has three numbers, read as a position without rotation"),
+    ("<static>yes</static>", "model 'm': static is 'yes', which is read as true; write true or "
+                             "false"),
+    ("<static>maybe</static>", "static 'maybe' is ignored, because it is neither true nor false"),
+    ("<pose>1 2 3</pose>", "pose '1 2 3' has three numbers, which are read as a position"),
 ])
 def test_what_gazebo_s_parser_forgives_is_repaired_and_named(text, sentence):
     made = model(text + link("a"))

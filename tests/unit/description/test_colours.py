@@ -80,8 +80,8 @@ def test_an_unknown_material_is_white_with_a_warning_and_costs_no_robot(name, ne
     for description in painted(name):
         assert description.colours == {"a": WHITE}
         (warning,) = description.warnings
-        assert f"link 'a': material '{name}'" in warning
-        assert f"The nearest is '{nearest}" in warning
+        assert f"link 'a' is drawn white, because Gazebo has no material '{name}'" in warning
+        assert f"did you mean '{nearest}" in warning
         simulation = Simulation()
         simulation.spawn(description, "r")
         assert "r" in simulation.world.models
@@ -125,8 +125,8 @@ def test_a_link_has_the_colour_of_its_first_visual_that_has_one():
     for visuals, rgba in (((green, blue), GREEN), ((PLAIN, blue, PLAIN, green), BLUE)):
         assert shown(*visuals) == (
             rgba,
-            ("link 'a': its visuals have several colours; the first is used for all of them; put "
-             "the others into links of their own",))
+            ("link 'a': all visuals are drawn in the colour of the first visual; put visuals of "
+             "other colours into other links",))
 
 
 @pytest.mark.parametrize("tag", ["diffuse", "ambient"])

@@ -147,7 +147,7 @@ def test_a_camera_that_cannot_be_is_named(inside, reason):
 def test_sensors_that_are_none():
     with pytest.raises(DescriptionError, match="link 'a': a camera sensor has no name"):
         robot("<gazebo reference='a'><sensor type='camera'><camera/></sensor></gazebo>")
-    with pytest.raises(DescriptionError, match="has no <camera> element"):
+    with pytest.raises(DescriptionError, match="<camera> is missing"):
         robot("<gazebo reference='a'><sensor type='depth' name='e'/></gazebo>")
     twins = robot("<gazebo reference='a'>" + 2 * (
         "<sensor type='camera' name='e'><camera/></sensor>") + "</gazebo>")
@@ -182,9 +182,10 @@ def test_flags_of_links():
 
 
 @pytest.mark.parametrize("inside, warning", [
-    ("<gazebo reference='b'/>", "<gazebo reference='b'> names no link or joint; ignored"),
-    ("<gazebo><plugin filename='x.so'/></gazebo>", "plugin 'x.so' is not known; ignored"),
-    ("<gazebo reference='a'><sensor type='ray'/></gazebo>", "sensor type 'ray' is unknown"),
+    ("<gazebo reference='b'/>", "<gazebo reference='b'> is ignored, because it names no link"),
+    ("<gazebo><plugin filename='x.so'/></gazebo>", "plugin 'x.so' is ignored, because "
+                                                   "it is not known"),
+    ("<gazebo reference='a'><sensor type='ray'/></gazebo>", "its type 'ray' is not supported"),
 ])
 def test_what_is_not_known_warns(inside, warning):
     (said,) = robot(inside).warnings

@@ -83,7 +83,7 @@ def test_a_tensor_too_small_to_matter_refuses_no_robot():
     antenna = (2.371e-8, 6.119e-8, 1.179e-8, 2.833e-8, 7.74e-9, 3.849e-8)
     made = make_inertial("link 'a'", 1e-6, (0, 0, 0), (0, 0, 0), antenna, warnings)
     assert made.inertia == pytest.approx((1e-9, 0, 0, 1e-9, 0, 1e-9))
-    assert "principal moment (-3.535e-08); replaced by that of a solid sphere" in warnings[0]
+    assert "principal moment (-3.535e-08), so the tensor of a solid sphere" in warnings[0]
     larger = tuple(40 * moment for moment in antenna)
     with pytest.raises(DescriptionError, match=r"negative principal moment \(-1.4"):
         make_inertial("link 'a'", 1e-6, (0, 0, 0), (0, 0, 0), larger, warnings)

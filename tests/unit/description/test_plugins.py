@@ -41,7 +41,8 @@ def test_another_file_with_camera_in_its_name_is_no_camera_s_plugin():
     read = sensor("libmy_camera_noise.so", "<cameraName>c</cameraName>")
     assert read.cameras[0].plugin is None
     assert read.warnings == (
-        "camera 'eye' on link 'a': plugin 'libmy_camera_noise.so' is not known; ignored",)
+        "camera 'eye' on link 'a': plugin 'libmy_camera_noise.so' is ignored, because it is "
+        "not known",)
 
 
 def test_each_unknown_plugin_is_named_once():
@@ -49,9 +50,9 @@ def test_each_unknown_plugin_is_named_once():
     read = robot("".join(block.format(i, name) for i, name in enumerate(
         ["libx.so", "liby.so", "libx.so", "libgazebo_ros_camera.so"])))
     assert read.warnings == (
-        "<gazebo>: plugin 'libx.so' is not known; ignored",
-        "<gazebo>: plugin 'liby.so' is not known; ignored",
-        "<gazebo>: plugin 'libgazebo_ros_camera.so' does not belong here; ignored")
+        "<gazebo>: plugin 'libx.so' is ignored, because it is not known",
+        "<gazebo>: plugin 'liby.so' is ignored, because it is not known",
+        "<gazebo>: plugin 'libgazebo_ros_camera.so' is ignored, because it does not belong here")
 
 
 @pytest.mark.parametrize("mimic, words", [
@@ -84,7 +85,8 @@ def test_a_joint_state_publisher():
         "<jointName>k, j</jointName><robotNamespace>arm</robotNamespace>"
         "<updateRate>7</updateRate>"))
     assert [(one.namespace, one.rate, one.joints) for one in read.sensors] == [("arm", 7.0, ("j",))]
-    assert sum("joint 'k' does not exist" in one for one in read.warnings) == 1
+    assert sum("joint 'k' is ignored, because it does not "
+               "exist" in one for one in read.warnings) == 1
     empty = robot(SLIDE + JOINT_STATES.format(""))
     assert not empty.sensors
     assert sum("no <jointName>" in one for one in empty.warnings) == 1
@@ -272,8 +274,8 @@ def test_only_the_first_plugin_of_a_camera_delivers_its_pictures():
     read = sensor("libgazebo_ros_camera.so", "<cameraName>second</cameraName>", before=(
         "<plugin filename='libgazebo_ros_camera.so'><cameraName>first</cameraName></plugin>"))
     assert read.cameras[0].plugin.camera_name == "first"
-    assert read.warnings == ("camera 'eye' on link 'a': only one plug-in can publish its images; "
-                             "'second' is ignored; remove one",)
+    assert read.warnings == ("camera 'eye' on link 'a': plug-in 'second' is ignored, because only "
+                             "one plug-in can publish the camera's images; remove one",)
 
 
 @pytest.mark.parametrize(("names", "sides"), [
@@ -319,4 +321,4 @@ def test_a_setting_that_a_plugin_does_not_serve_is_named(name):
             ) + "</robot>")
     lines = [line for line in parse_urdf(text).warnings if "<wheels>" in line]
     assert len(lines) == 1 and f"plugin 'lib{name}.so': " in lines[0]
-    assert lines[0].endswith("not supported; ignored")
+    assert lines[0].endswith("not supported")

@@ -120,11 +120,11 @@ def test_a_relative_folder_is_beside_its_file(tmp_path):
 
 
 @pytest.mark.parametrize(("uri", "reason"), [
-    ("model://gone", "no folder of that name is in GAZEBO_MODEL_PATH, ~/.gazebo/models, or "),
+    ("model://gone", "the folder 'gone' is not in GAZEBO_MODEL_PATH, ~/.gazebo/models, or "),
     ("model://bare", "bare/model.config cannot be read"),
     ("model://empty", "model.sdf has no <model> and no <light>"),
     ("model://nameless", "model.config names no <sdf> file"),
-    ("model://../models/egg", "no folder of that name"),
+    ("model://../models/egg", "the folder '../models/egg' is not in"),
     ("https://fuel.example/egg", "the scheme https:// is not supported"),
     ("", "it has no <uri>"),
     ("eggs", "there is no folder"),
@@ -244,11 +244,12 @@ def test_what_a_state_says_in_vain_is_named(folders, read):
         "<velocity>0 0 2 0 0 0</velocity></link><link name='lid'/></model>"
         "<model name='b'/><model name='a'/><light name='l'/></state>")
     assert [warning for warning in found.warnings if "<state>" in warning] == [
-        "<state> places models that do not exist and are ignored: a, b",
-        "<state> places lights that do not exist and are ignored: l",
-        "<state> places links of model 'crate' that do not exist and are ignored: lid",
-        "<state>: model 'crate': scale (0.0, 1.0, 1.0) is not positive, so it is ignored",
-        "<state> has crate in motion; all models start at rest",
+        "<state> has poses for models that do not exist (a, b); these poses are ignored",
+        "<state> has poses for lights that do not exist (l); these poses are ignored",
+        "<state> has poses for links of model 'crate' that do not exist (lid); these poses are "
+        "ignored",
+        "<state>: scale (0.0, 1.0, 1.0) of model 'crate' is ignored, because it is not positive",
+        "<state> has velocities for crate, which are ignored; all models start at rest",
     ]
 
 
@@ -263,7 +264,7 @@ def test_frames_of_a_world_and_what_is_left_out_of_one(read):
     assert rpy == pytest.approx((0, 0, math.pi / 2))
     assert found.warnings == (
         "SDF: <joint> 'j' of the world is ignored: there is no link ''",
-        "SDF: <actor> 'walks' is not supported; ignored",
+        "SDF: <actor> 'walks' is ignored, because it is not supported",
     )
 
 
@@ -396,7 +397,7 @@ def test_a_texture_is_whole_and_upright_on_each_side_of_a_box(materials, read):
 
 @pytest.mark.parametrize(("inside", "reason"), [
     (crate("Crate/Lost"), "texture 'gone.png' of material 'Crate/Lost' is ignored"),
-    (crate("Crate/None"), "'Crate/None' is unknown in Gazebo"),
+    (crate("Crate/None"), "Gazebo has no material 'Crate/None'"),
     (crate("Crate/Base", uris="<uri>model://gone/x</uri>"), "'model://gone/x': package 'gone'"),
     (crate("Crate/Base", uris="<uri>model://crate/x.material</uri>"), "x.material cannot be read"),
     (crate("Crate/Base", "<sphere><radius>1</radius></sphere>"), "drawn on box, plane, mesh"),
@@ -557,7 +558,8 @@ def test_there_are_up_to_a_thousand_copies(inside, count):
 def test_a_population_of_nothing_is_one_warning(read):
     found = read("<population name='p'><box><size>1 1 1</size></box></population>")
     assert found.models == ()
-    assert found.warnings == ("<population> 'p': it has no <model>; ignored",)
+    assert found.warnings == ("<population> 'p': <model> is missing; add it; this <population> is "
+                              "ignored",)
 
 
 def matrix(values):
@@ -663,7 +665,8 @@ def test_what_is_faster_than_1_cm_a_second_was_in_motion(read, speed, moves):
                      "<static>1</static></model><model name='o'><link name='a'/></model>"
                      f"<state><model name='m'>{text}</model><model name='o'/></state>")
         assert found.warnings == (
-            ("<state> has m in motion; all models start at rest",) if moves else ())
+            ("<state> has velocities for m, which are ignored; all models start at "
+             "rest",) if moves else ())
 
 
 @pytest.mark.parametrize(("shape", "name", "before", "after"), [
@@ -688,7 +691,7 @@ def test_a_state_s_scale_makes_shapes_larger_in_their_places(folders, read, shap
             assert getattr(one.geometry, name) == pytest.approx(expected)
             assert (one.name, one.origin_xyz) == ("p", (1, 2, 3))
         assert link.inertial.mass == 7
-        assert ("is not positive, so" in "".join(found.warnings)) == (scale[2] in "0-")
+        assert ("because it is not positive" in "".join(found.warnings)) == (scale[2] in "0-")
 
 
 def test_names_that_a_state_has_in_vain_are_sorted_and_what_it_deletes_is_none(read):
@@ -696,7 +699,8 @@ def test_names_that_a_state_has_in_vain_are_sorted_and_what_it_deletes_is_none(r
                  "<name>m</name><name/></deletions><deletions><name>went</name></deletions>"
                  "<model name='gone'/><model name='b'/><light name='went'/><model/></state>")
     assert found.models == ()
-    assert found.warnings == ("<state> places models that do not exist and are ignored: b",)
+    assert found.warnings == ("<state> has poses for models that do not exist (b); these poses are "
+                              "ignored",)
 
 
 def test_a_model_in_a_model_keeps_its_joints_and_plugins(folders, read):
@@ -719,7 +723,8 @@ def test_a_model_in_a_model_keeps_its_joints_and_plugins(folders, read):
     at = outer @ inner @ matrix((1, 0, 0, 0, 0, 0.3))
     np.testing.assert_allclose(cart.joints["tie"].pose.matrix(), at, atol=1e-9)
     np.testing.assert_allclose(joint.pose.matrix(), np.linalg.inv(at) @ outer @ inner, atol=1e-9)
-    assert cart.warnings == ("SDF: plugin 'libx.so' is not known; ignored",)
+    assert cart.warnings == ("SDF: plugin 'libx.so' is ignored, because it is not "
+                             "known",)
     bolted = wheel.replace("</model>", tied.format("hub") + "</model>")
     (cart,) = read(f"<model name='cart'>{bolted}</model>").models
     tie = cart.joints["wheel::tie"]
@@ -797,7 +802,7 @@ def test_packages_export_folders_of_models(folders, read, tmp_path, monkeypatch)
     assert [model.name for model in found.models] == ["bench", "lamp", "crate"]
     assert find_model("arm") == str(arm)
     for uri in ("model://sets/../../arm", "model://sets/none"):
-        with pytest.raises(DescriptionError, match="no folder of that name"):
+        with pytest.raises(DescriptionError, match="the folder .* is not in GAZEBO_MODEL_PATH"):
             find_folder(uri, None)
 
 

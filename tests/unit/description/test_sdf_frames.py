@@ -147,4 +147,4 @@ def test_a_frame_that_does_not_exist_is_named(inside, reason):
 
 def test_a_frame_without_a_place_is_named():
     (line,) = model("<link name='l'/><frame name='f' attached_to='g'/>").warnings
-    assert line.startswith("model 'm': frame 'f' is ignored: 'g' is no link, joint, frame or mod")
+    assert line.startswith("model 'm': frame 'f' is ignored: its base 'g' is no link, joint")

@@ -129,7 +129,7 @@ def test_what_a_link_leaves_open():
     (joint() + joint(), "two joints are named 'j'"),
     (joint("<axis><xyz expressed_in='c'>1 0 0</xyz></axis>"),
      "joint 'j': <xyz expressed_in='c'> names no link; give the axis in the joint's frame"),
-    (joint("<axis><xyz>0 0 0</xyz></axis>"), "axis is zero; it needs a direction"),
+    (joint("<axis><xyz>0 0 0</xyz></axis>"), "axis is the zero vector; give a direction"),
     (joint("<axis><limit><lower>2</lower><upper>1</upper></limit></axis>"), "2.0 is above upper"),
     (joint("<axis><dynamics><damping>-1</damping></dynamics></axis>"), "must be ≥ 0"),
 ])
@@ -184,7 +184,7 @@ def test_warnings_of_the_text_come_before_those_of_its_model():
 def test_one_world_is_simulated():
     world = "<world name='w'><model name='m'><link name='a'/></model></world>"
     assert len(read_sdf(f"<sdf>{world}<model name='n'/></sdf>").models) == 1
-    with pytest.raises(DescriptionError, match="SDF: 2 worlds; only one can be simulated"):
+    with pytest.raises(DescriptionError, match="SDF: the text has 2 worlds, must have one"):
         read_sdf(f"<sdf>{world}{world}</sdf>")
     assert read_sdf("<gazebo><world name='w'/></gazebo>").models == ()
 
@@ -225,7 +225,7 @@ def test_frames_of_a_world_stand_on_each_other():
                            "relative_to='b'/></light></world></sdf>")
         assert not content.lights
         frame, light_line = content.warnings
-        assert frame.startswith(f"frame 'b' is ignored: '{on}' is no link, joint, frame or model")
+        assert frame.startswith(f"frame 'b' is ignored: its base '{on}' is no link, joint")
         assert "light 'l' is ignored" in light_line
 
 

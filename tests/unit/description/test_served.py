@@ -88,7 +88,7 @@ def test_an_element_that_is_not_served_is_named_once(place):
         before = said(place.replace("{}", ""))
         named = [one for one in said(place.replace("{}", text)) if one not in before]
         assert sum(f"<{tag}>" in one for one in named) == 1, named
-        assert len(named) == 1 and named[0].endswith("not supported; ignored")
+        assert len(named) == 1 and named[0].endswith("not supported")
     assert said(place.replace("{}", "<other:tag xmlns:other='x'/>")) == said(
         place.replace("{}", ""))
 
@@ -101,7 +101,7 @@ def test_one_sentence_names_what_is_left_out_in_the_same_places():
     tags = "".join(f"<gazebo reference='{link}'><kp>{k}</kp><kd>5</kd><mu1>1</mu1></gazebo>"
                    for k, link in enumerate("ab"))
     assert said(GAZEBO.format(tags)) == [
-        "<gazebo reference='a'> and 1 more: <kp>, <kd> are not supported; ignored"]
+        "<gazebo reference='a'> and 1 more: <kp>, <kd> are ignored, because they are not supported"]
 
 
 def values():

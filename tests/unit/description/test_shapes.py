@@ -189,7 +189,7 @@ def test_edges_are_sharp_and_round_things_smooth():
 
 def test_numbers_are_within_reach_and_no_normal_stays_none():
     check_reach(np.array([3.0, -1e9]), "position")
-    with pytest.raises(DescriptionError, match="a position is 1e\\+09, beyond 1e\\+09"):
+    with pytest.raises(DescriptionError, match="a position is 1e\\+09, above 1e\\+09"):
         check_reach(np.array([3.0, -1.0001e9]), "position")
     with np.errstate(all="raise"):
         assert normalise(np.array([[0.0, 3.0, 4.0], [0, 0, 0]])).tolist() == [[0, 0.6, 0.8],
@@ -231,7 +231,8 @@ def test_a_file_s_own_normals_and_coordinates():
     for part, what in ((0, "position"), (1, "texture coordinate"), (2, "normal")):
         wrong = index.copy()
         wrong[0, 1, part] = 3
-        with pytest.raises(DescriptionError, match=f"a face refers to {what} 3 of"):
+        with pytest.raises(DescriptionError, match=f"a face refers to {what} 3, but there are 3 "
+                                                   f"{what}s"):
             from_indices(wrong, v, vt, vn, None, None)
     with pytest.raises(DescriptionError, match="a normal is not finite"):
         from_indices(index, v, vt, vn * [1, 1, math.inf], None, None)

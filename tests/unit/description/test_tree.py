@@ -31,9 +31,9 @@ def test_a_path_goes_down_from_the_base():
 
 @pytest.mark.parametrize(("base", "link", "words"), [
     ("", "ey", "robot 'fork' has no link ey; did you mean 'eye'?"),
-    ("hand", "eye", "eye is not below hand; known are base, a, b"),
-    ("bas", "eye", "eye is not below bas; did you mean 'base'?"),
-    ("eye", "base", "base is not below eye"),
+    ("hand", "eye", "hand is not an ancestor of eye; use one of base, a, b"),
+    ("bas", "eye", "bas is not an ancestor of eye; did you mean 'base'?"),
+    ("eye", "base", "eye is not an ancestor of base"),
 ])
 def test_what_is_not_on_the_path_is_named(base, link, words):
     with pytest.raises(DescriptionError) as caught:

@@ -130,7 +130,7 @@ def test_meshes_name_their_files(tmp_path):
     ("<mesh filename='package://p/device.stl'/>", "is no regular file"),
     ("<mesh filename='package://p/whole.stl' scale='1 0 1'/>", "contains a zero"),
     ("<cone/>", "shape <cone> is not supported; use box, cylinder, sphere"),
-    ("", "has no <geometry>"),
+    ("", "<geometry> with a shape is missing"),
 ])
 @pytest.mark.parametrize("kind", ["visual", "collision"])
 def test_a_shape_that_cannot_be_served_is_left_out_and_named(tmp_path, shape, reason, kind):
@@ -214,7 +214,7 @@ JOINT = "<joint name='j' type='fixed'><parent link='a'/><child link='b'/></joint
     (AB + JOINT.replace("fixed", "revolute").replace(
         "<child", "<limit lower='1' upper='2' velocity='1'/><child"), "limit effort is missing"),
     (AB + JOINT.replace("fixed", "continuous").replace("<child", "<axis xyz='0 0 0'/><child"),
-     "joint 'j': axis is zero; it needs a direction"),
+     "joint 'j': axis is the zero vector; give a direction"),
     ("<link name='a'><inertial/></link>", "link 'a': <inertial> has no <mass>"),
     ("<link name='a'><visual><geometry><box size='1 1'/></geometry></visual></link>",
      "link 'a', visual 1: box size: needs 3 numbers, got '1 1'"),
@@ -250,8 +250,8 @@ def test_a_comment_that_never_ends_is_named():
     ("", "the description is empty"), ("<robot name='r'>", "line 1, column"),
     ("<sdf/>", "the root element is <sdf>, not <robot>"), ("<robot/>", "<robot> has no name"),
     ("<!DOCTYPE r [<!ENTITY a 'b'>]><robot name='r'/>", "document type and entity declarations"),
-    ("<robot name='r'><xacro:if/></robot>", "unexpanded <xacro:if>; run xacro on the file first"),
-    ("<a>" * 65 + "</a>" * 65, "more than 64 elements deep"),
+    ("<robot name='r'><xacro:if/></robot>", "<xacro:if> is not expanded; run xacro on the file"),
+    ("<a>" * 65 + "</a>" * 65, "more than 64 elements are nested"),
     ("<robot name='r'>" + " " * 16_777_216 + "</robot>", "more than the limit of 16777216"),
 ])
 def test_texts_that_are_no_urdf(text, reason):

@@ -43,7 +43,8 @@ def test_a_file_says_all_itself(tmp_path):
     assert (found.time_step, found.gravity, found.update_rate) == (0.002, (1, 2, 3), 500.0)
     assert not found.ground_plane
     assert [m.name for m in found.models] == ["m"] and [i.name for i in found.lights] == ["l"]
-    assert found.warnings == ("world: plugin 'x.so' is not known; ignored",)
+    assert found.warnings == ("world: plugin 'x.so' is ignored, because it is not "
+                              "known",)
     old = world(tmp_path, "<physics><gravity>0 0 -1</gravity></physics>")
     assert (old.time_step, old.gravity, old.update_rate) == (0.001, (0, 0, -1), 1000.0)
 
@@ -76,7 +77,7 @@ def test_files_that_are_no_world(tmp_path):
         world_file.load_world(str(tmp_path / "gone.world"))
     path = tmp_path / "a.world"
     path.write_text("<sdf/>")
-    with pytest.raises(DescriptionError, match="it contains no <sdf><world>"):
+    with pytest.raises(DescriptionError, match="has no <world> in <sdf>"):
         world_file.load_world(str(path))
     path.write_bytes(b"\xff\xfe<")
     with pytest.raises(DescriptionError, match="the world file cannot be read"):
@@ -99,7 +100,7 @@ def test_a_light_s_numbers(tmp_path):
 
 
 @pytest.mark.parametrize("changes, reason", [
-    ({"name": ""}, "has no name"), ({"direction": (0.0, 0.0, 0.0)}, "its direction is zero"),
+    ({"name": ""}, "has no name"), ({"direction": (0.0, 0.0, 0.0)}, "direction is the zero vector"),
     ({"diffuse": (1.0, -0.1, 0.0, 1.0)}, "diffuse .* must not be negative"),
     ({"attenuation_linear": float("nan")}, "attenuation_linear nan is not finite"),
     ({"origin_xyz": (0.0, float("inf"), 0.0)}, "origin_xyz .* is not finite"),
@@ -164,7 +165,8 @@ def test_when_a_light_shines_rises_from_0_on(shines, right):
     if right:
         assert check_light(light) is light
     else:
-        with pytest.raises(WorldError, match="'sun': lit interval from .* s; it must start at"):
+        with pytest.raises(WorldError, match="'sun': the lit interval is from .* s; it must start "
+                                             "at"):
             check_light(light)
 
 
@@ -217,9 +219,9 @@ def test_what_a_model_warns_of_is_named_with_the_model(tmp_path):
     found = world(tmp_path, "<actor name='x'/>" + inside.format("m", "ray")
                   + inside.format("n", "sonar"))
     assert found.warnings == (
-        "SDF: <actor> 'x' is not supported; ignored",
-        "model 'm': link 'a': sensor type 'ray' is unknown; ignored",
-        "model 'n': link 'a': sensor type 'sonar' is unknown; ignored")
+        "SDF: <actor> 'x' is ignored, because it is not supported",
+        "model 'm': link 'a': a sensor is ignored, because its type 'ray' is not supported",
+        "model 'n': link 'a': a sensor is ignored, because its type 'sonar' is not supported")
 
 
 def test_files_that_a_world_names_lie_beside_it(tmp_path, monkeypatch):

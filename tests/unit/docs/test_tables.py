@@ -48,8 +48,6 @@ MEASURED = {
     ("docs/step_response.md", "one joint alone, 0 → 0.1"): STEPS,
     ("docs/porting.md", "suite"): "tests/peers",
     ("docs/solid_targets.md", "solid, seeds"): "tests/benchmarks/model_tracking.py",
-    ("docs/studies.md", ""): "tests/benchmarks/study_beside.py",
-    ("docs/studies.md", "method"): "tests/benchmarks/study_beside.py",
     ("docs/differences.md", "run"): "tests/benchmarks/original_controllers.py",
     (CAMERA_KEYS, "preset"): "tests/benchmarks/calibrate_live.py",
     ("tests/README.md", "faults"): "tests/faults",

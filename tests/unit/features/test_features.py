@@ -184,7 +184,7 @@ def test_undefined_features_say_so_and_are_never_nan(shape, names) -> None:
     assert np.isfinite(result.values).all() and np.isfinite(result.L).all()
     assert not result.values[:-1].any() and not result.L[:-1].any()
     assert result.values[-1] != 0.0
-    with pytest.raises(DegenerateFeatureError, match="is undefined here") as caught:
+    with pytest.raises(DegenerateFeatureError, match="is undefined for this image") as caught:
         result[names[0]]
     assert caught.value.name == names[0]
 

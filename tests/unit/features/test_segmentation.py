@@ -246,7 +246,7 @@ def test_a_label_is_the_target_whatever_its_grey_and_however_many_its_pieces() -
     with pytest.raises(SegmentationError, match="needs the simulator's label image"):
         segment(grey, Segmentation("label"))
     lost = segment(grey, Segmentation("label", label="box"), target_mask=0 * labelled)
-    assert lost.reason == "'box' (the setting `label`) is not in view"
+    assert lost.reason == "the link 'box' (setting `label`) is not in view"
 
 
 def test_a_shaded_targets_edge_pixels_are_divided_by_the_levels_around_them() -> None:
@@ -297,8 +297,8 @@ def test_what_is_near_a_colour_is_the_target_in_light_and_in_shade() -> None:
     [
         ({"method": "nearest_colour"}, "near_colour is .., must be red, green and blue"),
         ({"near_colour": (1, 2, 256)}, "near_colour is .1.0, 2.0, 256.0., must be red"),
-        ({"method": "watershed"}, "method is .watershed.: known are fixed"),
-        ({"component": "red"}, "component is .red.: known are all"),
+        ({"method": "watershed"}, "method is .watershed.: use one of fixed"),
+        ({"component": "red"}, "component is .red.: use one of all"),
         ({"threshold": 300}, "threshold is 300.0, must be <= 255"),
         ({"adaptive_block": 4}, "must be odd"),
         ({"min_pixels": 0}, "min_pixels is 0, must be >= 1"),

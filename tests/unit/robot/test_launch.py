@@ -185,7 +185,7 @@ def test_the_recorder_takes_pictures_and_limits_as_it_is_told(given, there, miss
     assert set(there) <= set(words) and not set(missing) & set(words), words
 
 
-END = PACKAGE / "scripts" / "report_recorder_end"
+END = PACKAGE.parent / "aras_visual_servo_bench/scripts/report_recorder_end"
 
 
 def run_recorder(words, script=""):

@@ -14,6 +14,9 @@ import numpy as np
 import pytest
 from robot_figures import PACKAGE
 
+PROGRAMS = PACKAGE.parent / "aras_visual_servo_bench" / "scripts"
+TARGETS = PACKAGE / "targets"
+
 SHIPPED = (PACKAGE / "robots" / "aras_visual_servo.urdf").read_text()
 # Says what it was asked for in the place of a description.
 MAKER = (sys.executable, "-c", """
@@ -33,7 +36,7 @@ folder.mkdir(parents=True, exist_ok=True)
 
 def program(name: str):
     """A program of the package as a module."""
-    loader = importlib.machinery.SourceFileLoader(name, str(PACKAGE / "scripts" / name))
+    loader = importlib.machinery.SourceFileLoader(name, str(PROGRAMS / name))
     made = importlib.util.module_from_spec(importlib.util.spec_from_loader(name, loader))
     loader.exec_module(made)
     return made
@@ -52,14 +55,20 @@ def target(monkeypatch):
     return made
 
 
-def test_targets_that_ship_are_told_as_they_are_and_made_in_other_sizes(target, tmp_path):
-    assert {"aras", "four_dots", "l_shape"} <= set(target.list_names())
+@pytest.fixture
+def describe(target):
+    """Describe one of the shipped targets, or another one."""
+    return lambda name, *more: target.describe(name, target.find_files(TARGETS), *more)
+
+
+def test_targets_that_ship_are_told_as_they_are_and_made_in_other_sizes(target, describe, tmp_path):
+    assert {"aras", "four_dots", "l_shape"} <= set(target.find_files(TARGETS))
     shipped = (PACKAGE / "targets" / "four_dots.urdf").read_text()
-    assert target.describe("four_dots", None, tmp_path) == shipped
+    assert describe("four_dots", None, tmp_path) == shipped
     seen = set()
     for name, size in (("four_dots", (0.2, 0.15)), ("four_dots", (0.15, 0.2)),
                        ("box", (0.08, 0.05, 0.03)), ("l_shape", (0.2, 0.15))):  # fmt: skip
-        words = eval(target.describe(name, size, tmp_path))
+        words = eval(describe(name, size, tmp_path))
         folder = words[words.index("--out") + 1]
         assert folder.startswith(f"{tmp_path}/")
         lengths = [str(length) for length in size]
@@ -68,34 +77,34 @@ def test_targets_that_ship_are_told_as_they_are_and_made_in_other_sizes(target, 
     assert len(seen) == 4
 
 
-def test_a_target_of_a_file(target, tmp_path):
+def test_a_target_of_a_file(describe, tmp_path):
     urdf, outline = tmp_path / "mine.urdf", tmp_path / "mine.svg"
     urdf.write_text("<robot/>")
     outline.write_text("<svg/>")
     other = tmp_path / "mine.xml"
     other.write_text("<robot name='x'/>")
-    assert target.describe(str(other), (0.1, 0.2), tmp_path) == "<robot name='x'/>"
+    assert describe(str(other), (0.1, 0.2), tmp_path) == "<robot name='x'/>"
     mesh = tmp_path / "MINE.STL"
     mesh.touch()
-    sized = eval(target.describe(str(mesh), (0.3, 0.2, 0.1), tmp_path))
+    sized = eval(describe(str(mesh), (0.3, 0.2, 0.1), tmp_path))
     assert sized[-4:] == ["--size", "0.3", "0.2", "0.1"]
-    assert eval(target.describe(str(mesh), None, tmp_path, 0.001))[-2:] == ["--scale", "0.001"]
-    assert target.describe(str(urdf), None, tmp_path) == "<robot/>"
-    words = eval(target.describe(str(outline), None, tmp_path))
+    assert eval(describe(str(mesh), None, tmp_path, 0.001))[-2:] == ["--scale", "0.001"]
+    assert describe(str(urdf), None, tmp_path) == "<robot/>"
+    words = eval(describe(str(outline), None, tmp_path))
     assert words[0] == str(outline) and "--size" not in words  # its own
 
 
 @pytest.mark.parametrize("name", ["cross", "my_package.shapes:Cross"])
-def test_a_shape_that_does_not_ship_is_made(target, tmp_path, name):
-    words = eval(target.describe(name, None, tmp_path))
+def test_a_shape_that_does_not_ship_is_made(describe, tmp_path, name):
+    words = eval(describe(name, None, tmp_path))
     assert words[0] == name and "--size" not in words
-    assert eval(target.describe(name, (0.3, 0.2, 0.1), tmp_path))[-3:] == ["0.3", "0.2", "0.1"]
+    assert eval(describe(name, (0.3, 0.2, 0.1), tmp_path))[-3:] == ["0.3", "0.2", "0.1"]
 
 
-def test_a_picture_lies_upright_on_a_plane_of_its_size(target, tmp_path):
+def test_a_picture_lies_upright_on_a_plane_of_its_size(target, describe, tmp_path):
     path = tmp_path / "photo.png"
     cv2.imwrite(str(path), np.zeros((3, 4, 3), np.uint8))
-    robot = ElementTree.fromstring(target.describe(str(path), (0.2, 0.15), tmp_path))
+    robot = ElementTree.fromstring(describe(str(path), (0.2, 0.15), tmp_path))
     assert robot.get("name") == "target" and robot.find("gazebo/static").text == "true"
     mesh = Path(robot.find("link/visual/geometry/mesh").get("filename").removeprefix("file://"))
     lines = [line.split() for line in mesh.read_text().splitlines()]
@@ -113,9 +122,9 @@ def test_a_picture_lies_upright_on_a_plane_of_its_size(target, tmp_path):
         for i, j in face:  # x is to the right in the picture and y up
             assert vt[j - 1] == pytest.approx([0.5 + v[i - 1, 0] / 0.2, 0.5 + v[i - 1, 1] / 0.15])
     assert area == pytest.approx([0.0, 0.0, 0.2 * 0.15])
-    again = ElementTree.fromstring(target.describe(str(path), (0.2, 0.15), tmp_path))
+    again = ElementTree.fromstring(describe(str(path), (0.2, 0.15), tmp_path))
     assert ElementTree.tostring(again) == ElementTree.tostring(robot)
-    small = ElementTree.fromstring(target.describe(str(path), None, tmp_path / "new" / "folder"))
+    small = ElementTree.fromstring(describe(str(path), None, tmp_path / "new" / "folder"))
     plane = Path(small.find("link/visual/geometry/mesh").get("filename").removeprefix("file://"))
     assert "v 0.05 0.05 0" in plane.read_text().splitlines()
     assert small.find("link/visual/geometry/mesh").get("filename") != f"file://{mesh}"
@@ -128,13 +137,13 @@ def test_a_picture_lies_upright_on_a_plane_of_its_size(target, tmp_path):
     ("/nowhere/photo.png", None, "there is no file /nowhere/photo.png"),
     (__file__, None, "is not a readable image"),
 ])  # fmt: skip
-def test_what_is_no_target_is_named(target, tmp_path, name, size, words):
+def test_what_is_no_target_is_named(describe, tmp_path, name, size, words):
     with pytest.raises(ValueError) as refused:
-        target.describe(name, size, tmp_path)
+        describe(name, size, tmp_path)
     assert words in str(refused.value)
 
 
-def test_what_cannot_be_made_is_told_in_its_makers_words(target, tmp_path, monkeypatch):
+def test_what_cannot_be_made_is_told_in_its_makers_words(target, describe, tmp_path, monkeypatch):
     for name, words in (("bad", "no such outline"), ("mute", f"{' '.join(MAKER)} failed"),
                         ("loud", "b")):  # fmt: skip
         with pytest.raises(ValueError) as refused:
@@ -142,27 +151,14 @@ def test_what_cannot_be_made_is_told_in_its_makers_words(target, tmp_path, monke
         assert str(refused.value) == words
     monkeypatch.setattr(target, "MAKER", ("/nowhere/maker",))
     with pytest.raises(ValueError, match="box needs /nowhere/maker, which makes its mesh"):
-        target.describe("box", (0.1, 0.2, 0.3), tmp_path)
+        describe("box", (0.1, 0.2, 0.3), tmp_path)
 
     def slow(_command, timeout, **_more):
         raise subprocess.TimeoutExpired("maker", timeout)
 
     monkeypatch.setattr(target.subprocess, "run", slow)
     with pytest.raises(ValueError, match="box needs /nowhere/maker, .*timed out after 120.0 s"):
-        target.describe("box", (0.1, 0.2, 0.3), tmp_path)
-
-
-def test_where_it_is_installed_targets_are_in_its_share(tmp_path, monkeypatch):
-    script = tmp_path / "lib" / "aras_visual_servo_gazebo" / "target_description"
-    script.parent.mkdir(parents=True)
-    script.write_text((PACKAGE / "scripts" / "target_description").read_text())
-    targets = tmp_path / "share" / "aras_visual_servo_gazebo" / "targets"
-    targets.mkdir(parents=True)
-    (targets / "mine.urdf").touch()
-    loader = importlib.machinery.SourceFileLoader("installed", str(script))
-    made = importlib.util.module_from_spec(importlib.util.spec_from_loader("installed", loader))
-    loader.exec_module(made)
-    assert made.list_names() == ["mine"]
+        describe("box", (0.1, 0.2, 0.3), tmp_path)
 
 
 def test_a_target_on_the_command_line(target, monkeypatch, capsys):
@@ -171,8 +167,8 @@ def test_a_target_on_the_command_line(target, monkeypatch, capsys):
     for text in ("0.1", "0.1 0", "0.1 inf", "a b", "1 1 1 1", "nan 1"):
         with pytest.raises(argparse.ArgumentTypeError, match="must be two lengths"):
             target.parse_size(text)
-    shipped = (PACKAGE / "targets" / "l_shape.urdf").read_text()
-    assert told(target, monkeypatch, capsys, "l_shape", "--size=") == (0, shipped + "\n", "")
+    shipped, words = (TARGETS / "l_shape.urdf").read_text(), f"--targets={TARGETS}"
+    assert told(target, monkeypatch, capsys, "l_shape", "--size=", words) == (0, shipped + "\n", "")
     status, printed, said = told(target, monkeypatch, capsys, "bad", "--size", "0.1 0.1")
     assert (status, printed, said) == (1, "", "target_description: no such outline\n")
 
@@ -247,13 +243,14 @@ def test_a_bags_description_is_the_last_that_it_tells(tmp_path, capsys):
         bag.write("/mine/other", messages.String("{}"))
     empty = str(tmp_path / "empty.bag")
     rosbag.Bag(empty, "w").close()
-    for words, printed in (([path], "<last/>"), (["--target", path], "<target/>"),
-                           ([empty], SHIPPED), (["--target", empty], "")):  # fmt: skip
+    robot = str(PACKAGE / "robots" / "aras_visual_servo.urdf")
+    for words, printed in (([path, robot], "<last/>"), ([path, "--target"], "<target/>"),
+                           ([empty, robot], SHIPPED), ([empty, "--target"], "")):  # fmt: skip
         assert recorded.main(words) == 0
         assert capsys.readouterr() == (printed, "")
-    assert recorded.main(["--target", "/nowhere.bag"]) == 0
+    assert recorded.main(["/nowhere.bag", "--target"]) == 0
     assert capsys.readouterr() == ("", "")
-    assert recorded.main(["/nowhere.bag"]) == 0
+    assert recorded.main(["/nowhere.bag", robot]) == 0
     said = capsys.readouterr()
     assert said.out == SHIPPED and said.err.startswith("/nowhere.bag: ")
-    assert said.err.endswith(": showing the shipped robot\n")
+    assert said.err.endswith(f": showing the robot of {robot}\n")

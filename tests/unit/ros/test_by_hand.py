@@ -200,7 +200,7 @@ def test_a_terminal_is_needed_and_a_ctrl_c_ends(person, monkeypatch):
     assert person.type()[0] == 0
     monkeypatch.setattr(sys, "stdin", SimpleNamespace(isatty=lambda: False))
     status, told = person.type()
-    assert status == 1 and "needs a terminal for its keys: start it with rosrun" in told.err
+    assert status == 1 and "reads keys from a terminal: start it with rosrun" in told.err
 
 
 # -- teaching --------------------------------------------------------------------------------------

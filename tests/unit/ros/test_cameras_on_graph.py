@@ -302,7 +302,7 @@ def test_the_figures_of_the_sensor_stand_beside_camera_info_as_a_preset(eye):
 
 @pytest.mark.parametrize("name", ["", "..", "a/../../b", "/"])
 def test_a_calibration_stays_in_its_folder(name):
-    with pytest.raises(CameraError, match="gives no file name"):
+    with pytest.raises(CameraError, match="cannot be used as a file name"):
         find_calibration_path(name)
 
 
@@ -368,7 +368,8 @@ def test_settings_of_the_world_s_cameras(graph, thread, monkeypatch):
     name = rospy.resolve_name("~cameras")
     assert settings.read_cameras() == {}
     graph.parameters[name] = 3
-    assert settings.read_cameras() == {} and "give settings by camera name" in graph.lines[-1]
+    assert settings.read_cameras() == {}
+    assert "must be a mapping of camera names to settings" in graph.lines[-1]
     del graph.parameters[name]
     for key, value in SETTINGS.items():
         graph.parameters[f"{name}/good/{key}"] = value
@@ -380,11 +381,11 @@ def test_settings_of_the_world_s_cameras(graph, thread, monkeypatch):
         settings.mount_world_cameras(thread)
     assert limits == [60.0, 60.0]  # the first sets up the renderer
     assert [c.sensor.config.name for c in thread.simulation.cameras] == ["good"]
-    assert f"{name}/bad is left out" in graph.lines[-1]
+    assert f"{name}/bad is not simulated" in graph.lines[-1]
     plugins = None, SimpleNamespace(camera_name="own"), SimpleNamespace(camera_name="")
     new = SimpleNamespace(cameras=[SimpleNamespace(name="on", plugin=one) for one in plugins])
     settings.check_unused_names({"on": {}, "of": {"width": 3}, "own": {"width": 3}}, thread, new)
-    told = (f"settings {name}/of belong to no camera; give them the name of an existing one: "
+    told = (f"settings {name}/of belong to no camera; use the name of an existing camera: "
             "good, on, own")
     assert told in graph.lines[-1]
     assert not any("/own" in line for line in graph.lines)

@@ -38,7 +38,7 @@ def test_gains_of_a_law_and_its_wrapper_are_changed_together_or_not_at_all(serve
     assert set(found["fields"]) == {"time", "zero", "infinity", "slope"}
     found["apply"]({"time": 0.2, "zero": 6.0, "infinity": 3.0, "slope": 20.0})
     assert (law.time, inside.zero, inside.infinity, inside.slope) == (0.2, 6.0, 3.0, 20.0)
-    with pytest.raises(ConfigurationError, match="must be greater than infinity"):
+    with pytest.raises(ConfigurationError, match="must be greater than the parameter infinity"):
         found["apply"]({"time": 0.4, "zero": 2.0, "infinity": 3.0, "slope": 20.0})
     assert (law.time, inside.zero, inside.infinity, inside.slope) == (0.2, 6.0, 3.0, 20.0)
 

@@ -47,7 +47,7 @@ def test_lights(api, call):
     assert (light.specular, light.cast_shadows) == ((0.5, 0.6, 0.7, 0.8), True)
     assert light.origin_rpy == pytest.approx((0.0, 0.0, math.pi / 2))
     answer = call("set_light_properties", **{**given, "direction": Vector3()})
-    assert "keeps its direction" in answer.status_message
+    assert "the direction is unchanged" in answer.status_message
     assert "'sun'" in call("delete_light", "sun").status_message
     assert "sun" in call("delete_light", "sun", refused=True).status_message
 

@@ -160,7 +160,7 @@ def test_a_listener_that_takes_nothing_is_named_once_and_given_up(made, ros):
     assert bag.is_abandoned
     assert not gate.is_closed
     assert len(ros.lines) == 1
-    assert "5 s of wall time in vain for /bag to read /image;" in ros.lines[0]
+    assert "after waiting 5 s of wall time for /bag to read /image," in ros.lines[0]
     made.is_slow = [SimpleNamespace(name="/other", is_abandoned=False)]  # which has time of its own
     assert gate.compute_remaining() == 5.0
     gate.start_round()

@@ -332,7 +332,7 @@ def test_one_that_cannot_come_back_does_not_keep_the_others_away(make):
     make.graph.parameters[rospy.resolve_name("~spawned")]["models"][0]["xml"] = "nonsense"
     second = make(paused=True, restore=True)
     assert list(second.thread.simulation.world.models) == ["ground_plane", "b"]
-    assert any("not restored" in line for line in make.graph.lines)
+    assert any("restoring by service" in line for line in make.graph.lines)
 
 
 def test_nothing_is_written_down_without_need(make):

@@ -417,7 +417,8 @@ def test_unspawner_keeps_stopped_what_it_is_told_and_starts_it_at_the_end(progra
     ]
     assert program.calls() == [("switch_controller", ["b", "a", "c"], [], 1, False, 0.0)]
     assert program.graph.lines[0].startswith("the controller manager does not answer: x;")
-    told = program.graph.lines[-1] == "b, a, c stay stopped: the simulator has ended"
+    told = program.graph.lines[-1] == (
+        "controllers b, a, c are not started again: the simulator has ended")
     assert told is (gone is not None)
 
 

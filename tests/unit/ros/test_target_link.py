@@ -79,7 +79,7 @@ def test_where_a_simulation_has_it_its_pose_is_that_of_now(asked, graph, models,
 
 
 @pytest.mark.parametrize(("link", "why"), [
-    ("crate", "model 'crate' has 2 links with visuals: body, lid; name the target's"),
+    ("crate", "model 'crate' has 2 links with visuals (body, lid); name the target's"),
     ("crate::bod", "has no link 'bod' with visuals: did you mean 'body'"),
     ("crat::body", "there is no model 'crat' in world"),
 ])  # fmt: skip

@@ -64,7 +64,7 @@ class Rows:
             depth = along @ (b - turning) / (along @ along)
         if depth <= 0.0:
             return ("the features do not move as L and the arm's motion predict: "
-                    "translations of the camera move them in the opposite direction")
+                    "when the camera translates, they move in the opposite direction")
         expected = np.array([depth] * 3 + [1.0] * 3)
         off = b - A @ expected
         misfit = off @ off / (b @ b)
@@ -97,11 +97,11 @@ class Rows:
             return ""
         if one != other and abs(scale[one] - 1.0) < abs(scale[other] - 1.0):
             one, other = other, one
-        beside = f"along {DIRECTIONS[other]} {scale[other]:.2f}"
+        beside = f"{scale[other]:.2f} times as far along {DIRECTIONS[other]}"
         if one == other:
-            beside = "in other directions 1.00"
-        return (f"along {DIRECTIONS[one]} the features move {scale[one]:.2f} times as far as L "
-                f"and the arm's motion predict, {beside} times as far")
+            beside = "1.00 times as far in other directions"
+        return (f"the features move {scale[one]:.2f} times as far along {DIRECTIONS[one]} as L "
+                f"and the arm's motion predict, but {beside}")
 
 
 def judged(seed, jacobian=None):
@@ -316,7 +316,7 @@ def test_a_little_off_is_within_what_can_be_measured():
 
 def test_motion_the_other_way_and_motion_of_its_own_are_faults():
     against = seen_by(np.array([-1.0] * 3 + [1.0] * 3)).find_fault()
-    assert "translations of the camera move them in the opposite direction" in against
+    assert "when the camera translates, they move in the opposite direction" in against
     evidence = seen_by(ONE, 40, drift=20.0)
     assert "of the motion is not explained" in evidence.find_fault()
     assert "4 % of the motion is not explained" in seen_by(ONE, 40, drift=8.0).find_fault()

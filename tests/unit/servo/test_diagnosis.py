@@ -137,7 +137,7 @@ def test_an_image_that_cannot_be_measured_for_long_is_a_target_lost():
     class Counting(Twice):
         def measure(self, observation, goal):
             if observation.stamp > 0.5:
-                raise MeasurementError("9 points are visible, the goal has 8")
+                raise MeasurementError("9 points are visible, but the goal has 8")
             return super().measure(observation, goal)
 
     rig = Rig(the_servo(scheme=FeatureScheme(Counting(), Proportional(3.0))), near(1))
@@ -762,7 +762,7 @@ def test_a_camera_that_moves_otherwise_than_L_says_may_be_farther_from_its_goal(
     plain, other = arrived(""), arrived("the features move otherwise")
     assert (plain.open_distance, plain.open_angle) == (1e-4, 2e-3) and not plain.remedy
     assert (other.open_distance, other.open_angle) == (2e-4, 4e-3) and "calibrate" in other.remedy
-    assert other.reason.endswith("taught with this camera; but the features move otherwise")
+    assert other.reason.endswith("taught with this camera, but the features move otherwise")
     # not where one of the cameras has no goal that it has shown
     assert arrived("it moves otherwise", other_cameras=["right"]).kind == "wrong_camera_model"
     # and what was seen while the target moved is not held against the camera

@@ -154,7 +154,7 @@ def test_whole_numbers_and_lists_are_numbers_too_and_a_record_may_have_any_shape
 
 @pytest.mark.parametrize(("answer", "words"), [
     ([0.0, np.nan, 1.0], "mine returned joints that are not finite"),
-    ([0.0, 1.0], r"mine returned joints of shape \(2,\), shape \(3,\) is needed"),
+    ([0.0, 1.0], r"mine returned joints of shape \(2,\), must return shape \(3,\)"),
     ("left", "mine returned joints of no numbers"),
 ])  # fmt: skip
 def test_joints_are_a_finite_number_each(answer, words):
@@ -194,8 +194,8 @@ def test_a_decision_is_made_of_arrays_whatever_was_answered():
     ({}, {"desired": [np.nan, 0.0]}, r"returned desired that are not finite: \[nan, 0.0\]"),
     ({"tolerances": (0.1, -0.1)}, {}, r"has tolerances \(0.1, -0.1\): 2 numbers above 0 are"),
     ({"tolerances": (0.0, 0.1)}, {}, r"has tolerances \(0.0, 0.1\): 2 numbers above 0 are"),
-    ({"tolerances": (0.1,)}, {}, r"has tolerances \(0.1,\): 2 numbers above 0 are needed"),
-    ({"tolerances": None}, {}, "has tolerances None: 2 numbers above 0 are needed"),
+    ({"tolerances": (0.1,)}, {}, r"has tolerances \(0.1,\), must have 2 numbers above 0"),
+    ({"tolerances": None}, {}, "has tolerances None, must have 2 numbers above 0"),
     ({}, {"error_drift": [1.0, np.nan]}, "returned the error_drift .*: one finite number"),
     ({}, {"error_drift": [1.0]}, "returned the error_drift .*: one finite number"),
     ({}, {"error_drift": None}, "returned the error_drift None: one finite number for each name"),
@@ -512,14 +512,14 @@ HERE = __name__
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("momments", "unknown scheme 'momments': did you mean 'moments'? known are alpha, "),
+        ("momments", "unknown scheme 'momments': did you mean 'moments'? Or use one of alpha, "),
         ("no_such_package.x:Y", "cannot import no_such_package"),
         ("aras_visual_servo_controller.laws:Proportinal", "did you mean 'Proportional'?"),
         ("aras_visual_servo_controller.laws:Proportional", "not a class derived from Scheme"),
         ("test_faults:Exits", "its constructor raised SystemExit: no GPU"),
         ("test_faults:Unnamed", "Unnamed has no names"),
         ("test_faults:Loose", "2 names but tolerances"),
-        ("test_faults:Never", "one number above 0 for each feature is needed"),
+        ("test_faults:Never", "give one number above 0 for each name"),
         ("moments+moments_2016", "'moments_2016' is not a feature"),
         ("", "unknown scheme ''"),
         ("moments:", "unknown scheme"),

@@ -222,7 +222,8 @@ def test_a_camera_is_the_same_one_to_a_thousandth_of_its_numbers_and_half_a_pixe
         assert (base.compare_cameras(640, 480, K, lens) == "") is same
         for size in ((641, 480), (640, 479)):
             assert base.compare_cameras(*size, K, lens) == (
-                f"{size[0]}x{size[1]}, fx 2000.00; this one is 640x480, fx {lens.K[0]:.2f}"
+                f"{size[0]}x{size[1]} px, fx 2000.00; this camera has 640x480 px, fx "
+                f"{lens.K[0]:.2f}"
             )
 
 

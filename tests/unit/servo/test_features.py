@@ -65,7 +65,7 @@ def dense(shape, parts=12):
 @pytest.mark.parametrize("name", ["points", "numbered_points"])
 @pytest.mark.parametrize("extra", [-1, 1, 2])
 def test_corners_that_become_more_or_fewer_are_looked_for_where_the_goals_are(name, extra):
-    """The scheme lost a target that it saw: 9 points are visible, the goal has 8."""
+    """The scheme lost a target that it saw: 9 points are visible, but the goal has 8."""
     feature = FEATURES.create(name)
     goal = taught(feature)
     feature.check(goal)
@@ -74,7 +74,8 @@ def test_corners_that_become_more_or_fewer_are_looked_for_where_the_goals_are(na
     some = seen.contour[:: len(seen.contour) // (8 + extra)][: 8 + extra]
     found = feature.measure(replace(seen, corners=some, is_numbered=False), goal)
     np.testing.assert_allclose(found.error, wanted.error, atol=1e-6)
-    with pytest.raises(MeasurementError, match=f"{8 + extra} points are visible, the goal has 8$"):
+    with pytest.raises(MeasurementError, match=f"{8 + extra} points are visible, but the goal has "
+                                               "8$"):
         feature.measure(replace(seen, corners=some, contour=None), goal)
 
 
@@ -731,7 +732,7 @@ def test_pixels_without_depth_do_not_count():
 def test_points_that_do_not_fit_the_goal_are_refused():
     feature = FEATURES.create("points")
     goal = taught(feature)
-    with pytest.raises(MeasurementError, match="4 points are visible, the goal has 8"):
+    with pytest.raises(MeasurementError, match="4 points are visible, but the goal has 8"):
         feature.measure(look(feature.needs, GOAL, SQUARE), goal)
     with pytest.raises(ConfigurationError, match="no points of the feature 'points'"):
         feature.check(Goal(depth=0.2))
@@ -741,8 +742,8 @@ ON_A_LINE = np.array([[-0.05, 0.01], [0.0, 0.01], [0.02, 0.01], [0.06, 0.01]])
 
 
 @pytest.mark.parametrize(("name", "corners", "words"), [
-    ("polar_points", [[0.0, 0.0], [0.1, 0.0], [0.1, 0.1]], "it has no polar angle"),
-    ("polar_points", [[9e-10, 0.0], [0.1, 0.0], [0.1, 0.1]], "it has no polar angle"),
+    ("polar_points", [[0.0, 0.0], [0.1, 0.0], [0.1, 0.1]], "has no polar angle"),
+    ("polar_points", [[9e-10, 0.0], [0.1, 0.0], [0.1, 0.1]], "has no polar angle"),
     ("segments", [[0.1, 0.0], [0.1, 9e-10], [0.3, 0.1]], "coincide and define no edge"),
     ("lines", [[0.1, 0.2], [0.1, 0.2], [0.3, 0.1]], "coincide and define no edge"),
     ("pose", ON_A_LINE, "goal: a pose needs four points that are not on one line; the goal has 4"),

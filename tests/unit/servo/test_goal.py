@@ -151,23 +151,23 @@ WRONG = {
     "depth 0": ({"depth": 0.0}, "depth is 0.0, must be >= 0.001 m: is it in metres"),
     "depth mm": ({"depth": 191.7}, "depth is 191.7, must be <= 100 m: is it in metres"),
     "depth tiny": ({"depth": 1e-300}, "is it in metres"),
-    "plane 0": ({"plane": [0.0, 0.0, 0.0]}, "plane ends with 0, which must be 1/Z"),
-    "plane behind": ({"plane": [0.0, 0.0, -5.0]}, "plane ends with -5"),
-    "plane in mm": ({"plane": [0.0, 0.0, 0.0052]}, "plane ends with 0.0052"),
+    "plane 0": ({"plane": [0.0, 0.0, 0.0]}, "C, the last number of plane, is 0, must be 1/Z"),
+    "plane behind": ({"plane": [0.0, 0.0, -5.0]}, "C, the last number of plane, is -5"),
+    "plane in mm": ({"plane": [0.0, 0.0, 0.0052]}, "C, the last number of plane, is 0.0052"),
     "plane aslant": ({"plane": [0.0, 101.0, 5.0]}, "the camera looks parallel to it"),
     "plane huge": ({"plane": [1e300, 0.0, 5.0]}, "the camera looks parallel to it"),
     "depth nan": ({"depth": float("nan")}, "depth is nan, must be"),
     "joint": ({"joints": {"J1": True}}, "joints.J1 is True, must be"),
-    "joints list": ({"joints": [1, 2]}, "joints is .* must be keys with values"),
+    "joints list": ({"joints": [1, 2]}, "joints is .* must be a mapping"),
     "order": ({"moments": {"order": 9, "m": [], "mu": []}}, "moments.order is 9, must be <= 6"),
     "few": ({"moments": {"order": 1, "m": [1.0], "mu": [1, 0, 0]}}, "moments.m must be 3"),
     "empty": ({"moments": {"order": 1, "m": [0, 0, 0], "mu": [0, 0, 0]}}, "must be positive"),
     "huge": ({"moments": {"order": 1, "m": [1, 1e308, 0], "mu": [1, 0, 0]}}, "implausible"),
-    "kernel": ({"kernel": {"width": 1}}, "kernel.height is missing, must be a whole number"),
+    "kernel": ({"kernel": {"width": 1}}, "kernel.height is missing: give a whole number"),
     "camera": ({"camera": {"width": 1, "height": 1, "K": [0] * 9}}, "goal"),
-    "features": ({"features": {"points": 3}}, "features.points is 3, must be keys with values"),
+    "features": ({"features": {"points": 3}}, "features.points is 3, must be a mapping"),
     "pose": ({"camera_pose": {"xyz": [0, 0, 0]}},
-             "camera_pose.rpy is missing, must be a list of 3"),
+             "camera_pose.rpy is missing: give a list of 3"),
     "plane": ({"plane": [0, 0]}, "plane is .0, 0., must be a list of 3 finite numbers"),
     "target": ({"target": {"boxes": [[[0, 0, 0], [0, 1, 1]]]}}, "lowest"),
     "boxes": ({"target": {"boxes": [[1, 2]]}},
@@ -363,7 +363,7 @@ def test_targets_geometry():
     {"boxes": [[[0, 0, 0], [1, 1, 1]]], "grund": 0.0},
 ])  # fmt: skip
 def test_a_targets_geometry_with_other_keys_is_refused(data):
-    refused = "mine is (None|.1.0.), must be keys|mine.boxes is missing|mine.grund.: did you"
+    refused = "mine is (None|.1.0.), must be a mapping|mine.boxes is missing|mine.grund.: did you"
     with pytest.raises(ConfigurationError, match=refused):
         TargetGeometry.from_mapping(data, "mine")
 

@@ -213,8 +213,8 @@ def test_gains_up_to_a_thousand_are_taken(law):
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: Adaptive(1.0, 2.0), "must be greater than infinity"),
-        (lambda: Adaptive(2.0, 2.0), "must be greater than infinity"),
+        (lambda: Adaptive(1.0, 2.0), "must be greater than the parameter infinity"),
+        (lambda: Adaptive(2.0, 2.0), "must be greater than the parameter infinity"),
         (lambda: Diagonal([]), "values is empty"),
         (lambda: Diagonal([1.0, 0.0]), r"values\[1\] is 0.0"),
         (lambda: SlidingMode(reach=10.0, width=1e-3), "raise width"),
@@ -233,7 +233,8 @@ def test_laws_that_there_are_not(make, words):
     ("law", "gains", "words"),
     [
         (Proportional(2.0), {"gain": 0.0}, "gain is 0.0"),
-        (Adaptive(5.0, 2.0), {"zero": 1.0}, "zero is 1 1/s, must be greater than infinity"),
+        (Adaptive(5.0, 2.0), {"zero": 1.0}, "zero is 1 1/s, must be greater than the parameter "
+                                            "infinity"),
         (Adaptive(5.0, 2.0), {"slope": 7.0, "infinity": 5.0}, "must be greater"),
         (ProportionalIntegral(), {"integral": -1.0}, "integral is -1.0"),
         (SlidingMode(), {"width": 1e-5}, "raise width"),

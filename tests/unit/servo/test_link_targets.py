@@ -85,7 +85,7 @@ def test_a_course_tells_the_last_pose_before_a_time():
 @pytest.mark.parametrize(("target", "more", "why"), [
     ({"model": "crat"}, "", "there is no model 'crat' in world .*did you mean 'crate'"),
     ({"model": "crate", "link": "bod"}, "", "has no link 'bod' with visuals: did you mean 'body'"),
-    ({"model": "crate"}, LID, "has 2 links with visuals: body, lid; name the target's"),
+    ({"model": "crate"}, LID, "has 2 links with visuals .body, lid.; name the target's"),
     ({"model": "ground_plane"}, "", "target: ground_plane::link is not a closed surface"),
 ])  # fmt: skip
 def test_a_link_that_is_not_there_is_named(world, target, more, why):
@@ -94,7 +94,7 @@ def test_a_link_that_is_not_there_is_named(world, target, more, why):
 
 
 @pytest.mark.parametrize(("changes", "why"), [
-    ({"world": ""}, "there is none: set world to the file's path or name"),
+    ({"world": ""}, "world is not set: set world to the path or name of the file"),
     ({"plant": "free", "world": ""}, "only plant bullet has a world"),
     ({"target": {"model": "crate", "shape": "square"}}, "has the link's shape"),
 ])  # fmt: skip

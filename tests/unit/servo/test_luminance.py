@@ -376,7 +376,8 @@ def test_bad_pictures_are_one_line():
     with pytest.raises(MeasurementError, match="80 x 60 pixels, but the goal's image has 160 x"):
         feature.measure(look(other, GOAL, feature.needs), goal)
     longer = CameraModel(160, 120, (200.0, 0, 79.5, 0, 200.0, 59.5, 0, 0, 1))
-    with pytest.raises(MeasurementError, match=r"another camera \(160x120, fx 180.00; this one is"):
+    with pytest.raises(MeasurementError, match=r"another camera \(160x120 px, fx 180.00; this "
+                                               r"camera has"):
         feature.measure(look(longer, GOAL, feature.needs), goal)
     lens = CameraModel(160, 120, PINHOLE.K, (-0.2, 0.05, 0.0, 0.0, 0.0))
     with pytest.raises(MeasurementError, match=r"another camera \(lens plumb_bob \[\]; this one's"):

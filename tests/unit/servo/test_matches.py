@@ -155,13 +155,13 @@ def test_eight_keypoints_that_agree_are_enough(picture, monkeypatch):
     monkeypatch.setattr(
         feature, "detect_keypoints", lambda grey: [part[:280:40] for part in all_of]
     )
-    with pytest.raises(ConfigurationError, match="its image has 7 keypoints, 8 are needed"):
+    with pytest.raises(ConfigurationError, match="has 7 keypoints, but 8 are needed"):
         feature.check(goal)
     monkeypatch.setattr(
         feature, "detect_keypoints", lambda grey: [part[:281:40] for part in all_of]
     )
     feature.check(goal)
-    with pytest.raises(ConfigurationError, match="its image has .* keypoints"):
+    with pytest.raises(ConfigurationError, match="the image of .* has .* keypoints"):
         feature.check(replace(goal, camera=None))  # they are no rays then
 
 
@@ -214,7 +214,8 @@ def test_matches_are_those_that_stand_out_and_that_agree(picture, monkeypatch):
     np.testing.assert_allclose(found.desired, normalised(GRID[kept]).ravel(), atol=1e-9)
     for some, words in (
         ((0, 1, 4, 8, 10, 11, 12, 13), ""), ((0, 1, 4, 8, 10, 11, 12), "7 keypoints match the"),
-        ((0, 1, 4, 8, 10, 11, 12, 6), "8 keypoints match the goal image, 8 consistent ones are"),
+        ((0, 1, 4, 8, 10, 11, 12, 6), "8 keypoints match the goal image, but 8 consistent matches "
+                                      "are"),
     ):  # fmt: skip
         told = [[70.0 if i in some else 90.0, 100.0] for i in range(16)]
         feature, goal, seen = matched(picture, monkeypatch, at, told)
@@ -228,7 +229,8 @@ def test_matches_are_those_that_stand_out_and_that_agree(picture, monkeypatch):
 def test_matches_all_in_one_place_agree_on_nothing(picture, monkeypatch):
     told = np.tile([70.0, 100.0], (16, 1))
     feature, goal, seen = matched(picture, monkeypatch, np.full((16, 2), 90.0), told)
-    with pytest.raises(MeasurementError, match="16 keypoints match .*, 8 consistent ones are"):
+    with pytest.raises(MeasurementError, match="16 keypoints match .*, but 8 consistent matches "
+                                               "are"):
         feature.measure(seen, goal)
 
 

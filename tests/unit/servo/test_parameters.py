@@ -101,7 +101,7 @@ def test_the_goal_follows_the_start():
         ({"image_timeout": 0.05}, "~image_timeout is 0.05, must be >= 0.1"),
         ({"lockstep": 1}, "~lockstep is 1, must be true or false"),
         ({"scheme": ""}, "~scheme is '', must be a text"),
-        ({"posture": [1.0]}, "~posture is .*must be keys with values"),
+        ({"posture": [1.0]}, "~posture is .*must be a mapping"),
         ({"max_velocity": "high"}, "~max_velocity is 'high', must be a number, a list"),
         ({"max_velocity": {"J1": "x"}}, "~max_velocity"),
         ({"joints": "J1"}, "~joints is 'J1', must be a list"),
@@ -176,7 +176,7 @@ def test_settings_of_the_loop_alone_have_bounds_too():
         ({"scheme": "momnts"}, "unknown scheme 'momnts': did you mean 'moments'"),
         ({"law": "adaptve"}, "did you mean 'adaptive'"),
         ({"gain": 1e6}, "law proportional: gain is 1000000.0, must be <= 1000 1/s"),
-        ({"law": "adaptive", "gain": 2.0}, "law 'adaptive' takes no 'gain': known are"),
+        ({"law": "adaptive", "gain": 2.0}, "law 'adaptive' takes no 'gain': use one of"),
         ({"start": "2017"}, "~start is '2017': did you mean '201"),
         ({"start": [0.0] * 5}, "a finite number for each of gantry, J1"),
         ({"start": "0 0 0 0 0 far"}, r"~start.5. is 'far', must be a finite number"),
@@ -197,7 +197,7 @@ def test_settings_of_the_loop_alone_have_bounds_too():
         ({"desired": "nowhere.yaml"}, "cannot read the goal nowhere.yaml:"),
         ({"desired": "no/where"}, "cannot read the goal no/where:"),
         ({"desired": "2017"}, "unknown goal '2017': did you mean '201"),
-        ({"desired": "pose"}, "unknown goal 'pose': known are 2015, 2016 .or the path of a YAML"),
+        ({"desired": "pose"}, "unknown goal 'pose': use one of 2015, 2016 .or the path of a YAML"),
         ({"posture": {"J4": 0.0}}, "unknown joint J4"),
         ({"posture": {"J1": "up"}}, "~posture.J1 is 'up', must be a finite number"),
         ({"posture": {"J1": float("nan")}}, "~posture.J1 is nan"),
@@ -207,13 +207,13 @@ def test_settings_of_the_loop_alone_have_bounds_too():
         ({"posture": {"J1": -9.0}}, "posture: J1 is -9.0"),
         ({"elbow": 0.5}, "side of the elbow J3 is 0.5: use -1 or 1"),
         ({"elbow": [1, 1]}, "~elbow is .1.0, 1.0., must be -1 or 1, or"),
-        ({"controllers": {"J9": "x"}}, "~controllers names the joint J9: known are"),
+        ({"controllers": {"J9": "x"}}, "~controllers has the unknown joint J9: use one of"),
         ({"controllers": {"J1": ""}}, "~controllers: the value for J1 is '', must be the name"),
         ({"controllers": {"J1": 3}}, "~controllers: the value for J1 is 3, must be the name"),
         ({"elbow": {"J2": 1}}, "J2 is not an elbow"),
         ({"max_velocity": 9.0}, "beyond the robot's own"),
-        ({"lead": {"J4": 0.1}}, "~lead names the joint J4"),
-        ({"output": "torque"}, "~output is 'torque': known are position, velocity, effort"),
+        ({"lead": {"J4": 0.1}}, "~lead has the unknown joint J4"),
+        ({"output": "torque"}, "~output is 'torque': use one of position, velocity, effort"),
         ({"lead": -0.01}, "~lead is -0.01, must be >= 0 m, rad"),
         ({"damping": {"J2": -1.0}}, "~damping.J2 is -1.0, must be >= 0"),
         ({"stiffness": [1.0, 2.0]}, "stiffness is .1.0, 2.0.: one number, or a number for each of"),
@@ -387,7 +387,7 @@ def test_secondary_tasks_are_those_that_are_asked_for(arm):
 def test_controllers_of_joints_that_are_not_used_may_be_named():
     settings = of(joints=["J1", "J2"], controllers={"J5": "wrist"})
     assert settings.make_arm(URDF).names == ("J1", "J2")
-    with pytest.raises(ConfigurationError, match="names the joint J9: known are .*J5"):
+    with pytest.raises(ConfigurationError, match="has the unknown joint J9: use one of .*J5"):
         of(joints=["J1", "J2"], controllers={"J9": "wrist"}).make_arm(URDF)
 
 

@@ -371,7 +371,7 @@ def test_a_scheme_says_which_cameras_it_reads():
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("points@rihgt", "reads the camera 'rihgt': did you mean 'right'"),
+        ("points@rihgt", "reads the unknown camera 'rihgt': did you mean 'right'"),
         ("points@", "the name of a camera is missing after @"),
         ("stereo_points@left,", "the name of a camera is missing after @"),
         ("points@left,right", "scheme 'points' reads 1 camera: name one, for example points@l"),

@@ -127,7 +127,7 @@ def test_what_a_solid_cannot_be_is_said(meshes):
     with pytest.raises(ExperimentError, match="no file"):
         assemble(flying("nowhere.stl"))
     near = flying(meshes["box"]).with_changes(goal={"pose": [0.0, 0.0, 0.075, 3.1416, 0.0, 0.0]})
-    with pytest.raises(ExperimentError, match="larger than the view"):
+    with pytest.raises(ExperimentError, match="larger than the image"):
         assemble(near)
     with pytest.raises(ExperimentError, match="leave them out"):
         flying(meshes["box"]).with_changes(target={"shape": meshes["box"], "perturbed": True})

@@ -55,7 +55,7 @@ def test_a_jump_is_reported_with_its_feature_its_size_and_its_time():
     jump = check.first_jump
     assert (jump.feature, len(check.jumps)) == ("y", 1) and not check.has_frequent_jumps
     assert jump.stamp == pytest.approx(20 * DT) and jump.size == pytest.approx(0.3, abs=0.05)
-    assert str(jump).endswith("at 0.67 s, where L and the camera's motion explain 0.018")
+    assert str(jump).endswith("at 0.67 s, but L and the camera's motion explain only 0.018")
     assert followed(60, lambda k, told: told + [0.3 * (k % 12 > 6), 0, 0]).has_frequent_jumps
 
 

@@ -324,12 +324,12 @@ def test_a_view_that_cannot_be_taught_is_refused_with_its_reason():
     teacher.add_joint_state(arm.names, np.zeros(6), np.zeros(6), 0.0)
 
     def look(joints, commands):
-        raise ModelError("no plane fits the outline of it")
+        raise ModelError("the visible outline of it")
 
     teacher.add_image(0.0, look)
     teacher.add_image(0.1, look)
     assert (teacher.views, teacher.refused_count) == ([], 2)
-    assert teacher.reason == "no plane fits the outline of it"
+    assert teacher.reason == "the visible outline of it"
 
 
 def test_moments_of_a_model_are_taught_with_the_plane_of_its_outline():

@@ -103,25 +103,25 @@ def test_values_of_a_yaml_file_come_in_the_kind_that_is_wanted(key, text, expect
         ({"quiet": 1}, "quiet is 1, must be true or false"),
         ({"quiet": "true"}, "quiet is 'true', must be true or false"),
         ({"mode": "fats"}, "mode is 'fats': did you mean 'fast'?"),
-        ({"mode": "x"}, "mode is 'x': known are fast, slow"),
+        ({"mode": "x"}, "mode is 'x': use one of fast, slow"),
         ({"mode": 4}, "mode is 4, must be one of fast, slow"),
         ({"limit": "x"}, "limit is 'x', must be a finite number"),
         ({"pair": [1]}, "pair is [1], must be a list of 2 finite numbers"),
         ({"pair": "one two"}, "pair[0] is 'one', must be a finite number"),
         ({"pair": [0, math.inf]}, "pair[1] is inf, must be a finite number"),
         ({"start": {"side": -1}}, "start.side is -1.0, must be >= 0 m"),
-        ({"start": True}, "start is True, must be a text or a list of finite numbers or keys with "
-                          "values"),
+        ({"start": True}, "start is True, must be a text or a list of finite numbers or a "
+                          "mapping"),
         ({"names": [1]}, "names[0] is 1, must be a text"),
         ({"lead": "high"}, "lead is 'high', must be a number, or one by joint"),
         ({"lead": {"J1": "x"}}, "lead.J1 is 'x', must be a finite number"),
         ({"lead": {"J1": -1}}, "lead.J1 is -1.0, must be >= 0"),
-        ({"options": {2.5: 1}}, "options has the key 2.5, must be a text"),
-        ({"options": [1]}, "options is [1], must be keys with values"),
+        ({"options": {2.5: 1}}, "options has the key 2.5; write all keys as texts"),
+        ({"options": [1]}, "options is [1], must be a mapping"),
         ({"folder": "/"}, "unknown key 'folder': did you mean 'mode'?"),
-        ({"x": "/"}, "unknown key 'x': known are gain, part, count, quiet, mode, start, limit, "
+        ({"x": "/"}, "unknown key 'x': use one of gain, part, count, quiet, mode, start, limit, "
                      "pair, names, lead, options"),
-        ([1], "Outer is [1], must be keys with values"),
+        ([1], "Outer is [1], must be a mapping"),
         ({"start": {"pose": None}}, "start.pose is None, must be a list of 2 finite numbers"),
     ],
 )  # fmt: skip
@@ -159,12 +159,12 @@ def test_paths_begin_with_where_the_settings_stand():
         with pytest.raises(OwnError) as caught:
             of({"gain": "x"}, where)
         assert str(caught.value).startswith(wrong)
-    with pytest.raises(OwnError, match="^goal.yaml is None, must be keys with values$"):
+    with pytest.raises(OwnError, match="^goal.yaml is None, must be a mapping$"):
         of(None, "goal.yaml: ")
 
 
 def test_a_key_that_is_needed_is_named():
-    with pytest.raises(OwnError, match="^start.pose is missing, must be a list of 2 finite"):
+    with pytest.raises(OwnError, match="^start.pose is missing: give a list of 2 finite"):
         build(Other, {}, "start", OwnError)
 
 
@@ -173,7 +173,7 @@ def test_bounds_hold_however_the_settings_were_made():
     for made, message in (
         (Outer(gain=math.nan), "a.gain is nan, must be a finite number"),
         (Outer(gain=0), "a.gain is 0.0, must be > 0 1/s"),
-        (Outer(mode="x"), "a.mode is 'x': known"),
+        (Outer(mode="x"), "a.mode is 'x': use one of"),
         (Outer(lead=(0.1, -1.0)), r"a.lead\[1\] is -1.0, must be >= 0"),
     ):
         with pytest.raises(OwnError, match=message):
@@ -201,7 +201,7 @@ def test_one_value_is_read_beside_those_of_others():
     values = {"p": "1e1", "flag": True, "theirs": None}
     assert read(values, "p", float, "/c/pid", OwnError) == 10.0
     assert read(values, "i", float, "/c/pid", OwnError, 0.0) == 0.0
-    with pytest.raises(OwnError, match="^parameter /c/pid/d is missing, must be a finite number$"):
+    with pytest.raises(OwnError, match="^parameter /c/pid/d is missing: give a finite number$"):
         read(values, "d", float, "/c/pid", OwnError)
     with pytest.raises(OwnError, match="^parameter /c/pid/flag is True, must be a finite number$"):
         read(values, "flag", float, "/c/pid", OwnError)
@@ -249,7 +249,7 @@ def test_a_file_of_another_encoding_is_told(tmp_path):
 
 def test_the_nearest_name_is_asked_after_or_all_are_told():
     assert suggest("cuont", ["count", "rate"]) == "did you mean 'count'?"
-    assert suggest("xyz", ["count", "rate"]) == "known are count, rate"
+    assert suggest("xyz", ["count", "rate"]) == "use one of count, rate"
     assert suggest(2015, ["2016", "x"]) == "did you mean '2016'?"
 
 
@@ -258,11 +258,11 @@ def test_a_class_is_found_by_name_or_by_its_module():
     assert known.register("outer")(Outer).name == "outer"
     assert known.find("outer") is Outer and known["outer"] is Outer and list(known) == ["outer"]
     assert known.find(f"{__name__}:Outer") is Outer
-    with pytest.raises(OwnError, match=f"scheme 'outer' is already {__name__}:Outer"):
+    with pytest.raises(OwnError, match=f"scheme 'outer' already exists .{__name__}:Outer"):
         known.register("outer")(Inner)
     assert import_object("metric", "math:pi", OwnError) == math.pi
     for name, words in (
-        ("outre", "unknown scheme 'outre': did you mean 'outer'? known are outer, or 'pack"),
+        ("outre", "unknown scheme 'outre': did you mean 'outer'? Or use one of outer, or 'pack"),
         ("a:", "unknown scheme 'a:'"),
         ("no_such:X", "scheme 'no_such:X': cannot import no_such"),
         ("math:Pie", "scheme 'math:Pie': math has no Pie"),

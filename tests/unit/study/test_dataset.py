@@ -249,7 +249,7 @@ def test_first_keeps_a_view_of_each_start():
 @pytest.mark.parametrize(("changes", "complaint"), [
     ({"experiment": {"plant": "free"}}, "features: images"),
     ({"pictures": "none", "depth": True}, "set pictures to all or first"),
-    ({"pictures": "some"}, "known are none, first, all"),
+    ({"pictures": "some"}, "use one of none, first, all"),
     ({"experiment": SEVERAL, "vary": {"cameras": [SEVERAL["cameras"], {"right": {}}]}},
      "left, right in one, right in another"),
 ])  # fmt: skip

@@ -311,7 +311,8 @@ def test_folders_that_are_none(tiny, tmp_path):
     with pytest.raises(StudyError, match="is not the manifest of a study"):
         StudyFolder.open(tmp_path)
     whole = StudyFolder.create(tmp_path / "whole", tiny(), "")
-    for key, told in (("chunk", "has chunks of another size"), ("format", "in format 4, not 3")):
+    for key, told in (("chunk", "was written with another chunk "
+                                "size"), ("format", "in format 4, not 3")):
         changed = json.dumps({**whole.manifest, key: 4})
         (whole.path / "manifest.json").write_text(changed)
         with pytest.raises(StudyError, match=told):

@@ -325,7 +325,7 @@ def test_cases_of_one_study_are_compared_pairwise(path, raw, by):
         assert d.comparison.paired and d.comparison.count == len(x)
         if not len(x):
             assert math.isnan(d.p) and d.verdict == compare.UNTESTED
-            assert d.note == "no pair of runs has both values"
+            assert d.note == "no pair of runs has a value in both runs"
             continue
         middle = np.mean if METRICS[name].is_binary else np.median
         assert (d.comparison.before, d.comparison.after) == pytest.approx((middle(x), middle(y)))
@@ -408,13 +408,14 @@ def test_the_command_compares_cases_and_explains_what_it_cannot(path, capsys):
     code, text, _ = run_command(["diff", path, "--between", "scheme", "--by", "gain", "--all"],
                                 capsys)  # fmt: skip
     assert code == 0 and "scheme=points -> scheme=moments  gain=1.0" in text
-    assert "untested settled" in text and "no pair of runs has both values" in text
-    assert "2 differences of settled are not tested, because one side has no values" in text
+    assert "untested settled" in text and "no pair of runs has a value in both runs" in text
+    assert ("2 differences of settled are not tested, because one of the compared groups has no "
+            "values") in text
     for words, complaint in (
-        ([path], "diff needs 2 study folders, not 1: give two folders, or one folder and --betwee"),
+        ([path], "diff without --between needs 2 study folders, not 1: give two folders, or one"),
         ([path, path, "--between", "scheme"], "diff needs 1 study folder, not 2"),
         ([path, "--between", "schem"], "out does not vary 'schem': did you mean 'scheme'?"),
-        ([path, "--between", "gain", "--by", "gain"], "gain is given with --between and --by"),
+        ([path, "--between", "gain", "--by", "gain"], "gain is given in both --between and --by"),
     ):
         code, _, error = run_command(["diff", *words], capsys)
         assert code == 1 and complaint in error and error.count("\n") == 1
@@ -444,7 +445,7 @@ def test_one_run_per_cell_has_no_interval_and_no_test(tmp_path, capsys):
     text = run_command(["diff", path, "--between", "scheme", "--by", "gain"], capsys)[1]
     assert "of these differences have too few runs to be significant: repeat each setting" in text
     text = run_command(["diff", path, "--between", "scheme", "--by", "gain", "--all"], capsys)[1]
-    assert "(the sample is too small for p < 0.05: 1 pair)" in text
+    assert "(a sample of 1 pair is too small for p < 0.05)" in text
     text = run_command(["table", path, "--metrics", "settled", "--format", "tex"], capsys)[1]
     assert "nan" not in text
 

@@ -432,7 +432,8 @@ def test_a_run_that_was_a_fault_is_shown_as_a_line_and_where_it_was_raised(tmp_p
     assert main(words) == 1
     told = capsys.readouterr().out
     command = f"rosrun aras_visual_servo_bench bench show {out} 0"
-    assert f"stopped at run 0, fault: ZeroDivisionError: of mine; {command}" in told
+    assert ("stopped after run 0, which ended with fault (ZeroDivisionError: of mine); repeat it "
+            f"with {command}") in told
     assert main(["show", str(out), "0"]) == 1
     told = capsys.readouterr().err
     assert "run 0: ZeroDivisionError: of mine; traceback" in told

@@ -201,7 +201,7 @@ def test_an_experiment_in_a_file_beside_the_study(tmp_path):
     ({"chunk": 0}, "chunk is 0"),
     ({"seed": -1}, "seed is -1"),
     ({"experiment": {**FREE, "seed": 3}}, "seed belongs to the study"),
-    ({"experiment": [1]}, "experiment is .1., must be keys with values or a text"),
+    ({"experiment": [1]}, "experiment is .1., must be a mapping or a text"),
     ({"repetas": 2}, "unknown key 'repetas': did you mean 'repeats'"),
     ({"repeats": "many"}, "repeats is 'many', must be a whole number"),
 ])  # fmt: skip

@@ -54,8 +54,8 @@ def test_the_table_is_written_for_the_documentation(only, tmp_path, monkeypatch)
     cli.main(["--write"])
     told = (tmp_path / "truth.md").read_text().split("| check |")[0]
     assert "- 0 of 1 comparisons, in 1 checks, are within their bounds; beyond: heat: " in told
-    assert "- Compared with a book (1)." in told
-    assert "Closest to their bounds: heat, melting point: 0.3 °C, bound 0.2 °C." in told
+    assert "- The references, with the number of comparisons: a book (1)." in told
+    assert "closest to their bounds: heat (melting point): 0.3 °C, bound 0.2 °C." in told
     assert "| heat | a book | melting point | 0 °C | 0.3 °C | 0.2 °C | **no** |" in \
         (tmp_path / "truth.md").read_text()
 
@@ -77,7 +77,7 @@ def test_the_page_begins_with_what_its_tables_say():
     page = cli.TABLE.read_text(encoding="utf-8")
     assert result.with_result(page) == page, "write it again: tests/truth --write"
     lines = result.result(page)
-    assert 8 <= len(lines) <= 12 and lines[-1].startswith("Correct in ")
+    assert 8 <= len(lines) <= 12 and lines[-1].startswith("The servo loop reports ")
     assert page.index(lines[0]) < 200
     worse = page.replace("1.7e-07 | 0.0001 |  |", "1.7e-03 | 0.0001 | **no** |", 1)
     first = result.result(worse)[0]

@@ -176,4 +176,4 @@ def test_a_process_that_is_killed_is_reported(packages):
                     "    def __repr__(self):\n        os.kill(os.getpid(), signal.SIGKILL)\n"
                     "N = (Number(),)\n@jit('f8')\ndef twice(x):\n    return N\n")  # fmt: skip
     (fault,), _ = compile_packages.compile_packages(["looping"], 1)
-    assert fault.startswith("compiling looping failed: its process was killed")
+    assert fault.startswith("compiling looping failed: the process was killed")

@@ -81,7 +81,7 @@ def test_the_first_package_of_a_name_is_taken(peers, tmp_path):
 
 
 LOG = """process[gazebo-2]: started with pid 7
-[WARN] [/gazebo] model 'm': <gazebo>: plugin 'libx.so' is not known; ignored
+[WARN] [/gazebo] model 'm': <gazebo>: plugin 'libx.so' is ignored, because it is not known
 [WARN] [/gazebo] liby.so here
 [ERROR] [/gazebo] liby.so there
 [INFO] [/gazebo] libz.so is there
@@ -96,7 +96,7 @@ def test_a_part_that_is_not_served_has_to_be_named_in_one_line(packages, tmp_pat
     assert packages.unnamed(one, lines) == ["'liby.so' is named in 2 lines of the log",
                                             "'libz' is named in 0 lines of the log"]
     assert packages.warnings_of(lines) == [
-        "model 'm': <gazebo>: plugin 'libx.so' is not known; ignored", "liby.so here",
+        "model 'm': <gazebo>: plugin 'libx.so' is ignored, because it is not known", "liby.so here",
         "liby.so there"]
 
 

@@ -149,5 +149,6 @@ def test_a_changed_description_is_the_same_but_for_what_was_asked(make):
     assert replace(after, links=before.links) == before
     assert replace(new, inertial=before.links["b"].inertial, gravity=True) == before.links["b"]
     assert all(after.links[n] is before.links[n] for n in before.links if n != "b")
-    with pytest.raises(SimError, match="joint 'nose' is not a moving joint; there are: turn, spin"):
+    with pytest.raises(SimError, match="joint 'nose' is not a moving joint; moving joints: turn, "
+                                       "spin"):
         change_joint(before, "nose", damping=1.0)

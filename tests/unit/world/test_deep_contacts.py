@@ -32,7 +32,7 @@ def test_a_box_that_is_put_into_the_ground_leaves_it_at_gazebos_speed(caplog):
             world.step()
         assert box.pose().xyz[2] == pytest.approx(0.1, abs=1e-4)
         (line,) = [record.getMessage() for record in caplog.records]
-        assert "box::body is 30 mm within ground_plane::link: they part at 10 mm/s" in line
+        assert "box::body and ground_plane::link overlap by 30 mm and move apart at 10 mm/s" in line
         # It rests as one that was never in the ground, and falls as fast.
         box.set_pose(Pose((0.0, 0.0, 0.11)))
         for _ in range(300):
@@ -51,8 +51,8 @@ def test_an_arm_that_the_ground_pushes_along_its_links_stays_finite(caplog):
             assert max(map(abs, arm.read_joints()[1])) < 100.0
     (line,) = [record.getMessage() for record in caplog.records]
     assert line.startswith(
-        "arm::l5 is 170 mm within ground_plane::link (further pairs of their links that overlap: "
-        "1):")
+        "arm::l5 and ground_plane::link overlap by 170 mm (further pairs of their links that "
+        "overlap: 1) and")
 
 
 def test_joints_that_are_put_into_something_are_judged_again(caplog):

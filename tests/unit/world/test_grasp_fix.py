@@ -119,10 +119,11 @@ def test_deleted_things_and_resets_leave_nothing_held(make):
 
 
 @pytest.mark.parametrize("inside, words", [
-    (ARM.format("<gripper_link>thumb</gripper_link>"), ["'thumb' does not exist", "no <arm>"]),
-    (ARM.format(FINGERS).replace("palm<", "wrist<"), ["palm_link 'wrist'", "no <arm>"]),
-    (ARM.format(FINGERS) * 2, ["another arm has this name"]),
-    ("", ["no <arm>"]),
+    (ARM.format("<gripper_link>thumb</gripper_link>"),
+     ["gripper_link 'thumb' of arm", "no valid <arm>"]),
+    (ARM.format(FINGERS).replace("palm<", "wrist<"), ["palm_link 'wrist'", "no valid <arm>"]),
+    (ARM.format(FINGERS) * 2, ["another arm has the same name"]),
+    ("", ["no valid <arm>"]),
 ])
 def test_arms_that_do_not_exist_are_named(make, inside, words):
     warnings = gripper(make, inside).warnings

@@ -142,7 +142,8 @@ def test_a_joint_that_runs_away_is_named(model):
 @pytest.mark.parametrize("bound", [0.0, -1.0, math.nan])
 def test_a_bound_on_speed_needs_a_bolted_root_and_a_positive_number(model, bound):
     if model.fixed_base:
-        with pytest.raises(WorldError, match="joint 'turn': a hard velocity limit of .* lock it"):
+        with pytest.raises(WorldError, match="joint 'turn': a hard velocity limit of .* would "
+                                             "lock"):
             model.bound_speed("turn", bound)
     else:
         with pytest.raises(WorldError, match="joint 'turn': .* fixed base"):

@@ -65,7 +65,9 @@ def test_two_cameras_of_one_name(simulation, caplog, root, image, taken):
     assert len(simulation.cameras) == 2
     (said,) = [r.getMessage() for r in caplog.records if r.levelname == "ERROR"]
     assert said.startswith("model 'second' is simulated without camera 'b': ")
-    assert f"camera 'b': camera 'a' of model 'first' has the name {taken} already; give one" in said
+    assert (f"camera 'b' cannot use the ROS name {taken}, because camera 'a' of model 'first' uses "
+            "it"
+            in said)
 
 
 def test_two_cameras_of_one_robot_without_names(simulation, caplog):
@@ -78,8 +80,9 @@ def test_two_cameras_of_one_robot_without_names(simulation, caplog):
     assert [one.sensor.config.name for one in simulation.cameras] == ["front"]
     (said,) = [r.getMessage() for r in caplog.records if r.levelname == "ERROR"]
     assert said == (
-        "model 'r' is simulated without camera 'rear': camera 'rear': camera 'front' of model "
-        "'r' has the name / already; give one of them another cameraName or robotNamespace")
+        "model 'r' is simulated without camera 'rear': camera 'rear' cannot use the ROS name /, "
+        "because camera 'front' of model 'r' uses it; change cameraName or robotNamespace of one "
+        "camera")
 
 
 def test_unknown_names_carry_what_there_is(make):
@@ -99,4 +102,4 @@ def test_unknown_names_carry_what_there_is(make):
     # as Bullet numbers pixels: the body, and above it the link, 0 for the root
     assert numbers == {model.body_id: "swing::world", model.body_id + (1 << 24): "swing::bob"}
     assert (other.value.name, other.value.available) == ("arm", ("swing",))
-    assert str(joint.value) == "model 'swing' has no moving joint 'elbow'; it has: swing"
+    assert str(joint.value) == "model 'swing' has no moving joint 'elbow'; its moving joints: swing"

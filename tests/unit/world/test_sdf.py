@@ -126,15 +126,15 @@ def test_included_ground_and_sun_are_known():
 def test_what_changes_nothing_is_left_out_with_one_warning():
     described = parse_sdf(model(link("<battery name='b'/>")))
     assert described.warnings == (
-        "model 'm', link 'link': <battery> 'b' is not supported; ignored",)
+        "model 'm', link 'link': <battery> 'b' is ignored, because it is not supported",)
 
 
 @pytest.mark.parametrize(("text", "reason"), [
     (model(link(part("visual", "<box><size>1 1 -1</size></box>"))), "must be positive"),
     (model(link(part("visual", "<box><size>1 nan 1</size></box>"))), "not finite"),
     (model(link(part("visual", "<sphere/>"))), "sphere radius is missing"),
-    (model('<model name="inner"/>'), "model 'm': it has no <link>"),
-    (model(""), "has no <link>"),
+    (model('<model name="inner"/>'), "model 'm': <link> is missing"),
+    (model(""), "<link> is missing"),
     (model(solid(BOX) + solid(BOX)), "two links are named 'link'"),
     (model(solid(BOX, name="a") + solid(BOX, name="b")
            + '<joint name="j" type="ball"><parent>a</parent><child>b</child></joint>', ""),
@@ -157,7 +157,7 @@ def test_lights_come_change_and_go():
     (sun,) = read_sdf((ROBOT / "world/aras_visual_servo.world").read_text()).lights
     simulation.set_light(sun)
     assert simulation.lights == {"sun": sun}
-    with pytest.raises(WorldError, match="light 'lamp' does not exist; there are: sun"):
+    with pytest.raises(WorldError, match="light 'lamp' does not exist; existing lights: sun"):
         simulation.delete_light("lamp")
     simulation.delete_light("sun")
     assert simulation.lights == {}

@@ -473,21 +473,22 @@ def test_defaults_are_upstream_s():
 
 @pytest.mark.parametrize(("tags", "reason"), [
     (plugin("p3d", {"bodyName": "gone", "topicName": "t"}), "link 'gone' does not exist"),
-    (plugin("p3d", {"bodyName": "tool"}), "it has no <topicName>"),
+    (plugin("p3d", {"bodyName": "tool"}), "<topicName> is missing"),
     (plugin("p3d", {"bodyName": "tool", "topicName": "t", "frameName": "gone"}),
      "frame 'gone' is neither the world nor a link"),
     (plugin("ft_sensor", {"topicName": "t"}), "joint '' does not exist"),
     (plugin("imu", {"topicName": "t"}), "link '' does not exist"),
-    (plugin("imu_sensor", {"frameName": "f"}), "it must be inside a <sensor type='imu'>"),
+    (plugin("imu_sensor", {"frameName": "f"}), "it must be inside <sensor type='imu'>"),
     (bumper_on("tool"), "it names no <collision>"),
     (plugin("bumper", {}), "it names no <collision>"),
-    (imu_on("base").replace("frameName", "frame"), "its plug-in has no <frameName>"),
+    (imu_on("base").replace("frameName", "frame"), "a plug-in is ignored, because <frameName> is "
+                                                   "missing"),
     (imu_on("base").replace("imu_sensor.so", "p3d.so"), "because it must be in"),
 ])
 def test_a_sensor_that_measures_nothing_costs_one_line(tags, reason):
     read = parse_urdf(arm(tags=tags + wrench_of("swing")))
     # A setting that is none of the plug-in's has a line of its own.
-    (warning,) = [text for text in read.warnings if "is not supported; ignored" not in text]
+    (warning,) = [text for text in read.warnings if "because it is not supported" not in text]
     assert reason in warning and "ignored" in warning
     assert [sensor.kind for sensor in read.sensors] == ["wrench"]
 
@@ -504,7 +505,7 @@ def test_a_deviation_is_not_negative_and_a_mean_may_be(tag):
     tags = imu_on("base", inside=f"<angular_velocity><y><noise><{tag}>-0.5</{tag}></noise></y>"
                   "</angular_velocity>")
     if tag.endswith("stddev"):
-        with pytest.raises(DescriptionError, match="angular_velocity y: a standard deviation"):
+        with pytest.raises(DescriptionError, match="angular_velocity y has stddev"):
             parse_urdf(arm(tags=tags))
     else:
         (imu,) = parse_urdf(arm(tags=tags)).sensors

@@ -91,7 +91,7 @@ def test_a_screw_moves_its_child_along_as_it_turns(bolt, pitch):
     ("gearbox", "", "joint 'j': joint type 'gearbox' is not supported"),
     ("screw", "<thread_pitch>0</thread_pitch>", "joint 'j': thread_pitch is 0 rad/m"),
     ("universal", "<axis><xyz>1 0 0</xyz></axis><axis2><xyz>-1 0 0</xyz></axis2>",
-     "joint 'j': its two axes are parallel"),
+     "joint 'j': <axis> and <axis2> are parallel"),
 ])
 def test_a_joint_that_cannot_be_is_named_and_the_world_starts(kind, inside, reason):
     with pytest.raises(DescriptionError, match=reason):
@@ -106,7 +106,7 @@ def test_a_joint_that_cannot_be_is_named_and_the_world_starts(kind, inside, reas
 
 
 def test_a_link_that_a_joint_needs_has_a_name_of_its_own():
-    with pytest.raises(DescriptionError, match="it needs an extra link named 'j_cross'"):
+    with pytest.raises(DescriptionError, match="the simulator adds a link 'j_cross'"):
         parse_sdf(MODEL.format(type="universal", inside=CROSS.format("", ""), pose="", base="",
                                bolt="<link name='j_cross'/>"))
 

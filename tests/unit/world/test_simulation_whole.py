@@ -134,12 +134,12 @@ def test_lights_that_change_are_seen_by_the_cameras_there_are(make, renderers, c
     assert [record.args for record in caplog.records] == [("l15", 16)]
     simulation.delete_light("sun")
     assert [light.name for light in renderer.light.lights] == [f"l{k}" for k in range(16)]
-    with pytest.raises(WorldError, match="light 'sun' does not exist; there are: l0, l1"):
+    with pytest.raises(WorldError, match="light 'sun' does not exist; existing lights: l0, l1"):
         simulation.delete_light("sun")
     for k in range(16):
         simulation.delete_light(f"l{k}")
     assert renderer.light.diffuse == 0.0 and not renderer.light.lights
-    with pytest.raises(WorldError, match="light 'sun' does not exist; there are: none"):
+    with pytest.raises(WorldError, match="light 'sun' does not exist; existing lights: none"):
         simulation.light("sun")
     simulation.add_camera("other", EYE)
     assert len(renderers) == 1  # one draws for all
@@ -150,15 +150,16 @@ def test_lights_that_change_are_seen_by_the_cameras_there_are(make, renderers, c
 
 def test_cameras_of_one_name_and_of_none(make, renderers):
     simulation = make()
-    with pytest.raises(WorldError, match="camera '/eye' does not exist; there are: none"):
+    with pytest.raises(WorldError, match="camera '/eye' does not exist; existing cameras: none"):
         simulation.camera("/eye")
     first = simulation.add_camera("eye", EYE)
     second = simulation.add_camera("lens", EYE)
     assert (simulation.camera("/eye"), simulation.camera("/lens")) == (first, second)
     assert (first.model, first.link) == (None, "world")
-    with pytest.raises(WorldError, match="camera 'eye' does not exist; there are: /eye, /lens"):
+    with pytest.raises(WorldError, match="camera 'eye' does not exist; existing cameras: /eye, "
+                                         "/lens"):
         simulation.camera("eye")
-    with pytest.raises(CameraError, match="camera 'eye' has the name /eye already; give one of"):
+    with pytest.raises(CameraError, match="camera 'eye' cannot use the ROS name /eye, because"):
         simulation.add_camera("eye", EYE)
     with pytest.raises(CameraError, match="update_rate 2000 Hz is above the physics rate of 1000"):
         simulation.add_camera("fast", {**EYE, "update_rate": 2000.0})
@@ -186,7 +187,8 @@ def test_a_model_has_one_control_plugin_and_a_namespace_of_its_own(make):
         simulation.spawn(twice, "r")
     once = parse_urdf(ROBOT.format(CONTROL))
     simulation.spawn(once, "first")
-    with pytest.raises(WorldError, match="'second': its robot namespace / is already used"):
+    with pytest.raises(WorldError, match="'second' cannot use the robot namespace /, because "
+                                         "model"):
         simulation.spawn(once, "second")
     simulation.spawn(parse_urdf(ROBOT.format("")), "plain")
     assert list(simulation.robots) == ["first"] and list(simulation.world.models) == [
@@ -213,7 +215,7 @@ def test_a_robot_whose_hardware_cannot_be_leaves_the_world_as_it_was(make):
     assert simulation.world.models["r"].read_joints()[0] == pytest.approx([0.25])
     simulation.set_joint_positions("r", {"j": -0.5})
     assert simulation.world.models["r"].read_joints()[0] == pytest.approx([-0.5])
-    with pytest.raises(WorldError, match="'s' does not exist; there are: r"):
+    with pytest.raises(WorldError, match="'s' does not exist; existing models: r"):
         simulation.set_joint_positions("s", {"j": 0.0})
 
 
@@ -249,10 +251,10 @@ def test_sensors_have_seeds_of_their_own_and_go_with_their_model(make, renderers
     assert ended and list(simulation.robots) == ["two"] == list(simulation.world.models)
     assert {sensor.model.name for sensor in simulation.sensors} == {"two"}
     assert len(simulation.sensors) == 2 and simulation.cameras == cameras and len(cameras) == 1
-    with pytest.raises(UnknownModelError, match="model 'one' does not exist; there are: two"):
+    with pytest.raises(UnknownModelError, match="model 'one' does not exist; existing models: two"):
         simulation.delete("one")
     simulation.delete("two")
-    with pytest.raises(UnknownModelError, match="there are: none"):
+    with pytest.raises(UnknownModelError, match="existing models: none"):
         simulation.delete("two")
 
 

@@ -136,7 +136,7 @@ def test_links_without_gravity_float(make):
         ({"pose": Pose((math.nan, 0, 0))}, "position.*not finite"),
         ({"pose": Pose((0, 0, 0), (0, 0, math.inf, 1))}, "orientation.*not finite"),
         ({"pose": ((0, 0), (0, 0, 0, 1))}, "needs 3 numbers"),
-        ({"joint_positions": {"J9": 0.0}}, "no moving joint 'J9'; it has: swing"),
+        ({"joint_positions": {"J9": 0.0}}, "no moving joint 'J9'; its moving joints: swing"),
         ({"joint_positions": {"swing": math.nan}}, "'swing': position nan is not finite"),
     ],
 )
@@ -150,7 +150,7 @@ def test_bad_spawns_are_refused_and_leave_the_world_alone(make, arguments, text)
 
 
 @pytest.mark.parametrize(("name", "told", "message"), [
-    ("loadURDF", pybullet.error("no"), r"model 'm': Bullet cannot load it \(no\); .* mesh files"),
+    ("loadURDF", pybullet.error("no"), r"Bullet cannot load model 'm' \(no\); .* mesh files"),
     ("getNumJoints", 0, r"model 'm': Bullet did not load the links \['bob'\]"),
 ])
 def test_what_bullet_does_not_take_whole_is_refused(make, monkeypatch, name, told, message):

@@ -68,7 +68,7 @@ def saved(name):
 def test_models_stand_where_the_state_puts_them(load, name, count, time_ns):
     simulation, found = load(name)
     assert found.time_ns == time_ns
-    assert all(text.endswith("not supported; ignored") for text in found.warnings)
+    assert all(text.endswith("not supported") for text in found.warnings)
     expected = saved(name)
     assert sum(not link for _, link in expected) == count
     for (name_, link), pose in expected.items():

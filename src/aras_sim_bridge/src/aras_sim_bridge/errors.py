@@ -28,7 +28,7 @@ class UnknownModelError(WorldError):
     def __init__(self, name: str, available: Iterable[str]) -> None:
         self.name, self.available = name, tuple(available)
         super().__init__(
-            f"model '{name}' does not exist; there are: {_format_names(self.available)}"
+            f"model '{name}' does not exist; existing models: {_format_names(self.available)}"
         )
 
 
@@ -38,7 +38,7 @@ class UnknownLinkError(WorldError):
     def __init__(self, model: str, link: str, available: Iterable[str]) -> None:
         self.model, self.link, self.available = model, link, tuple(available)
         super().__init__(
-            f"model '{model}' has no link '{link}'; it has: {_format_names(self.available)}"
+            f"model '{model}' has no link '{link}'; its links: {_format_names(self.available)}"
         )
 
 
@@ -48,7 +48,7 @@ class UnknownJointError(WorldError):
     def __init__(self, model: str, joint: str, available: Iterable[str]) -> None:
         self.model, self.joint, self.available = model, joint, tuple(available)
         super().__init__(
-            f"model '{model}' has no moving joint '{joint}'; it has: "
+            f"model '{model}' has no moving joint '{joint}'; its moving joints: "
             f"{_format_names(self.available)}"
         )
 

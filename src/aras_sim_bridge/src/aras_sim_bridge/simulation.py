@@ -267,7 +267,7 @@ class Simulation:
         """
         if name not in self.lights:
             known = ", ".join(self.lights) or "none"
-            raise WorldError(f"light '{name}' does not exist; there are: {known}")
+            raise WorldError(f"light '{name}' does not exist; existing lights: {known}")
         return self.lights[name]
 
     def set_light(self, light: Light) -> None:
@@ -283,8 +283,8 @@ class Simulation:
         self.lights[light.name] = check_light(light)
         if is_new and len(self.lights) > MOST_LIGHTS:
             log.warning(
-                "light '%s' has no effect: only the first %d lights illuminate images; delete one "
-                "of these to use it", light.name, MOST_LIGHTS
+                "light '%s' has no effect, because only the first %d lights illuminate images; "
+                "delete one of these first lights", light.name, MOST_LIGHTS
             )
         if self._renderer is not None:
             self._renderer.light = self._compute_lighting()
@@ -496,10 +496,10 @@ class Simulation:
         for robot in self.robots.values():
             if robot.namespace == namespace and robot.name != name:
                 raise WorldError(
-                    f"model '{name}': its robot namespace {namespace or '/'} is already used by "
-                    f"the controllers of model '{robot.name}'; set another <robotNamespace> in its "
-                    "gazebo_ros_control plugin or, if the plugin has none, another robot_namespace "
-                    "in the spawn request"
+                    f"model '{name}' cannot use the robot namespace {namespace or '/'}, because "
+                    f"model '{robot.name}' uses it; change <robotNamespace> in the "
+                    f"gazebo_ros_control plugin of '{name}' (if the plugin has none, change "
+                    "robot_namespace in the spawn request)"
                 )
 
     def _make_robot(
@@ -533,7 +533,7 @@ class Simulation:
             if camera.sensor.config.topic_root == name:
                 return camera
         known = ", ".join(camera.sensor.config.topic_root for camera in self.cameras) or "none"
-        raise WorldError(f"camera '{name}' does not exist; there are: {known}")
+        raise WorldError(f"camera '{name}' does not exist; existing cameras: {known}")
 
     def add_camera(self, name: str, settings: Mapping[str, object]) -> MountedCamera:
         """Add a camera that is fixed in the world; camera/mounting.py lists the settings.
@@ -580,9 +580,9 @@ class Simulation:
             if taken:
                 owner = f" of model '{camera.model.name}'" if camera.model is not None else ""
                 raise CameraError(
-                    f"camera '{config.name}': camera '{camera.sensor.config.name}'{owner} has the "
-                    f"name {min(taken)} already; give one of them another cameraName or "
-                    "robotNamespace"
+                    f"camera '{config.name}' cannot use the ROS name {min(taken)}, because camera "
+                    f"'{camera.sensor.config.name}'{owner} uses it; change cameraName or "
+                    "robotNamespace of one camera"
                 )
         if self._renderer is None:
             self._renderer = create_renderer(

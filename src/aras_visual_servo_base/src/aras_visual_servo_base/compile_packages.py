@@ -209,7 +209,7 @@ def _describe_failure(status: int, packages: Sequence[str]) -> str:
     text = f"compiling {', '.join(packages)} failed"
     if status != -signal.SIGKILL:
         return text
-    return f"{text}: its process was killed, probably because of too little memory"
+    return f"{text}: the process was killed, probably because of too little memory"
 
 
 def _import_modules(package: str, folder: Path | None) -> str:

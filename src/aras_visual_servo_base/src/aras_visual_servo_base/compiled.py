@@ -185,7 +185,7 @@ def _compile(function: Callable, signature: str, options: dict[str, object]) -> 
     except RuntimeError as error:
         if "cannot cache" not in str(error):
             raise
-        warn_uncached("no folder for them is writable")
+        warn_uncached("the cache folder is not writable")
     except OSError as error:  # the cache cannot be written, for example because the disk is full
         warn_uncached(error.strerror or str(error))
     finally:

@@ -109,12 +109,12 @@ def _convert_to_metres(
     if length > LONGEST_TRANSLATION:
         raise HandEyeError(
             f"{path}: the translation {written} is {length:.4g} m long"
-            + (f" in {units}: correct the translation, or units" if units else
-               ": set units if it is in mm or cm, otherwise correct the translation")
+            + (f" in {units}; correct the translation, or units" if units else
+               "; if it is in mm or cm, set units, otherwise correct the translation")
         )  # fmt: skip
     if units and 0.0 < length < SHORTEST_TRANSLATION:
-        raise HandEyeError(f"{path}: the translation {written} is {length:.3g} m long in {units}: "
-                           "correct units")  # fmt: skip
+        raise HandEyeError(f"{path}: the translation {written} is only {length:.3g} m long in "
+                           f"{units}; correct units")  # fmt: skip
     matrix[:3, 3] = t
     return replace(calibration, link_T_camera=matrix)
 
@@ -141,15 +141,15 @@ def _pose_from_rows(rows: Any, where: str) -> np.ndarray:
         return _make_pose(
             _rotation_from_vector(numbers[3:], f"{where}: theta u"), numbers[:3], where
         )
-    raise HandEyeError(f"{where} holds {len(numbers)} numbers in {len(shape)} rows, must be a 4x4 "
-                       "matrix or the 6 numbers of ViSP's pose vector (t, theta u): check that the "
-                       "file is complete")  # fmt: skip
+    raise HandEyeError(f"{where} has {len(numbers)} numbers in {len(shape)} rows; give a 4x4 "
+                       "matrix, or the 6 numbers of ViSP's pose vector (t, theta u), and check "
+                       "that the file is complete")  # fmt: skip
 
 
 def _pose_from_matrix(matrix: np.ndarray, where: str) -> np.ndarray:
     if not np.array_equal(matrix[3], [0.0, 0.0, 0.0, 1.0]):
-        hint = ": transpose it" if np.array_equal(matrix[:, 3], [0.0, 0.0, 0.0, 1.0]) else ""
-        raise HandEyeError(f"{where}: the matrix's last row is {matrix[3].tolist()}, must be "
+        hint = "; transpose it" if np.array_equal(matrix[:, 3], [0.0, 0.0, 0.0, 1.0]) else ""
+        raise HandEyeError(f"{where}: the last row of the matrix is {matrix[3].tolist()}, must be "
                            f"[0, 0, 0, 1]{hint}")  # fmt: skip
     return _make_pose(matrix[:3, :3], matrix[:3, 3], where)
 
@@ -160,14 +160,14 @@ def _rotation_from_vector(vector: Sequence[float], where: str) -> np.ndarray:
 
     turn = np.asarray(vector, float)
     if np.linalg.norm(turn) > 2.0 * math.pi:
-        raise HandEyeError(f"{where} is {turn.tolist()}: give it in rad, not in degrees")
+        raise HandEyeError(f"{where} is {turn.tolist()}, which looks like degrees; give it in rad")
     return cv2.Rodrigues(turn)[0]
 
 
 def _rotation_from_quaternion(q: Sequence[float], where: str) -> np.ndarray:
     length = math.sqrt(sum(part * part for part in q))
     if not abs(length - 1.0) < 1e-2:
-        raise HandEyeError(f"{where} {list(q)} has the norm {length:.4g}, must be 1: correct it")
+        raise HandEyeError(f"{where} {list(q)} has the norm {length:.4g}, must be 1; correct it")
     return np.array(rotation_from_quaternion(tuple(part / length for part in q)))
 
 
@@ -179,9 +179,10 @@ def _make_pose(R: np.ndarray, t: Sequence[float], where: str) -> np.ndarray:
                            "numbers")  # fmt: skip
     off = float(np.abs(R @ R.T - np.eye(3)).max())
     if off > ROTATION_TOLERANCE or np.linalg.det(R) < 0.0:
-        raise HandEyeError(f"{where}: R {np.round(R, 4).tolist()} is not a rotation (elements of "
-                           f"R R' - I up to {off:.2g}, must be at most {ROTATION_TOLERANCE:g}; det "
-                           f"R {np.linalg.det(R):.3g}, must be 1): correct it")  # fmt: skip
+        raise HandEyeError(f"{where}: R {np.round(R, 4).tolist()} is not a rotation matrix: the "
+                           f"largest element of R R' - I is {off:.2g}, must be at most "
+                           f"{ROTATION_TOLERANCE:g}, and det R is {np.linalg.det(R):.3g}, must be "
+                           "1; correct it")  # fmt: skip
     U, _, V = np.linalg.svd(R)
     pose = np.eye(4)
     pose[:3, :3] = R if off < 1e-12 else U @ V
@@ -197,15 +198,15 @@ def _read_xml(text: str, path: Path) -> HandEyeCalibration:
     if root.tag == "launch":
         nodes = [node for node in root.iter("node") if node.get("type") == PUBLISHER]
         if len(nodes) != 1:
-            raise HandEyeError(f"{path} has {len(nodes)} nodes of the type {PUBLISHER}, must have "
-                               "one: remove the others")  # fmt: skip
+            raise HandEyeError(f"{path} has {len(nodes)} nodes of the type {PUBLISHER}; give a "
+                               "launch file with exactly one")  # fmt: skip
         return _read_publisher_arguments(nodes[0].get("args", "").split(), path)
     if root.tag == "opencv_storage":
         return _read_opencv(text, path)
     values = root.findall("homogeneous_transformation/values")
     if len(values) != 1:
-        raise HandEyeError(f"{path} has {len(values)} <homogeneous_transformation> with <values>, "
-                           "must have exactly one: remove those of other cameras")  # fmt: skip
+        raise HandEyeError(f"{path} has {len(values)} <homogeneous_transformation> with <values>; "
+                           "give a file with exactly one")  # fmt: skip
     tags = ("tx", "ty", "tz", "theta_ux", "theta_uy", "theta_uz")
     found = [as_number(_parse_float(values[0].findtext(tag))) for tag in tags]
     for tag, number in zip(tags, found, strict=True):
@@ -250,14 +251,15 @@ def _read_publisher_arguments(arguments: Sequence[str], path: Path) -> HandEyeCa
     if len(numbers) not in (6, 7) or None in numbers or not (link and frame) or rest:
         raise HandEyeError(f"{where} has {len(numbers)} numbers and the frames "
                            f"{format_value(link)}, "
-                           f"{', '.join(map(format_value, (frame, *rest)))}, must have x y z, qx "
-                           "qy qz qw (or yaw pitch roll) and two frames")  # fmt: skip
+                           f"{', '.join(map(format_value, (frame, *rest)))}; give x y z qx qy qz "
+                           "qw (or x y z yaw pitch roll), then two frames")  # fmt: skip
     if len(numbers) == 7:
         R = _rotation_from_quaternion(numbers[3:], f"{where}: the quaternion")
     else:
         yaw, pitch, roll = numbers[3:]
         if max(map(abs, numbers[3:])) > 2.0 * math.pi:
-            raise HandEyeError(f"{where}: yaw, pitch, roll are {numbers[3:]}: give them in rad")
+            raise HandEyeError(f"{where}: yaw, pitch, roll {numbers[3:]} look like degrees; give "
+                               "rad")
         R = rotation_from_rpy(roll, pitch, yaw)
     return HandEyeCalibration(
         _make_pose(R, numbers[:3], where), link.lstrip("/"), frame.lstrip("/")
@@ -349,16 +351,17 @@ def _read_entries(data: Mapping[str, Any], path: Path) -> np.ndarray:
         other = PAIRS[shape[1]] + (shape[2] or "")
         t = next((plain[key] for key in plain if key.lower() == other), None)
         if t is None:
-            raise HandEyeError(f"{path}: {name} has no {other}: add this translation")
+            raise HandEyeError(f"{path} has the rotation {name}, but not the translation {other}; "
+                               "add it")
         turn = _flatten(value, f"{path}: {name}")
         if len(turn) not in (3, 9):
-            raise HandEyeError(f"{path}: {name} holds {len(turn)} numbers, must be 9 (rotation "
+            raise HandEyeError(f"{path}: {name} has {len(turn)} numbers, must have 9 (rotation "
                                "matrix) or 3 (rotation vector, rad)")  # fmt: skip
         where = f"{path}: {name}"
         R = np.reshape(turn, (3, 3)) if len(turn) == 9 else _rotation_from_vector(turn, where)
         matrix = _make_pose(R, _flatten(t, f"{path}: {other}"), where)
         return np.linalg.inv(matrix) if _is_inverse(name) else matrix
-    raise HandEyeError(f"{path} contains {', '.join(map(str, data)) or 'nothing'}, must have a 4x4 "
+    raise HandEyeError(f"{path} contains only {', '.join(map(str, data)) or 'nothing'}; add a 4x4 "
                        "matrix, or R and t (such as R_cam2gripper and t_cam2gripper)")  # fmt: skip
 
 

@@ -25,7 +25,9 @@ def suggest(name: object, known_names: Iterable[str]) -> str:
     """Return a suggestion for an unknown name: the most similar name, or all known names."""
     known_names = [str(entry) for entry in known_names]
     near = find_nearest(name, known_names)
-    return f"did you mean '{near}'?" if near else f"known are {', '.join(known_names) or 'none'}"
+    if near:
+        return f"did you mean '{near}'?"
+    return f"use one of {', '.join(known_names)}" if known_names else "none is available"
 
 
 def resolve_name(*names: str) -> str:
@@ -52,9 +54,9 @@ def describe_unknown(
     """
     known_names = list(known_names)
     near = find_nearest(name, known_names, 0.5)
-    hint = f"did you mean '{near}'? " if near else ""
+    hint = f"did you mean '{near}'? Or use one of" if near else "use one of"
     known_ones = ", ".join(known_names) + (", or 'package.module:Class'" if accepts_class else "")
-    return f"unknown {kind} '{name}': {hint}known are {known_ones}"
+    return f"unknown {kind} '{name}': {hint} {known_ones}"
 
 
 def import_object(

@@ -31,7 +31,7 @@ def read_storage(text: str, path: str | Path, error: type[SimError]) -> dict[str
         return {name: _read_value(node, f"{path}: {name}", error) for name, node in nodes.items()}
     except (cv2.error, SystemError) as fault:
         words = " ".join(str(getattr(fault, "err", "") or fault).split())
-        raise error(f"{path} cannot be read by OpenCV: {words}: check that the file is "
+        raise error(f"{path} cannot be read by OpenCV ({words}): check that the file is "
                     "complete") from None
 
 
@@ -63,7 +63,7 @@ def _read_matrix(node: Any, where: str, error: type[SimError]) -> np.ndarray | N
     shape = ("sizes",) if "sizes" in keys else ("rows", "cols")
     for key in (*shape, "dt", "data"):
         if key not in keys:
-            raise error(f"{where} has no {key}, must have {', '.join(shape)}, dt and data: check "
+            raise error(f"{where} has no {key}, but needs {', '.join(shape)}, dt and data: check "
                         "that the file is complete")  # fmt: skip
     sizes = _read_numbers(node.getNode("sizes")) if "sizes" in keys else [
         node.getNode(key).real() for key in shape]  # fmt: skip

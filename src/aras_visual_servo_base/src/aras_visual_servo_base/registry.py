@@ -92,8 +92,8 @@ class Registry(Mapping[str, type]):
             taken = self._entries.get(name)
             if taken is not None and taken.__qualname__ != cls.__qualname__:
                 raise self.fault(
-                    f"{self.kind} '{name}' is already {taken.__module__}:{taken.__qualname__}; use "
-                    "another name"
+                    f"{self.kind} '{name}' already exists "
+                    f"({taken.__module__}:{taken.__qualname__}); use another name"
                 )
             self._entries[name] = cls
             cls.name = name

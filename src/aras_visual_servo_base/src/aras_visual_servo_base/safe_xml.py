@@ -57,12 +57,12 @@ def parse(
         count += 1
         if depth > LARGEST_DEPTH or count > LARGEST_COUNT:
             raise DescriptionError(
-                f"{what}: line {find_line()}: the elements are more than {LARGEST_DEPTH} elements "
-                f"deep, or more than {LARGEST_COUNT} in total; simplify the file"
+                f"{what}: line {find_line()}: more than {LARGEST_DEPTH} elements are nested, or "
+                f"the file has more than {LARGEST_COUNT} elements; simplify it"
             )
         if tag.startswith("xacro:"):
             raise DescriptionError(
-                f"{what}: line {find_line()}: unexpanded <{tag}>; "
+                f"{what}: line {find_line()}: <{tag}> is not expanded; "
                 "run xacro on the file first"
             )
         builder.start(tag, attributes)
@@ -92,7 +92,7 @@ def parse(
             f"{expat.errors.messages[error.code]}"
         ) from None
     except (UnicodeEncodeError, ValueError) as error:
-        raise DescriptionError(f"{what}: it is not valid text: {error}") from None
+        raise DescriptionError(f"{what} is not valid text: {error}") from None
     return builder.close()
 
 
@@ -191,7 +191,7 @@ def parse_direction(text: str | None, where: str, default: Vector3) -> Vector3:
     vector = parse_numbers(text, 3, where)
     length = math.sqrt(sum(v * v for v in vector))
     if length < 1e-9:
-        raise DescriptionError(f"{where} is zero; it needs a direction")
+        raise DescriptionError(f"{where} is the zero vector; give a direction")
     return tuple(v / length for v in vector)
 
 

@@ -136,7 +136,7 @@ def describe_hint(hint: Any) -> str:
     if origin is tuple:
         of = {float: "finite numbers", int: "whole numbers", str: "texts"}.get(parts[0], "values")
         return f"a list of {of}" if Ellipsis in parts else f"a list of {len(parts)} {of}"
-    return "keys with values"
+    return "a mapping"
 
 
 def merge(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:

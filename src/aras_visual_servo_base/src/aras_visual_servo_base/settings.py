@@ -141,7 +141,7 @@ def build(cls: type[T], values: Any, where: str, fault: Fault) -> T:
     for name, field in _list_fields(cls).items():
         if name not in found and _is_required(field):
             raise fault(
-                f"{join_path(where, name)} is missing, must be {_describe_type(cls, field)}"
+                f"{join_path(where, name)} is missing: give {_describe_type(cls, field)}"
             )
     return cls(**found)
 
@@ -153,7 +153,7 @@ def convert_fields(cls: type, values: Any, where: str, fault: Fault) -> dict[str
     """
     if not isinstance(values, Mapping):
         place = where.rstrip(": ~") or cls.__name__
-        raise fault(f"{place} is {format_value(values)}, must be keys with values")
+        raise fault(f"{place} is {format_value(values)}, must be a mapping")
     known, hints, found = _list_fields(cls), list_annotations(cls), {}
     for key, value in values.items():
         if key not in known:
@@ -188,7 +188,7 @@ def read(
     if values.get(key) is not None:
         return convert(values[key], hint, place, fault)
     if default is _MISSING:
-        raise fault(f"{place} is missing, must be {describe_hint(hint)}")
+        raise fault(f"{place} is missing: give {describe_hint(hint)}")
     return default
 
 
@@ -371,7 +371,7 @@ def _convert_mapping(value: Any, hint: Any, where: str, fault: Fault) -> Mapping
     for key, item in value.items():
         name = str(key) if type(key) is int else key
         if not isinstance(name, str):
-            raise fault(f"{where} has the key {format_value(key)}, must be a text")
+            raise fault(f"{where} has the key {format_value(key)}; write all keys as texts")
         found[name] = item if kind is Any else _convert(item, kind, join_path(where, name), fault)
     return _make_view(found)
 

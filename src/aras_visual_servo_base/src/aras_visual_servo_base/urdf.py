@@ -167,7 +167,8 @@ class UrdfTree:
             at = joints[-1].parent
         if at != end:
             known = [joint.parent for joint in reversed(joints)]
-            raise DescriptionError(f"{where}: {link} is not below {base}; {suggest(base, known)}")
+            raise DescriptionError(f"{where}: {base} is not an ancestor of {link}; "
+                                   f"{suggest(base, known)}")
         return joints[::-1]
 
 

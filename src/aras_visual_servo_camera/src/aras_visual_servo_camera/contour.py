@@ -156,8 +156,8 @@ def match_corners(outline: Array, model: Array) -> Array:
     corners, _ = _fit_sides(points, np.stack([aligned.real, aligned.imag], axis=1))
     if len(corners) != len(model_points):
         raise SegmentationError(
-            f"the target is too small to separate its {len(model_points)} corners: move the camera "
-            "closer"
+            f"the target is too small in the image to separate its {len(model_points)} corners: "
+            "move the camera closer"
         )
     # Two views of a plane are related approximately by an affine map, which is fitted here.
     homogeneous = np.column_stack([model_points, np.ones(len(model_points))])

@@ -55,8 +55,8 @@ def _check_anisotropy(moments: Moments, value: float, tolerance: float) -> str |
     if anisotropy(moments) > tolerance:
         return None
     return (
-        "the shape has no main axis: mu20 = mu02 and mu11 = 0, as for a square parallel to the "
-        "image plane; use an elongated target or another feature"
+        "the shape has no main axis, because mu20 = mu02 and mu11 = 0, as for a square parallel "
+        "to the image plane; use an elongated target or another feature"
     )
 
 

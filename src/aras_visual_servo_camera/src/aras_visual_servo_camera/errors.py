@@ -38,7 +38,7 @@ class DegenerateFeatureError(FeatureError):
     """
 
     def __init__(self, name: str, reason: str) -> None:
-        super().__init__(f"feature '{name}' is undefined here: {reason}")
+        super().__init__(f"feature '{name}' is undefined for this image: {reason}")
         self.name = name
         self.reason = reason
 

@@ -153,7 +153,7 @@ def _make_node(name: str) -> _Node:
     if formula is None:
         if name.isidentifier():
             raise FeatureError(
-                f"there is no feature '{name}'; known are mIJ, muIJ, xg, yg, alpha_full, "
+                f"there is no feature '{name}'; use one of mIJ, muIJ, xg, yg, alpha_full, "
                 + ", ".join(FORMULAS)
             )
         try:

@@ -45,8 +45,8 @@ class TargetLabels:
                 links = {int(number): str(link) for number, link in links.items()}
             except (yaml.YAMLError, AttributeError, TypeError, ValueError) as error:
                 raise SegmentationError(
-                    "the names of the labels cannot be read; they must be YAML text with lines "
-                    f"'number: model::link': {error}"
+                    f"the names of the labels cannot be read ({error}); they must be YAML text "
+                    "with lines 'number: model::link'"
                 ) from None
         self._links = links
 

@@ -419,7 +419,7 @@ def _compute_polygon_moments(
         )
     if is_empty:
         raise MomentsError(
-            f"the {label} has no area: its vertices lie on one line; add a vertex beside this line"
+            f"the {label} has no area: its vertices lie on one line; add a vertex off this line"
         )
     return table
 

@@ -234,7 +234,7 @@ def _explain_invalid(target: SegmentedTarget, moments: Moments) -> str:
     if target.touched_borders:
         return (
             f"the target touches the {' and '.join(target.touched_borders)} border of the image "
-            f"({target.describe()})"
+            f"({target.describe()}); move it completely into view"
         )
     mu20, mu11, mu02 = moments.second
     if mu20 * mu02 - mu11**2 <= 1e-9 * moments.m00**2 * gyration_radius(moments) ** 4:

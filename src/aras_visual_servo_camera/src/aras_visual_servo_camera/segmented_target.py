@@ -104,7 +104,8 @@ def threshold_image(
         return (
             target_mask,
             -1.0,
-            "" if target_mask.any() else f"'{settings.label}' (the setting `label`) is not in view",
+            "" if target_mask.any() else f"the link '{settings.label}' (setting `label`) is not in "
+                                         "view",
         )
     kind = cv2.THRESH_BINARY_INV if settings.dark_target else cv2.THRESH_BINARY
     if settings.method == "fixed":

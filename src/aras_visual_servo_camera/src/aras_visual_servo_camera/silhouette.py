@@ -97,8 +97,8 @@ def fit_outline_plane(points: np.ndarray, name: str) -> Plane:
     if deviation > MAX_PLANE_DEVIATION:
         percent, allowed = 100.0 * deviation, 100.0 * MAX_PLANE_DEVIATION
         raise ModelError(
-            f"no plane fits the outline of {name}, but schemes of moments need this plane: its "
-            f"depth is off by {percent:.0f} % of the distance (rms), must be at most "
+            f"the visible outline of {name} is too far from a plane, which schemes of moments "
+            f"need: it deviates by {percent:.0f} % of the distance (rms), must be at most "
             f"{allowed:.0f} %; place the camera farther away or above another side, or use scheme "
             "'model'"
         )

@@ -16,7 +16,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from aras_visual_servo_base.byte_limited_cache import ByteLimitedCache
 from aras_visual_servo_base.lenses import (
     extrapolate_brown,
     extrapolate_kannala_brandt,
@@ -24,6 +23,7 @@ from aras_visual_servo_base.lenses import (
     kannala_brandt_fold,
     undistort_brown,
 )
+from aras_visual_servo_base.memory import ByteLimitedCache
 
 from .errors import CalibrationError
 from .moments import Pinhole

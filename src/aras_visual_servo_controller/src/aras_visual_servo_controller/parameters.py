@@ -216,7 +216,7 @@ def expand_per_joint(name: str, value: Any, arm: Arm) -> Any:
     for joint in value:
         if joint not in arm.names:
             raise ConfigurationError(
-                f"parameter ~{name} names the joint {joint}: {suggest(joint, arm.names)}"
+                f"parameter ~{name} has the unknown joint {joint}: {suggest(joint, arm.names)}"
             )
     other = get_default(Parameters.__dataclass_fields__[name])
     return tuple(float(value.get(joint, other)) for joint in arm.names)

@@ -146,7 +146,7 @@ class Settings(Parameters):
             known = arm.names if joint in arm.names else parse_tree(urdf).joints
             if joint not in known:
                 raise ConfigurationError(
-                    f"parameter ~controllers names the joint {joint}: {suggest(joint, known)}"
+                    f"parameter ~controllers has the unknown joint {joint}: {suggest(joint, known)}"
                 )
             if not (isinstance(controller, str) and LEGAL_NAME.fullmatch(controller)):
                 raise ConfigurationError(
@@ -174,7 +174,8 @@ class Settings(Parameters):
         for name in read:
             if name not in known:
                 raise ConfigurationError(
-                    f"scheme '{self.scheme}' reads the camera '{name}': {suggest(name, known)}"
+                    f"scheme '{self.scheme}' reads the unknown camera '{name}': "
+                    f"{suggest(name, known)}"
                 )
         return tuple(name for name in known if name in read)
 

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from aras_visual_servo_base.names import suggest
 from aras_visual_servo_base.setting_values import format_value
 
 from ..errors import CameraError
@@ -63,8 +62,8 @@ class Calibration:
             names = {n: model for model, counts in COEFFICIENTS.items()
                      if model != "equidistant" for n in counts}  # fmt: skip
             self._check(len(self.D) in (0, *names),
-                        f"distortion_coefficients hold {len(self.D)} numbers, must hold "
-                        f"{', '.join(map(str, sorted(names)))} or no numbers")
+                        f"distortion_coefficients has {len(self.D)} numbers, must have "
+                        f"{', '.join(map(str, sorted(names)))} or 0 numbers")
             object.__setattr__(self, "model", names.get(len(self.D), "plumb_bob"))
         self._check_coefficients()
 
@@ -94,7 +93,8 @@ class Calibration:
                     f"the camera matrix has a skew of {(skew or zero):g} px, which is not "
                     "supported: calibrate without skew")
         self._check(last == [0.0, 0.0, 1.0],
-                    f"the last row of the camera matrix is {last}, must be [0, 0, 1]")
+                    f"the last row of the camera matrix is {last}, must be [0, 0, 1]: "
+                    "correct the camera matrix")
         self._check(1.0 / LARGEST_ASPECT < fx / fy < LARGEST_ASPECT,
                     f"the camera matrix has fx = {fx:g} and fy = {fy:g} px: a pixel would be "
                     f"{fx / fy:.3g} times as high as wide; correct the camera matrix")
@@ -104,20 +104,20 @@ class Calibration:
             low, high = CENTRE_RANGE
             self._check(
                 side is None or low * side <= centre <= high * side,
-                f"the camera matrix has {axis} = {centre:g} px, but image_{name} is {side} px, so "
-                f"{axis} is far from the image centre: they belong to different resolutions; "
-                f"correct one (for a cropped image, set width, height and camera_matrix in a "
+                f"{axis} = {centre:g} px in the camera matrix is far from the centre of an image "
+                f"with image_{name} {side} px; set the image size for which the camera matrix was "
+                "calibrated (for a cropped image, set width, height and camera_matrix in a "
                 "preset)",
             )
 
     def _check_coefficients(self) -> None:
         counts = COEFFICIENTS[self.model]
         fits = [name for name, number in COEFFICIENTS.items() if len(self.D) in number]
-        other = f", or set the model {' or '.join(fits)}" if fits else ""
+        other = f", or set distortion_model to {' or '.join(fits)}" if fits else ""
         self._check(
             len(self.D) in (0, *counts),
-            f"distortion_coefficients hold {len(self.D)} numbers, but the distortion model "
-            f"{self.model} takes {' or '.join(map(str, counts))}: correct them{other}",
+            f"distortion_coefficients has {len(self.D)} numbers, but distortion_model {self.model} "
+            f"needs {' or '.join(map(str, counts))}: correct distortion_coefficients{other}",
         )
 
     def _check(self, condition: bool, message: str) -> None:
@@ -134,8 +134,8 @@ def find_distortion_model(name: Any, where: str) -> str:
     known = str(name).strip().lower()
     if known not in MODELS:
         raise CameraError(
-            f"{where}: distortion_model {format_value(name)} is not supported: "
-            f"{suggest(known, [model for model in MODELS if model])}; calibrate with one of them"
+            f"{where}: distortion_model {format_value(name)} is not supported; calibrate with "
+            f"one of {', '.join(model for model in MODELS if model)}"
         )
     return MODELS[known]
 

@@ -66,10 +66,9 @@ def apply_calibration(settings: Mapping[str, Any], folder: Path | None = None) -
     given = found.to_settings()
     for key in LENS_KEYS:
         if key in rest and (key == "horizontal_fov" or key in given and rest[key] != given[key]):
-            raise CameraError(
-                f"{key} is {format_value(rest[key])}, but the calibration {path} has "
-                f"{format_value(given.get(key, 'the camera matrix'))}: remove {key}"
-            )
+            other = f"{key} {format_value(given[key])}" if key in given else "the camera matrix"
+            raise CameraError(f"{key} is {format_value(rest[key])}, but the calibration {path} "
+                              f"already defines {other}: remove {key}")
     return {**given, **rest}
 
 
@@ -95,10 +94,9 @@ def find_calibration(text: str, path: Path, camera: str) -> Calibration | None:
             return next(iter(known.values()))()
         if camera in known:
             return known[camera]()
-        raise CameraError(
-            f"{path} has the cameras {', '.join(known)}: select one, such as "
-            f"{path}#{next(iter(known))}" + (f"; there is no '{camera}'" if camera else "")
-        )
+        problem = f"{path} has no camera '{camera}'" if camera else f"{path} has several cameras"
+        raise CameraError(f"{problem}: select one of {', '.join(known)}, such as "
+                          f"{path}#{next(iter(known))}")
     return None
 
 

@@ -17,7 +17,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from aras_visual_servo_base import safe_xml
-from aras_visual_servo_base.names import suggest
+from aras_visual_servo_base.names import find_nearest, suggest
 from aras_visual_servo_base.opencv_files import read_storage
 from aras_visual_servo_base.setting_values import format_value
 from aras_visual_servo_base.yaml_files import parse_yaml
@@ -64,8 +64,8 @@ def _read_ros_file(data: Mapping[str, Any], path: str, whole: bool) -> Calibrati
     D = _read_ros_matrix(data, "distortion_coefficients", path, None)
     more = [key for key in ("rectification_matrix", "projection_matrix") if key in data]
     if len(more) == 1 or not (more or whole):
-        raise CameraError(f"{path}: {'projection' if more else 'rectification'}_matrix is missing: "
-                          "the file is incomplete; copy it again")  # fmt: skip
+        raise CameraError(f"{path}: {'projection' if more else 'rectification'}_matrix is missing, "
+                          "so the file is incomplete; copy it again")  # fmt: skip
     R = _read_ros_matrix(data, "rectification_matrix", path, (3, 3)) if more else None
     P = _read_ros_matrix(data, "projection_matrix", path, (3, 4)) if more else None
     return Calibration(path, *size, K, model, D, R, P)
@@ -115,7 +115,7 @@ def _read_ini_camera(size: str, body: str, path: str, name: str) -> Calibration:
         where = f"{path}: {field}"
         found = re.search(rf"^{field}[ \t]*\n((?:[^a-z\[\n#]*(?:\n|$))*)", text, re.MULTILINE)
         if found is None:
-            raise CameraError(f"{where} is missing: the file is incomplete; copy it again")
+            raise CameraError(f"{where} is missing, so the file is incomplete; copy it again")
         try:
             return check_finite([float(word) for word in found[1].split()], where, counts)
         except ValueError:
@@ -202,7 +202,7 @@ def _read_kalibr_camera(entry: Mapping[str, Any], where: str) -> Calibration:
     width, height = (int(side) for side in size)
     if (width, height) != size:
         raise CameraError(
-            f"{where}.resolution is {format_value(list(size))}, must be whole numbers"
+            f"{where}.resolution is {format_value(list(size))}, must be two whole numbers"
         )
     name = _read_entry(entry, "distortion_model", where)
     model = find_distortion_model(name, where)
@@ -264,8 +264,8 @@ def _read_visp_camera(camera: Element, kind: str, model: Element, where: str) ->
     if kind == VISP_DISTORTED:
         kud, kdu = D[0], read_number(model, "kdu")
         if kud * kdu > 0.0:
-            raise CameraError(f"{where}: <kud> {kud:g} and <kdu> {kdu:g} contradict each other: "
-                              "they must have opposite signs; correct one")  # fmt: skip
+            raise CameraError(f"{where}: <kud> {kud:g} and <kdu> {kdu:g} must have opposite "
+                              "signs; calibrate the camera again")  # fmt: skip
         D = (kud, 0.0, 0.0, 0.0)
     elif kind == VISP_FISHEYE and model.find("k5") is not None and read_number(model, "k5"):
         raise CameraError(f"{where}: <k5> is {read_number(model, 'k5'):g}, but only four "
@@ -297,8 +297,9 @@ def _parse_mapping(text: str, path: str) -> Mapping[str, Any] | None:
 
 def _read_entry(data: Mapping[str, Any], key: str, where: str) -> Any:
     if data.get(key) is None:
-        near = suggest(key, map(str, data)) if data else "the file is empty"
-        raise CameraError(f"{where}: {key} is missing: add it ({near})")
+        near = find_nearest(key, map(str, data))
+        remedy = f"correct the key '{near}'" if near else "add it"
+        raise CameraError(f"{where}: {key} is missing; {remedy}")
     return data[key]
 
 

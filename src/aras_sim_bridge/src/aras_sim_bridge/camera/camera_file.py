@@ -39,8 +39,8 @@ def read_camera(name: str | Path) -> dict[str, Any]:
         return calibration.to_settings()
     settings = parse_yaml(text, str(path), CameraError)
     if not isinstance(settings, Mapping):
-        raise CameraError(f"{path} contains no keys with values, so it is neither a camera preset "
-                          "nor a calibration: give another file")
+        raise CameraError(f"{path} contains no mapping of keys to values, so it is neither a "
+                          "camera preset nor a calibration: give another file")
     if camera:
         raise CameraError(f"{path} is a preset, which has only one camera: remove '#{camera}'")
     found = apply_calibration(settings, path.parent)

@@ -192,7 +192,9 @@ class CameraConfig:
                   f"below {limit:.4g} rad" + ("; use a fisheye lens for more"
                                         if self.lens == "pinhole" and fov >= limit else ""))
         if self.cutoff_angle is not None:
-            check(self.lens != "pinhole", "cutoff_angle is for wide-angle lenses; remove it")
+            check(self.lens != "pinhole",
+                  "cutoff_angle has no effect on the lens pinhole; remove it, or use a fisheye "
+                  "lens")
             check(0.0 < self.cutoff_angle <= reach + 1e-9,
                   f"cutoff_angle is {self.cutoff_angle} rad; with the lens {self.lens} it must be "
                   f"above 0 and at most {reach:.4g} rad")
@@ -205,8 +207,8 @@ class CameraConfig:
         for key, name in names.items():
             parts = [part for part in name.split("/") if part]
             self._check(all(map(_NAME.fullmatch, parts)),
-                        f"{key} '{name}' is not a valid ROS name; each part must be a letter, "
-                        "followed by letters, digits and underscores")
+                        f"{key} '{name}' is not a valid ROS name; start each part with a "
+                        "letter, and use only letters, digits and underscores")
         topics = {self.topic_root, *map(self.resolve_topic, (self.image_topic, self.info_topic))}
         self._check(len(topics) == 3,
                     f"image_topic '{self.image_topic}' and info_topic '{self.info_topic}' must be "
@@ -243,11 +245,12 @@ class CameraConfig:
         """
         e, rows = self.effects, f"row_time {self.effects.row_time:g} s of {self.height} rows"
         durations = {f"exposure_time {e.exposure_time:g} s": e.exposure_time,
-                 f"{rows} takes {e.row_time * self.height:g} s in all": e.row_time * self.height,
-                 f"exposure_time and {rows} take {compute_duration(e, self.height):g} s together":
+                 f"{rows}, which takes {e.row_time * self.height:g} s in "
+                 "all,": e.row_time * self.height,
+                 f"exposure_time and {rows}, together {compute_duration(e, self.height):g} s,":
                      compute_duration(e, self.height)}  # fmt: skip
         for what, time in durations.items():
-            self._check(time < 1.0 / rate, f"{what}: must be shorter than the period of "
+            self._check(time < 1.0 / rate, f"{what} must be shorter than the image period of "
                         f"{1.0 / rate:g} s; lower the rate or shorten this time")
 
     def _check(self, condition: bool, message: str) -> None:

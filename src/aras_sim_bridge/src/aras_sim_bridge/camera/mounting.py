@@ -20,11 +20,11 @@ from aras_sim_bridge.camera.config import FloatTriple, derive_seed
 from aras_sim_bridge.description import CameraDescription
 from aras_sim_bridge.errors import CameraError, RenderingError, SimError
 from aras_sim_bridge.world import Model, Pose
-from aras_visual_servo_base.camera_mounting import check_optical
 from aras_visual_servo_base.hand_eye import read_hand_eye
 from aras_visual_servo_base.poses import LENGTH_UNITS, inverse, optical_pose
 from aras_visual_servo_base.setting_values import merge
 from aras_visual_servo_base.settings import build, convert, parameter
+from aras_visual_servo_base.urdf_changes import check_optical
 
 T = TypeVar("T")
 
@@ -217,7 +217,7 @@ def configure_world_camera(
         pose = _read_pose(settings.get("pose"), name)
     elif "pose" in settings:
         raise CameraError(
-            f"camera '{name}': pose and {HAND_EYE_KEY} both define its pose; remove one of them"
+            f"camera '{name}': pose and {HAND_EYE_KEY} both define the camera's pose; remove one"
         )
     else:
         pose = _read_hand_eye_pose(settings[HAND_EYE_KEY], f"camera '{name}': {HAND_EYE_KEY}")
@@ -249,7 +249,7 @@ def find_settings(settings: Mapping[str, object], name: str) -> Mapping[str, obj
         node = node[part]
         if not isinstance(node, Mapping):
             raise CameraError(
-                f"camera '{name}': its settings are {node!r}, must be keys with values"
+                f"camera '{name}': its settings are {node!r}, must be a mapping"
             )
     return node
 

@@ -362,14 +362,15 @@ class CameraSensor:
             return
         around = [name for name in self.renderer.find_bodies_around(world_T_optical[:3, 3])
                   if name.split("::")[-1] != self.config.link]
-        where = f"it is inside {', '.join(around)}" if around else "all visible surfaces are black"
+        inside = f"the camera is inside {', '.join(around)}"
         if black:
             self._has_warned_black = True
-            _log.warning("camera '%s' sends a black image: %s; check its mounting pose and near "
-                         "clip distance", self.config.name, where)
+            _log.warning("camera '%s' sends a black image: %s; check the camera's pose and near "
+                         "clip distance", self.config.name,
+                         inside if around else "all visible surfaces are black")
         elif around:
-            _log.warning("camera '%s': %s, whose faces are not drawn from inside; check its "
-                         "mounting pose", self.config.name, where)
+            _log.warning("camera '%s': %s and therefore does not see it; check the camera's pose",
+                         self.config.name, inside)
 
 
 def mounting_pose(xyz: tuple[float, float, float], rpy: tuple[float, float, float]) -> np.ndarray:

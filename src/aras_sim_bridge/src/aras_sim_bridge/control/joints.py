@@ -157,8 +157,9 @@ def _override(
         for key in keys:
             values[key] = read(overrides, key, float, where, HardwareError)
     elif enabled:
-        warn(f"{where}/{switch} is true, but this needs {' and '.join(keys)}: the limit is "
-             "unchanged; set what is missing")
+        missing = [key for key in keys if key not in given]
+        warn(f"{where}/{switch} has no effect without {' and '.join(missing)}: set "
+             f"{' and '.join(f'{where}/{key}' for key in missing)}")
     elif given:
         warn(f"{where}/{given[0]} is ignored: set {where}/{switch} to true to use it")
 

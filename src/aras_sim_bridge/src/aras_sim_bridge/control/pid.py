@@ -119,10 +119,11 @@ class Pid:
         """
         for key in parameters:
             if key not in KEYS:
-                log.warning("parameter %s/%s is not used: %s", where, key, suggest(key, KEYS))
+                log.warning("parameter %s/%s is not used; %s", where, key, suggest(key, KEYS))
         if "p" not in parameters:
             raise ControllerError(
-                f"no proportional gain: set parameter {where}/p (and i, d, i_clamp as needed)"
+                f"there is no proportional gain; set parameter {where}/p (and i, d, i_clamp as "
+                "needed)"
             )
         given = partial(read, parameters, where=where, fault=ControllerError)
         clamp = abs(given("i_clamp", float, default=0.0))

@@ -55,8 +55,9 @@ def find_links_between(joints: Sequence[JointInModel], links: Mapping[str, Link]
     """
     for one in joints:
         if one.massless_link in links:
-            raise DescriptionError(f"{where}, joint '{one.joint.name}': it needs an extra link "
-                                   f"named '{one.massless_link}'; rename your link of that name")
+            raise DescriptionError(f"{where}, joint '{one.joint.name}': the simulator adds a link "
+                                   f"'{one.massless_link}' for this joint; rename your link of "
+                                   "the same name")
     found = [one for one in joints if one.massless_link]
     return ({one.massless_link: Link(one.massless_link, None) for one in found},
             {one.massless_link: one.pose for one in found})

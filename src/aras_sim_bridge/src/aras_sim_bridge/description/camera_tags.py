@@ -42,12 +42,12 @@ def read_cameras(sensor: Element, link: str, warnings: list[str]) -> list[Camera
         raise DescriptionError(f"link '{link}': a camera sensor has no name; give it one")
     nodes = sensor.findall("camera")
     if not nodes:
-        raise DescriptionError(f"{where}: it has no <camera> element; add one")
+        raise DescriptionError(f"{where}: <camera> is missing; add it")
     found = plugins.read(sensor, where, (CameraPlugin,), warnings)
     plugin = found[0] if found else None
     for extra in found[1:]:
-        warnings.append(f"{where}: only one plug-in can publish its images; "
-                        f"'{extra.camera_name}' is ignored; remove one")
+        warnings.append(f"{where}: plug-in '{extra.camera_name}' is ignored, because only one "
+                        "plug-in can publish the camera's images; remove one")
     if plugin and not plugin.trigger_topic and sensor.find("plugin/triggerTopicName") is not None:
         warnings.append(f"{where}: <triggerTopicName> works only with "
                         "libgazebo_ros_triggered_camera.so; this camera publishes all the time; "
@@ -150,8 +150,8 @@ def _read_lens(
     given = lens.find("intrinsics")
     intrinsics = None
     if given is not None and camera == "wideanglecamera":
-        warnings.append(f"{where}: a wideanglecamera has no <intrinsics>, so it is ignored; remove "
-                        "it")
+        warnings.append(f"{where}: <intrinsics> is ignored, because a wideanglecamera has none; "
+                        "remove <intrinsics>")
     elif given is not None:
         defaults = {"fx": 277.0, "fy": 277.0, "cx": 160.0, "cy": 120.0}  # SDF's defaults, px
         intrinsics = tuple(parse_number(find_text(given, key), f"{where}: intrinsics {key}", value)

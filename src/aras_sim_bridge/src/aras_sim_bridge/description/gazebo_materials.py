@@ -109,8 +109,8 @@ def find_colour(name: str, link: str, warnings: list[str]) -> Rgba:
     """
     if name not in COLOURS:
         near = find_nearest(f"Gazebo/{name.split('/')[-1]}", COLOURS, 0.0)
-        warnings.append(f"link '{link}': material '{shorten(name)}' is unknown in Gazebo; drawn "
-                        f"white. The nearest is '{near}'")
+        warnings.append(f"link '{link}' is drawn white, because Gazebo has no material "
+                        f"'{shorten(name)}'; did you mean '{near}'?")
     return COLOURS.get(name, WHITE)
 
 
@@ -128,8 +128,8 @@ def find_sdf_colour(
              for visual, appearance in zip(link.findall("visual"), appearances, strict=True)]
     found = [colour for colour in found if colour is not None]
     if any(colour != found[0] for colour in found):
-        warnings.append(f"link '{name}': its visuals have several colours; the first is used for "
-                        "all of them; put the others into links of their own")
+        warnings.append(f"link '{name}': all visuals are drawn in the colour of the first visual; "
+                        "put visuals of other colours into other links")
     first = found[0] if found else None
     return find_colour(first, name, warnings) if isinstance(first, str) else first
 

@@ -105,7 +105,8 @@ def parse(root: Element, links: Mapping[str, Link], joints: Mapping[str, Joint],
             found += sensor_tags.read_joint_sensors(block, reference, force_torque_tags, warnings)
             ignored += supported_elements.find_ignored_elements(block, "gazebo joint", where)
         else:
-            warnings.append(f"{where} names no link or joint; ignored: correct the name")
+            warnings.append(f"{where} is ignored, because it names no link or joint; correct the "
+                            "name")
     for node in (node for block in blocks if block.get("reference") is None
                  for node in block.findall("joint")):
         from aras_sim_bridge.description.sdf_joints import read_joints
@@ -178,8 +179,8 @@ def _read_joint_settings(block: Element, name: str, tags: GazeboTags, warnings: 
     if stiffness < 0.0:
         raise DescriptionError(f"{where}: springStiffness is {stiffness}; it must not be negative")
     if stiffness and not joint.is_movable:
-        warnings.append(f"{where}: springStiffness is for a joint that moves; '{name}' is "
-                        f"{joint.kind}, so it is ignored")
+        warnings.append(f"{where}: springStiffness is ignored, because joint '{name}' is "
+                        f"{joint.kind}; remove it")
         return
     tags.joints[name] = replace(joint, stiffness=stiffness, rest=rest)
 

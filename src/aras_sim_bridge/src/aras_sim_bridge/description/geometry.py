@@ -94,7 +94,7 @@ def _find_shape(element: Element, where: str) -> Element:
     node = element.find("geometry")
     shape = next(iter(node), None) if node is not None else None
     if shape is None:
-        raise UnsupportedPartError(f"{where}: it has no <geometry> that contains a shape; add one")
+        raise UnsupportedPartError(f"{where}: <geometry> with a shape is missing; add it")
     return shape
 
 

@@ -56,24 +56,26 @@ def check_grasps(grasps: list[GraspDescription], links: Mapping[str, Link], warn
     whole = []
     for one in grasps:
         if one.rate <= 0.0 or one.angle < math.pi / 2:
-            wrong = (f"update_rate is {one.rate:g} Hz; give a positive one" if one.rate <= 0.0 else
-                     f"forces_angle_tolerance is {math.degrees(one.angle):g} degrees; opposing "
-                     "forces need at least 90 degrees, so nothing can be grasped, as in Gazebo")
-            warnings.append(f"{_WHERE}: {wrong}; the plug-in is ignored")
+            wrong = (f"update_rate is {one.rate:g} Hz; give a rate above 0 Hz"
+                     if one.rate <= 0.0 else
+                     f"forces_angle_tolerance is {math.degrees(one.angle):g} degrees, but opposing "
+                     "forces need at least 90 degrees; increase it")
+            warnings.append(f"{_WHERE} is ignored: {wrong}")
             continue
         arms: dict[str, GraspArm] = {}
         for arm in one.arms:
             problem, arm = _check_arm(arm, links, warnings)
             if arm.name in arms:
-                problem = "another arm has this name"
+                problem = "another arm has the same name"
             if problem:
-                warnings.append(f"{_WHERE}: arm '{shorten(arm.name)}': {problem}; it is ignored")
+                warnings.append(f"{_WHERE}: arm '{shorten(arm.name)}' is ignored: {problem}")
             else:
                 arms[arm.name] = arm
         if arms:
             whole.append(replace(one, arms=tuple(arms.values())))
         else:
-            warnings.append(f"{_WHERE}: it has no <arm> whose links exist; it is ignored")
+            warnings.append(f"{_WHERE} is ignored, because it has no valid <arm>; add or correct "
+                            "one")
     return whole
 
 
@@ -85,12 +87,12 @@ def _check_arm(arm: GraspArm, links: Mapping[str, Link], warnings: list[str]
     """
     for finger in arm.fingers:
         if finger not in links:
-            warnings.append(f"{_WHERE}: arm '{shorten(arm.name)}': gripper_link "
-                            f"'{shorten(finger)}' does not exist; it is ignored")
+            warnings.append(f"{_WHERE}: gripper_link '{shorten(finger)}' of arm "
+                            f"'{shorten(arm.name)}' is ignored, because this link does not exist")
     fingers = tuple(one for one in arm.fingers if one in links)
     arm = replace(arm, fingers=fingers)
     if not arm.name or not arm.palm or not fingers:
-        return "it needs <arm_name>, <palm_link> and <gripper_link>s that exist", arm
+        return "give <arm_name>, <palm_link>, and a <gripper_link> that exists", arm
     if arm.palm not in links:
         return f"palm_link '{shorten(arm.palm)}' does not exist", arm
     if not any(links[one].collisions for one in fingers):

@@ -52,8 +52,8 @@ def make_inertial(
         sphere = 0.4 * mass * 0.05**2
         what = f"has a negative principal moment ({principal[0]:.4g})" if negative else "is zero"
         warnings.append(
-            f"{where}: the inertia tensor {what}; replaced by that of a solid sphere of 5 cm "
-            f"radius ({sphere:.3g} kg m²); correct ixx … izz"
+            f"{where}: the inertia tensor {what}, so the tensor of a solid sphere of 5 cm radius "
+            f"({sphere:.3g} kg m²) is used; correct ixx … izz"
         )
         return Inertial(mass, xyz, rpy, (sphere, 0.0, 0.0, sphere, 0.0, sphere))
     if principal[2] - principal[0] - principal[1] > _TRIANGLE_TOLERANCE * trace:

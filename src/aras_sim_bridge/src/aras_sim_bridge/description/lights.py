@@ -40,11 +40,12 @@ def check_light(light: Light) -> Light:
         if what in _STRENGTH_FIELDS and min(values) < 0.0:
             raise WorldError(f"{where}: {what} {value} must not be negative")
     if math.hypot(*light.direction) < 1e-9:
-        raise WorldError(f"{where}: its direction is zero; give it a direction in which it shines")
+        raise WorldError(f"{where}: direction is the zero vector; give the direction in which the "
+                         "light shines")
     for begin, end in light.lit_intervals or ():
         if not 0.0 <= begin < end:
-            raise WorldError(f"{where}: lit interval from {begin:g} to {end:g} s; it must start at "
-                             "0 s or later and end after its start")
+            raise WorldError(f"{where}: the lit interval is from {begin:g} to {end:g} s; it must "
+                             "start at 0 s or later and end after its start")
     return light
 
 
@@ -109,8 +110,8 @@ def _read_intervals(text: str | None, where: str) -> tuple[tuple[float, float], 
     pairs = tuple(zip(values[::2], values[1::2], strict=True))
     for begin, end in pairs:
         if not 0.0 <= begin < end:
-            raise DescriptionError(f"{where}: interval from {begin:g} to {end:g} s; it must start "
-                                   "at 0 s or later and end after its start")
+            raise DescriptionError(f"{where} is from {begin:g} to {end:g} s; it must start at 0 s "
+                                   "or later and end after its start")
     return pairs
 
 

@@ -58,9 +58,9 @@ def find_folder(uri: str, base: str | None) -> str:
         found = find_model(name)
         path = os.path.normpath(os.path.join(found or "", inside))
         if found is None or not os.path.isdir(path) or os.path.commonpath([path, found]) != found:
-            raise DescriptionError(f"no folder of that name is in {MODEL_PATH}, {OWN_MODELS}, or "
-                                   "the folders that packages export as gazebo_model_path; copy "
-                                   "the model there")
+            raise DescriptionError(f"the folder '{rest}' is not in {MODEL_PATH}, {OWN_MODELS}, or "
+                                   "a folder that a package exports as gazebo_model_path; copy the "
+                                   "model there")
         return path
     path = rest if separator else uri
     if not os.path.isabs(path) and base is not None:
@@ -152,8 +152,8 @@ def _include(include: Element, uri: str, warnings: list[str], base: str | None,
     where = f"<include> of '{shorten(name)}'"
     warnings += supported_elements.describe_ignored_elements(include, "include", where)
     if parse_bool(include.get("merge"), f"{where}: merge", False):
-        warnings.append(f"{where}: merge is not supported; the names of its links start with the "
-                        "model's name")
+        warnings.append(f"{where}: merge is not supported, so the model's name precedes the names "
+                        "of the included links")
     if find_text(include, "placement_frame"):
         found.set("placement_frame", find_text(include, "placement_frame"))
     found.extend(include.findall("plugin"))

@@ -72,7 +72,7 @@ def read_appearance(
     image = next((f / found.texture for f in folders if (f / found.texture).is_file()), None)
     try:
         if image is None:
-            raise DescriptionError("the file is not in the folder of its script")
+            raise DescriptionError("the file is not in the folder of the material script")
         if read_image_size(image) is None:
             raise DescriptionError("the file is not a readable image")
     except DescriptionError as error:

@@ -55,7 +55,8 @@ def read(element: Element, where: str, kinds: tuple[type[Kind], ...], warnings: 
                 plugin, f"plugin {name}", f"{where}: plugin '{filename}'"
             )
             continue
-        problem = "is not known; ignored" if made is None else "does not belong here; ignored"
+        problem = ("is ignored, because it is not known" if made is None
+                   else "is ignored, because it does not belong here")
         if "mimic_joint" in filename:
             problem = _describe_mimic_plugin(plugin, mimics)
         warning = f"{where}: plugin '{filename}' {problem}"

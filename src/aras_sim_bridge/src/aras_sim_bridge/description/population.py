@@ -41,10 +41,10 @@ def place_copies(population: Element, warnings: list[str]) -> list[Element]:
     try:
         model = population.find("model")
         if model is None:
-            raise DescriptionError(f"{where}: it has no <model>")
+            raise DescriptionError(f"{where}: <model> is missing; add it")
         places = _compute_positions(population, where)
     except DescriptionError as error:
-        warnings.append(f"{error}; ignored")
+        warnings.append(f"{error}; this <population> is ignored")
         return []
     found = []
     for i, place in enumerate(places):
@@ -97,7 +97,8 @@ def _compute_positions(population: Element, where: str) -> list[Vector3]:
             corner = ZERO  # as in Gazebo, the pose of the region is that of the cylinder's base
         else:
             raise DescriptionError(f"{where}: distribution '{shorten(kind)}' is not supported in "
-                                   "this region; use grid, random or linear-x, -y, -z in a box")
+                                   "this region; use a <box> with random, linear-x, linear-y or "
+                                   "linear-z, a <cylinder> with random, or grid")
     # As in Gazebo, `corner`, the offset from the region's corner to its centre, is not rotated with
     # the region.
     moved = Pose(tuple(a - b for a, b in zip(pose.xyz, corner, strict=True)), pose.quat)

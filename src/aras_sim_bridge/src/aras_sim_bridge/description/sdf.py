@@ -96,7 +96,8 @@ def read_sdf(
                                "an SDF document")
     worlds = root.findall("world")
     if len(worlds) > 1:
-        raise DescriptionError(f"SDF: {len(worlds)} worlds; only one can be simulated, so keep one")
+        raise DescriptionError(f"SDF: the text has {len(worlds)} worlds, must have one: remove the "
+                               "others")
     scope = worlds[0] if worlds else root
     def resolve(uri: str, where: str) -> str:
         return packages.resolve_uri(uri, where, resolve_package, base_directory)

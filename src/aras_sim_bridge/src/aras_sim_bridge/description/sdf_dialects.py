@@ -67,8 +67,8 @@ def _unify(element: Element, old: bool, where: str, warnings: list[str]) -> None
 def _unify_pose(pose: Element, where: str, warnings: list[str]) -> None:
     texts = (pose.text or "").split()
     if len(texts) == 3:
-        warnings.append(f"{where} '{' '.join(map(shorten, texts))}' has three numbers, read as a "
-                        "position without rotation; write six: x y z roll pitch yaw")
+        warnings.append(f"{where} '{' '.join(map(shorten, texts))}' has three numbers, which are "
+                        "read as a position without rotation; write x y z roll pitch yaw")
         texts += ["0"] * 3
     # invalid numbers are reported when the pose is read
     with contextlib.suppress(DescriptionError):
@@ -93,13 +93,13 @@ def _unify_flag(flag: Element, where: str, warnings: list[str]) -> bool:
     word = (flag.text or "").strip().lower()
     if word in _BOOLEAN_WORDS:
         warnings.append(
-            f"{where} is '{shorten(flag.text)}', read as {_BOOLEAN_WORDS[word]}; write true or "
-            "false"
+            f"{where} is '{shorten(flag.text)}', which is read as {_BOOLEAN_WORDS[word]}; write "
+            "true or false"
         )
         word = _BOOLEAN_WORDS[word]
     elif word and word not in ("true", "false", "1", "0"):
-        warnings.append(f"{where} is '{shorten(flag.text)}', which is neither true nor false; "
-                        "ignored: write true or false")
+        warnings.append(f"{where} '{shorten(flag.text)}' is ignored, because it is neither true "
+                        "nor false; write true or false")
         return False
     flag.text = word
     return bool(word)

@@ -88,8 +88,9 @@ class Frames(Mapping[str, Pose]):
     def list_errors(self) -> list[str]:
         """Return one sentence for each `<frame>` whose pose is undefined."""
         return [
-            f"frame '{shorten(name)}' is ignored: '{shorten(self.base_frame(name))}' is no link, "
-            "joint, frame or model of the same parent, or depends on this frame; correct the name"
+            f"frame '{shorten(name)}' is ignored: its base '{shorten(self.base_frame(name))}' "
+            "is no link, joint, frame or model of the same parent, or depends on this frame; "
+            "correct the name of the base"
             for name, node in self._nodes.items()
             if node.tag == "frame" and name not in self._inner and not has_pose(self, name)
         ]

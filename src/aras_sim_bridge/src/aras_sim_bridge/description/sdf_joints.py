@@ -63,7 +63,7 @@ def read_joints(element: Element, model: str, poses: Mapping[str, Pose]) -> list
     if kind == "screw":
         pitch = parse_number(find_text(element, "thread_pitch"), f"{where}: thread_pitch", 1.0)
         if pitch == 0.0:
-            raise DescriptionError(f"{where}: thread_pitch is 0 rad/m; give another pitch")
+            raise DescriptionError(f"{where}: thread_pitch is 0 rad/m; give a pitch other than 0")
         second = Joint(f"{name}_thread", "prismatic", between, child, axis=first.axis,
                        limits=JointLimits(-NO_LIMIT, NO_LIMIT, NO_LIMIT, NO_LIMIT),
                        mimic=Mimic(name, -1.0 / pitch, 0.0))
@@ -71,7 +71,7 @@ def read_joints(element: Element, model: str, poses: Mapping[str, Pose]) -> list
         second = _set_axis(element, "axis2", Joint(f"{name}_2", "revolute", between, child), pose,
                         poses, f"{where}: axis2")
         if abs(sum(a * b for a, b in zip(first.axis, second.axis, strict=True))) > 0.999:
-            raise DescriptionError(f"{where}: its two axes are parallel; change <axis2>")
+            raise DescriptionError(f"{where}: <axis> and <axis2> are parallel; change <axis2>")
     return [JointInModel(first, pose, False, between), JointInModel(second, pose, cut)]
 
 

@@ -87,7 +87,7 @@ def read_model(element: Element, resolve: Resolve, locate: Locate, frames: Mappi
             colours[link.name] = colour
         sensor_tags.read_link_sensors(node, link.name, cameras, sensors, plugin_sensors, warnings)
     if not links:
-        raise DescriptionError(f"{where}: it has no <link>")
+        raise DescriptionError(f"{where}: <link> is missing; add one")
     joints: list[JointInModel] = []
     force_torque_tags: dict[str, Element] = {}
     for node in element.findall("joint"):
@@ -175,8 +175,10 @@ def split_model(
     )
     split_sensors = set(whole.sensors) - {one for tree in trees for one in whole.sensors
                                  if _has_sensor_links(one, tree)}
-    warnings += (f"{where}: the {one.kind} sensor of link '{one.link}' is ignored: it needs links "
-                 "or joints of two trees that no joint connects" for one in split_sensors)
+    warnings += (f"{where}: the {one.kind} sensor of link '{one.link}' is ignored, because "
+                 "its links or joints are in parts of the model that no joint connects; connect "
+                 "them"
+                 for one in split_sensors)
     return replace(make_description(trees[0], parts), warnings=tuple(warnings))
 
 
@@ -194,8 +196,9 @@ def _describe_ignored_loop(joint: Joint, where: str) -> list[str]:
     found = {"limits": math.isfinite(low) or math.isfinite(high), "damping": joint.damping,
              "friction": joint.friction, "a spring": joint.stiffness}
     unsupported = [name for name, given in found.items() if given]
-    return [f"{where}: joint '{joint.name}' closes a chain, so its {' and '.join(unsupported)} are "
-            "not supported; give them to another joint of the chain"] if unsupported else []
+    return [f"{where}: joint '{joint.name}' closes a chain and cannot have "
+            f"{' and '.join(unsupported)}; give them to another joint of the "
+            "chain"] if unsupported else []
 
 
 def read_link(

@@ -50,7 +50,8 @@ def read_link_sensors(
         elif kind == "contact":
             plugin_sensors += _read_bumpers(sensor, link, warnings)
         else:
-            warnings.append(f"link '{link}': sensor type '{shorten(kind)}' is unknown; ignored")
+            warnings.append(f"link '{link}': a sensor is ignored, because its type "
+                            f"'{shorten(kind)}' is not supported")
 
 
 def _read_imus(sensor: Element, link: str, warnings: list[str]) -> list[SensorDescription]:
@@ -68,7 +69,8 @@ def _read_imus(sensor: Element, link: str, warnings: list[str]) -> list[SensorDe
             warnings.append(f"{where}: this plug-in is ignored, because it must be in <gazebo> or "
                             "<model>; move it there")
         elif not made.frame:
-            warnings.append(f"{where}: its plug-in has no <frameName>; ignored: add one")
+            warnings.append(f"{where}: a plug-in is ignored, because <frameName> is missing; add "
+                            "it")
         else:
             found.append(replace(made, link=link, pose=(at[:3], at[3:]), sample_rate=rate,
                                  channels=_read_channels(sensor, "imu", where)))
@@ -111,14 +113,14 @@ def check_model_sensors(
     for made in sensors:
         for name in made.joints:
             if name not in joints or not joints[name].is_movable:
-                warnings.append(f"plug-in of a {made.kind} sensor: joint '{shorten(name)}' does "
-                                "not exist or does not move; it is ignored")
+                warnings.append(f"plug-in of a {made.kind} sensor: joint '{shorten(name)}' is "
+                                "ignored, because it does not exist or does not move")
         made = replace(made, joints=tuple(
             name for name in made.joints if name in joints and joints[name].is_movable))
         problem = _find_problem(made, links, joints)
         warnings += _find_missing_collisions(made, links)
         if problem:
-            warnings.append(f"plug-in of a {made.kind} sensor: {problem}; ignored")
+            warnings.append(f"plug-in of a {made.kind} sensor is ignored: {problem}")
             continue
         if made.kind == "wrench":
             child, frame_link = joints[made.joint].child, f"{made.joint}_frame"
@@ -147,8 +149,8 @@ def read_joint_sensors(
     for sensor in element.findall("sensor"):
         kind = sensor.get("type") or ""
         if kind != "force_torque":
-            warnings.append(f"joint '{joint}': sensor type '{shorten(kind)}' is not supported on a "
-                            "joint; ignored")
+            warnings.append(f"joint '{joint}': a sensor is ignored, because its type "
+                            f"'{shorten(kind)}' is not supported on a joint")
             continue
         force_torque_tags[joint] = sensor
         where = _describe_place(sensor, f"joint '{joint}'")
@@ -166,11 +168,11 @@ def _find_problem(
 ) -> str:
     """Return the reason why a sensor cannot measure anything; '' if it can."""
     if description.kind == "imu":
-        return "it must be inside a <sensor type='imu'>"
+        return "it must be inside <sensor type='imu'>; move it there"
     if not description.topic:
-        return "it has no <topicName>"
+        return "<topicName> is missing; add it"
     if description.kind == "joint_states":
-        return "" if description.joints else "it has no <jointName> of a joint that moves"
+        return "" if description.joints else "no <jointName> is a joint that moves; correct it"
     if description.kind == "contact":
         return "" if description.collisions else (
             "it names no <collision> in a <contact>, or is not in a <sensor type='contact'>")
@@ -197,7 +199,7 @@ def _find_missing_collisions(
     known = [one.name for link in links.values() for one in link.collisions]
     return [
         f"plug-in of a contact sensor: collision '{shorten(name)}' does not exist, so the sensor "
-        f"reports no contacts of it; {suggest(name, known)}"
+        f"reports no contacts of this collision; {suggest(name, known)}"
         for name in description.collisions
         if not any(is_same_collision(name, one) for one in known)
     ]
@@ -243,7 +245,7 @@ def _read_channels(sensor: Element, kind: str, where: str) -> tuple[ChannelNoise
             values = [parse_number(find_text(noise, tag), f"{where}: {quantity} {axis} {tag}", 0.0)
                       for tag in ("mean", "stddev", "bias_mean", "bias_stddev")]
             if values[1] < 0.0 or values[3] < 0.0:
-                raise DescriptionError(f"{where}: noise of {quantity} {axis}: a standard "
-                                       "deviation must not be negative")
+                raise DescriptionError(f"{where}: {quantity} {axis} has stddev {values[1]:g} and "
+                                       f"bias_stddev {values[3]:g}; they must not be negative")
             found.append(ChannelNoise(*values))
     return tuple(found) if any(one != ChannelNoise() for one in found) else ()

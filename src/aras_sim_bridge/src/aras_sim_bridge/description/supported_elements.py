@@ -357,7 +357,8 @@ def format_sentences(elements: Iterable[tuple[str, str]]) -> list[str]:
     for tag, where in places.items():
         tags.setdefault(tuple(where), []).append(tag)
     return [f"{where[0]}{f' and {len(where) - 1} more' if len(where) > 1 else ''}: "
-            f"{', '.join(names)} {'is' if len(names) == 1 else 'are'} not supported; ignored"
+            + (f"{names[0]} is ignored, because it is not supported" if len(names) == 1 else
+               f"{', '.join(names)} are ignored, because they are not supported")
             for where, names in tags.items()]
 
 

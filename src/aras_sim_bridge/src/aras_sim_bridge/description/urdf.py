@@ -112,8 +112,9 @@ def _unfold_planar(tags: gazebo_tags.GazeboTags) -> None:
         for side, along in (("x", (1.0, 0.0, 0.0)), ("y", (0.0, 1.0, 0.0))):
             name = f"{joint.name}_{side}"
             if name in tags.joints or name in tags.links:
-                raise DescriptionError(f"joint '{joint.name}': it needs an extra joint and link "
-                                       f"named '{name}'; rename your joint or link of that name")
+                raise DescriptionError(f"joint '{joint.name}': the simulator adds a joint and a "
+                                       f"link '{name}' for this joint; rename your joint or link "
+                                       "of the same name")
             tags.links[name] = Link(name, None)
             tags.poses[name] = tags.poses[joint.child]
             limits = JointLimits(-NO_LIMIT, NO_LIMIT, NO_LIMIT, NO_LIMIT)

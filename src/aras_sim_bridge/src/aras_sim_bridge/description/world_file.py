@@ -76,7 +76,7 @@ def load_world(
     root = safe_xml.parse(text, where)
     world = root.find("world") if root.tag in ("sdf", "gazebo") else None
     if world is None:
-        raise DescriptionError(f"{where}: it contains no <sdf><world>")
+        raise DescriptionError(f"{where} has no <world> in <sdf>; give an SDF world file")
     try:
         content = read_sdf(root, resolve_package, os.path.dirname(os.path.abspath(path)))
         scene = read_scene(world.find("scene"))

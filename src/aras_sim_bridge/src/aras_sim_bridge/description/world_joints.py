@@ -32,16 +32,17 @@ def bolt_models(elements: Iterable[Element], warnings: list[str]) -> list[Elemen
 
 def _bolt(joint: Element, models: dict[str | None, Element]) -> None:
     if joint.get("type") != "fixed":
-        raise DescriptionError("between models only fixed joints are supported")
+        raise DescriptionError("only a fixed joint can connect two models; set type to fixed")
     ends = [_find_link(find_text(joint, tag) or "", models) for tag in ("child", "parent")]
     loose = [(name, link) for name, link in ends if not _is_fixed(models.get(name), link)]
     if len(loose) == 2:
-        raise DescriptionError("both its ends may move; put both models into one model and join "
-                               "them there")
+        raise DescriptionError("neither of its models is fixed in the world; join their links "
+                               "inside one model")
     for name, link in loose:
         joints = models[name].findall("joint")
         if joint.get("name") in (None, "", *(one.get("name") for one in joints)):
-            raise DescriptionError("it needs a name that no other joint of its model has")
+            raise DescriptionError("its name is missing or is that of another joint of the model; "
+                                   "give a new name")
         if any(find_text(one, "child") == link for one in joints):
             raise DescriptionError(f"link '{shorten(link)}' is the child of another joint; use the "
                                    f"root link of '{shorten(name)}'")

@@ -55,8 +55,8 @@ class WorldState:
         for kind, found in states.items():
             missing = sorted(found.keys() - known[kind] - self.deleted)
             if missing:
-                warnings.append(f"<state> places {kind}s that do not exist and are ignored: "
-                                f"{', '.join(map(shorten, missing))}")
+                warnings.append(f"<state> has poses for {kind}s that do not exist "
+                                f"({', '.join(map(shorten, missing))}); these poses are ignored")
         def place_item(kind: str, one: Item, apply_state: Callable[[Item, Element], Item]) -> Item:
             state = states[kind].get(one.name)
             try:
@@ -71,7 +71,8 @@ class WorldState:
             for model in models
         ]
         if moving:
-            warnings.append(f"<state> has {', '.join(moving)} in motion; all models start at rest")
+            warnings.append(f"<state> has velocities for {', '.join(moving)}, which are ignored; "
+                            "all models start at rest")
         return models, [place_item("light", light, _place_light) for light in lights]
 
     def _list_states(self, kind: str) -> dict[str, Element]:
@@ -124,10 +125,10 @@ def _place_model(model: RobotDescription, state: Element, moving: list[str],
     bodies = (model, *model.parts)
     missing = sorted(links.keys() - {name for body in bodies for name in body.links})
     if missing:
-        warnings.append(f"<state> places links of {where} that do not exist and are ignored: "
-                        f"{', '.join(map(shorten, missing))}")
+        warnings.append(f"<state> has poses for links of {where} that do not exist "
+                        f"({', '.join(map(shorten, missing))}); these poses are ignored")
     if min(scale) <= 0.0:
-        warnings.append(f"<state>: {where}: scale {scale} is not positive, so it is ignored")
+        warnings.append(f"<state>: scale {scale} of {where} is ignored, because it is not positive")
         scale = _UNSCALED
     if scale != _UNSCALED:
         bodies = tuple(

@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from aras_visual_servo_base.byte_limited_cache import ByteLimitedCache
+from aras_visual_servo_base.memory import ByteLimitedCache
 
 from ..errors import RenderingError
 
@@ -105,9 +105,9 @@ class Tiles:
         if not (max(fx, fy) <= FARTHEST and max(abs(cx), abs(cy), width, height)
                 <= FARTHEST * min(fx, fy)):
             raise RenderingError(
-                f"a pinhole with fx={fx:g} fy={fy:g} cx={cx:g} cy={cy:g} px cannot be drawn: focal "
-                f"lengths up to {FARTHEST:g} px are possible, and the image size and the principal "
-                f"point must be within {FARTHEST:g} focal lengths")
+                f"a pinhole camera with fx={fx:g} fy={fy:g} cx={cx:g} cy={cy:g} px cannot be "
+                f"drawn: fx and fy must be at most {FARTHEST:g} px, and cx, cy and the image size "
+                f"at most {FARTHEST:g} times fx and fy")
         columns, rows = -(-width // TILE), -(-height // TILE)
         u, v = np.arange(columns) * TILE - K[0, 2], np.arange(rows) * TILE - K[1, 2]
         matrices = np.zeros((rows, columns, 3, 3))

@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from aras_visual_servo_base.byte_limited_cache import ByteLimitedCache
+from aras_visual_servo_base.memory import ByteLimitedCache
 
 from . import clustering
 from .scene import VisualMesh

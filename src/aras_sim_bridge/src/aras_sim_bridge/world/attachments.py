@@ -134,7 +134,7 @@ class Attachments:
 
     def _find_link(self, model: str, link: str) -> tuple[Model, int]:
         if model not in self._models:
-            raise WorldError(f"model '{model}' does not exist; there are: "
+            raise WorldError(f"model '{model}' does not exist; existing models: "
                              f"{', '.join(self._models) or 'none'}")
         bodies = self._models[model].bodies
         found = next((one for one in bodies if link in one.link_indices), bodies[0])

@@ -59,7 +59,7 @@ class Body:
                     physicsClientId=self.client)
             except pybullet.error as error:
                 raise WorldError(
-                    f"model '{self.name}': Bullet cannot load it ({error}); check its mesh files"
+                    f"Bullet cannot load model '{self.name}' ({error}); check its mesh files"
                 ) from None
             finally:
                 self._draw(window, True)

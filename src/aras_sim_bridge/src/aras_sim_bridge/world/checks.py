@@ -29,19 +29,19 @@ def check_simulable(description: RobotDescription, name: str) -> None:
     for link in description.links.values():
         for where, size in _list_sizes(link):
             if not size <= LARGEST:  # `not <=` is also true for NaN
-                raise WorldError(f"model '{name}', link '{link.name}': {where} of {size:.4g} m is "
-                                 f"beyond {LARGEST:.0e} m; reduce it")
-            if where.endswith("size") and size < SMALLEST:
-                raise WorldError(f"model '{name}', link '{link.name}': {where} of {size:.4g} m is "
-                                 f"below {SMALLEST:.0e} m; increase it")
+                raise WorldError(f"model '{name}', link '{link.name}': {where} is {size:.4g} m, "
+                                 f"must be at most {LARGEST:.0e} m; reduce it")
+            if " size of " in where and size < SMALLEST:
+                raise WorldError(f"model '{name}', link '{link.name}': {where} is {size:.4g} m, "
+                                 f"must be at least {SMALLEST:.0e} m; increase it")
         if link.inertial is not None and not description.static:
             _check_inertial(link.inertial, f"model '{name}', link '{link.name}'")
     for joint in description.joints.values():
         distance = math.hypot(*joint.origin_xyz)
         if not distance <= LARGEST:
             raise WorldError(
-                f"model '{name}', joint '{joint.name}': its <origin> is {distance:.4g} m "
-                f"away, which is beyond {LARGEST:.0e} m; correct it"
+                f"model '{name}', joint '{joint.name}': <origin> is {distance:.4g} m from the "
+                f"parent link, must be at most {LARGEST:.0e} m; correct xyz"
             )
     if not description.static:
         _check_joints(description, name)
@@ -50,12 +50,12 @@ def check_simulable(description: RobotDescription, name: str) -> None:
 def _list_sizes(link: Link) -> Iterator[tuple[str, float]]:
     """Yield the name and the value (m) of each length in a link's description."""
     if link.inertial is not None:
-        yield "a centre of mass", math.hypot(*link.inertial.origin_xyz)
+        yield "the offset of the centre of mass", math.hypot(*link.inertial.origin_xyz)
     for kind, parts in (("visual", link.visuals), ("collision", link.collisions)):
         for part in parts:
-            yield f"a {kind}'s origin", math.hypot(*part.origin_xyz)
+            yield f"the offset of a {kind}", math.hypot(*part.origin_xyz)
             for size in _list_extents(part.geometry):
-                yield f"a {kind}'s {part.geometry.kind} size", size
+                yield f"the {part.geometry.kind} size of a {kind}", size
 
 
 def _list_extents(geometry: Geometry) -> tuple[float, ...]:
@@ -83,7 +83,7 @@ def _check_inertial(inertial: Inertial, where: str) -> None:
     if not SMALLEST <= radius <= LARGEST:
         raise WorldError(f"{where}: an inertia of {moments[2]:.4g} kg m² does not fit a mass of "
                          f"{inertial.mass:.4g} kg, because the radius of gyration would be "
-                         f"{radius:.4g} m; correct one of them")
+                         f"{radius:.4g} m; correct the mass or the inertia")
 
 
 def _check_joints(description: RobotDescription, name: str) -> None:
@@ -100,6 +100,6 @@ def _check_joints(description: RobotDescription, name: str) -> None:
     for joint in description.joints.values():
         if joint.is_movable and joint.child not in with_mass:
             raise WorldError(
-                f"model '{name}', link '{joint.child}': joint '{joint.name}' moves it, but it "
-                "has no mass; give it an <inertial>"
+                f"model '{name}': joint '{joint.name}' moves link '{joint.child}', which has no "
+                "mass; add an <inertial> to this link"
             )

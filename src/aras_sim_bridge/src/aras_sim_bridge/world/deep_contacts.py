@@ -131,11 +131,11 @@ class DeepContacts:
                 continue
             more = len({pair[1:] for pair in pairs}) - 1
             _log.warning(
-                "%s is %.0f mm within %s%s: they part at %g mm/s, as in Gazebo; put it "
-                "elsewhere, or give its joints other positions (spawn_model -J)",
+                "%s and %s overlap by %.0f mm%s and move apart at %g mm/s, as in Gazebo; place one "
+                "of them elsewhere, or give its joints other positions (spawn_model -J)",
                 labels[one],
-                1e3 * depth,
                 labels[other],
+                1e3 * depth,
                 f" (further pairs of their links that overlap: {more})" if more else "",
                 1e3 * _SEPARATION_SPEED,
             )

@@ -30,7 +30,9 @@ def change_link(description: RobotDescription, link: str, mass: float, com: Vect
             positive, or a tensor with a negative principal moment.
     """
     if link not in description.links:
-        raise WorldError(f"link '{link}' does not exist; there are: {', '.join(description.links)}")
+        raise WorldError(
+            f"link '{link}' does not exist; existing links: {', '.join(description.links)}"
+        )
     where = f"link '{link}'"
     (mass,) = check_vector((mass,), f"{where}: mass", WorldError, 1)
     com = check_vector(com, f"{where}: com", WorldError)
@@ -60,7 +62,7 @@ def change_joint(description: RobotDescription, joint: str, damping: float | Non
     """
     present = description.joints.get(joint)
     if present is None or not present.is_movable:
-        raise WorldError(f"joint '{joint}' is not a moving joint; there are: "
+        raise WorldError(f"joint '{joint}' is not a moving joint; moving joints: "
                          f"{', '.join(description.list_moving_joints()) or 'none'}")
     where = f"joint '{joint}'"
     values = {"damping": damping, "friction": friction, "lower": lower, "upper": upper}
@@ -81,7 +83,7 @@ def _change_stops(joint: object, lower: float | None, upper: float | None, where
     low = limits.lower if lower is None else float(lower)
     high = limits.upper if upper is None else float(upper)
     if low is None or high is None:
-        raise WorldError(f"{where}: it has no stops yet; give both lower and upper")
+        raise WorldError(f"{where} has no stops yet; give both lower and upper")
     if low > high:
         raise WorldError(f"{where}: the lower stop {low} is above the upper {high}; exchange them")
     kind = "revolute" if joint.kind == "continuous" else joint.kind

@@ -357,7 +357,7 @@ class ModelJoints:
                              "need a model with a fixed base; fix it or disable the limits")
         if not fastest > 0.0:
             raise WorldError(f"model '{self.body.name}', joint '{joint}': a hard velocity limit of "
-                             f"{fastest} would lock it; give it a positive <limit velocity>")
+                             f"{fastest} would lock the joint; set <limit velocity> above 0")
         self._speed_bounds[joint] = fastest
         self.space.bound_speed(slot, fastest)
 

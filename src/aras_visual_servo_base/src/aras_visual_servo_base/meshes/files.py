@@ -139,8 +139,8 @@ def _read_stl(data: bytes, _folder: Path, _states: dict[Path, _State | None]) ->
             ) from None
     else:
         raise DescriptionError(
-            f"the file's {len(data)} bytes are neither ASCII STL nor a binary one of {count} "
-            "triangles"
+            f"the file's {len(data)} bytes are neither an ASCII STL file nor a binary STL file of "
+            f"{count} triangles"
         )
     return [from_corners(corners)]
 
@@ -223,9 +223,9 @@ def _read_obj(data: bytes, folder: Path, states: dict[Path, _State | None]) -> l
                  for values, width in zip(elements.values(), (3, 2, 3), strict=True))
     appearances = {name: materials.get(name, (None, None)) for _, name in faces}
     for name in appearances.keys() - materials.keys() - {""}:
-        where = (f"there is no {min(lacking)}" if lacking
-                 else "no material library of the file defines it")
-        _log.warning("mesh file %s: material '%s' is drawn grey: %s", next(iter(states)),
+        where = (f"the file {min(lacking)} does not exist" if lacking
+                 else "no material library of the mesh file defines this material")
+        _log.warning("mesh file %s: material '%s' is drawn grey, because %s", next(iter(states)),
                      shorten(name), where)
         appearances[name] = GREY, None
     return [from_indices(np.array(corners), v, vt, vn, *appearances[name], group)
@@ -252,7 +252,8 @@ def _parse_corner(text: str, counts: list[int]) -> tuple[int, ...]:
     for part, count in zip((text.split("/") + ["", ""])[:3], counts, strict=True):
         index = int(part) if part else None
         if index is not None and not (1 <= index <= count or -count <= index <= -1):
-            raise DescriptionError(f"a face refers to element {index} of {count} elements")
+            raise DescriptionError(f"a face refers to element {index}, but there are {count} "
+                                   "elements")
         indices.append(-1 if index is None else index - 1 if index > 0 else count + index)
     if indices[0] < 0:
         raise DescriptionError("a face has a corner without a vertex")

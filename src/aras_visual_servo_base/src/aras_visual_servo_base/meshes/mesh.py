@@ -168,7 +168,9 @@ def from_indices(index: np.ndarray, v: np.ndarray, vt: np.ndarray, vn: np.ndarra
         numbers = index[..., part]
         wrong = (numbers >= len(values)) | (numbers < (0 if part == 0 else -1))
         if wrong.any():
-            raise DescriptionError(f"a face refers to {what} {numbers[wrong][0]} of {len(values)}")
+            raise DescriptionError(
+                f"a face refers to {what} {numbers[wrong][0]}, but there are {len(values)} {what}s"
+            )
         check_reach(values[numbers[numbers >= 0]], what)
     mapped = bool(len(vt)) and (index[..., 1] >= 0).all()
     textured = texture is not None and mapped
@@ -203,7 +205,7 @@ def check_reach(values: np.ndarray, what: str) -> None:
     """
     reach = np.abs(values).max(initial=0.0)
     if not reach <= _LARGEST_COORDINATE:
-        far = f"{reach:.3g}, beyond {_LARGEST_COORDINATE:g}" if np.isfinite(reach) else "not finite"
+        far = f"{reach:.3g}, above {_LARGEST_COORDINATE:g}" if np.isfinite(reach) else "not finite"
         raise DescriptionError(f"a {what} is {far}")
 
 

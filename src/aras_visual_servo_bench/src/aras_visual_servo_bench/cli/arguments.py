@@ -83,9 +83,9 @@ def _add_run(commands: Commands) -> None:
                      help="YAML file of an experiment or a study, or name of a shipped study "
                           "(default: the experiment of the demo)")
     run.add_argument("overrides", nargs="*", metavar="key=value",
-                     help="changed settings, for example gain=2.0 or repeats=5")
-    run.add_argument("--out", type=Path, help="output folder of a study: new, or of the "
-                     "same study; for an experiment, the folder of its report")
+                     help="settings to change, for example gain=2.0 or repeats=5")
+    run.add_argument("--out", type=Path, help="folder for the results of a study (new, or "
+                     "of the same study), or for the report of an experiment")
     run.add_argument("--dry-run", action="store_true", help="only print what would be run")
     _set_function(run, "run_file", "run_file")
     resume = commands.add_parser("resume", help="continue an unfinished study")
@@ -136,7 +136,7 @@ def _add_dataset(commands: Commands) -> None:
     one.add_argument("study", type=Path, metavar="FILE|NAME",
                      help="YAML file of a study, or name of a shipped study")
     one.add_argument("overrides", nargs="*", metavar="key=value",
-                     help="changed settings, for example repeats=1000 or features=images")
+                     help="settings to change, for example repeats=1000 or features=images")
     one.add_argument("--out", type=Path, required=True,
                      help="folder of the data set; an existing one of the same study is continued")
     one.add_argument("--views", action="store_true",
@@ -152,7 +152,7 @@ def _add_results(commands: Commands) -> None:
     table = commands.add_parser("table", help="print a table of results with confidence intervals")
     table.add_argument("folders", nargs="+", type=Path, metavar="DIR", help="study folder")
     table.add_argument("--format", default="md", metavar="md|csv|tex",
-                       help="format (default %(default)s)")
+                       help="format of the table (default %(default)s)")
     table.add_argument("--out", type=Path, metavar="FILE", help="write the table into a file")
     _set_function(table, "results", "print_table")
     plot = commands.add_parser("plot", help="draw figures of the results")
@@ -168,9 +168,9 @@ def _add_results(commands: Commands) -> None:
         "diff", help="test whether two studies, or the cases of one study, differ significantly"
     )
     diff.add_argument("folders", nargs="+", type=Path, metavar="DIR",
-                      help="two study folders, or one with --between")
+                      help="two study folders, or a single one together with --between")
     diff.add_argument("--between", default="", metavar="KEY",
-                      help="compare the values of this key, or axis of cases, within one study")
+                      help="compare the runs of one study that differ in this key or axis of cases")
     diff.add_argument("--all", action="store_true", help="also list insignificant differences")
     _set_function(diff, "results", "print_differences")
     for one in (table, diff):
@@ -188,19 +188,20 @@ def _add_browse(commands: Commands) -> None:
     browse.add_argument("--port", type=int, default=PORT, metavar="N",
                         help="port (default %(default)s); if it is taken, the next free one")
     browse.add_argument("--address", default="127.0.0.1", metavar="IP",
-                        help="address (default %(default)s); 0.0.0.0 allows other machines")
+                        help="address (default %(default)s); 0.0.0.0 allows access from other "
+                             "machines")
     browse.add_argument("--no-open", action="store_true", help="do not open a browser")
     _set_function(browse, "browse", "browse")
 
 
 def _add_show(commands: Commands) -> None:
-    show = commands.add_parser("show", help="repeat a run of a study, with report and video; print "
-                               "the experiment of a bag")  # fmt: skip
+    show = commands.add_parser("show", help="repeat a run of a study and write its report and "
+                               "video, or print the experiment of a bag")  # fmt: skip
     show.add_argument("folder", type=Path, metavar="DIR|BAG", help="study folder, or a bag")
     show.add_argument("run", type=int, nargs="?", help="number of the run in the study")
-    show.add_argument("--out", type=Path, metavar="DIR", help="output folder; default for a run: "
-                      "show-RUN in the study folder. For a bag, the folder for its experiment, "
-                      "parameters, description and goal")
+    show.add_argument("--out", type=Path, metavar="DIR", help="folder for the report of a run "
+                      "(default: show-RUN in the study folder), or for the experiment, parameters, "
+                      "description and goal of a bag")
     _set_function(show, "show_tune", "show")
 
 
@@ -209,7 +210,7 @@ def _add_tune(commands: Commands) -> None:
     tune.add_argument("study", type=Path,
                       help="YAML file of the study with which every candidate is evaluated")
     tune.add_argument("overrides", nargs="*", metavar="key=value",
-                      help="changed settings, for example repeats=5")
+                      help="settings to change, for example repeats=5")
     tune.add_argument("--over", action="append", default=[], metavar="key=low:high",
                       help="a setting and its range, for example gain=0.5:4; can be repeated")
     tune.add_argument("--metric", default="settled",
@@ -241,7 +242,7 @@ def _add_analyze(commands: Commands) -> None:
                          help="comma-separated names of the runs in legends")
     _set_function(analyze, "analyze", "analyze")
     convert = commands.add_parser("convert", help="convert a bag to an MCAP file for Foxglove")
-    convert.add_argument("bag", type=Path, help="bag of ROS")
+    convert.add_argument("bag", type=Path, help="ROS bag")
     convert.add_argument("--out", type=Path, metavar="FILE",
                          help="output file (default: next to the bag, with .mcap)")
     _set_function(convert, "analyze", "convert")
@@ -254,7 +255,7 @@ def _add_check(commands: Commands) -> None:
     check.add_argument("feature", metavar="FEATURE",
                        help="package.module:Class, or name of a built-in feature")
     check.add_argument("--tolerance", type=float, default=TOLERANCE, metavar="PART",
-                       help="largest relative error of a row (default %(default)s)")
+                       help="largest allowed relative error of a row of L (default %(default)s)")
     check.add_argument("--step", type=float, default=STEP, metavar="H",
                        help="step of the finite differences: a fraction of the depth for "
                             "translations, rad for rotations (default %(default)s)")

@@ -43,7 +43,8 @@ def _compile_missing() -> None:
     if not missing:
         return
     start = time.monotonic()
-    print("first simulation: compiling for one or two minutes", file=sys.stderr, flush=True)
+    print("compiling before the first simulation, which takes one or two "
+          "minutes", file=sys.stderr, flush=True)
     bar = ProgressBar(sys.stderr)
     try:
         faults, uncached = compile_packages.compile_packages(

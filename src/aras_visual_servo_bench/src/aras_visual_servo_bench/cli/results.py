@@ -57,8 +57,9 @@ def print_differences(options: argparse.Namespace) -> int:
     count = 1 if options.between else 2
     if len(options.folders) != count:
         raise StudyError(
-            f"diff needs {count} study folder{'s' * (count > 1)}, not {len(options.folders)}: "
-            "give two folders, or one folder and --between KEY"
+            f"diff {'with' if options.between else 'without'} --between needs {count} study "
+            f"folder{'s' * (count > 1)}, not {len(options.folders)}: give two folders, or one "
+            "folder and --between KEY"
         )
     first, second = ([Results.read(folder) for folder in options.folders] + [None])[:2]
     found = compare.find_differences(

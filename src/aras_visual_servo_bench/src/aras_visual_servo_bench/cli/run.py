@@ -103,8 +103,8 @@ def carry_out(folder: StudyFolder, options: argparse.Namespace) -> int:
             )
             if done.stopped:
                 row = done.stopped
-                print(f"stopped at run {row['run']}, {row['outcome']}: "
-                      f"{row['reason'] or row['verdict']}; "
+                print(f"stopped after run {row['run']}, which ended with {row['outcome']} "
+                      f"({row['reason'] or row['verdict']}); repeat it with "
                       f"{find_command()} show {folder.path} {row['run']}")
                 return 1
         else:

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from aras_visual_servo_base.camera_mounting import check_optical, find_camera_link
 from aras_visual_servo_base.errors import SimError
 from aras_visual_servo_base.poses import inverse, xyz_rpy_from_matrix
+from aras_visual_servo_base.urdf_changes import check_optical, find_camera_link
 
 from ..errors import ExperimentError
 from .cameras import WORLD, CalibrationOffset, CameraSpec, HandEyeSpec
@@ -34,7 +34,7 @@ def with_fixed_cameras(experiment: Experiment, packages: PackagePath) -> Experim
             cameras[name] = replace(spec, hand_eye=None, pose=pose)
         elif experiment.plant in FREE_CAMERA_PLANTS:
             raise ExperimentError(
-                f"cameras.{name}.hand_eye gives the camera's pose on an arm, and plant "
+                f"cameras.{name}.hand_eye gives the camera's pose on an arm, but plant "
                 f"'{experiment.plant}' has no arm: use plant chain or bullet; if the camera is "
                 f"fixed, set the link of hand_eye to {WORLD}")
     return replace(experiment, cameras=cameras) if cameras else experiment
@@ -91,8 +91,8 @@ def _read_calibration_offset(
         true_pose, calibrated_pose = spec.compute_pose(), _read_pose(file, robot.packages, where)
     elif experiment.plant in FREE_CAMERA_PLANTS:
         raise ExperimentError(
-            f"{where} gives the camera's pose on an arm, and plant '{experiment.plant}' has no "
-            "arm: give calibration_offset.xyz and rpy, relative to the camera's true pose"
+            f"{where} gives the camera's pose on an arm, but plant '{experiment.plant}' has no "
+            "arm: set calibration_offset.xyz and rpy (relative to the true camera) instead"
         )
     else:
         try:

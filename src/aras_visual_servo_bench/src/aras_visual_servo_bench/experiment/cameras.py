@@ -86,7 +86,8 @@ class CalibrationOffset:
     depth: depth that the controller assumes, divided by the true depth.
     """
 
-    focal: float = parameter(1.0, ", the factor on the true focal length", above=0.0, most=10.0)
+    focal: float = parameter(1.0, ", the ratio of the calibrated to the true focal "
+                                  "length", above=0.0, most=10.0)
     centre: tuple[float, float] = parameter((0.0, 0.0), "px")
     distortion: tuple[float, ...] | None = None
     xyz: tuple[float, float, float] = parameter((0.0, 0.0, 0.0), "m")
@@ -94,7 +95,8 @@ class CalibrationOffset:
         (0.0, 0.0, 0.0), "rad", least=-HALF_TURN, most=HALF_TURN
     )
     hand_eye: HandEyeSpec | None = None
-    depth: float = parameter(1.0, ", the factor on the true depth", above=0.0, most=10.0)
+    depth: float = parameter(1.0, ", the ratio of the assumed to the true "
+                                  "depth", above=0.0, most=10.0)
 
     def __post_init__(self) -> None:
         check(self, ExperimentError, "calibration_offset")
@@ -288,8 +290,8 @@ def check_simultaneous_images(cameras: Sequence[CameraSetup], duration: float) -
             difference < stored,
             f"images of cameras '{early.name}' and '{late.name}' are never available together, "
             f"because those of '{late.name}' arrive {difference:.3g} s later, and only the last "
-            f"{MAX_WAITING_IMAGES} images of '{early.name}' ({stored:.3g} s) are stored: give the "
-            f"cameras more similar delays, or camera '{early.name}' a lower rate",
+            f"{MAX_WAITING_IMAGES} images of '{early.name}' ({stored:.3g} s) are stored: make "
+            f"the delays more similar, or reduce the rate of camera '{early.name}'",
         )
 
 

@@ -196,7 +196,7 @@ class Experiment(KeywordSettings):
                 "experiment itself: set that key",
             )
         require(self.hand_eye is None or self.plant not in FREE_CAMERA_PLANTS,
-                f"hand_eye gives the camera's pose on an arm, and plant '{self.plant}' has no "
+                f"hand_eye gives the camera's pose on an arm, but plant '{self.plant}' has no "
                 "arm: use plant chain or bullet")
         self._check_cameras()
         if self.plant == "bullet":
@@ -207,13 +207,13 @@ class Experiment(KeywordSettings):
                 "or leave out world",
             )
             require(bool(self.world) or not self.target.model,
-                    "target.model names a model in a world file, and there is none: set world to "
-                    "the file's path or name")
+                    "target.model names a model in a world file, but world is not set: set world "
+                    "to the path or name of the file")
             has_own_pose = not self.target.motion.is_static or any(self.target.pose)
             require(
                 not (self.target.is_in_description and has_own_pose),
-                "a target in the Bullet arm's robot description is fixed at the pose given there: "
-                "for a target with another pose or a motion, set target.shape and target.pose",
+                "target.pose and target.motion do not act on a target in the robot description of "
+                "the Bullet arm: set target.shape, too, for a separate target",
             )
             require(
                 self.target.occluder is None
@@ -248,12 +248,12 @@ class Experiment(KeywordSettings):
                     "sun acts only on plant bullet: leave it out, or use plant bullet")
         require(
             not self.has_images or not self.jitter,
-            "jitter acts only on exact features, and this experiment measures features in images: "
-            "give noise instead, or set features to exact",
+            "jitter acts only on exact features, but this experiment measures features in images: "
+            "set noise instead, or set features to exact",
         )
         require(
             self.has_images or not self.noise,
-            "noise acts only on images, and this experiment has exact features: give jitter (px) "
+            "noise acts only on images, but this experiment has exact features: set jitter (px) "
             "instead, or set features to images",
         )
 
@@ -300,26 +300,26 @@ class Experiment(KeywordSettings):
         target = camera.target
         require(
             not camera.target_frame or self.plant not in FREE_CAMERA_PLANTS,
-            f"cameras.{name}.target_frame is a link of an arm, and plant '{self.plant}' has no "
+            f"cameras.{name}.target_frame is a link of an arm, but plant '{self.plant}' has no "
             "arm: use plant chain or bullet",
         )
         require(
             not camera.target_frame or target is not None,
-            f"cameras.{name}.target_frame is the link that carries the camera's own target, which "
-            f"is missing: give its shape, and its pose in that link, as cameras.{name}.target",
+            f"cameras.{name}.target_frame needs a target on this link: set "
+            f"cameras.{name}.target.shape, and .pose relative to the link",
         )
         require(
             target.is_mountable or not camera.target_frame and target.is_plain,
-            f"cameras.{name}.target may only have shape, size, pose"
-            + (" (its link moves it)" if camera.target_frame else " and motion")
-            + ": leave out the other keys",
+            f"cameras.{name}.target may only have "
+            + ("shape, size and pose, because its link moves it" if camera.target_frame else
+               "shape, size, pose and motion") + ": leave out the other keys",
         )
         require(
             self.plant != "bullet" or target.shape != "aras" and (
                 bool(camera.target_frame) or any(target.pose)
             ),
-            f"cameras.{name}.target needs a shape other than 'aras', and a pose: set "
-            f"cameras.{name}.target.shape and .pose",
+            f"cameras.{name}.target needs a shape and a pose: set cameras.{name}.target.shape (not "
+            f"'aras') and cameras.{name}.target.pose",
         )
 
     @property
@@ -387,7 +387,7 @@ class Experiment(KeywordSettings):
             return self
         require(
             isinstance(self.goal, CameraPose),
-            f"start.kind '{self.start.kind}' is relative to the goal: give the goal as a pose",
+            f"start.kind '{self.start.kind}' is relative to the goal pose: set goal to a pose",
         )
         poses = (
             matrix_from_xyz_rpy(pose[:3], pose[3:]) for pose in (self.goal.pose, self.target.pose)

@@ -91,15 +91,16 @@ def _check_tracker(name: str, target: TargetSpec, other: TargetSpec) -> None:
     """
     own_tracker, tracker = find_tracker(other.shape), find_tracker(target.shape)
     require(own_tracker == tracker,
-            f"cameras.{name}.target is tracked by the tracker '{own_tracker}' and the "
-            f"experiment's target by '{tracker}', but a loop has only one: give both targets "
-            "shapes of one kind, or set controller_parameters.tracker")
+            f"cameras.{name}.target needs the tracker '{own_tracker}' and the experiment's target "
+            f"the tracker '{tracker}', but a loop has only one tracker: give both targets shapes "
+            "of one kind, or set controller_parameters.tracker")
     require(other.marker == target.marker,
             f"cameras.{name}.target.marker is {other.marker!r} and target.marker is "
             f"{target.marker!r}, but a loop tracks only one marker: give both the same")
     require(not is_solid(other.shape) or other.shape == target.shape,
             f"cameras.{name}.target is another solid than the experiment's target, but the tracker "
-            "'model' tracks only one: give both the same shape, or a flat one")
+            "'model' tracks only one solid: give both targets the same shape, or cameras."
+            f"{name}.target a flat shape")
 
 
 def _make_tracker_settings(target: TargetSpec) -> dict[str, Any]:

@@ -91,7 +91,7 @@ def _expand_presets(
         elif key.startswith(f"{place}."):
             raise StudyError(
                 f"'{key}' cannot be set: {place} is {here!r}, which has no keys; write {place} as "
-                "keys with values"
+                "a mapping"
             )
     return found
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import runpy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -140,7 +139,9 @@ class Robot:
         self.packages = PackagePath(spec.search)
         self._original_urdf = read_text(self.packages.resolve(spec.urdf), ExperimentError)
         if not friction:
-            self._original_urdf = self._adapt("remove_friction", self._original_urdf)
+            from aras_visual_servo_base.urdf_changes import remove_friction
+
+            self._original_urdf = remove_friction(self._original_urdf)
         if hand_eye is not None:
             self._original_urdf = self._apply_hand_eye(hand_eye)
         self._own_frame = spec.camera_frame
@@ -234,7 +235,7 @@ class Robot:
             pose = pose @ joint.pose.matrix()
         if pose is None:
             raise ExperimentError(f"link '{link}' does not carry the camera: set hand_eye.link to "
-                                  "one that does")
+                                  "the link that carries it")
         return pose
 
     def make_arm(self, camera: str = "") -> Arm:
@@ -329,7 +330,7 @@ class Robot:
         for name in names:
             if name not in self.parameters:
                 raise ExperimentError(
-                    f"robot.controllers: '{name}' is not in {self.spec.config}: "
+                    f"robot.controllers names '{name}', which is not in {self.spec.config}: "
                     + suggest(name, self.parameters)
                 )
             controller = known.get(name)
@@ -382,7 +383,7 @@ class Robot:
 
     def _read_calibrated_mounting(self, urdf: str, name: str) -> tuple[str, np.ndarray]:
         """Return the link that carries a camera, and link_T_camera, from a hand-eye calibration."""
-        from aras_visual_servo_base.camera_mounting import check_optical, find_camera_link
+        from aras_visual_servo_base.urdf_changes import check_optical, find_camera_link
 
         camera = self._cameras[name]
         try:
@@ -395,7 +396,7 @@ class Robot:
 
     def _apply_hand_eye(self, spec: HandEyeSpec) -> str:
         """Return the description with the robot's camera at the pose of a hand-eye file."""
-        from aras_visual_servo_base.camera_mounting import mount_camera
+        from aras_visual_servo_base.urdf_changes import mount_camera
 
         try:
             calibration = spec.read(self.packages)
@@ -420,18 +421,15 @@ class Robot:
             frame, self._own_frame = self._own_frame, f"{MOVED_FRAME_PREFIX}{self._own_frame}"
             moved = inverse(link) @ link_T_link @ link
             return self._with_frame(self._original_urdf, self._own_frame, frame, moved)
+        from aras_visual_servo_base.urdf_changes import move_camera
+
         texts = (" ".join(map(repr, numbers)) for numbers in xyz_rpy_from_matrix(link_T_link))
         try:
-            return self._adapt("move_camera", self._original_urdf, *texts)
+            return move_camera(self._original_urdf, *texts)
         except ValueError as error:
             raise ExperimentError(
                 f"{self.spec.urdf}: camera_xyz and camera_rpy cannot displace the camera: {error}"
             ) from None
-
-    def _adapt(self, function: str, *texts: str) -> str:
-        """Call a function of the script adapt_description, which the launch files use, too."""
-        script = self.packages.resolve("package://aras_visual_servo_gazebo/scripts/adapt_description")
-        return _load_functions(script)[function](*texts)
 
 
 def _find_joint_path(urdf: str, camera_frame: str, name: str) -> list[Joint]:
@@ -444,9 +442,6 @@ def _find_joint_path(urdf: str, camera_frame: str, name: str) -> list[Joint]:
         return find_camera_path(parse_tree(urdf), "", camera_frame)
     except DescriptionError as error:
         raise ExperimentError(f"{name}: robot description: {error}") from None
-
-
-_load_functions = functools.cache(runpy.run_path)
 
 
 @functools.lru_cache(maxsize=32)

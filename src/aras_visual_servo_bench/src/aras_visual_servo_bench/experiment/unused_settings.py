@@ -17,14 +17,14 @@ from .experiment import FREE_CAMERA_PLANTS, Experiment, IdealSpec
 # Keys that act only on some plants. Each tuple contains the key, the plants on which the key acts,
 # the value that other plants accept, and the reason for the error message.
 PLANT_SETTINGS = (
-    ("friction", ("bullet",), True, "friction acts on the joints of the simulation with physics"),
-    ("lag", ("chain", "free"), 0.0, "lag is the time constant of joints without dynamics"),
+    ("friction", ("bullet",), True, "friction acts only on a simulation with physics"),
+    ("lag", ("chain", "free"), 0.0, "lag acts only on joints without dynamics"),
     ("delay", ("bullet", "chain", "free"), 0.0, "delay is the time until a command takes effect, "
-     "and plant ideal executes commands immediately"),
-    ("commands", ("bullet", "chain", "free"), "images", "commands is the choice of when commands "
-     "are sent, and plant ideal executes one twist per image"),
-    ("target.box", ("bullet",), None, "target.box is a body in the simulated world"),
-    ("ideal", ("ideal",), IdealSpec(), "ideal is the group of settings of the ideal camera"),
+     "but plant ideal executes commands immediately"),
+    ("commands", ("bullet", "chain", "free"), "images", "commands selects when commands are sent, "
+     "but plant ideal executes one twist per image"),
+    ("target.box", ("bullet",), None, "target.box is a body in a simulation with physics"),
+    ("ideal", ("ideal",), IdealSpec(), "ideal sets the properties of the ideal camera"),
 )  # fmt: skip
 # Settings that change images, but not features that are computed from the geometry.
 IMAGE_SETTINGS = ("target.perturbed", "target.occluder", "target.marker", "sun")
@@ -57,15 +57,15 @@ def check_settings(experiment: Experiment) -> None:
     for key in () if experiment.has_images else IMAGE_SETTINGS:
         require(
             _read_value(experiment, key) == _read_value(plain, key),
-            f"{key} changes images, and exact features have none: set features: images, or leave "
-            "it out",
+            f"{key} changes images, but exact features have none: set features to images, or leave "
+            f"out {key}",
         )
     by_pose = not isinstance(experiment.start, str | tuple) and not isinstance(
         experiment.goal, tuple)
     require(
         experiment.plant not in FREE_CAMERA_PLANTS or not by_pose
         or not (any(experiment.camera_xyz) or any(experiment.camera_rpy)),
-        f"camera_xyz and camera_rpy move the camera in its link, and plant '{experiment.plant}' "
+        f"camera_xyz and camera_rpy move the camera in its link, but plant '{experiment.plant}' "
         "has no links: change the poses start and goal instead, or set calibration_offset for an "
         "error of the controller's calibration",
     )
@@ -73,8 +73,8 @@ def check_settings(experiment: Experiment) -> None:
                   and getattr(experiment.robot, f.name) != f.default]  # fmt: skip
     require(
         experiment.plant not in FREE_CAMERA_PLANTS or not by_pose or not robot_keys,
-        f"{', '.join(robot_keys)}: plant '{experiment.plant}' has no arm, and start and goal are "
-        "poses of the camera: leave robot out, or use plant chain or bullet",
+        f"{', '.join(robot_keys)} set up an arm, but plant '{experiment.plant}' has no arm, and "
+        "start and goal are poses of the camera: leave out robot, or use plant chain or bullet",
     )
 
 
@@ -89,25 +89,25 @@ def check_camera(camera: CameraSetup, experiment: Experiment) -> None:
     graph_keys = [key for key in GRAPH_SETTINGS if key in changed]
     require(
         not graph_keys,
-        f"{where}{' and '.join(graph_keys)}: acts only on the ROS graph; in an experiment, the "
-        "robot description gives the camera's pose, and the camera takes images continuously; "
-        "leave it out",
+        f"{where}{' and '.join(graph_keys)} cannot be set in an experiment, where the robot "
+        "description gives the camera's pose and the camera takes images continuously; leave out "
+        f"{' and '.join(graph_keys)}",
     )
     for key in TIMED_EFFECTS:
         if plant == "ideal" and (time := getattr(camera.config.effects, key)):
             raise ExperimentError(
-                f"{where}has a {key} of {time:g} s, and plant ideal exposes all image rows at "
-                f"the same instant: use plant free, or leave {key} out"
+                f"{where}{key} is {time:g} s, but plant ideal exposes the whole image at one "
+                f"instant: use plant free, or leave out {key}"
             )
     require(
         plant != "ideal" or "latency" not in changed,
-        f"{where}latency: plant ideal has no delays; use plant free, or leave it out",
+        f"{where}latency cannot be set on plant ideal; use plant free, or leave out latency",
     )
     offsets = [key for key in LINK_OFFSETS if key in changed]
     require(
         plant == "bullet" and experiment.has_images or not offsets,
-        f"{where}{' and '.join(offsets)}: acts only on rendered images, whose sensor it moves in "
-        "its link; for an error of the controller's calibration, set calibration_offset instead",
+        f"{where}{' and '.join(offsets)} move the sensor in its link, which is possible only on "
+        "plant bullet with images; for an error of the calibration, set calibration_offset",
     )
     if not experiment.has_images:
         image_keys = sorted(
@@ -116,8 +116,8 @@ def check_camera(camera: CameraSetup, experiment: Experiment) -> None:
         )
         require(
             not image_keys,
-            f"{where}{', '.join(image_keys)}: changes images, and exact features have none: set "
-            "features: images, or leave it out (jitter is the noise of exact features)",
+            f"{where}{', '.join(image_keys)} cannot be set with exact features, which have no "
+            "images; set features to images, or leave it out (exact features have jitter)",
         )
 
 

@@ -134,7 +134,7 @@ def _find_link_name(model: RobotDescription, link_name: str) -> str:
     visible = [name for name, link in model.links.items() if link.visuals]
     if not link_name:
         require(len(visible) == 1, f"target.link: model '{model.name}' has {len(visible)} links "
-                f"with visuals: {', '.join(visible) or 'none'}; name the target's link")
+                f"with visuals ({', '.join(visible) or 'none'}); name the target's link")
         return visible[0]
     require(
         link_name in visible,
@@ -175,7 +175,7 @@ def _read_robot_link(
         pose = Arm.find_fixed_pose(urdf, link)
     except (SimError, ConfigurationError) as error:
         raise ExperimentError(f"target.link: {error}") from error
-    require(pose is not None, f"target.link: a joint of the robot moves '{link}': for a target "
+    require(pose is not None, f"target.link: a joint of the robot moves '{link}'; for a target "
             "that the arm carries, set target.shape, and robot.target_frame to the link")
     return _write_solid(_read_triangles(robot.links[link]), pose, f"{robot.name}::{link}")
 

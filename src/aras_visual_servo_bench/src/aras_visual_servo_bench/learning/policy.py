@@ -184,7 +184,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--steps", type=int, default=12_000, help="number of training images")
     parser.add_argument(
         "--environments", type=int, default=2 * (os.cpu_count() or 1),
-        help="environments that run in parallel",
+        help="number of environments that run in parallel",
     )
     parser.add_argument(
         "--out", type=Path, default=PolicyNetwork.find_weights(), help="file for the weights"

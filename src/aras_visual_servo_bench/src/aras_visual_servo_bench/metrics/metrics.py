@@ -458,7 +458,7 @@ def image_rate(run: Run) -> float:
 
 
 @metric(
-    "", SMALLER, "sum of n - 1 for each gap of n periods, and 1 per image later than 1.5 periods"
+    "", SMALLER, "n - 1 missing images in each gap of n periods, plus images later than 1.5 periods"
 )  # fmt: skip
 def images_late(run: Run) -> float:
     """Number of images that are missing or arrived more than 1.5 periods after their exposure."""

@@ -126,8 +126,8 @@ def _add_world_options(parser: argparse.ArgumentParser) -> None:
         help="size of the target along x and y, m (default: its usual size)",
     )
     parser.add_argument(
-        "--urdf", type=_parse_file, help="robot description (default: the ARAS robot); give the "
-        "further arguments of another arm as NAME:=VALUE (robot, gains, controllers)",
+        "--urdf", type=_parse_file, help="robot description (default: the ARAS robot); for another "
+        "arm, also give robot, gains and controllers as NAME:=VALUE",
     )
     parser.add_argument("--camera", default="original", help="name of a camera preset, "
                         "or path of a preset or a calibration (default original)")  # fmt: skip

@@ -37,8 +37,8 @@ def parse_motion(arguments: list[str]) -> Motion:
         raise ExperimentError(str(error)) from None
     if motion.is_static:
         raise ExperimentError(
-            "the target does not move: give velocity, amplitude and frequency, circle and "
-            "frequency, step, or path"
+            "the target does not move: give velocity, step or path, or give amplitude or circle "
+            "together with frequency"
         )
     return motion
 

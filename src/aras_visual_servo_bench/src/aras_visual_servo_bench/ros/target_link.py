@@ -43,7 +43,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("link", help="MODEL::LINK, or MODEL if only one link is visible")
     parser.add_argument("--world", required=True, help="path of the world file with the model")
     parser.add_argument("what", choices=("mesh", "start"),
-                        help="print the path of the mesh, or the pose")
+                        help="print the path of the link's mesh, or its pose at the start")
     options = parser.parse_args(argv)
     model, _, link_name = options.link.partition("::")
     packages = PackagePath()

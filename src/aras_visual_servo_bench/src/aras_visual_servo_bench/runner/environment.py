@@ -137,7 +137,7 @@ class ServoEnv(gymnasium.Env):
         self._observes_images = observes == "image"
         if self._observes_images and not experiment.has_images:
             raise ExperimentError(
-                "observes is 'image', and exact features have no images: set features: images"
+                "observes is 'image', but exact features have no images: set features to images"
             )
         self.experiment = experiment
         self.render_mode = render_mode

@@ -58,14 +58,14 @@ def check_view(context: SetupContext, pose: np.ndarray) -> None:
         except ViewError as error:
             where = f" (camera '{name}')" if several else ""
             raise ExperimentError(
-                f"goal: {error}{where}: {_suggest_scale(target) or VIEW_REMEDY}"
+                f"goal: {error}{where}; {_suggest_scale(target) or VIEW_REMEDY}"
             ) from error
         if target.shape.is_solid:
             width, height = np.ptp(model.project_points(outline), axis=0)
             if width > model.width or height > model.height:
                 raise ExperimentError(
-                    f"goal: the target is {width:.0f} x {height:.0f} px in the image, "
-                    f"larger than the view of {model.width} x {model.height} px: "
+                    f"goal: the target would be {width:.0f} x {height:.0f} px, larger than the "
+                    f"image of {model.width} x {model.height} px; "
                     f"{_suggest_scale(target) or 'give a goal from farther away'}"
                 )
         if context.experiment.has_images:
@@ -79,10 +79,10 @@ def check_view(context: SetupContext, pose: np.ndarray) -> None:
         first = context.control_camera.name
         if name == first:
             view = f"view of camera '{name}'" if several else "the camera's view"
-            raise ExperimentError(f"goal: the target is not in {view}: {VIEW_REMEDY}")
+            raise ExperimentError(f"goal: the target is not in {view}; {VIEW_REMEDY}")
         raise ExperimentError(
-            f"goal: camera '{first}' sees the target, but it is not in view of camera '{name}': "
-            f"their views do not overlap there: turn or move camera '{name}', or {VIEW_REMEDY}"
+            f"goal: the target is in view of camera '{first}', but not of camera '{name}'; turn or "
+            f"move camera '{name}', or {VIEW_REMEDY}"
         )
 
 
@@ -213,9 +213,8 @@ def _check_is_target(context: SetupContext, observation: Observation, pose: np.n
     found = observation.moments
     if found and not (left <= found.xg <= right and top <= found.yg <= bottom):
         raise ExperimentError(
-            "goal: the object detected as the target is not at the target's pose: another object "
-            "of the same colour is in view, possibly the arm's hand; keep it out of the image, or "
-            "give it another colour"
+            "goal: another object is detected as the target, because it has the target's colour "
+            "(possibly the arm's hand); keep it out of the image, or give it another colour"
         )
     ratio = area / abs(signed_area(corners))
     if (
@@ -223,9 +222,9 @@ def _check_is_target(context: SetupContext, observation: Observation, pose: np.n
         and abs(ratio - 1.0) > AREA_TOLERANCE
     ):
         raise ExperimentError(
-            f"goal: the area of the target in the image is {ratio:.2f} times that of the polygon "
-            "of its corners, which are at z = 0: correct the corners; if the target is a link of "
-            "the robot description, set target: {link: NAME} instead"
+            f"goal: the target's area in the image is {ratio:.2f} times the area of the polygon "
+            "of its corners (at z = 0); correct the corners, or, if the target is a link of the "
+            "robot description, set target.link to this link"
         )
 
 

@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 
 from aras_sim_bridge.errors import SimError
-from aras_visual_servo_base.byte_limited_cache import ByteLimitedCache
+from aras_visual_servo_base.memory import ByteLimitedCache
 from aras_visual_servo_controller.errors import UnreachableError
 from aras_visual_servo_controller.kinematics import Arm
 
@@ -139,13 +139,13 @@ class Postures:
             where: 'goal' or 'start'.
             is_given: whether the experiment gives these joints; False: it gives a camera pose.
         """
-        remedy = ": give other joints" if is_given else (
-            ", and no posture {} was found: give another pose"
+        remedy = "; give other joints" if is_given else (
+            ", and no posture {} was found; give another pose"
         )
         found = []
         if collision := self.find_collision(joints):
             found.append(
-                f"the arm is in collision at the {where}, {collision}"
+                f"the arm is in collision at the {where} ({collision})"
                 f"{remedy.format('without a collision')}"
             )
         part = self.compute_occlusion(joints) if self.is_visible else 0.0

@@ -146,7 +146,7 @@ def _find_joints(
                 return q
             correction = solve_least_squares(rows, error, 0.0)
             q = q + np.minimum(np.maximum(correction, -0.5), 0.5)
-    raise UnreachableError("no joints of the arm give this pose", float("nan"))
+    raise UnreachableError("the arm cannot reach this pose", float("nan"))
 
 
 def draw_pose(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from aras_visual_servo_base.byte_limited_cache import ByteLimitedCache
+from aras_visual_servo_base.memory import ByteLimitedCache
 from aras_visual_servo_base.poses import inverse, relative_pose
 from aras_visual_servo_camera.segmentation import BY_COLOUR
 from aras_visual_servo_controller.errors import ConfigurationError
@@ -293,26 +293,26 @@ def check_scheme(context: SetupContext) -> None:
     if Need.CORNERS in needs and isinstance(context.target.shape, RoundTarget):
         raise ExperimentError(
             f"target '{experiment.target.shape}' has no corners, which scheme "
-            f"'{experiment.scheme}' needs: use area"
+            f"'{experiment.scheme}' needs: use a scheme without corners, such as area"
         )
     if experiment.plant == "ideal" and isinstance(scheme, JointController):
         raise ExperimentError(
-            f"scheme '{experiment.scheme}' commands joints, and the ideal camera has none: "
+            f"scheme '{experiment.scheme}' commands joints, but the ideal camera has none: "
             "use plant bullet, chain or free"
         )
     if needs & IMAGE_ONLY_NEEDS and not experiment.has_images:
         raise ExperimentError(
-            f"scheme '{experiment.scheme}' needs images: set features: images"
+            f"scheme '{experiment.scheme}' needs images: set features to images"
         )
     method = context.settings.make_segmentation().method
     own_targets = [name for name in context.cameras if context.has_own_target(name)]
     if method == "label" and own_targets:
         raise ExperimentError(
-            f"segmentation 'label' supports only one target, and camera '{own_targets[0]}' has "
+            f"segmentation 'label' supports only one target, but camera '{own_targets[0]}' has "
             "its own target: segment by grey or colour"
         )
     if method in BY_COLOUR and experiment.plant != "bullet":
         raise ExperimentError(
-            f"segmentation '{method}' needs colours, and the images of plant "
+            f"segmentation '{method}' needs colours, but the images of plant "
             f"'{experiment.plant}' are grey: use plant bullet, or segment by grey or label"
         )

@@ -29,7 +29,7 @@ def describe_success(all_results: Sequence[Results], shown: Sequence[Metric] = (
             text = _define(results.judged_metric)
             also = "" if name == metrics.success.name else f" ({name})"
         else:
-            text = f"the run was not refused and did not fail; the study did not measure {name}"
+            text = f"the run was not refused and did not fail ({name} was not measured)"
             also = ""
         of = f" in {results.name}" if len(judged) > 1 else ""
         lines.append(f"Success{of}{also}: {text}.")
@@ -46,7 +46,7 @@ def describe_tolerances(all_results: Sequence[Results]) -> str:
     if len(set(texts.values())) == 1:
         return f"A camera is at its goal within {next(iter(texts.values()))}."
     listed = "; ".join(f"{name}: {text}" for name, text in texts.items())
-    return f"A camera is at its goal within: {listed}."
+    return f"Tolerance of the camera's pose at its goal: {listed}."
 
 
 def _define(metric: Metric) -> str:

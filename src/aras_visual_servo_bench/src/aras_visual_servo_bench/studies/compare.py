@@ -184,7 +184,7 @@ def _judge(difference: Difference, p: float, better: str) -> Difference:
         empty = [side or number for side, number, middle in zip(
             difference.sides, ("the first", "the second"), middles, strict=True)
             if math.isnan(middle)]  # fmt: skip
-        both = "no pair of runs has both values" if comparison.paired else ""
+        both = "no pair of runs has a value in both runs" if comparison.paired else ""
         notes.insert(0, both or f"no run of {' and '.join(empty)} has a value")
     elif p < SIGNIFICANCE_LEVEL:
         verdict = _find_verdict(better, comparison)
@@ -192,7 +192,7 @@ def _judge(difference: Difference, p: float, better: str) -> Difference:
         verdict = CHANCE
         if comparison.least_p >= SIGNIFICANCE_LEVEL:
             number = format_count(comparison.count, "pair" if comparison.paired else "run")
-            notes.insert(0, f"the sample is too small for p < {SIGNIFICANCE_LEVEL:g}: {number}")
+            notes.insert(0, f"a sample of {number} is too small for p < {SIGNIFICANCE_LEVEL:g}")
         elif comparison.before == comparison.after and comparison.p == 1.0:
             notes.insert(0, "no difference")
     return replace(difference, p=p, verdict=verdict, note="; ".join(notes))
@@ -225,8 +225,8 @@ def describe_differences(
         )
     if untested:
         names = ", ".join(dict.fromkeys(d.metric for d in untested))
-        lines.append(f"{len(untested)} differences of {names} are not tested, because one side has "
-                     "no values")  # fmt: skip
+        lines.append(f"{len(untested)} differences of {names} are not tested, because one of the "
+                     "compared groups has no values")  # fmt: skip
     if not is_verbose:
         notes = dict.fromkeys(d.note for d in significant if d.note)
         lines += [f"Note: {note}" for note in notes]
@@ -280,7 +280,8 @@ def _pair_cases(
         raise StudyError(f"{between} is drawn at random: --between needs a key with a list of "
                          "values, or an axis of cases")  # fmt: skip
     if between in by:
-        raise StudyError(f"{between} is given with --between and --by: keep one of them")
+        raise StudyError(f"{between} is given in both --between and --by: remove it from one of "
+                         "them")
     if len(set(map(str, results.read_column(between)))) < 2:
         value = results.read_column(between)[0]
         raise StudyError(f"all stored runs of {results.name} have {between}={value}, so there is "

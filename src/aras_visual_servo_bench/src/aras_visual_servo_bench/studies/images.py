@@ -100,13 +100,13 @@ def check_images(study: Study) -> None:
     for trial in study.make_trials():
         if not trial.has_images:
             raise StudyError(
-                "pictures needs images, and exact features have none: set features: images in the "
-                "experiment"
+                "pictures needs images, but exact features have none: set features to images in "
+                "the experiment"
             )
         if tuple(trial.camera_specs) != names:
             raise StudyError(
-                f"pictures needs the same cameras in all runs: {', '.join(names)} in one, "
-                f"{', '.join(trial.camera_specs)} in another"
+                f"pictures needs the same cameras in all runs, but one run has {', '.join(names)} "
+                f"and another {', '.join(trial.camera_specs)}: set the same cameras"
             )
 
 

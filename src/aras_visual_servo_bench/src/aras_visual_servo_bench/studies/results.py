@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 SHOWN_ENDS = 4  # largest number of different outcomes that the text of a Results object lists
 REAL_TIME_MULTIPLE = Metric(
     "real_time_multiple", "", metrics.GREATER,
-    "simulated time divided by the worker's wall time, which a separate file contains",
+    "simulated time divided by the worker's wall time; stored in a separate file",
     lambda finished: float("nan"),
 )  # fmt: skip
 

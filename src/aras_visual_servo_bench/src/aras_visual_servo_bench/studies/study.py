@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from aras_visual_servo_base.byte_limited_cache import ByteLimitedCache
 from aras_visual_servo_base.lazy import import_later
+from aras_visual_servo_base.memory import ByteLimitedCache
 from aras_visual_servo_base.names import suggest
 from aras_visual_servo_base.settings import KeywordSettings, build, check, convert, parameter
 from aras_visual_servo_base.yaml_files import read_yaml
@@ -140,13 +140,14 @@ class Study(KeywordSettings):
             content = read_yaml(self.experiment, StudyError, "the experiment") or {}
             if not isinstance(content, Mapping):
                 raise StudyError(
-                    f"{self.experiment} is not an experiment: write keys with values into it"
+                    f"{self.experiment} is not an experiment: write a mapping of keys to values "
+                    "into it"
                 )
             object.__setattr__(self, "experiment", content)
         if "seed" in self.experiment:
             raise StudyError(
                 "seed belongs to the study, not to its experiment, because every run has its own "
-                "seed: move the key"
+                "seed: move seed out of experiment"
             )
         for key in RENAMED_KEYS:
             if key in self.experiment:
@@ -214,7 +215,7 @@ class Study(KeywordSettings):
         """
         values = read_yaml(path, StudyError)
         if not isinstance(values, Mapping):
-            raise StudyError(f"{path} is not a study: write keys with values into it")
+            raise StudyError(f"{path} is not a study: write a mapping of keys to values into it")
         values = dict(values)
         base = values.get("experiment")
         # A relative path refers to the folder of the study's file or, if there is no such file
@@ -269,7 +270,7 @@ class Study(KeywordSettings):
         if path is not None:
             return run_study(self, path, workers, progress)
         if self.has_image_rows:
-            raise StudyError("traces and pictures are stored in a folder: give path")
+            raise StudyError("traces and pictures need an output folder: give path")
         with tempfile.TemporaryDirectory(prefix="study_") as folder:
             return dataclasses.replace(run_study(self, folder, workers, progress), name="study")
 

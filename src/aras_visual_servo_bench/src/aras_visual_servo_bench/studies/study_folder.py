@@ -130,7 +130,7 @@ class StudyFolder:
             )
         if manifest.get("chunk") != study.chunk_size:
             raise StudyError(
-                f"{path} has chunks of another size: run the study again in a new folder"
+                f"{path} was written with another chunk size: run the study again in a new folder"
             )
         return cls(path, study, manifest)
 
@@ -269,7 +269,7 @@ class StudyFolder:
             try:
                 stat = path.stat()
                 if not path.is_file():
-                    raise StudyError(f"{path} is not a file: resume the study")
+                    raise StudyError(f"{path} is missing or not a file: resume the study")
                 mark = (stat.st_mtime_ns, stat.st_size)
                 if path in self._cached_tables and self._cached_tables[path][0] == mark:
                     tables.append(self._cached_tables[path][1])
@@ -396,7 +396,7 @@ def _catch_write_errors(path: Path) -> Iterator[None]:
     except OSError as error:
         if error.errno in _DISK_FULL:
             raise StudyError(
-                f"the disk of {path} is full; the results so far are stored: free some space, then "
-                f"{find_command()} resume {path}"
+                f"the disk of {path} is full; the results so far are stored; free some space, then "
+                f"run {find_command()} resume {path}"
             ) from error
         raise StudyError(f"cannot write {path}: {error.strerror or error}") from error

@@ -71,14 +71,14 @@ def parse_variation(key: str, value: Any) -> Axis | RandomVariation:
         return Axis(key, tuple(value))
     if not (isinstance(value, Mapping) and len(value) == 1):
         raise StudyError(
-            f"vary.{key} is {value!r}, must be a list, or one of {', '.join(_PARSERS)} with its "
-            "numbers; put a constant value under experiment"
+            f"vary.{key} is {value!r}, must be a list of values, or numbers under one of the keys "
+            f"{', '.join(_PARSERS)}; put a constant value under experiment"
         )
     kind, numbers = next(iter(value.items()))
     if kind not in _PARSERS:
         raise StudyError(
-            f"vary.{key}: unknown '{kind}': {suggest(kind, _PARSERS)}; write a key below {key} "
-            f"with a dot: {key}.{kind}"
+            f"vary.{key} has the unknown key '{kind}': {suggest(kind, _PARSERS)} (to vary the key "
+            f"{kind} of {key}, write {key}.{kind})"
         )
     return _PARSERS[kind](key, kind, numbers)
 
@@ -93,7 +93,8 @@ def _parse_range(
     low, high = _parse_numbers(key, kind, value, 2)
     if not lower_bound < low < high:
         floor = "" if lower_bound == -math.inf else f"{lower_bound:g} < "
-        raise StudyError(f"vary.{key}.{kind} is {low:g} to {high:g}, must be {floor}low < high")
+        raise StudyError(f"vary.{key}.{kind} is [{low:g}, {high:g}], must be [low, high] with "
+                         f"{floor}low < high")
     return low, high
 
 

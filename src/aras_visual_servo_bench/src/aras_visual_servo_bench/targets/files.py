@@ -203,7 +203,7 @@ def triangulate(corners: np.ndarray) -> list[tuple[int, int, int]]:
                 break
         else:
             raise ExperimentError(
-                "target.shape: the polygon has no area, or its edges cross: correct its corners"
+                "target.shape: the polygon has no area, or its edges cross; correct its corners"
             )
     return [*triangles, tuple(order)]
 
@@ -254,14 +254,15 @@ def main(argv: list[str] | None = None) -> int:
     )  # fmt: skip
     parser.add_argument("shape", help="name of a target, or path of an image, an SVG or a mesh")
     parser.add_argument("--size", type=float, nargs="+",
-                        help="lengths along x and y, of a solid along x, y and z, m (default: "
-                        "the size in an SVG or a mesh, else 0.1 each)")  # fmt: skip
+                        help="lengths along x and y (for a solid: x, y and z), m (default: "
+                        "the size in an SVG or a mesh, otherwise 0.1 each)")  # fmt: skip
     parser.add_argument("--scale", type=float,
                         help="factor on the lengths of a mesh, such as 0.001 for mm")
     parser.add_argument("--marker", default="",
                         help="marker of the shape 'marker', such as DICT_5X5_100:5")
     parser.add_argument("--occluder", type=float, nargs=4, metavar=("X0", "Y0", "X1", "Y1"),
-                        help="opposite corners of a white rectangle on the target, m")
+                        help="opposite corners of a white rectangle that covers part of the "
+                             "target, m")
     parser.add_argument("--name", help="name of the files and of the model")
     parser.add_argument("--meshes", default="",
                         help="URL of the folder in the URDF (default: its path)")

@@ -216,14 +216,14 @@ class Motion:
         for waypoint in self.path:
             require(
                 len(waypoint) in (4, 7),
-                f"motion.path: {list(waypoint)} is no waypoint: give t, x, y, z, and for a "
-                "rotation roll, pitch, yaw",
+                f"motion.path has the waypoint {list(waypoint)}, must be [t, x, y, z] or "
+                "[t, x, y, z, roll, pitch, yaw]",
             )
         times = [0.0, *(waypoint[0] for waypoint in self.path)]
         require(
             all(b > a for a, b in itertools.pairwise(times)),
-            f"motion.path: the times are {', '.join(f'{t:g}' for t in times[1:])} s, must increase "
-            "and be above 0",
+            f"motion.path: the times are {', '.join(f'{t:g}' for t in times[1:])} s, must be above "
+            "0 and increase",
         )
 
     @property

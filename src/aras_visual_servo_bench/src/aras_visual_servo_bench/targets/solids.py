@@ -132,7 +132,8 @@ def read_solid_target(
         factor = (scale or 1.0,) * 3
         if size is not None:
             extent = np.ptp(corners.reshape(-1, 3), axis=0)
-            require(bool((extent > 0.0).all()), f"target.shape: {path} is flat: leave out its size")
+            require(bool((extent > 0.0).all()), f"target.shape: {path} is flat; leave out "
+                                                "target.size")
             factor = tuple((np.asarray(size) / extent).tolist())
         solid = Solid.from_triangles(corners * factor, path.name)
     except (DescriptionError, ModelError) as error:

@@ -118,7 +118,7 @@ def _make_target(
         return PolygonTarget(shape)
     require(
         scale is None or is_mesh(shape),
-        f"target.scale is for meshes, and '{shape}' is not a mesh: give target.size",
+        f"target.scale applies only to meshes, but '{shape}' is not a mesh: set target.size",
     )
     if find_shape(shape) is not None:
         return _make_shape(shape, {"size": size and list(size), "marker": marker})
@@ -227,7 +227,8 @@ def read_svg(path: Path) -> SvgOutline:
     )
     require(
         len(found) == 1,
-        f"{where} has {len(found)} outlines, and a target has one: keep only one in the file",
+        f"{where} has {len(found)} outlines, must have one: remove the other outlines from the "
+        "file",
     )
     points = found[0]
     low, high = points.min(axis=0), points.max(axis=0)

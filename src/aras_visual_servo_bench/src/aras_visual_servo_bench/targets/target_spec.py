@@ -155,13 +155,13 @@ class TargetSpec:
         if self.marker != "":
             self._check_marker(draws_marker, has_name)
         require(self.occluded is None or self.occluder is not None,
-                "target.occluded gives the times of an occluder: give target.occluder, too")
+                "target.occluded needs an occluder: set target.occluder, too")
         check_times(self.occluded, "target.occluded")
         require(
             not is_solid(self.shape) or self.box is None and self.occluder is None
             and not self.perturbed,
-            "target.box, occluder and perturbed are for flat targets, and this is a solid: leave "
-            "them out",
+            "target.box, target.occluder and target.perturbed apply only to flat targets, but the "
+            "shape is a solid: leave them out",
         )
         require(
             not self.is_link
@@ -175,8 +175,8 @@ class TargetSpec:
         in_description = self.shape == "aras" or self.is_in_description
         require(
             self.box is None or not in_description and self.motion == Motion(),
-            "target.box is for a target with a shape other than 'aras', a pose and no motion: "
-            "change these, or leave box out",
+            "target.box needs a target with a pose, without motion, and with a shape other than "
+            "'aras': change the target, or leave out target.box",
         )
 
     def _check_marker(self, draws_marker: bool, has_name: bool) -> None:
@@ -203,6 +203,6 @@ class TargetSpec:
         require(
             not self.marker or not is_solid(self.shape) and not self.is_link
             and (draws_marker or not has_name) and isinstance(self.shape, str),
-            f"target.marker is for a target that shows markers, such as an image, and {self.shape} "
-            "shows none: leave it out",
+            f"target.marker applies only to a target that shows markers, such as an image, but "
+            f"{self.shape} shows none: leave out target.marker",
         )

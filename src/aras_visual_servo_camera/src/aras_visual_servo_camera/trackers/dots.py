@@ -67,8 +67,8 @@ class DotTracker(Tracker):
                 dots.append((int(area), left, top, width, height))
         if len(dots) < self.count:
             raise VisionError(
-                f"{len(dots)} of {self.count} dots are in view: move the camera; each dot must be "
-                "dark, round and separate from the others"
+                f"only {len(dots)} of {self.count} dots are detected: move the camera, and make "
+                "each dot dark, round and separate from the others"
             )
         dots.sort(reverse=True)
         return sort_by_angle(

@@ -49,7 +49,7 @@ class MarkerTracker(EdgeTracker):
     accuracy = 0.025
 
     marker: str | Mapping[str, Any] | MarkerChoice = parameter(
-        "", help="marker, or board of markers; empty: the largest marker in view"
+        "", help="marker or board of markers; if empty, the largest marker in view"
     )
 
     def __post_init__(self) -> None:

@@ -46,7 +46,8 @@ class ModelTracker(Tracker):
         start, solid = self.model_start, self.model
         self._start_pose = start if isinstance(start, StartPose) else StartPose(start)
         if not solid:
-            raise ModelError("tracker 'model' needs the mesh of the target: set model: FILE")
+            raise ModelError("tracker 'model' needs the mesh of the target: set the parameter "
+                             "model to a file")
         if not isinstance(solid, Solid):
             solid = read_solid(solid, self.model_scale)
         self.tracking = ModelTracking(solid)
@@ -59,7 +60,8 @@ class ModelTracker(Tracker):
 
     def find(self, grey: NDArray[np.uint8]) -> np.ndarray:
         """Raise VisionError, because the pose depends on the calibration; use `track` instead."""
-        raise VisionError("tracker 'model' needs the camera's calibration: call `track`")
+        raise VisionError("tracker 'model' needs the camera's calibration: call `track` instead of "
+                          "`find`")
 
     def track(
         self, grey: NDArray[np.uint8], camera: CameraModel,

@@ -54,10 +54,10 @@ class StartPose:
             else:
                 self._clicks = np.array(value, float)
                 if self._clicks.ndim != 2 or self._clicks.shape[1] != 5 or len(self._clicks) < 4:
-                    raise ValueError("clicks need at least four rows of five numbers")
+                    raise ValueError("give at least four clicks of five numbers each")
         except (TypeError, ValueError, KeyError, IndexError, VisionError) as error:
             raise ModelError(
-                f"model_start: {self.kind} is {value}, which is invalid ({error}); set one of: "
+                f"model_start: {self.kind} is {value}, which is invalid ({error}); set one of "
                 f"{START_FORMS}"
             ) from None
 

@@ -204,6 +204,6 @@ def suggest_longer_watchdog(longest: float, gain: float | None, duration: float)
         changes.append(multiply("gain", factor))
         changes += _compute_duration(gain * factor, duration)
     return Remedy(
-        "raise the camera's frame rate, or find out what delays its images; at this frame rate, "
-        "raise the watchdog's time", *changes,
+        "increase the camera's frame rate, remove the cause of the delay of its images, or "
+        "increase the time limit `watchdog`", *changes,
     )  # fmt: skip

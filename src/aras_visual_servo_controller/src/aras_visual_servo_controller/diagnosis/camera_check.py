@@ -223,7 +223,7 @@ class CameraCheck:
         )  # fmt: skip
         text = "the features do not move as L and the arm's motion predict"
         if depth <= 0.0:
-            return f"{text}: translations of the camera move them in the opposite direction"
+            return f"{text}: when the camera translates, they move in the opposite direction"
         if (
             misfit > self.MAX_MISFIT_PART
             and rest > self.MIN_MISFIT
@@ -238,8 +238,8 @@ class CameraCheck:
             else f"along {DIRECTIONS[other_direction]}"
         )
         return (
-            f"along {DIRECTIONS[direction]} the features move {scale:.2f} times as far as L and "
-            f"the arm's motion predict, {where} {other_scale:.2f} times as far"
+            f"the features move {scale:.2f} times as far along {DIRECTIONS[direction]} as L and "
+            f"the arm's motion predict, but {other_scale:.2f} times as far {where}"
         )
 
     def _is_smooth(self, depth: float, misfit: float) -> bool:

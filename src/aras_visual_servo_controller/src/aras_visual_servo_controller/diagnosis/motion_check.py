@@ -106,13 +106,13 @@ class MotionCheck:
         if steps.unchanged_since is not None and not is_converged:
             return (
                 f"the scheme's features have not changed since {steps.unchanged_since:.2f} s, "
-                "although the camera moves and with it the image of the target"
+                "although camera motion has changed the image of the target"
             )
         if self.is_interaction_wrong and (names := self._list_opposing_features()):
             return f"the scheme's L predicts the opposite motion of {names}; check the sign of L"
         if not is_converged and centre is not None:
             if steps.is_jumping(stamp):
-                return f"the features jump repeatedly, the target does not: {self.jump_reason}"
+                return f"the features jump repeatedly, but the target does not: {self.jump_reason}"
             if centre.has_enough_motion and steps.typical_step > max(
                 steps.MIN_JUMP, SCATTER_FACTOR * centre.typical_step
             ):

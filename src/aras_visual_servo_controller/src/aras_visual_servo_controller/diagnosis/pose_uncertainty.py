@@ -90,8 +90,8 @@ NOISE_DEVIATIONS = 3.0
 USE_LARGER_TARGET = suggest_larger_target(1.5)
 ADD_FEATURE = Remedy("if the exact pose matters, add a feature that measures these motions")
 PLANE_REASON = (
-    "according to kinematics the target's plane differs from the goal's in the camera's frame (the "
-    "target was moved, or the calibration is wrong, or another pose has the same features):"
+    "according to kinematics, the target's plane in the camera frame is not that of the goal (the "
+    "target was moved, the calibration is wrong, or another pose has the same features):"
 )
 CHECK_CALIBRATION = Remedy("check the camera's calibration and the target's pose at the goal")
 ADD_POINTS = Remedy("use a target with more points, farther apart, or not in one plane")

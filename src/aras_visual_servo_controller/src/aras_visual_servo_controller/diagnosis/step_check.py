@@ -35,8 +35,8 @@ class Jump:
 
     def __str__(self) -> str:
         return (
-            f"{self.feature} jumps by {self.size:.2g} at {self.stamp:.2f} s, where L and the "
-            f"camera's motion explain {self.explained:.2g}"
+            f"{self.feature} jumps by {self.size:.2g} at {self.stamp:.2f} s, but L and the "
+            f"camera's motion explain only {self.explained:.2g}"
         )
 
 

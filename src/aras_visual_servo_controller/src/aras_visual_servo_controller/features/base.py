@@ -219,11 +219,11 @@ class Stack(Feature):
             isinstance(w, int | float | np.number) and np.isfinite(w) and w >= 0.0 for w in weights
         ):
             raise ConfigurationError(
-                f"weights {weights}: give one number >= 0 for each of the {len(self.features)} "
-                "features"
+                f"weights is {weights}, must be one number >= 0 for each of the "
+                f"{len(self.features)} features"
             )
         if not any(weights):
-            raise ConfigurationError(f"weights {weights}: at least one has to be above 0")
+            raise ConfigurationError(f"weights is {weights}; at least one weight must be above 0")
         self.needs = frozenset().union(*(f.needs for f in self.features))
         read = [name for f in self.features for name in f.cameras or ("",)]
         self.cameras = () if not any(read) else tuple(dict.fromkeys(read))
@@ -330,7 +330,8 @@ def compare_cameras(width: int, height: int, K: np.ndarray, camera: CameraModel)
     if size == (width, height) and np.allclose(here, K, rtol=1e-3, atol=0.6):
         return ""
     return (
-        f"{width}x{height}, fx {K[0, 0]:.2f}; this one is {size[0]}x{size[1]}, fx {here[0, 0]:.2f}"
+        f"{width}x{height} px, fx {K[0, 0]:.2f}; this camera has {size[0]}x{size[1]} px, fx "
+        f"{here[0, 0]:.2f}"
     )
 
 

@@ -42,7 +42,7 @@ class NumberedPoints(PointFeature):
     """s = (x_0, y_0, x_1, y_1, ...) of numbered points, in normalised coordinates.
 
     Dots, markers and the points of an exact camera have numbers. The corners of a segmented outline
-    have none; they are matched to the goal's corners.
+    have no numbers; they are matched to the goal's corners.
     """
 
     needs = frozenset((Need.CORNERS,))
@@ -51,8 +51,8 @@ class NumberedPoints(PointFeature):
         """Return the points (n, 2) in this image, in normalised coordinates."""
         if observation.corners is None:
             raise MeasurementError(
-                f"{self.name}: this observation has no corners: use a polygon as the target, or a "
-                "feature without corners, such as area"
+                f"{self.name} needs corners, which this observation does not have: use a polygon "
+                "as the target, or a feature without corners, such as area"
             )
         return observation.corners
 
@@ -176,7 +176,7 @@ class PolarPoints(CornerFeature):
         rho = np.hypot(points[:, 0], points[:, 1])
         if rho.min() < MIN_LENGTH:
             raise MeasurementError(
-                "a point lies on the optical axis: it has no polar angle; use the feature points"
+                "a point on the optical axis has no polar angle; use the feature points"
             )
         return np.stack([rho, np.arctan2(points[:, 1], points[:, 0])], axis=1).ravel()
 
@@ -255,7 +255,8 @@ class EdgeFeature(CornerFeature):
         step = ends - points
         length = np.hypot(step[:, 0], step[:, 1])[:, None]
         if length.min() < MIN_LENGTH:
-            raise MeasurementError("two neighbouring points coincide and define no edge")
+            raise MeasurementError("two neighbouring points coincide, so the edge between them is "
+                                   "undefined; move the camera")
         return points, ends, length, step / length
 
     @staticmethod
@@ -393,7 +394,7 @@ class VanishingPoints(CornerFeature):
         if len(points) != 4:
             raise MeasurementError(
                 "vanishing points need the four corners of a parallelogram, but the target has "
-                f"{len(points)} corners"
+                f"{len(points)} corners; use another target or feature"
             )
         p = np.column_stack([points, np.ones(4)])
         found = []
@@ -407,8 +408,8 @@ class VanishingPoints(CornerFeature):
             same_line = size <= MIN_LENGTH * np.linalg.norm(one) * np.linalg.norm(other)
             if same_line or np.hypot(meet[0], meet[1]) < MIN_LENGTH * size:
                 raise MeasurementError(
-                    "two opposite sides of the target appear on one line, so that they have no "
-                    "vanishing point"
+                    "two opposite sides of the target appear on one line and have no vanishing "
+                    "point; move the camera out of the target's plane"
                 )
             found.append(meet * np.sign(sign) / size)
         return np.array(found)

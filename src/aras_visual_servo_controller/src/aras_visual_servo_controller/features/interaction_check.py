@@ -272,7 +272,7 @@ def _make_exact_observer(feature: Feature) -> Observe:
     if more or feature.camera_count > 1 or any(feature.cameras):
         what = f"needs {', '.join(more)}" if more else "reads cameras by name"
         raise ConfigurationError(
-            f"{feature.name} {what}: give observe, a function that returns the Observation of a "
+            f"{feature.name} {what}: pass as observe a function that returns the Observation of a "
             "camera at the pose world_T_camera (4, 4)"
         )
 

@@ -46,7 +46,7 @@ from .moments import LEVEL_CAMERA
 class Kernel(Feature):
     """Kernel features: kernel_0 and kernel_1 (position), kernel_2 (area), kernel_3 (angle).
 
-    The errors of the first three are relative to their desired values; that of the angle is in rad.
+    The errors of kernel_0 to kernel_2 are relative to the desired values; kernel_3 is in rad.
 
     Attributes:
         ratio: factors on the desired error rates. The factor of the angle is smaller: a single row

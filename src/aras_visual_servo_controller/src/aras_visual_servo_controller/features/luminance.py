@@ -377,7 +377,7 @@ def _compare_lenses(goal_camera: CameraModel, camera: CameraModel) -> str:
         return ""
     return (
             f"lens {goal_camera.model} {list(goal_camera.D)}; "
-            f"this one's is {camera.model} {list(camera.D)}"
+            f"this camera's lens is {camera.model} {list(camera.D)}"
         )
 
 
@@ -390,6 +390,6 @@ def get_grey_image(observation: Observation) -> np.ndarray:
     image = observation.image
     if image is None:
         raise MeasurementError(
-            "this observation has no image, because its features are exact: set features: images"
+            "this observation has no image, because its features are exact: set features to images"
         )
     return image if image.ndim == 2 else cv2.cvtColor(np.asarray(image), cv2.COLOR_RGB2GRAY)

@@ -35,9 +35,8 @@ class Matches(Luminance):
     """s = (x, y) of every keypoint that matches a keypoint of the goal image, normalised.
 
     Keypoints are detected by SIFT, or by ORB if `detector` is 'orb', in the image scaled down to at
-    most `max_width` pixels. SIFT doubles the image first, so it works on up to 640 columns. Matches
-    that do not fit a common homography are rejected. The number of matches changes between images,
-    so their root mean square distance is compared with the tolerance.
+    most `max_width` pixels. Matches that do not fit a common homography are rejected. The tolerance
+    applies to the root mean square distance of the matches to the keypoints of the goal image.
     """
 
     names, tolerances, units = ("rms",), (0.001,), ("",)
@@ -59,8 +58,8 @@ class Matches(Luminance):
         places, self._goal_descriptors = self.detect_keypoints(self._goal_image)
         if len(places) < MIN_MATCHES or goal.camera is None:
             raise ConfigurationError(
-                f"{goal.name}: its image has {len(places)} keypoints, {MIN_MATCHES} are needed: "
-                "teach the goal with a textured target, or use the scheme moments"
+                f"the image of {goal.name} has {len(places)} keypoints, but {MIN_MATCHES} are "
+                "needed: teach the goal with a textured target, or use the scheme moments"
             )
         self._goal_keypoints = places
         x, y, _ = goal.camera.normalise(*places.T)
@@ -128,14 +127,14 @@ class Matches(Luminance):
                 x, y, _ = observation.camera.normalise(*places[in_image[inliers]].T)
                 return np.column_stack([x, y]), self._desired_points[in_goal[inliers]]
         raise MeasurementError(
-            f"{len(pairs)} keypoints match the goal image, {MIN_MATCHES} consistent ones are "
-            "needed: bring the target into view, and use a textured target"
+            f"{len(pairs)} keypoints match the goal image, but {MIN_MATCHES} consistent matches "
+            "are needed: bring the target into view, and use a textured target"
         )
 
 
 @FEATURES.register("matches_orb")
 class MatchesORB(Matches):
-    """Matches with ORB keypoints: ten times as fast as SIFT, and less reliable."""
+    """`matches` with ORB keypoints, which are ten times as fast as SIFT, but less reliable."""
 
     detector: ClassVar[str] = "orb"
     max_width: ClassVar[int] = 640
@@ -143,7 +142,7 @@ class MatchesORB(Matches):
 
 @FEATURES.register("matches_pose")
 class MatchesPose(Matches):
-    """Position-based servoing on matched keypoints of a plane: s = (g_t_c, theta u)."""
+    """Position-based servoing on matched keypoints of a plane: s = (g_t_c, theta u), as `pose`."""
 
     is_stackable = True
     names, tolerances, units = zip(*PoseInGoalFrame.components, strict=True)

@@ -93,7 +93,7 @@ class Ellipse(MomentFeature):
 class Invariants(MomentFeature):
     """s = C1 ... C10 of Tahri and Chaumette 2005, invariant to rotation, shift and scale.
 
-    They depend on the two tilts of the target. ViSP calls them vpFeatureMomentCInvariant.
+    These invariants depend on the two tilts of the target; vpFeatureMomentCInvariant in ViSP.
     """
 
     formulas = names = tuple(f"C{k}" for k in range(1, 11))

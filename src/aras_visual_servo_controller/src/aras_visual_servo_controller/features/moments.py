@@ -86,7 +86,7 @@ class _GoalMoments:
             raise ConfigurationError(f"{goal.name}: {error}") from error
         if found.degenerate:
             name, reason = next(iter(found.degenerate.items()))
-            raise ConfigurationError(f"{goal.name}: feature {name} is undefined there: {reason}")
+            raise ConfigurationError(f"feature {name} is undefined at {goal.name}: {reason}")
         self.s, self.L = found.values, found.L
         # Normal of the target's plane in the camera frame. If the pose of the camera is known, the
         # normal is also computed in the base frame.

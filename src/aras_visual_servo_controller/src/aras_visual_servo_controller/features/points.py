@@ -150,8 +150,8 @@ class PointFeature(Feature):
             return compute_inverse_depth(goal.plane or Plane.fronto_parallel(goal.depth), desired)
         except MeasurementError as error:
             raise ConfigurationError(
-                f"{goal.name}: {error}, for the assumed camera mounting: check the camera's "
-                "pose (calibration_offset, camera_xyz, camera_rpy) and the goal"
+                f"{goal.name}: {error} according to the assumed camera mounting; check the "
+                "camera's pose (calibration_offset, camera_xyz, camera_rpy) and the goal"
             ) from error
 
     def _match_to_goal(
@@ -182,7 +182,9 @@ class PointFeature(Feature):
             raise MeasurementError("a point that the feature measured is not finite")
         if points.shape == desired.shape:
             return points
-        message = f"{len(np.atleast_1d(points))} points are visible, the goal has {len(desired)}"
+        message = (
+            f"{len(np.atleast_1d(points))} points are visible, but the goal has {len(desired)}"
+        )
         if points is not observation.corners or observation.contour is None:
             raise MeasurementError(message)
         try:

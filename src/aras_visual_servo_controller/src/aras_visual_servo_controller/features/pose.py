@@ -101,7 +101,7 @@ ROTATION_COMPONENTS = tuple((name, 0.003, "rad") for name in ("ux", "uy", "uz"))
 
 @FEATURES.register("theta_u")
 class ThetaU(RelativePose):
-    """s = theta u of g_R_c, rad.
+    """s = theta u, the rotation vector of the camera in the goal frame, rad.
 
     L = (0, J), where J is the inverse right Jacobian of the rotation.
     """
@@ -152,7 +152,7 @@ class TranslationCamera(RelativePose):
 
 @FEATURES.register("pose")
 class PoseInGoalFrame(RelativePose):
-    """Position-based servoing: s = (g_t_c, theta u), with the translation in the goal frame."""
+    """Position-based servoing: s = (g_t_c, theta u), the camera's pose in the goal frame."""
 
     components = TRANSLATION_COMPONENTS + ROTATION_COMPONENTS
 

@@ -130,9 +130,8 @@ def check_controllability(features: Iterable[Feature], fixed_cameras: str) -> No
     for feature in features:
         if isinstance(feature, RemoteCameraFeature) and feature.camera == fixed_cameras:
             raise ConfigurationError(
-                f"{feature.name}: the image of camera '{fixed_cameras}' does not depend on the "
-                "arm: the camera is fixed, and the arm does not move its target; use features of "
-                "another camera"
+                f"{feature.name} cannot be servoed: camera '{fixed_cameras}' is fixed, and the arm "
+                "does not move the camera's target; use features of another camera"
             )
 
 

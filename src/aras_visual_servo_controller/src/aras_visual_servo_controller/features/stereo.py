@@ -162,7 +162,7 @@ class StereoPoints(Feature):
 
 @FEATURES.register("stereo_pose")
 class StereoPose(StereoPoints):
-    """Position-based servoing on two cameras: s = (g_t_c, theta u).
+    """Position-based servoing on two cameras: s = (g_t_c, theta u), as for the feature `pose`.
 
     The pose is the rigid motion between the triangulated points of the goal and of the image.
     """

@@ -296,8 +296,8 @@ class Goal:
         up = self.world_T_camera[2, :3]
         if abs(up[2]) < EDGE_ON_COSINE:
             raise ConfigurationError(
-                f"{self.name}: at the goal the camera looks parallel to the table, not at it: "
-                "point it more downwards"
+                f"{self.name}: at the goal the camera looks parallel to the table; teach a goal at "
+                "which the camera points more downwards"
             )
         return Plane(*(up / (self.depth * up[2])).tolist())
 
@@ -330,7 +330,8 @@ class Goal:
                 pose.
         """
         if self.target is None:
-            raise ConfigurationError(f"{self.name} does not contain the target's geometry")
+            raise ConfigurationError(f"{self.name} does not contain the target's geometry; teach "
+                                     "the goal again")
         try:
             view = self.target.compute_outline(world_T_camera)
             plane = self.target.compute_plane(world_T_camera)

@@ -126,13 +126,13 @@ def _read_plane(entry: ThreeNumbers | None, name: str) -> Plane | None:
     plane = Plane(*entry)
     if not 1.0 / MAX_DEPTH <= plane.C <= 1.0 / MIN_DEPTH:
         raise ConfigurationError(
-            f"{name}: plane ends with {plane.C:g}, which must be 1/Z of a target {MIN_DEPTH:g} "
-            f"to {MAX_DEPTH:g} m in front of the camera"
+            f"{name}: C, the last number of plane, is {plane.C:g}, must be 1/Z of a target "
+            f"{MIN_DEPTH:g} to {MAX_DEPTH:g} m in front of the camera"
         )
     if plane.C / math.hypot(*plane) < EDGE_ON_COSINE:
         raise ConfigurationError(
-            f"{name}: plane is {list(plane)}: the camera looks parallel to it, not at it; give the "
-            "coefficients A, B, C of 1/Z = A x + B y + C of the target's plane"
+            f"{name}: the camera looks parallel to plane, {list(plane)}; give the coefficients "
+            "A, B, C of 1/Z = A x + B y + C of the target's plane"
         )
     return plane
 

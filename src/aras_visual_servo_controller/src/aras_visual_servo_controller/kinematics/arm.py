@@ -352,9 +352,9 @@ def find_camera_path(tree: UrdfTree, base: str, camera_frame: str) -> list[Joint
         if link == camera_frame:
             return path
         raise DescriptionError(
-            f"link '{link}' carries no camera sensor that defines a viewing direction: "
-            f"add the frame '{camera_frame}' (z forward, x right, y down) to the description, or "
-            "name as camera_frame a link whose z axis is the viewing direction"
+            f"the viewing direction of camera_frame '{camera_frame}' is unknown, because link "
+            f"'{link}' carries no camera sensor: add the frame '{camera_frame}' (z forward, x "
+            "right, y down) to the description, or set camera_frame to such a frame"
         )
     xyz, rpy = xyz_rpy_from_matrix(optical_pose(tree.cameras[link].matrix()))
     frame = camera_frame if camera_frame != link else f"{link}{OPTICAL}"

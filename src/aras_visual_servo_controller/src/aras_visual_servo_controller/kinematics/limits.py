@@ -119,7 +119,7 @@ def _merge_limits(
             for name, value in override.items():
                 if name not in names:
                     raise ConfigurationError(
-                        f"limits: {key} names the unknown joint {name}; {suggest(name, names)}"
+                        f"limits: {key} has the unknown joint {name}; {suggest(name, names)}"
                     )
                 values[names.index(name)] = float(value)
         elif np.ndim(override) == 0:
@@ -134,7 +134,7 @@ def _merge_limits(
     except (TypeError, ValueError) as error:
         raise ConfigurationError(f"limits: {key} is {override!r}: {error}") from error
     if np.isnan(values).any():
-        raise ConfigurationError(f"limits: {key} is {override!r}: give a number")
+        raise ConfigurationError(f"limits: {key} is {override!r}, must be a number")
     return values
 
 
@@ -145,7 +145,7 @@ def check_within_limits(q: np.ndarray, limits: Limits | Arm, what: str) -> None:
     """
     for i in np.flatnonzero(~((q >= limits.lower) & (q <= limits.upper))):
         raise ConfigurationError(
-            f"{what} puts {limits.names[i]} at {q[i]:.4f}, outside its limits "
+            f"{what} puts joint {limits.names[i]} at {q[i]:.4f}, outside the joint's limits "
             f"{limits.lower[i]:.4f} to {limits.upper[i]:.4f}"
         )
 

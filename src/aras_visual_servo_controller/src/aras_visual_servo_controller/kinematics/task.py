@@ -214,13 +214,14 @@ class Task:
         )
         count = int((self.uncertainty > MAX_UNCERTAINTY).sum())
         least = float(self.uncertainty[self.uncertainty > MAX_UNCERTAINTY].min())
-        known = "the features do not measure this offset" if least == np.inf else (
-            f"one image determines the offset only to {100.0 * least:.0f} % of the depth"
-        )  # fmt: skip
+        along = "along it" if count == 1 else "along them"
+        known = f"no feature measures the camera's offset {along}" if least == np.inf else (
+            f"one image determines the camera's offset {along} only to {100.0 * least:.0f} % of "
+            f"the depth (limit {100.0 * MAX_UNCERTAINTY:.0f} %)"
+        )
         return (
-            f"{count} direction{'s' if count > 1 else ''} of the camera not servoed ({parts}), "
-            "because the uncertainty of the camera's offset along a direction must not exceed "
-            f"{100.0 * MAX_UNCERTAINTY:.0f} % of the depth: {known}"
+            f"{count} direction{'s' if count > 1 else ''} of the camera "
+            f"{'are' if count > 1 else 'is'} not servoed ({parts}), because {known}"
         )
 
     @cached_property

@@ -27,8 +27,8 @@ class Adaptive(Law):
         super().check()
         if self.zero <= self.infinity:
             raise ConfigurationError(
-                f"law {self.name}: zero is {self.zero:g} 1/s, must be greater than infinity "
-                f"({self.infinity:g} 1/s)"
+                f"law {self.name}: the parameter zero is {self.zero:g} 1/s, must be greater than "
+                f"the parameter infinity, {self.infinity:g} 1/s"
             )
 
     def desired_error_rate(

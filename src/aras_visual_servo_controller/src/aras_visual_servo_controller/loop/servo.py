@@ -87,7 +87,8 @@ class Servo(ServoControl):
         """
         stamp = float(observation.stamp)
         if fault := self._find_stamp_fault(stamp):
-            return self._record(observation, reason=f"image of {stamp:.3f} s ignored: {fault}")
+            return self._record(observation, reason=f"the image stamped {stamp:.3f} s is ignored: "
+                                                    f"{fault}")
         if self._stamp is not None:
             self._period = stamp - self._stamp
         self._stamp = stamp

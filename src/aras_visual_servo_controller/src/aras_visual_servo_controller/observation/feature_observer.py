@@ -284,9 +284,9 @@ class FeatureObserver:
 def explain_implausible(moments: Moments) -> str:
     """Describe why no camera can measure these moments; empty text if they are plausible."""
     if not (abs(moments.xg) < MAX_COORDINATE and abs(moments.yg) < MAX_COORDINATE):
-        return f"implausible moments: the target's centre at {moments.xg:.3g}, {moments.yg:.3g}"
+        return f"implausible moments: the target's centre is ({moments.xg:.3g}, {moments.yg:.3g})"
     if not 0.0 < moments.m00 < (2.0 * MAX_COORDINATE) ** 2:
-        return f"implausible moments: an area of {moments.m00:.3g}"
+        return f"implausible moments: the target's area is {moments.m00:.3g}"
     powers = (2.0 * MAX_COORDINATE) ** np.add.outer(*(np.arange(moments.order + 1),) * 2)
     if not (np.abs(moments.centred) <= moments.m00 * powers).all():
         return (

@@ -103,8 +103,8 @@ class ServoSettings:
             shapes = ((len(names),),) if key == "start" else ((), (len(names),))
             if value is not None and np.shape(value) not in shapes:
                 raise ConfigurationError(
-                    f"{key} is {value}: " + ("a" if key == "start" else "one number, or a")
-                    + f" number for each of {', '.join(names)} is needed"
+                    f"{key} is {value}, must be " + ("a" if key == "start" else "one number, or a")
+                    + f" number for each of {', '.join(names)}"
                 )
         if self.output == "effort" and not np.any(self.stiffness):
             raise ConfigurationError(

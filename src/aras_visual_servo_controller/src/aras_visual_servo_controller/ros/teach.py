@@ -66,9 +66,9 @@ def collect_views(arguments: argparse.Namespace) -> Goal:
             nodes = {} if foreign is None else {j: n for j, (n, _) in foreign.read_latest().items()}
             reason = "; ".join(filter(None, (teacher.reason, describe_foreign_nodes(nodes))))
             raise ServoError(
-                f"after {arguments.timeout:.0f} s only {len(teacher.views)} of {arguments.images} "
-                f"images ({reason}): start the simulator and the camera node, and bring the target "
-                "into view"
+                f"only {len(teacher.views)} of {arguments.images} usable images arrived within "
+                f"{arguments.timeout:.0f} s ({reason}): start the simulator and the camera node, "
+                "and bring the target into view"
             )
         time.sleep(0.02)
     inputs.close()

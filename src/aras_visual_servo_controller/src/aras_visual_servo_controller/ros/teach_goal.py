@@ -50,11 +50,13 @@ def main(argv: list[str] | None = None) -> int:
         "goal.yaml --scheme points --depth 0.3",
     )  # fmt: skip
     command_line = [a for a in (sys.argv[1:] if argv is None else argv) if ":=" not in a]
-    parser.add_argument("file", type=Path, help="YAML file to write")
+    parser.add_argument("file", type=Path, help="YAML file into which the goal is written")
     source = parser.add_mutually_exclusive_group()
-    source.add_argument("--geometry", type=Path, help="goal file with the target's geometry")
-    source.add_argument("--go", help="drive there first: a name, or a goal file with joints")
-    parser.add_argument("--urdf", type=Path, help="robot description, for --geometry")
+    source.add_argument("--geometry", type=Path, help="compute the goal from this goal file with "
+                                                      "the target's geometry")
+    source.add_argument("--go", help="move the arm there first: name of a start, or goal file with "
+                                     "joints")
+    parser.add_argument("--urdf", type=Path, help="robot description (URDF), needed by --geometry")
     parser.add_argument("--scheme", default="moments", help="scheme whose features are taught "
                         "(default moments)")  # fmt: skip
     parser.add_argument("--images", type=int, default=30, help="number of images to average "

@@ -142,7 +142,7 @@ class Teleop:
 def main() -> int:
     """Run until q or ^C is pressed, and return the exit status."""
     if not sys.stdin.isatty():
-        print("aras_teleop: needs a terminal for its keys: start it with rosrun", file=sys.stderr)
+        print("aras_teleop reads keys from a terminal: start it with rosrun", file=sys.stderr)
         return 1
     find_publishers()
     check_log_folder("aras_teleop")

@@ -62,8 +62,8 @@ def compute(
         if array is None or array.shape != (count,):
             shape = "no numbers" if array is None else f"shape {array.shape}"
             raise SchemeError(
-                f"scheme {name} returned {field} of {shape} for {count} names; one number for each "
-                "name is needed"
+                f"scheme {name} returned {field} of {shape}, must return one number for each of "
+                f"its {count} names"
             )
         arrays[field] = array
     if not are_finite(*arrays.values()):
@@ -75,15 +75,15 @@ def compute(
     tolerances = to_float_array(getattr(scheme, "tolerances", None))
     if tolerances is None or tolerances.shape != (count,) or not all((tolerances > 0.0).tolist()):
         raise SchemeError(
-            f"scheme {name} has tolerances {getattr(scheme, 'tolerances', None)}: {count} numbers "
-            "above 0 are needed, one for each name"
+            f"scheme {name} has tolerances {getattr(scheme, 'tolerances', None)}, must have "
+            f"{count} numbers above 0, one for each name"
         )
     if type(output.error_drift) is not float or not math.isfinite(output.error_drift):
         rate = to_float_array(output.error_drift)
         if rate is None or rate.shape not in ((), (count,)) or not np.isfinite(rate).all():
             raise SchemeError(
-                f"scheme {name} returned the error_drift {output.error_drift}: one finite number "
-                "for each name is needed"
+                f"scheme {name} returned the error_drift {output.error_drift}, must return one "
+                "finite number for each name"
             )
     if output.L is not None and type(output.L) is not np.ndarray:
         arrays["L"] = to_float_array(output.L)

@@ -76,12 +76,12 @@ class FeatureScheme(FeatureSchemeBase):
 
             estimator = Broyden()
         if not (np.isfinite(smoothing) and smoothing >= 0.0):
-            raise ConfigurationError(f"smoothing is {smoothing}, it must be >= 0 s")
+            raise ConfigurationError(f"smoothing is {smoothing}, must be >= 0 s")
         if ratio is not None and (
             len(ratio) != len(self.feature.names) or not (np.asarray(ratio) > 0.0).all()
         ):
             raise ConfigurationError(
-                f"ratio {ratio}: give one number above 0 for each of "
+                f"ratio is {ratio}, must be one number above 0 for each of "
                 f"{', '.join(self.feature.names)}"
             )
         self.interaction, self.smoothing, self.estimator = interaction, float(smoothing), estimator

@@ -21,11 +21,11 @@ class Laboratory2016(FeatureSchemeBase):
     v = Lambda L^-1 e_dot, where e_dot comes from the control law. L^-1 is -I with the last column
     (-yn, xn, 0, -1), for a target parallel to the image at the current view.
 
-    The original controller uses Lambda = diag(140, 120, 60, 30) on an angle scaled by 0.1. It
-    integrates over 0.01 s once per image, and waits until the arm has arrived. With 30 images per
-    second and a moving arm, these gains (42/s) would overshoot. Therefore only their ratio is used
-    here, and the law's gain applies to the first feature. The angle is not scaled, because it would
-    take minutes to converge.
+    The original controller uses Lambda = diag(140, 120, 60, 30) on an angle scaled by 0.1, and
+    waits after each image until the arm has arrived. With 30 images per second and a moving arm,
+    these gains would overshoot. This scheme therefore uses only their ratio, and the law's gain
+    applies to the first feature. The angle is not scaled, because it would take minutes to
+    converge.
     """
 
     feature_class = ImageMoments

@@ -53,7 +53,7 @@ def check_measurement(feature: Feature, measurement: object) -> FeatureMeasureme
     where = f"{type(feature).__name__}.measure returned"
     if not isinstance(measurement, FeatureMeasurement):
         if not all(hasattr(measurement, field) for field in ("s", "desired", "error", "L")):
-            raise SchemeError(f"{where} {_describe(measurement)}: a FeatureMeasurement is needed")
+            raise SchemeError(f"{where} {_describe(measurement)}, must return a FeatureMeasurement")
         fields = (field.name for field in dataclasses.fields(FeatureMeasurement))
         measurement = FeatureMeasurement(
             **{name: getattr(measurement, name) for name in fields if hasattr(measurement, name)}
@@ -73,7 +73,8 @@ def check_measurement(feature: Feature, measurement: object) -> FeatureMeasureme
     if isinstance(measurement.notes, str):
         arrays["notes"] = (measurement.notes,)
     if not isinstance(measurement.ambiguity, str):
-        raise SchemeError(f"{where} ambiguity {_describe(measurement.ambiguity)}: a text is needed")
+        raise SchemeError(f"{where} ambiguity {_describe(measurement.ambiguity)}, must return a "
+                          "text")
     return dataclasses.replace(measurement, **arrays)
 
 
@@ -122,10 +123,11 @@ def check_accuracy(feature: Feature, accuracy: object, count: int) -> np.ndarray
     values, where = to_float_array(accuracy), f"{type(feature).__name__}.accuracy returned"
     if values is None or values.ndim > 2 or values.ndim and len(values) != count:
         raise SchemeError(
-            f"{where} {_describe(accuracy)}: None, one number, ({count},) or ({count}, m) is needed"
+            f"{where} {_describe(accuracy)}, must return None, one number, or an array of shape "
+            f"({count},) or ({count}, m)"
         )
     if not np.isfinite(values).all():
-        raise SchemeError(f"{where} {_describe(accuracy)}: an accuracy must be finite")
+        raise SchemeError(f"{where} {_describe(accuracy)}, must return finite numbers")
     if values.ndim == 1:
         return np.diag(values)
     return abs(float(values)) if values.ndim == 0 else values
@@ -140,8 +142,8 @@ def check_taught_entry(feature: Feature, entry: object) -> Mapping[str, Any]:
     if isinstance(entry, Mapping):
         return entry
     raise ConfigurationError(
-        f"{type(feature).__name__}.teach returned {_describe(entry)}: a mapping of names to "
-        "numbers, lists or texts is needed"
+        f"{type(feature).__name__}.teach returned {_describe(entry)}, must return a mapping of "
+        "names to numbers, lists or texts"
     )
 
 
@@ -154,15 +156,16 @@ def _read_shaped(where: str, field: str, value: object, shape: tuple[int, ...]) 
     array, field = to_float_array(value), f"{field} " if field else ""
     if array is not None and array.shape == shape and np.isfinite(array).all():
         return array
-    needed = f"{shape} finite numbers are needed" if shape else "a finite number is needed"
+    needed = f"finite numbers of shape {shape}" if shape else "a finite number"
     if array is not None and array.shape != shape and (
         tuple(n for n in array.shape if n != 1) == tuple(n for n in shape if n != 1)
     ):
         array = array.reshape(shape)
     if array is None or array.shape != shape:
-        raise SchemeError(f"{where} {field}{_describe(value)}: {needed}")
+        raise SchemeError(f"{where} {field}{_describe(value)}, must return {needed}")
     if not np.isfinite(array).all():
-        raise SchemeError(f"{where} {field}that is not finite, {_describe(value)}: {needed}")
+        raise SchemeError(f"{where} {field}{_describe(value)}, which is not finite; return "
+                          f"{needed}")
     return array
 
 
@@ -182,7 +185,7 @@ def check_joint_output(name: str, output: object, count: int) -> np.ndarray:
     array = to_float_array(output)
     if array is None or array.shape != (count,):
         shape = "no numbers" if array is None else f"shape {array.shape}"
-        raise SchemeError(f"scheme {name} returned joints of {shape}, shape ({count},) is needed")
+        raise SchemeError(f"scheme {name} returned joints of {shape}, must return shape ({count},)")
     if not np.isfinite(array).all():
         raise SchemeError(f"scheme {name} returned joints that are not finite")
     return array

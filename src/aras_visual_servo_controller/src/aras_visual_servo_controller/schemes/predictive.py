@@ -27,8 +27,8 @@ class Predictive(FeatureSchemeBase):
     scheme minimises the squared distances between them plus `effort` |v|^2, subject to
     |v| <= `speed`, with lengths in units of the distance at the goal. Predicted points must stay
     `margin` pixels inside the image; a point that is already closer to the border must not move
-    outwards. This problem is solved by SciPy's sequential least squares programming. Joint limits
-    are not part of it; they are applied by the inverse kinematics.
+    outwards. SciPy's sequential least squares programming solves this problem. The inverse
+    kinematics applies the joint limits.
 
     Reference: G. Allibert, E. Courtial and F. Chaumette, Predictive control for constrained
     image-based visual servoing, IEEE T-RO 26(5), 2010.

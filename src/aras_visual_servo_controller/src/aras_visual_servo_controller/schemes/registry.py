@@ -145,7 +145,7 @@ def check_scheme(scheme: object, name: str) -> object:
         raise ConfigurationError(f"scheme '{name}': {error}") from error
     if len(tolerances) != count or count == 0 or not all(t > 0.0 for t in tolerances):
         raise ConfigurationError(
-            f"scheme '{name}': {count} names but tolerances {tolerances}; one number above 0 for "
-            "each feature is needed"
+            f"scheme '{name}' has {count} names but the tolerances {tolerances}; give one "
+            "number above 0 for each name"
         )
     return scheme

@@ -44,7 +44,7 @@ class SensorModel:
     release 4.0 linear, 2021.
     """
 
-    gain: float = parameter(unit="grey levels an electron", above=0.0)
+    gain: float = parameter(unit="grey levels per electron", above=0.0)
     full_well: float = parameter(unit="e-", above=0.0)
     read_noise: float = parameter(0.0, "e-", least=0.0)
     dark_current: float = parameter(0.0, "e-/s", least=0.0)
@@ -55,8 +55,8 @@ class SensorModel:
         if full < 1.0:
             raise CameraError(
                 f"effects.sensor: a full_well of {self.full_well:g} e- at a gain of {self.gain:g} "
-                f"grey levels per electron is only {full:.2g} grey levels: images would be black; "
-                "raise one of them"
+                f"grey levels per electron is only {full:.2g} grey levels, so that images would be "
+                "black; raise full_well or gain"
             )
         if self.read_noise >= self.full_well:
             raise CameraError(
@@ -84,8 +84,8 @@ class AutoExposure:
         check(self, CameraError, "effects.auto_exposure")
         if not self.least <= 1.0 <= self.most:
             raise CameraError(
-                f"effects.auto_exposure: the initial factor of 1 is not between least "
-                f"{self.least:g} and most {self.most:g}; change these bounds"
+                f"effects.auto_exposure: least is {self.least:g} and most is {self.most:g}, but "
+                "the exposure starts with the factor 1; set least <= 1 and most >= 1"
             )
 
     def compute_factor(self, factor: float, mean: float) -> float:
@@ -127,7 +127,8 @@ class Effects:
     vignetting: float = parameter(0.0, least=0.0, most=1.0)
     exposure_time: float = parameter(0.0, "s", least=0.0)
     exposure_samples: int = parameter(5, least=1, most=64)
-    drop_probability: float = parameter(0.0, "(no frame would ever come)", least=0.0, below=1.0)
+    drop_probability: float = parameter(0.0, "(with 1, no image would "
+                                             "arrive)", least=0.0, below=1.0)
     sensor: SensorModel | None = None
     auto_exposure: AutoExposure | None = None
     row_time: float = parameter(0.0, "s", least=0.0)
@@ -141,8 +142,8 @@ class Effects:
             return
         if self.shot_noise:
             raise CameraError(
-                f"effects.shot_noise {self.shot_noise:g}: effects.sensor defines the shot noise by "
-                "its gain; remove one of them"
+                f"effects.shot_noise is {self.shot_noise:g}, but effects.sensor.gain already "
+                "defines the shot noise; remove effects.shot_noise or effects.sensor"
             )
         if self.sensor.dark_current and not self.exposure_time:
             raise CameraError(

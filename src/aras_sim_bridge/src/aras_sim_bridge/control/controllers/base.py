@@ -204,11 +204,11 @@ class Controller:
         known = hardware.interfaces[self.interface]
         if joint not in known:
             other = hardware.handles.get(joint)
-            hint = f" ('{joint}' has a {other.interface})" if other else ""
+            hint = f", only the {other.interface}" if other else ""
             raise ControllerError(
-                f"controller '{self.context.name}': no joint '{joint}' in the "
-                f"{self.interface}{hint}; its joints are: {', '.join(sorted(known)) or 'none'}. "
-                f"Check {self.context.where} and the robot's <transmission> tags"
+                f"controller '{self.context.name}': joint '{joint}' does not have the "
+                f"{self.interface}{hint}; joints with it: {', '.join(sorted(known)) or 'none'}. "
+                f"Correct {self.context.where} or the robot's <transmission> tags"
             )
         return hardware.handles[joint]
 

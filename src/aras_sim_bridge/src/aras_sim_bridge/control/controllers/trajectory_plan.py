@@ -62,8 +62,8 @@ class Tolerances:
                 if override.name not in joints:
                     raise TrajectoryError(
                         ErrorCode.INVALID_GOAL,
-                        f"tolerance for joint '{override.name}', which is not a joint of the "
-                        f"controller; use one of {', '.join(joints)}",
+                        f"the goal has a tolerance for '{override.name}', which is not a joint of "
+                        f"the controller; the joints are {', '.join(joints)}",
                     )
                 k = joints.index(override.name)
                 tolerances[k] = _override_tolerance(tolerances[k], override)
@@ -157,8 +157,8 @@ def check_points(trajectory: Trajectory) -> None:
         if previous is not None and point.time_from_start_ns <= previous:
             raise TrajectoryError(
                 ErrorCode.INVALID_GOAL,
-                "time_from_start must strictly increase, but that of trajectory point "
-                f"{k} is not above that of the point before; correct it",
+                "time_from_start must strictly increase from point to point; correct "
+                f"trajectory point {k}, which is not later than the point before",
             )
         previous = point.time_from_start_ns
 

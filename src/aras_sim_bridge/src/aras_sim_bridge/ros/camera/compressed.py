@@ -63,7 +63,7 @@ def encode(image: np.ndarray, encoding: str, settings: dict[str, Value]) -> tupl
     done, data = cv2.imencode(".jpg" if jpeg else ".png", image, options)
     if not done:
         raise CameraError(f"OpenCV cannot write a {image.shape} {encoding} image as "
-                          f"{settings['format']}; set the other format, jpeg or png")
+                          f"{settings['format']}; set format to {'png' if jpeg else 'jpeg'}")
     return f"{encoding}; {settings['format']} compressed {target}", data.tobytes()
 
 

@@ -54,7 +54,8 @@ def find_calibration_path(camera_name: str) -> Path:
     """
     parts = [part for part in camera_name.split("/") if part]
     if not parts or any(part.startswith(".") for part in parts):
-        raise CameraError(f"cameraName '{camera_name}' gives no file name; rename the camera")
+        raise CameraError(f"cameraName '{camera_name}' cannot be used as a file name; rename the "
+                          "camera")
     home = Path(os.environ.get("ROS_HOME") or Path.home() / ".ros")
     return home.joinpath("camera_info", *parts[:-1], parts[-1] + ".yaml")
 

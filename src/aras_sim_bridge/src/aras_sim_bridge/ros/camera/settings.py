@@ -23,7 +23,8 @@ def read_cameras() -> Mapping[str, object]:
     values = get_parameter("~cameras")
     if isinstance(values, dict):
         return values
-    rospy.logerr("%s is %r; give settings by camera name", rospy.resolve_name("~cameras"), values)
+    rospy.logerr("%s is %r, must be a mapping of camera names to settings",
+                 rospy.resolve_name("~cameras"), values)
     return {}
 
 
@@ -33,7 +34,8 @@ def mount_world_cameras(thread: SimulationThread) -> None:
         try:
             thread.call(lambda n=name, s=settings: thread.simulation.add_camera(n, s), ADD_TIMEOUT)
         except SimError as error:
-            rospy.logerr("%s/%s is left out: %s", rospy.resolve_name("~cameras"), name, error)
+            rospy.logerr("camera %s/%s is not simulated: "
+                         "%s", rospy.resolve_name("~cameras"), name, error)
 
 
 def check_unused_names(
@@ -53,6 +55,6 @@ def check_unused_names(
         if name not in _reported_names:
             _reported_names.add(name)
             rospy.logwarn(
-                "the settings %s/%s belong to no camera; give them the name of an existing one: %s",
+                "the settings %s/%s belong to no camera; use the name of an existing camera: %s",
                 rospy.resolve_name("~cameras"), name, ", ".join(sorted(filter(None, names))),
             )  # fmt: skip

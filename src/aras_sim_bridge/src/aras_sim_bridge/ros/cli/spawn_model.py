@@ -35,9 +35,9 @@ def parse(argv: list[str]) -> argparse.Namespace:
         "-urdf -param robot_description -model my_robot",
     )  # fmt: skip
     kind = parser.add_mutually_exclusive_group(required=True)
-    kind.add_argument("-urdf", action="store_true", help="the source is URDF")
+    kind.add_argument("-urdf", action="store_true", help="the description is URDF")
     kind.add_argument("-sdf", "-gazebo", action="store_true",
-                      help="the source is SDF (-gazebo is the old name of this option)")
+                      help="the description is SDF (-gazebo is the old name of this option)")
     source = parser.add_mutually_exclusive_group(required=True)
     source.add_argument("-file", metavar="FILE", help="read the model from a file")
     source.add_argument("-param", metavar="PARAM", help="read the model from a ROS parameter")
@@ -65,7 +65,7 @@ def parse(argv: list[str]) -> argparse.Namespace:
         default=[],
         dest="joints",
         metavar=("JOINT", "POSITION"),
-        help="initial joint position [rad or m]; may be given for several joints",
+        help="initial position of a joint [rad or m]; can be repeated for several joints",
     )
     parser.add_argument("-package_to_model", action="store_true",
                         help="replace package:// by model:// in the description")
@@ -203,7 +203,8 @@ def main() -> int:
         rospy.logerr("Spawning %s failed: %s", args.model, error)
         return 1
     except rospy.ServiceException as error:
-        rospy.logerr("Spawning %s failed: the simulator refused the call: %s", args.model, error)
+        rospy.logerr("Spawning %s failed, because the simulator refused the call: "
+                     "%s", args.model, error)
         return 1
     except rospy.ROSInterruptException:
         return 1

@@ -43,7 +43,8 @@ def main() -> int:
         try:
             switch(SwitchControllerRequest(start_controllers=stopped, strictness=BEST_EFFORT))
         except (rospy.ServiceException, rospy.ROSException, OSError):
-            rospy.logwarn("%s stay stopped: the simulator has ended", ", ".join(stopped))
+            rospy.logwarn("controllers %s are not started again: the simulator has "
+                          "ended", ", ".join(stopped))
 
     rospy.on_shutdown(restart)
     while not rospy.is_shutdown():

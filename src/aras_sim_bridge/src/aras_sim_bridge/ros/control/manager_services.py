@@ -156,8 +156,8 @@ class ManagerServices:
         switch = thread.call(request_switch)
         limit = request.timeout + 1.0 if request.timeout > 0.0 else SWITCH_TIMEOUT
         too_late = (
-            f"not carried out within {limit:g} s of wall time; try again when the processor is "
-            "less busy"
+            f"the switch was not carried out within {limit:g} s of wall time; try again when the "
+            "processor is less busy"
         )
         deadline = time.monotonic() + limit
         while not done.wait(POLL_PERIOD):

@@ -40,7 +40,7 @@ def set_light_properties(simulation: Simulation, request: SetLightProperties) ->
     if any(direction):
         values["direction"] = direction
     else:
-        text += "; the zero direction is ignored, the light keeps its direction"
+        text += "; the direction is unchanged, because the requested direction is zero"
     simulation.set_light(replace(simulation.light(request.light_name), **values))
     return {"status_message": text}
 

@@ -141,7 +141,7 @@ def set_joint_properties(simulation: Simulation, request: SetJointProperties) ->
         if values:
             properties[name] = values[0]
     if properties.get("vel", 0.0) != 0.0:
-        raise SimError(f"vel is {properties['vel']}; set 0 and move the joint with a controller")
+        raise SimError(f"vel is {properties['vel']}, must be 0; move the joint with a controller")
     values = {JOINT_FIELDS[name]: properties[name] for name in properties if name in JOINT_FIELDS}
     model, joint = entities.find_joint(simulation, request.joint_name)
     changed = change_joint(model.description, joint, **values)

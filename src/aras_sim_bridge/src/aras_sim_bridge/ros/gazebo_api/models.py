@@ -184,8 +184,8 @@ def set_model_configuration(simulation: Simulation, request: SetModelConfigurati
     names, positions = request.joint_names, request.joint_positions
     if len(names) != len(positions):
         raise SimError(
-            f"{len(names)} joint_names but {len(positions)} joint_positions; give one position "
-            "per name"
+            f"the request has {len(names)} joint_names but {len(positions)} joint_positions; give "
+            "one position for each name"
         )
     model = simulation.world.model(request.model_name)
     plain = [name.rpartition("::")[2] for name in names]

@@ -24,8 +24,8 @@ from aras_sim_bridge.errors import SimError
 from aras_sim_bridge.ros.runtime.send_queue import QUEUE_FLUSHER, QueueFlusher
 
 _TIMEOUT_WARNING = (
-    "lockstep: simulated time waited %g s of wall time in vain for %s; it continues, and waits "
-    "again after the next message; check that these nodes run"
+    "lockstep: after waiting %g s of wall time for %s, simulated time continues; check that these "
+    "nodes run. Simulated time waits again after the next message"
 )
 
 

@@ -51,8 +51,8 @@ class FactorMeter:
         if self.value < WARN_BELOW * desired and now - self._last_warning >= WARN_PERIOD:
             self._last_warning = now
             log.warning(
-                "cannot keep up: real-time factor %.2f instead of %g; free the processor, lower "
-                "the cameras' rate or size, or set speed_mode to max",
+                "the simulation is too slow: its real-time factor is %.2f instead of %g; free the "
+                "processor, lower the rate or size of the cameras, or set speed_mode to max",
                 self.value,
                 desired,
             )

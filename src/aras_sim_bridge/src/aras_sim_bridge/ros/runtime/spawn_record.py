@@ -91,4 +91,4 @@ def _call_service(service: str, kind: type, *arguments: object) -> None:
     except rospy.ServiceException as error:
         reason = str(error)
     if reason:
-        rospy.logerr("%s: %s; not restored", service, reason)
+        rospy.logerr("restoring by service %s failed: %s", service, reason)

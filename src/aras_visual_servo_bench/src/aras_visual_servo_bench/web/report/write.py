@@ -161,7 +161,8 @@ def draw_figure(runs: Sequence[Run], name: str) -> Figure:
     with style.apply_style():
         figure = chapters[name].draw_figure(runs)
     if figure is None:
-        raise BenchError(f"no data for the figure '{name}': it needs {chapters[name].needs}")
+        raise BenchError(f"there are no data for the figure '{name}', which needs "
+                         f"{chapters[name].needs}")
     return figure
 
 

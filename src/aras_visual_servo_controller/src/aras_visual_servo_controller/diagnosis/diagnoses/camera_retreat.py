@@ -28,7 +28,7 @@ class CameraRetreat(RunDiagnosis):
     """
 
     help = "the target appears far smaller than at the start and at the goal"
-    reads = "area of the target in the image, its distance by the joints"
+    reads = "area of the target in the image, and its distance according to the joints"
     kinds = ("camera_retreat", "gain_too_high")
 
     # The camera has retreated if its distance from the target exceeds RETREAT_FACTOR times the

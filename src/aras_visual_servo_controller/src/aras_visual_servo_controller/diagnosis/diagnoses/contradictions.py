@@ -22,7 +22,7 @@ class FeaturesContradict(RunDiagnosis):
     The thresholds are constants of MotionCheck and StepCheck.
     """
 
-    help = "the features are constant, jump or move against their L although the target does not"
+    help = "the features stay constant, jump or move against L, but the target does not"
     reads = "steps of the features and of the target's centre, L (`motion_check.py`)"
     kinds = ("scheme_fault",)
 

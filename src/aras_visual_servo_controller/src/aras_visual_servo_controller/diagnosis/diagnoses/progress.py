@@ -30,7 +30,7 @@ class Converged(RunDiagnosis):
     """Detection of an arrival of every feature at its goal, with a bound of the remaining distance.
     """
 
-    help = "the mean error is within the tolerances; decides whether the camera is at its goal"
+    help = "the mean error is within the tolerances; is the camera at its goal?"
     reads = "mean error, its noise, L, view and pose at the goal (`arrival_check.py`)"
     kinds = ("converged", "ambiguous")
 
@@ -47,7 +47,8 @@ class Converged(RunDiagnosis):
         if not fault or found.kind == "ambiguous":
             return evidence.explain_occlusion(found)
         return replace(
-            found, reason=f"the image equals the goal, taught with this camera; but {fault}",
+            found, reason="the image equals the goal, which was taught with this camera, but "
+                          f"{fault}",
             remedy=CALIBRATE_CAMERA,
             open_distance=self.INTERACTION_ERROR_FACTOR * found.open_distance,
             open_angle=min(self.INTERACTION_ERROR_FACTOR * found.open_angle, np.pi),
@@ -73,7 +74,7 @@ class NotConverging(RunDiagnosis):
     always reports an outcome.
     """
 
-    help = "the error does not decrease; decides whether arm, features or gain are the cause"
+    help = "the error does not decrease, because of the arm, the features or the gain"
     reads = (
         "error, joint limits and rank of L in 1.5 s (`progress_check.py`), oscillations "
         "(`gain_check.py`)"

@@ -22,7 +22,7 @@ class TargetLost(RunDiagnosis):
     """
 
     help = "the target is not found in the image, or its features cannot be measured"
-    reads = "why there is no measurement, image borders that the target touches, its last motion"
+    reads = "why there is no measurement; image borders that the target touches; its last motion"
     kinds = ("target_lost", "wrong_camera_model", "out_of_reach", "scheme_fault", "gain_too_high")
 
     def __init__(self) -> None:
@@ -101,7 +101,8 @@ def _explain_loss(state: ServoState, observation: Observation, evidence: Evidenc
         return replace(found, reason=f"{found.reason}; the camera's motion does not explain that "
                        "of the features: the target moved", remedy=KEEP_TARGET_AT_REST)  # fmt: skip
     if evidence.measured_stamp is not None and _was_inside(observation, evidence):
-        found = replace(found, reason=f"{found.reason}; before, it was far inside the image",
+        found = replace(found, reason=f"{found.reason}; in the previous image, the target was far "
+                                      "from the borders",
                         remedy=UNCOVER_TARGET)  # fmt: skip
     return evidence.add_advice(found)
 

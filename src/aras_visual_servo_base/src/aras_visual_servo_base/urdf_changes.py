@@ -1,4 +1,4 @@
-"""Mounting of a camera in a robot description at the pose of a hand-eye calibration."""
+"""Changes of robot descriptions: a camera that is calibrated or moved, joints without friction."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from .hand_eye import HandEyeCalibration, HandEyeError
 from .names import suggest
 from .poses import LINK_R_OPTICAL, inverse, matrix_from_xyz_rpy, optical_pose, xyz_rpy_from_matrix
 from .urdf import LINK, OPTICAL, parse_tree
+
+CAMERA_LINK, CAMERA_MOUNT = "camera_link", "camera_mount"
 
 
 def find_camera_link(urdf: str, calibration: HandEyeCalibration, link: str = "") -> str:
@@ -122,3 +124,36 @@ def _set_joint_pose(joint: ElementTree.Element, parent: str, parent_T_child: np.
     )
     ElementTree.SubElement(joint, "parent", link=parent)
     ElementTree.SubElement(joint, "origin", xyz=xyz, rpy=rpy)
+
+
+def move_camera(urdf: str, xyz: str, rpy: str) -> str:
+    """Return a robot description with camera_link moved relative to its pose.
+
+    A new link camera_mount takes the former pose of camera_link, which is attached to it.
+
+    Args:
+        xyz: translation, m, as in the attribute xyz of a URDF.
+        rpy: rotation about fixed axes, rad, as in the attribute rpy of a URDF.
+
+    Raises:
+        ValueError: the description does not have exactly one joint that carries camera_link.
+    """
+    robot = ElementTree.fromstring(urdf)
+    joints = [j for j in robot.findall("joint") if j.find("child").get("link") == CAMERA_LINK]
+    if len(joints) != 1:
+        raise ValueError(f"{len(joints)} joints carry {CAMERA_LINK}; exactly one is required")
+    joints[0].find("child").set("link", CAMERA_MOUNT)
+    ElementTree.SubElement(robot, "link", name=CAMERA_MOUNT)
+    joint = ElementTree.SubElement(robot, "joint", name=f"{CAMERA_MOUNT}_joint", type="fixed")
+    ElementTree.SubElement(joint, "parent", link=CAMERA_MOUNT)
+    ElementTree.SubElement(joint, "child", link=CAMERA_LINK)
+    ElementTree.SubElement(joint, "origin", xyz=xyz, rpy=rpy)
+    return ElementTree.tostring(robot, encoding="unicode")
+
+
+def remove_friction(urdf: str) -> str:
+    """Return a robot description without dry friction of the joints."""
+    robot = ElementTree.fromstring(urdf)
+    for dynamics in robot.iterfind("joint/dynamics"):
+        dynamics.set("friction", "0")
+    return ElementTree.tostring(robot, encoding="unicode")

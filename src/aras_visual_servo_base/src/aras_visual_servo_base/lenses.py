@@ -32,7 +32,7 @@ def brown(x: np.ndarray, y: np.ndarray, D: Sequence[float]) -> tuple[np.ndarray,
     """
     x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
     out = np.empty((6, x.size))
-    _distort_points(x.ravel(), y.ravel(), *_fill_coefficients(tuple(D)), out)
+    distort_points(x.ravel(), y.ravel(), *_fill_coefficients(tuple(D)), out)
     return tuple(out.reshape(6, *x.shape))
 
 
@@ -49,7 +49,7 @@ def undistort_brown(
     xd, yd = np.asarray(xd, dtype=float), np.asarray(yd, dtype=float)
     out, valid = np.empty((2, xd.size)), np.empty(xd.size, np.bool_)
     radius = min(largest_radius, fold_radius(tuple(D)))
-    _undistort_points(
+    undistort_points(
         xd.ravel(), yd.ravel(), *_fill_coefficients(tuple(D)), radius, out, valid
     )
     x, y = out.reshape(2, *xd.shape)
@@ -175,7 +175,7 @@ def _distort_point(x, y, D, tilt, is_tilted):
 
 
 @jit("f8[:], f8[:], f8[:], f8[:,:], b1, f8[:,::1]", allocates=False)
-def _distort_points(x, y, D, tilt, is_tilted, out):
+def distort_points(x, y, D, tilt, is_tilted, out):
     """Distort n points; write x, y and a, b, c, d of the Jacobian to `out` (6, n)."""
     for n in range(len(x)):
         xd, yd, a, b, c, d = _distort_point(x[n], y[n], D, tilt, is_tilted)
@@ -184,7 +184,7 @@ def _distort_points(x, y, D, tilt, is_tilted, out):
 
 
 @jit("f8[:], f8[:], f8[:], f8[:,:], b1, f8, f8[:,::1], b1[::1]", allocates=False)
-def _undistort_points(xd, yd, D, tilt, is_tilted, largest_radius, out, valid):
+def undistort_points(xd, yd, D, tilt, is_tilted, largest_radius, out, valid):
     """Invert the distortion of n points by Newton's method.
 
     The polynomial is invertible up to the radius at which the image folds back (the fold). A root

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from aras_visual_servo_controller.kinematics import held_directions as kernel
 from aras_visual_servo_controller.kinematics.held_directions import compute_held_directions
 
 LENGTH = 0.35  # m
@@ -54,18 +53,6 @@ def test_the_vertical_goes_the_short_way_to_its_place_in_the_camera(seed):
         assert np.linalg.norm(turn) == pytest.approx(np.arccos(view[2, :3] @ goal[2, :3]))
         away = view[:3, :3].T @ (goal[:3, 3] - view[:3, 3])
         np.testing.assert_allclose(errors[:-2], away[~modelled[:3]])
-
-
-def test_plain_python_answers_the_same(monkeypatch):
-    """There an index beyond an array is an error."""
-    for name in ("_compute_rotation_error", "_hold_vertical", "_cross", "_dot"):
-        monkeypatch.setattr(kernel, name, getattr(kernel, name).py_func)
-    monkeypatch.setitem(globals(), "compute_held_directions", compute_held_directions.py_func)
-    test_what_the_task_does_not_speak_of_goes_straight_to_the_goal(0)
-    test_the_vertical_goes_the_short_way_to_its_place_in_the_camera(0)
-    test_upside_down_any_way_round_is_as_good()
-    for axis in np.eye(3) + 0.1:
-        test_half_a_turn_is_about_its_own_axis(axis, 0.0)
 
 
 def test_upside_down_any_way_round_is_as_good():

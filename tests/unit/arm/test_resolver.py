@@ -18,10 +18,6 @@ from aras_visual_servo_controller.kinematics import (
     SecondaryTask,
     SingularityAvoidance,
 )
-from aras_visual_servo_controller.kinematics.compiled_ik import (
-    _passes_straight,
-    _solve_within_ranges,
-)
 from aras_visual_servo_controller.kinematics.elbow import find_elbows
 from aras_visual_servo_controller.kinematics.task import Task
 
@@ -588,37 +584,6 @@ def test_beyond_the_stretched_arm_it_says_so():
         assert q[3] < 0.0
     assert any("stretched" in reason for reason in answer.reasons)
     assert answer.infeasible_twist[2] == pytest.approx(0.05, rel=0.05)
-
-
-@pytest.mark.parametrize("side", [-1.0, 1.0])
-@pytest.mark.parametrize(("bend", "speed", "passes"), [
-    (0.03125, -0.126, True), (0.03125, -0.125, False), (0.03125, -0.124, False),
-    (0.03125, 0.5, False), (0.124, -9.0, True), (0.125, -9.0, False), (0.126, -9.0, False),
-    (0.0, 1e-3, True), (0.0, -1e-3, False), (5e-10, 1e-3, True), (2e-9, 1e-3, False),
-])  # fmt: skip
-def test_an_elbow_passes_where_a_step_takes_more_than_half_of_a_small_bend(
-    side, bend, speed, passes
-):
-    """One that is straight bends to the other side here; numbers that binary fractions are."""
-    q, fold = np.array([0.0, 0.25 + side * bend]), np.array([1.0, 0.25, -side])
-    velocities = np.array([0.0, side * speed])
-    assert _passes_straight(q, fold, velocities, 0.125, 0.125) == passes
-
-
-@pytest.mark.parametrize("side", [-1.0, 1.0])
-@pytest.mark.parametrize("other", [-0.5, 0.5])
-def test_a_straight_elbow_comes_back_whatever_another_one_does(side, other):
-    """Of two elbows the first is straight, which only bent ones move; the second is far from it."""
-    scaled, bent = np.zeros((6, 2)), np.zeros((6, 2))
-    scaled[1, 1] = bent[0, 0] = bent[1, 1] = 1.0
-    folds = np.array([[0.0, 0.0, side], [1.0, 0.0, -side]])
-    for speed in (-1.0, 1.0):
-        solution, *_ = _solve_within_ranges(
-            scaled, bent, np.eye(6)[:2], np.array([side, speed]), np.ones(2), np.zeros(2),
-            np.full(2, -9.0), np.full(2, 9.0), folds, np.array([[9.0] * 2] * 4 + [[1.0] * 2]),
-            np.array([0.0, other]), 0.01, 0.1, np.array([0.0, 1e-9]),
-        )  # fmt: skip
-        np.testing.assert_allclose(solution, [side, speed], atol=1e-9)
 
 
 # ------------------------------------------------------------------------ secondary tasks

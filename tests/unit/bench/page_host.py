@@ -42,7 +42,7 @@ class StandIn:
         self.run_trace.goal = np.array(self.arm.pose(self.goal))
         self.run_trace.outline = np.array([[-0.1, -0.1], [0.1, -0.1], [0.1, 0.1], [-0.1, 0.1]])
         self.run_trace.factor = 1.0
-        self.asked, self.viewers, self.time = [], [], 0.0
+        self.asked, self.viewers, self.time, self.updates = [], [], 0.0, 0
         self.lock = threading.Lock()
         self.waited = threading.Event()
         arm = self.arm
@@ -72,6 +72,7 @@ class StandIn:
             self.page.add_sample(said, self.q)
 
     def make_update(self):
+        self.updates += 1
         with self.lock:
             return self.page.make_update(self.run_trace, self.q, np.zeros(len(self.q)), self.time)
 

@@ -238,28 +238,3 @@ def test_a_goal_is_not_shown_where_the_target_is_not_in_view(features, scheme):
         with pytest.raises(ExperimentError, match=words) as told:
             refuse(aside)
         assert "\n" not in str(told.value)
-
-
-def test_a_goal_behind_the_target_is_refused():
-    turned = flying(goal=posed(GOAL @ matrix_from_xyz_rpy((0, 0, 0), (np.pi, 0, 0))))
-    with pytest.raises(ExperimentError, match="behind the camera.*give a goal from which"):
-        check(turned)
-
-
-@pytest.mark.parametrize("plant", ["bullet", "chain", "free", "ideal"])
-def test_a_scheme_of_pictures_is_refused_on_exact_features(plant):
-    with pytest.raises(ExperimentError, match="set features to images"):
-        check(Experiment(plant=plant, scheme="luminance", features="exact"))
-
-
-def test_the_loops_settings_are_read_once(monkeypatch):
-    from aras_visual_servo_controller.settings import Settings
-
-    read = []
-    of = Settings.from_mapping.__func__
-    monkeypatch.setattr(
-        Settings, "from_mapping",
-        classmethod(lambda cls, given, *rest: read.append(dict(given)) or of(cls, given, *rest)),
-    )  # fmt: skip
-    assemble(flying())
-    assert sum("scheme" in given for given in read) == 1

@@ -76,14 +76,6 @@ def test_a_picture_is_made_of_rows_of_the_pictures_of_their_instants(depth):
         np.testing.assert_allclose(found.depth, middle.depth, rtol=5e-3)
 
 
-def test_what_leaves_the_picture_while_it_is_read_is_not_seen():
-    beside = np.eye(4)
-    beside[1, 3] = -0.13  # below the picture
-    rolling = replace(sight(), target=PlacedTarget(SQUARE, beside))
-    assert flying(rolling).points is None
-    assert flying(replace(rolling, is_unbounded=True)).points is not None
-
-
 def test_an_arms_exact_points_are_of_their_own_rows_too(robot, preset, pinhole):
     table = np.eye(4)
     table[2, 3] = 0.59

@@ -1,6 +1,7 @@
 """The command line as a whole: one experiment, its name where pip installs it, its examples."""
 
 import contextlib
+import io
 import json
 import os
 import re
@@ -10,12 +11,11 @@ import sys
 import pytest
 
 from aras_visual_servo_base import compile_packages
-from aras_visual_servo_bench import cli, run_study
+from aras_visual_servo_bench import run_study
 from aras_visual_servo_bench.cli import main
 from aras_visual_servo_bench.cli.arguments import EXAMPLES, make_parser
 from aras_visual_servo_bench.errors import BenchError, make_missing_library_error
 from aras_visual_servo_bench.experiment.experiment import Experiment
-from aras_visual_servo_bench.plots import style
 from aras_visual_servo_bench.runner.loop import run
 
 
@@ -55,14 +55,13 @@ def test_a_file_may_be_named_like_an_override(experiment, capsys):
     assert capsys.readouterr().out.startswith("\ngain=4:\n")
 
 
-def test_the_report_of_an_experiment_is_written_where_out_says(
-    experiment, tmp_path, capsys, monkeypatch
-):
-    monkeypatch.setitem(style.STYLE, "savefig.dpi", 30)
+def test_the_report_of_an_experiment_is_written_where_out_says(experiment, tmp_path, capsys):
     out = tmp_path / "report"
     assert main(["run", str(experiment), "duration=0.3", "--out", str(out)]) == 0
     assert f"the page is {out / 'report.html'}" in capsys.readouterr().out
     assert json.loads((out / "summary.json").read_text())["name"] == "mine"
+    words = ["run", str(experiment), "duration=0.3", "--out", str(tmp_path / "no"), "--no-report"]
+    assert main(words) == 0 and not (tmp_path / "no").exists()
 
 
 def test_names_that_are_no_text_are_written_and_printed(experiment, tmp_path):
@@ -89,6 +88,7 @@ def test_names_that_are_no_text_are_written_and_printed(experiment, tmp_path):
         (["--workers", "2"], "--workers applies to studies, not to an experiment"),
         (["--dry-run"], "--dry-run applies to studies"),
         (["--fail-fast"], "--fail-fast applies to studies"),
+        (["--out", "o", "--no-report"], "--no-report writes no report: leave out one of them"),
         (["duration=-1"], "duration"),
     ],
 )
@@ -194,33 +194,12 @@ def test_each_command_shows_an_example_that_it_understands(capsys):
         assert f"example: bench {words}" in capsys.readouterr().out
 
 
-WORKERS = "[--workers N] [--in-process] [--scheduler ADDRESS] [--cluster FILE] [--renew N]"
-USAGES = {
-    "run": f"[--out OUT] [--dry-run] {WORKERS} [--fail-fast] [--no-report] [--mix] [FILE|NAME] "
-           "[key=value ...]",
-    "resume": f"{WORKERS} [--fail-fast] [--no-report] [--mix] folder",
-    "protocol": "--out OUT [--seeds SEEDS] [--first FIRST] [--case CASE] [--condition CONDITION] "
-                f"[--start START] [--mix] {WORKERS} NAME",
-    "dataset": f"--out OUT [--views] [--depth] {WORKERS} FILE|NAME [key=value ...]",
-    "table": "[--format md|csv|tex] [--out FILE] [--by KEYS] [--metrics NAMES] DIR [DIR ...]",
-    "plot": "[--format png,svg,pdf] [--paper] [--out DIR] [--metrics NAMES] DIR [DIR ...]",
-    "diff": "[--between KEY] [--all] [--by KEYS] [--metrics NAMES] DIR [DIR ...]",
-    "browse": "[--port N] [--address IP] [--no-open] DIR [DIR ...]",
-    "show": "[--out DIR] DIR|BAG [run]",
-    "tune": "[--over key=low:high] [--metric METRIC] [--evaluations N] [--success PART] --out OUT "
-            f"{WORKERS} study [key=value ...]",
-    "analyze": "--out DIR [--formats png,svg,pdf] [--paper] [--names NAMES] RUN [RUN ...]",
-    "convert": "[--out FILE] bag",
-    "check_interaction": "[--tolerance PART] [--step H] FEATURE",
-}
-
-
-@pytest.mark.parametrize("name", USAGES)
+@pytest.mark.parametrize("name", EXAMPLES)
 def test_each_word_of_a_command_is_named_and_explained(name, capsys):
     with pytest.raises(SystemExit):
         make_parser().parse_args([name, "--help"])
     usage, *parts = capsys.readouterr().out.split("\n\n")
-    assert " ".join(usage.split()) == f"usage: bench {name} [-h] {USAGES[name]}"
+    assert usage.startswith(f"usage: bench {name} [-h] ")
     lines = [line for part in parts for line in part.splitlines() if line.startswith("  ")]
     alone = [line for line, after in zip(lines, [*lines[1:], "  none"], strict=True)
              if line[2] != " " and "  " not in line.strip() and after[2] != " "]
@@ -232,7 +211,7 @@ def test_the_commands_are_listed_with_what_they_do(capsys):
         make_parser().parse_args(["--help"])
     out = on_one_line(capsys.readouterr().out)
     assert "Simulated visual servoing" in out and "COMMAND" in out
-    for name in USAGES:
+    for name in EXAMPLES:
         (line,) = [one for one in out.splitlines() if one.startswith(f"    {name} ")]
         assert len(line.split(None, 1)[1]) > 10
     with pytest.raises(SystemExit):
@@ -251,22 +230,18 @@ def test_what_a_command_does_not_know_ends_it_with_2(words, told, capsys):
 
 
 @pytest.mark.parametrize(("fault", "code", "said"), [
-    (BenchError("no"), 1, "bench: no\n"), (KeyboardInterrupt(), 130, "bench: interrupted\n"),
-    (BrokenPipeError(), 1, "")])
-def test_how_a_command_ends(monkeypatch, capsys, fault, code, said):
-    def fail(_options):
-        raise fault
+    (KeyboardInterrupt(), 130, "bench: interrupted\n"), (BrokenPipeError(), 1, None)])
+def test_how_a_command_ends(monkeypatch, fault, code, said):
+    """Ctrl-C, and a reader of its output that has ended; errors are in all other tests."""
+    class Ended(io.StringIO):
+        def write(self, text):
+            raise fault
 
-    closed = []
-    monkeypatch.setattr(cli, "make_parser", lambda: made)
-    made = make_parser()
-    chosen = next(a for a in made._actions if a.dest == "command").choices["diff"]
-    chosen.set_defaults(carry_out=fail)
-    if isinstance(fault, BrokenPipeError):
-        monkeypatch.setattr(sys.stderr, "close", lambda: closed.append(1))
-    assert main(["diff", "a", "b"]) == code
-    assert capsys.readouterr().err == said
-    assert closed == ([1] if isinstance(fault, BrokenPipeError) else [])
+    err = io.StringIO()
+    monkeypatch.setattr(sys, "stdout", Ended())
+    monkeypatch.setattr(sys, "stderr", err)
+    assert main(["run", "duration=0.1"]) == code
+    assert err.closed if said is None else err.getvalue() == said
 
 
 OWN_FEATURES = """
@@ -295,7 +270,7 @@ class Broken(Points):
     (["my_features:Wrong", "--tolerance", "0.5"], 0, "Wrong: L is correct (tolerance 50 %", ""),
     (["my_features:Broken"], 1, "", "bench: my_features:Broken raised ZeroDivisionError: div"),
     (["my_features:Broke"], 1, "", "my_features has no Broke: did you mean 'Broken'?"),
-    (["luminance"], 1, "", "bench: luminance needs image: give observe"),
+    (["luminance"], 1, "", "bench: luminance needs image: pass as observe"),
     (["points", "--step", "0"], 1, "", "bench: --step is 0, must be above 0"),
 ])  # fmt: skip
 def test_an_interaction_matrix_is_checked(words, code, said, told, tmp_path, monkeypatch, capsys):

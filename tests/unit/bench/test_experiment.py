@@ -144,7 +144,7 @@ def test_with_names_a_key_that_there_is_not(changes, text):
     [
         (
             {"calibration_offset": {"focal": 400}},
-            "calibration_offset.focal is 400.0, must be <= 10, the factor on the",
+            "calibration_offset.focal is 400.0, must be <= 10, the ratio of the",
         ),
         (
             {"calibration_offset": {"rpy": [5, 0, 0]}},
@@ -186,7 +186,7 @@ def test_with_names_a_key_that_there_is_not(changes, text):
         ),
         ({"target": {"occluder": [[0, 0], [0.1, 0.1]]}}, "set another target.shape"),
         ({"plant": "free", "noise": 5}, "set jitter"),
-        ({"jitter": 1}, "give noise"),
+        ({"jitter": 1}, "set noise"),
         ({"plant": "free", "target": {"motion": {"amplitude": [1, 0, 0]}}}, "need a frequency"),
         ({"plant": "free", "target": {"shape": "squar"}}, "did you mean 'square'"),
         (

@@ -27,7 +27,7 @@ def turned(scheme, angle, plant="free", corners=CORNERS, **options):
     }))  # fmt: skip
 
 
-@pytest.mark.parametrize("angle", [np.pi, -np.pi, np.pi - 1e-9, np.pi + 1e-9])
+@pytest.mark.parametrize("angle", [-np.pi, np.pi - 1e-9])
 @pytest.mark.parametrize("scheme", STRAIGHT)
 def test_a_half_turn_is_a_turn(scheme, angle):
     result = turned(scheme, angle)

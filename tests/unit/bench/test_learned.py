@@ -1,25 +1,13 @@
 """Learned scheme: weights, message if they are missing, final pose."""
 
 import numpy as np
-import pytest
 
-from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.learning import learned
 from aras_visual_servo_bench.learning.learned import TRAINING_STARTS
 from aras_visual_servo_bench.runner.loop import run
-from aras_visual_servo_controller.errors import ConfigurationError
 
 SCHEME = "aras_visual_servo_bench.learning.learned:LearnedScheme"
-
-
-def test_without_weights_one_line_says_how_to_make_them(monkeypatch, tmp_path):
-    monkeypatch.setenv("ARAS_LEARNED_WEIGHTS", str(tmp_path / "none.npz"))
-    with pytest.raises(ExperimentError, match="no file .*none.npz; to train it, run: python3 -m"):
-        run(Experiment(plant="ideal", features="exact", scheme=SCHEME))
-    (tmp_path / "bad.npz").write_text("no numbers")
-    with pytest.raises(ConfigurationError, match="does not contain a network"):
-        learned.GoalPoseNetwork.load(tmp_path / "bad.npz")
 
 
 def test_a_network_learns_what_is_linear(tmp_path):

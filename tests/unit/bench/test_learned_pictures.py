@@ -45,37 +45,34 @@ def test_brightness_and_contrast_are_no_matter():
     assert not make_inputs(np.full((48, 64), 90, np.uint8)).any()
 
 
-class Told:
-    """Network that returns a given pose for any image."""
+@pytest.fixture
+def answering(tmp_path, monkeypatch):
+    """Function that makes the feature whose network returns a pose (6,) for any image."""
+    def make(motion):
+        count = learned_pose.ROWS * learned_pose.COLUMNS
+        np.savez(tmp_path / "w.npz", mean=np.zeros(count), scale=np.ones(count), out_mean=motion,
+                 out_scale=np.ones(6), w0=np.zeros((count, 6)), b0=np.zeros(6))  # fmt: skip
+        monkeypatch.setenv("ARAS_LEARNED_POSE_WEIGHTS", str(tmp_path / "w.npz"))
+        return LearnedPose()
 
-    def __init__(self, motion):
-        self.motion = np.asarray(motion, float)
-
-    def __call__(self, x):
-        return self.motion
+    return make
 
 
 @pytest.fixture
-def feature(monkeypatch):
-    """Feature whose network returns a given pose."""
-    monkeypatch.setattr(PoseNetwork, "load", classmethod(lambda cls: Told(np.zeros(6))))
-    return LearnedPose()
-
-
-def seen_at(feature, motion, pinhole):
-    feature._network = Told(motion)
+def seen(pinhole):
     image = np.zeros((pinhole.height, pinhole.width), np.uint8)
     return Observation(0.0, 0.0, True, "", pinhole, None, np.eye(4), image=image)
 
 
-def test_s_and_its_rate_are_those_of_the_poses_that_it_tells(feature, pinhole):
+def test_s_and_its_rate_are_those_of_the_poses_that_it_tells(answering, seen):
     at_goal, now = np.array([0.02, -0.01, 0.0, 0.1, 0.05, -0.1]), [0.3, -0.2, 0.1, 0.4, -0.3, 0.7]
-    goal = Goal.teach(FeatureScheme(feature), seen_at(feature, at_goal, pinhole), depth=0.6)
+    feature = answering(at_goal)
+    goal = Goal.teach(FeatureScheme(feature), seen, depth=0.6)
     feature.check(goal)
-    assert feature.measure(seen_at(feature, at_goal, pinhole), goal).s == pytest.approx(np.zeros(6))
+    assert feature.measure(seen, goal).s == pytest.approx(np.zeros(6))
 
     def at(pose):
-        return feature.measure(seen_at(feature, logarithm(pose), pinhole), goal)
+        return answering(logarithm(pose)).measure(seen, goal)
 
     found = at(exponential(now))
     g_T_c = inverse(exponential(at_goal)) @ exponential(now)
@@ -91,10 +88,9 @@ def test_s_and_its_rate_are_those_of_the_poses_that_it_tells(feature, pinhole):
     assert pytest.approx(rows, abs=1e-7) == found.L
 
 
-def test_a_goal_that_was_taught_for_others_is_refused(feature, pinhole):
-    goal = Goal.teach(None, seen_at(feature, np.zeros(6), pinhole), depth=0.6)
+def test_a_goal_that_was_taught_for_others_is_refused(answering, seen):
     with pytest.raises(ConfigurationError, match="contains no learned_pose: teach it again"):
-        feature.check(goal)
+        answering(np.zeros(6)).check(Goal.teach(None, seen, depth=0.6))
 
 
 def test_unseen_starts_converge():

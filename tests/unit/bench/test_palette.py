@@ -7,7 +7,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from aras_visual_servo_bench.plots import palette, style
+from aras_visual_servo_bench.plots import palette
 from aras_visual_servo_bench.plots.palette import (
     LIVE,
     LIVE_LIGHT,
@@ -17,7 +17,6 @@ from aras_visual_servo_bench.plots.palette import (
     contrast_ratio,
     to_rgb,
 )
-from aras_visual_servo_camera import overlay
 
 BENCH = Path(palette.__file__).parents[1]
 WHITE = "#ffffff"
@@ -64,10 +63,6 @@ def test_letters_on_a_map_can_be_read_on_each_of_its_colours(name):
         assert contrast_ratio(to_rgb(choose_text_colour(colour)), colour) >= 4.5
 
 
-def test_the_goal_is_the_overlays_blue():
-    assert tuple(round(255 * part) for part in to_rgb(LIVE["goal"])) == overlay._BLUE
-
-
 @pytest.mark.parametrize("path", [
     path for folder in ("images", "drawing", "web")
     for path in (BENCH / folder).rglob("*")
@@ -91,27 +86,3 @@ def test_what_the_page_asks_for_is_in_the_palette():
         asked |= set(re.findall(r'colour\("([\w-]+)"\)', script.read_text()))
     asked |= {f"curve-{i}" for i in range(8)}
     assert asked <= set(REPORT) and set(REPORT) == set(REPORT_DARK)
-
-
-@pytest.mark.parametrize("paper", [False, True])
-def test_panels_have_the_margins_that_are_asked_for(paper):
-    part = 0.66 if paper else 1.0
-    margins = style.Margins(0.5, 0.3, 0.4, 0.2, row_gap=0.6, column_gap=0.7)
-    with style.apply_style(paper):
-        figure, axes = style.make_axes(3, 1.5, 2, is_wide=True, margins=margins)
-        assert len(axes) == 3
-        assert [axis.get_visible() for axis in figure.axes] == [True, True, True, False]
-        width, height = figure.get_size_inches()
-        assert width == style.find_figure_width(is_wide=True)
-        left, right = axes[0].get_position(), axes[1].get_position()
-        below = axes[2].get_position()
-        found = (
-            left.x0 * width, (1.0 - right.x1) * width, (1.0 - left.y1) * height,
-            below.y0 * height, (left.y0 - below.y1) * height, (right.x0 - left.x1) * width,
-        )  # fmt: skip
-        assert found == pytest.approx([part * inches for inches in margins])
-        assert left.height * height == pytest.approx(part * 1.5)
-        figure, axes = style.make_axes(4, 2.0, 3, width=3.8)
-        size = (style.find_figure_width(), part * 4.0) if paper else (11.4, 4.0)
-        assert figure.get_size_inches() == pytest.approx(size) and len(axes) == 4
-    plt.close("all")

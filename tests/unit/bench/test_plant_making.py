@@ -2,7 +2,6 @@
 before it."""
 
 import dataclasses
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,14 +14,9 @@ from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.experiment import cameras
 from aras_visual_servo_bench.experiment.experiment import Experiment
-from aras_visual_servo_bench.plants import JointReading, ideal
-from aras_visual_servo_bench.plants.free_body import FreeBody
 from aras_visual_servo_bench.plants.imaging import capture
-from aras_visual_servo_bench.setup import assembly, dynamic_arm_setup
-from aras_visual_servo_bench.setup.assembly import make_plant
 from aras_visual_servo_bench.setup.dynamic_arm_setup import (
     find_mounted_targets,
-    make_dynamic_arm,
     take_first_images,
 )
 from aras_visual_servo_bench.setup.goal_teaching import needs_images, teach_goal
@@ -159,92 +153,7 @@ def test_a_camera_may_look_at_a_target_of_its_own():
 
 # -- what it is made of --------------------------------------------------------------------------
 
-
-@pytest.fixture
-def built(monkeypatch):
-    """Record the arguments with which plants would be made, by kind of plant."""
-    found = {}
-    for place, kind in ((dynamic_arm_setup, "DynamicArm"), (assembly, "FreeCamera"),
-                        (assembly, "KinematicArm"), (ideal, "IdealCamera")):
-        monkeypatch.setattr(place, kind, lambda *a, kind=kind, **k: found.update(
-            {kind: (a, k)}) or kind)
-    return found
-
-
 START = np.array([0.05, 0.0, -0.09, 0.045, 0.045, 0.1])
-
-
-def test_the_bullet_arm_is_given_all_that_was_asked(built):
-    made = context_of({"left": frozenset({Need.DEPTH, Need.MOMENTS})}, label="target", cameras=TWO,
-                 camera="original", seed=4, noise=1.5, record_peak_speeds=True, renderer="exact",
-                 sun={"exposure": "gazebo", "diffuse": 0.5},
-                 target={**FLAT, "occluder": ((0, 0), (0.01, 0.02)), "occluded": [[0.1, 0.2]]})
-    arm = made.robot.make_arm("left")
-    assert make_plant(made, arm, START) == "DynamicArm"
-    (robot, settings, joints, seed, renderer, traced, shown, sights, world, name, others, exposure,
-     label, followed), _ = built["DynamicArm"]
-    assert robot is made.robot and joints == dict(zip(arm.names, START.tolist(), strict=True))
-    assert (seed, renderer, traced, name, exposure, label) == (
-        4, "exact", True, "left", "gazebo", "target")
-    assert settings == {**EYE, "effects": {"noise_stddev": 1.5}, "depth": True,
-                        "segmentation": True}
-    assert others == {"right": {**EYE, "effects": {"noise_stddev": 1.5}}}
-    assert sights == () and followed is None and world.lights[0].diffuse[0] == 0.5
-    assert [(one.name, one.visible_times) for one in shown] == [
-        ("target_of_right", None), ("target", None), ("occluder", ((0.1, 0.2),))]
-    assert shown[2].offset == (0.0, 0.0, 5e-4) and shown[1].target is made.target
-    np.testing.assert_allclose(shown[0].target.pose, made.targets["right"].pose)
-    make_dynamic_arm(made, START, is_teaching=True)
-    (_, settings, *_, shown, _, _, _, others, _, _, _), _ = built["DynamicArm"]
-    assert settings == {**EYE, "effects": {}, "depth": True, "segmentation": True}
-    assert [one.name for one in shown] == ["target_of_right", "target"]
-
-
-def test_one_camera_is_the_robot_s_own_and_exact_features_are_seen(built):
-    made = context_of(features="exact", depth=True, camera={
-        **EYE, "effects": {"drop_probability": 0.1, "row_time": 1e-5},
-        "shake": {"xyz": [1e-3, 0, 0], "frequency": 9.0}})
-    make_plant(made, made.arm, START)
-    (_, settings, *_, sights, _, name, others, _, label, _), _ = built["DynamicArm"]
-    assert (name, others, label) == ("", {}, "") and [one.name for one in sights] == ["camera"]
-    assert settings["depth"] is True and "segmentation" not in settings
-    assert settings["effects"]["drop_probability"] == 0.1 and "shake" in settings
-    make_dynamic_arm(made, START, is_teaching=True)
-    _, settings, *_ = built["DynamicArm"][0]
-    assert settings["effects"] == {"row_time": 1e-5} and "shake" not in settings
-
-
-@pytest.mark.parametrize(("target", "more", "shown"), [
-    ({"shape": "aras"}, {}, [("target", (0.0, 0.0, 0.591))]),
-    ({"shape": ((0, 0), (0.1, 0), (0, 0.1))}, {}, []),
-    (FLAT, {"robot": {"target_frame": "camera_link"}}, []), (FLAT, {}, [("target", (0, 0, 0))]),
-])  # fmt: skip
-def test_what_the_robot_or_the_world_brings_is_not_put_there(built, target, more, shown):
-    made = context_of(target=target, **more)
-    make_plant(made, made.arm, START)
-    found = built["DynamicArm"][0][6]
-    assert [(one.name, one.offset) for one in found] == shown
-    if target["shape"] == "aras":
-        assert found[0].urdf.name == "aras.urdf"
-
-
-def test_other_plants_have_their_lag_seed_and_cameras(built):
-    for plant, kind in (("free", "FreeCamera"), ("chain", "KinematicArm")):
-        made = context_of({"left": MOMENTS}, plant=plant, cameras=TWO, camera="original", lag=0.07,
-                     seed=6)
-        assert make_plant(made, "arm", "start") == kind
-        (arm, start, sight), more = built[kind]
-        assert (arm, start, sight.name) == ("arm", "start", "left")
-        assert (more["lag"], more["seed"]) == (0.07, 6)
-        assert [one.name for one in more["other_imaging"]] == ["right"]
-    believed = {"xyz": [0.01, 0.02, 0.03], "rpy": [0.1, 0.2, 0.3]}
-    made = context_of(plant="ideal", calibration_offset=believed, seed=8)
-    make_plant(made, FreeBody(ABOVE), np.zeros(6))
-    (arm, body, start, sight, seed), _ = built["IdealCamera"]
-    np.testing.assert_allclose(
-        body.pose(np.zeros(6)), ABOVE @ matrix_from_xyz_rpy(*believed.values())
-    )
-    assert (sight.name, seed) == ("camera", 8) and arm.origin is not ABOVE
 
 
 def test_targets_that_the_arm_carries_are_put_onto_its_links():
@@ -265,42 +174,22 @@ def test_targets_that_the_arm_carries_are_put_onto_its_links():
         assert find_mounted_targets(Experiment.from_mapping({**given, **changed})) == {}
 
 
-class Filmed:
-    """Arm whose cameras deliver their images at these times, ns."""
-
-    def __init__(self, *given, **_):
-        self.given, self.told, self.time_ns = given, [], 0
-        world = SimpleNamespace(set_physics=lambda **physics: self.told.append(physics))
-        self.simulation = SimpleNamespace(world=world)
-
-    def advance(self, until_ns):
-        self.told.append(until_ns)
-        self.time_ns += 250_000_000
-        names = [name for name, at in self.times if at <= self.time_ns]
-        return [JointReading(1, (), (), ()), *(
-            Frame(self.time_ns, name=name) for name in names)]
-
-    def close(self):
-        self.told.append("closed")
-
-
-def test_a_goal_is_shown_by_the_first_picture_of_each_camera_that_is_read(monkeypatch):
-    made = context_of({"left": MOMENTS, "right": MOMENTS}, cameras={**TWO, "other": {"model": EYE}},
-                 camera="original")
-    plants = []
-    monkeypatch.setattr(dynamic_arm_setup, "DynamicArm",
-                        lambda *a, **k: plants.append(Filmed(*a, **k)) or plants[-1])
-    Filmed.times = (("left", 0), ("other", 0), ("right", 750_000_000))
-    joints = dict(zip(made.robot.make_arm("left").names, START.tolist(), strict=True))
-    found = take_first_images(made, START)
-    assert {name: one.stamp_ns for name, one in found.items()} == {
-        "left": 250_000_000, "right": 750_000_000}
-    assert plants[0].given[2] == joints
-    assert plants[0].told == [{"gravity": (0.0, 0.0, 0.0)}, *[1_000_000_000] * 3, "closed"]
-    Filmed.times = (("left", 0), ("right", 1_250_000_000))
+def test_a_goal_is_shown_by_the_first_picture_of_each_camera_that_is_read():
+    """By images without noise and without what covers the target later."""
+    eyes, found = {**TWO, "other": {"model": EYE}}, []
+    for more in ({}, {"noise": 20.0, "seed": 5, "target": {
+            **FLAT, "occluder": ((-0.1, -0.1), (0.1, 0.1)), "occluded": [[0.0, 9.0]]}}):
+        made = context_of({"left": MOMENTS, "right": MOMENTS}, cameras=eyes, camera="original",
+                          **more)  # fmt: skip
+        found.append(take_first_images(made, START))
+    for images in found:
+        assert list(images) == ["left", "right"] and images["left"].image.shape[:2] == (240, 320)
+        np.testing.assert_array_equal(images["left"].image, found[0]["left"].image)
+    assert found[0]["left"].image.min() < 60  # of the target
+    slow = {**TWO, "right": {"model": {**EYE, "update_rate": 0.5}}}
+    made = context_of({"left": MOMENTS, "right": MOMENTS}, cameras=slow, camera="original")
     with pytest.raises(ExperimentError, match="delivers no image within 1 s, so the goal"):
         take_first_images(made, START)
-    assert plants[1].told.count(1_000_000_000) == 4 and plants[1].told[-1] == "closed"
 
 
 # -- how goals are taught ------------------------------------------------------------------------
@@ -392,8 +281,8 @@ def test_runs_of_a_study_share_the_images_of_their_goals():
     sizes = []
     images = ByteLimitedCache(10**8, lambda frames: sizes.append(len(frames)) or 1)
     for run, count in enumerate((1, 1, 3)):  # the size of both is computed to add the second
-        parts = assembly.assemble(study.make_experiment(run), goal_images=images)
-        alone = assembly.assemble(study.make_experiment(run))
+        parts = assemble(study.make_experiment(run), goal_images=images)
+        alone = assemble(study.make_experiment(run))
         for made in (parts, alone):
             made.plant.close()
         assert parts.goal.features == alone.goal.features

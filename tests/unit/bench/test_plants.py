@@ -343,9 +343,8 @@ def test_the_noise_of_an_outline_lets_no_edges_cross(arm, sight):
     assert any(find_crossing(outline) is not None for outline in free)
 
 
-def test_joints_and_true_poses_are_those_of_the_joint_states_and_not_of_the_step_after():
+def test_joints_and_true_poses_are_those_of_the_joint_states_and_not_of_the_step_after(arm):
     loop = Loop(Experiment(), assemble(Experiment()))
-    loop.plant._compiled_controller = None  # all joint states are delivered
     heard = {}
     advance = loop.plant.advance
 
@@ -361,10 +360,11 @@ def test_joints_and_true_poses_are_those_of_the_joint_states_and_not_of_the_step
         loop.run_to_image()
     result, end = loop.make_run(), loop.plant.read_pose()
     loop.close()
-    assert list(heard) == result.joint_stamp.tolist()
-    for told, measured in zip(heard.values(), result.measured_positions, strict=True):
-        assert [told[name] for name in result.joint_names] == measured.tolist()
-    arm = loop.plant._arm
+    stamps = result.joint_stamp.tolist()
+    assert 0 < len(heard) < len(stamps)  # compiled code processes the others
+    for stamp, told in heard.items():
+        measured = result.measured_positions[stamps.index(stamp)].tolist()
+        assert [told[name] for name in result.joint_names] == measured
     for q, pose in zip(result.measured_positions, result.true_pose, strict=True):
         np.testing.assert_allclose(pose, arm.pose(q), atol=1e-9)
     # The physics has gone a step on since the last of them, and the verdict is of that.

@@ -10,19 +10,16 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pytest
-from PIL import Image
 
 from aras_sim_bridge import SimError, Simulation, load_description, load_world, populate
 from aras_visual_servo_bench import (
     BenchError,
-    Experiment,
     Study,
     load_run,
     predict_decay_rate,
     run,
     run_study,
     run_with_images,
-    save_figure,
 )
 
 EXAMPLES = Path(__file__).parents[3] / "docs" / "examples"
@@ -176,17 +173,6 @@ def test_an_experiment_is_loaded_by_its_file(tmp_path: Path) -> None:
     for wrong, said in (("two.yaml", "there is no file"), ("", "has no run.bag")):
         with pytest.raises(BenchError, match=said):
             load_run(tmp_path / wrong)
-
-
-def test_a_figure_is_drawn_by_its_name(tmp_path: Path) -> None:
-    done = run(Experiment.from_mapping(QUICK))
-    save_figure([done], "feature_errors", tmp_path / "errors.png")
-    with Image.open(tmp_path / "errors.png") as picture:
-        assert min(picture.size) > 200
-    with pytest.raises(BenchError, match="did you mean 'feature_errors'"):
-        save_figure([done], "feature_error", tmp_path / "errors.png")
-    with pytest.raises(BenchError, match="cannot write"):
-        save_figure([done], "feature_errors", tmp_path / "none" / "errors.png")
 
 
 def test_the_predicted_decay_is_the_gain_without_delay() -> None:

@@ -1,6 +1,8 @@
 """Remedies of runs are applied to their experiments and improve the runs."""
 
 import pickle
+import re
+from dataclasses import fields
 
 import numpy as np
 import pytest
@@ -9,12 +11,21 @@ from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.runner.loop import run
 from aras_visual_servo_bench.studies.remedies import apply_remedy
-from aras_visual_servo_controller.diagnosis.advice import suggest_gain
+from aras_visual_servo_controller.diagnosis.advice import (
+    suggest_faster_joints,
+    suggest_gain,
+    suggest_larger_target,
+    suggest_longer_watchdog,
+    suggest_more_time,
+    suggest_scheme,
+    suggest_wider_limits,
+)
 from aras_visual_servo_controller.diagnosis.evidence import combine_outcomes
 from aras_visual_servo_controller.laws.base import create_law
-from aras_visual_servo_controller.records.outcomes import Outcome
+from aras_visual_servo_controller.records.outcomes import REMEDIES, UNCOVER_TARGET, Outcome
 from aras_visual_servo_controller.records.remedy import Change, Remedy, multiply, remove, set_value
 from aras_visual_servo_controller.schemes.registry import create_scheme
+from aras_visual_servo_controller.settings import Settings
 
 CORNERS = [[-0.05, -0.04], [0.05, -0.05], [0.04, 0.05], [-0.03, 0.03]]
 BASE = {
@@ -38,10 +49,7 @@ def test_a_remedy_is_its_sentence_and_keeps_its_changes():
     assert made.changes == (Change("gain", "multiply", 0.12), Change("interaction", "set", "mean"))
     again = pickle.loads(pickle.dumps(made))
     assert again == made and again.changes == made.changes
-    assert (
-        str(Remedy("", remove("calibration_offset"))) == "remove calibration_offset"
-        and not Remedy()
-    )
+    assert not Remedy() and str(remove("calibration_offset")) == "remove calibration_offset"
     assert str(multiply("start", 0.5)) == "multiply the start's offset from the goal by 0.5"
     with pytest.raises(ValueError, match="operation 'add' is unknown; use one of set, mul"):
         Change("gain", "add", 1.0)
@@ -55,6 +63,28 @@ def test_a_remedy_is_made_of_a_text_and_of_changes():
     for arguments in (("slow", "slow"), (made,), (made, multiply("gain", 0.5))):
         with pytest.raises(TypeError, match="made of a text and of Changes"):
             Remedy(*arguments)
+
+
+@pytest.mark.parametrize("remedy", [
+    *REMEDIES.values(), UNCOVER_TARGET, suggest_larger_target(1.5), suggest_larger_target(9.0),
+    suggest_wider_limits(["lower"]), suggest_more_time(4.0, 9.0, 0.5),
+    suggest_gain(create_scheme("points"), 2.0, 1.0), suggest_gain(None, None, np.inf),
+    suggest_gain(create_scheme("points", create_law("adaptive", zero=4.0, infinity=1.0)), 2.0, 4.0),
+    suggest_faster_joints(Remedy("help")), suggest_longer_watchdog(0.4, 2.0, 4.0),
+    *(suggest_scheme(Outcome(kind), create_scheme(name))
+      for kind in ("singular", "camera_retreat", "local_minimum") for name in ("points", "pose")),
+])  # fmt: skip
+def test_the_text_names_only_keys_that_a_user_of_a_robot_can_set(remedy):
+    parameters = {field.name for field in fields(Settings)}
+    named = re.findall(r"\b(?:set|multiply|remove) (\S+)", remedy.removeprefix(remedy.advice))
+    assert {key.partition(".")[0] for key in named} - {"the"} <= parameters, remedy
+    assert len(named) == sum(change.operation != "remove" or change.key == "lower"
+                             for change in remedy.changes)  # fmt: skip
+
+
+@pytest.mark.parametrize("linear", [True, False])
+def test_a_loop_without_a_time_limit_is_not_told_to_lengthen_it(linear):
+    assert suggest_more_time(np.inf, 9.0, 0.5, linear).changes == ()
 
 
 def test_a_combined_remedy_is_the_whole_advice_with_the_changes_of_both():

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 from dataclasses import replace
-from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -13,26 +12,19 @@ from made_run import GOAL, made_run
 from scipy.spatial.transform import Rotation
 
 from aras_visual_servo_bench.drawing.shapes import compute_image_border, place_on_image_plane
-from aras_visual_servo_bench.experiment.cameras import CameraSetup, CameraSpec, make_camera_config
 from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.plots.palette import LIVE_CURVES, SCENE, to_rgb
 from aras_visual_servo_bench.recording import film as films
 from aras_visual_servo_bench.recording.film import make_image, with_images
 from aras_visual_servo_bench.recording.run import CameraRecord, pad_rows
 from aras_visual_servo_bench.recording.run_recorder import RunRecorder
+from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_bench.web.report.contents import make_contents
 from aras_visual_servo_camera.undistortion import CameraModel
-from aras_visual_servo_controller.kinematics import Arm
 from aras_visual_servo_controller.observation.frame import Frame
 from aras_visual_servo_controller.records.state import ServoState
 from aras_visual_servo_controller.schemes.base import SchemeOutput
 
-ARM = """<robot name="two"><link name="base"/><link name="cart"/><link name="hand"/>
-<joint name="slide" type="prismatic"><parent link="base"/><child link="cart"/><axis xyz="1 0 0"/>
-  <limit lower="-0.5" upper="0.7" effort="10" velocity="0.3"/></joint>
-<joint name="elbow" type="revolute"><parent link="cart"/><child link="hand"/>
-  <origin xyz="0 0.1 0.2"/><axis xyz="0 0 1"/>
-  <limit lower="-1.5" upper="2" effort="5" velocity="1.9"/></joint></robot>"""
 LEFT = CameraModel(64, 48, (50.0, 0, 30.0, 0, 44.0, 21.0, 0, 0, 1))
 WIDE = CameraModel(80, 40, (30.0, 0, 41.0, 0, 33.0, 19.0, 0, 0, 1))
 
@@ -44,60 +36,66 @@ def pose(number):
     return found
 
 
-def assembly(arm):
-    scheme = SimpleNamespace(units=("m", "", "rad"), tolerances=np.array([0.1, 0.2, 0.3]))
-    spec, late = CameraSpec(delay=0.05), {"latency": 0.02}
-    return SimpleNamespace(
-        servo=SimpleNamespace(scheme=scheme, arm=arm), target="target", goal="goal",
-        settings=SimpleNamespace(make_limits=lambda arm: SimpleNamespace(velocity=[0.3, 1.9])),
-        plant=SimpleNamespace(camera=LEFT),
-        rig=SimpleNamespace(control=SimpleNamespace(name="left")),
-        cameras={name: CameraSetup(name, spec, {}, late, make_camera_config(late), model, model)
-            for name, model in
-              (("left", LEFT), ("wide", WIDE), ("blind", LEFT))},
-    )  # fmt: skip
+EYE = {"width": 64, "height": 48,
+       "camera_matrix": {"fx": 50.0, "fy": 44.0, "cx": 30.0, "cy": 21.0}}  # fmt: skip
+EXPERIMENT = {
+    "plant": "chain", "features": "exact", "gain": 3.0, "scheme": "moments@left",
+    "camera": "original", "target": {"shape": "square", "size": [0.05, 0.05], "pose": [
+        0.0, 0.0, 0.591, 0.0, 0.0, 0.3]},
+    "cameras": {"left": {"model": EYE}, "blind": {"model": EYE},
+                "wide": {"model": {**EYE, "latency": 0.02}, "delay": 0.05}},
+}  # fmt: skip
 
 
-def recorded(arm, phases=("approaching", "servoing", "servoing"), filmed=True,
-             names=("yg", "an", "xg")):  # fmt: skip
-    recorder = RunRecorder(2, filmed)
+@pytest.fixture(scope="module")
+def parts():
+    return assemble(Experiment.from_mapping(EXPERIMENT))
+
+
+def recorded(parts, phases=("approaching", "servoing", "servoing"), filmed=True,
+             names=("yg", "an", "xg", "alpha")):  # fmt: skip
+    """Run of made states, of five joint states, and of two images of the camera `wide`."""
+    count = len(parts.plant.joint_names)
+    recorder = RunRecorder(count, filmed)
     for i, phase in enumerate(phases):
-        decision = SchemeOutput(names, *np.arange(9.0 * i, 9.0 * i + 9).reshape(3, 3))
+        decision = SchemeOutput(names, *np.arange(12.0 * i, 12.0 * i + 12).reshape(3, 4))
         recorder.add_state(ServoState(1.5 + i, phase, scheme_output=decision), pose(i))
     for i in range(5):
         if i == 2:
-            recorder.on_command(np.array([0.7, 0.8]))
-        recorder.on_joints(1.0 + 0.5 * i, np.array([0.1 * i, -0.2]), np.array([0.3, 0.4 + i]))
+            recorder.on_command(np.full(count, 0.7))
+        recorder.on_joints(1.0 + 0.5 * i, np.full(count, 0.1 * i), np.full(count, 0.3 + i))
     for i in range(2):
         image = np.full((40, 80, 3), (200, 100 * i, 10), np.uint8)
         recorder.add_image(Frame(round(1.2e9 + 1e8 * i), image, "bgr8", name="wide"),
                      pose(7 + i), WIDE)  # fmt: skip
-    plant = SimpleNamespace(compute_rest_poses=lambda q: np.array([pose(10 * row[0]) for row in q]))
-    end = {"joint_names": ("slide", "elbow"), "goal_pose": GOAL, "outcome": "converged",
-           "reason": "", "remedy": "", "verdict": None}  # fmt: skip
-    return recorder.make_run(plant, Experiment(plant="chain", gain=3.0), assembly(arm), **end)
+    return recorder.make_run(
+        parts.plant, Experiment.from_mapping(EXPERIMENT), parts,
+        joint_names=parts.plant.joint_names, goal_pose=GOAL, outcome="converged",
+        reason="", remedy="", verdict=None)
 
 
-def test_a_recorder_keeps_what_it_is_told_from_where_servoing_began():
-    arm = Arm.from_urdf(ARM, "hand")
-    run = recorded(arm)
+def test_a_recorder_keeps_what_it_is_told_from_where_servoing_began(parts):
+    run, arm, count = recorded(parts), parts.servo.arm, len(parts.plant.joint_names)
     assert [state.stamp for state in run.states] == [2.5, 3.5]
     np.testing.assert_array_equal(run.pose, [pose(1), pose(2)])
     np.testing.assert_allclose(run.joint_stamp, [1.0, 1.5, 2.0, 2.5, 3.0])
-    np.testing.assert_allclose(run.measured_positions, [[0.1 * i, -0.2] for i in range(5)])
-    np.testing.assert_allclose(run.measured_velocities, [[0.3, 0.4 + i] for i in range(5)])
-    nan = np.nan
-    np.testing.assert_array_equal(run.joint_commands, [[nan, nan]] * 2 + [[0.7, 0.8]] * 3)
-    np.testing.assert_allclose(run.true_pose, [pose(i) for i in range(5)])
-    assert run.units == ("m", "", "rad") and run.tolerances == (0.1, 0.2, 0.3)
-    np.testing.assert_allclose(run.position_limits, [[-0.5, -1.5], [0.7, 2.0]])
-    assert run.joint_units == ("m", "rad") and list(run.speed_limits) == [0.3, 1.9]
-    np.testing.assert_array_equal(run.centres, [[11.0, 9.0], [20.0, 18.0]])  # xg, yg
-    assert (run.target, run.goal, run.outcome) == ("target", "goal", "converged")
+    np.testing.assert_allclose(run.measured_positions, [[0.1 * i] * count for i in range(5)])
+    np.testing.assert_allclose(run.measured_velocities, [[0.3 + i] * count for i in range(5)])
+    np.testing.assert_array_equal(
+        run.joint_commands, [[np.nan] * count] * 2 + [[0.7] * count] * 3)
+    for i in range(5):
+        np.testing.assert_allclose(run.true_pose[i], arm.pose(np.full(count, 0.1 * i)), atol=1e-9)
+    scheme = parts.servo.scheme
+    assert run.units == tuple(scheme.units) and run.tolerances == tuple(scheme.tolerances)
+    np.testing.assert_allclose(run.position_limits, [arm.lower, arm.upper])
+    assert run.joint_units == tuple("m" if slides else "rad" for slides in arm.is_prismatic)
+    assert list(run.speed_limits) == list(parts.settings.make_limits(arm).velocity)
+    np.testing.assert_array_equal(run.centres, [[14.0, 12.0], [26.0, 24.0]])  # xg, yg
+    assert (run.target, run.goal, run.outcome) == (parts.target, parts.goal, "converged")
     assert run.settings["gain"] == "3" and run.experiment.gain == 3.0
-    assert list(run.cameras) == ["left", "wide", "blind"]
-    left, wide, blind = run.cameras.values()
-    assert left.model is LEFT and wide.model is WIDE
+    assert list(run.cameras) == list(parts.cameras) and len(run.cameras) == 3
+    left, wide, blind = (run.cameras[name] for name in ("left", "wide", "blind"))
+    assert left.model is parts.plant.camera and wide.model is parts.cameras["wide"].true_camera
     assert left.stamp.tolist() == left.arrival.tolist() == [2.5, 3.5]
     np.testing.assert_array_equal(left.pose, run.pose)
     np.testing.assert_allclose(wide.stamp, [1.2, 1.3])
@@ -107,14 +105,13 @@ def test_a_recorder_keeps_what_it_is_told_from_where_servoing_began():
     assert [stamp for stamp, _ in wide.film] == wide.stamp.tolist()
     shown = cv2.imdecode(np.frombuffer(wide.film[1][1], np.uint8), cv2.IMREAD_COLOR)  # bgr
     assert shown.shape == (40, 80, 3) and np.abs(shown[20, 40] - [200.0, 100.0, 10.0]).max() < 9
-    assert recorded(arm, filmed=False).cameras["wide"].film == ()
-    whole = recorded(SimpleNamespace(), ("servoing",) * 3)
-    assert len(whole.states) == 3 and whole.joint_units == () and len(whole.speed_limits) == 0
-    assert [side.size for side in whole.position_limits] == [0, 0]
-    for names in (("yg", "an", "x"), ("y", "an", "xg")):
-        assert recorded(arm, names=names).centres.shape == (0, 2)
-    late = recorded(arm, ("servoing", "approaching", "servoing"))
+    assert recorded(parts, filmed=False).cameras["wide"].film == ()
+    for names in (("yg", "an", "x", "a"), ("y", "an", "xg", "a")):
+        assert recorded(parts, names=names).centres.shape == (0, 2)
+    late = recorded(parts, ("servoing", "approaching", "servoing"))
     assert [state.stamp for state in late.states] == [3.5]
+    free = recorded(assemble(Experiment.from_mapping({**EXPERIMENT, "plant": "free"})))
+    assert free.joint_units == () and len(free.speed_limits) == 0
 
 
 def test_a_picture_is_rgb_whatever_the_camera_delivers():
@@ -134,15 +131,15 @@ def test_a_picture_is_rgb_whatever_the_camera_delivers():
     assert np.abs(dark.max(axis=0) - [30, 40]).max() <= 1
 
 
-def test_pictures_are_those_of_the_control_camera():
-    run = recorded(Arm.from_urdf(ARM, "hand"))
+def test_pictures_are_those_of_the_control_camera(parts):
+    run = recorded(parts)
     kept = [(2.5, np.zeros((4, 4, 3))), (3.5, np.ones((4, 4, 3)))]
     found = with_images(run, kept, ((2.5, b"jpeg"),))
     assert list(found.cameras) == list(run.cameras)
-    assert found.control_record.images == tuple(kept) and found.control_record.film == (
-        (2.5, b"jpeg"),
-    )
-    assert found.control_record.model is LEFT and found.cameras["wide"] is run.cameras["wide"]
+    assert found.control_record.images == tuple(kept)
+    assert found.control_record.film == ((2.5, b"jpeg"),)
+    assert found.control_record.model is parts.plant.camera
+    assert found.cameras["wide"] is run.cameras["wide"]
     for stamp, number in ((0.0, 0), (2.9, 0), (3.1, 1), (9.0, 1)):
         assert found.control_record.find_nearest_image(stamp) is kept[number][1]
     assert run.control_record.find_nearest_image(0.0) is None
@@ -153,7 +150,7 @@ def test_pictures_are_those_of_the_control_camera():
     assert pad_rows([]).shape == (0, 0)
 
 
-def test_a_film_s_frames_are_as_large_as_its_bytes_allow(monkeypatch):
+def test_a_film_s_frames_are_as_large_as_its_bytes_allow():
     shape = (960, 1280, 3)
     calm = [(float(i), np.full(shape, 40 * i, np.uint8)) for i in range(3)]
     frames = films.encode_film(calm, 3)
@@ -162,19 +159,12 @@ def test_a_film_s_frames_are_as_large_as_its_bytes_allow(monkeypatch):
     assert [one.shape for one in shown] == [(480, 640, 3)] * 3
     assert [round(float(one.mean())) for one in shown] == [0, 40, 80]
     noise = np.random.default_rng(0).integers(0, 255, shape, np.uint8)
-    room = 3 * len(films._encode_jpeg(noise, 400, 65)) + 10
-    monkeypatch.setattr(films, "MAX_BYTES", room)
-    frames = films.encode_film([(0.0, noise), (1.0, noise), (2.0, calm[0][1])], 3)
-    sides = [cv2.imdecode(np.frombuffer(jpeg, np.uint8), 1).shape[1] for _, jpeg in frames]
-    assert sides == [400, 400, 400]  # none is larger than one before
-    for side, quality in ((640, 85), (480, 75), (400, 65), (320, 50), (240, 40), (160, 30)):
-        small = cv2.resize(noise, (side, side * 3 // 4), interpolation=cv2.INTER_AREA)
-        jpeg = cv2.imencode(".jpg", small[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
-        monkeypatch.setattr(films, "MAX_BYTES", len(jpeg))  # and no byte more
-        assert films.encode_film([(0.0, noise)], 1)[0][1] == jpeg.tobytes()
-    monkeypatch.setattr(films, "MAX_BYTES", 1)
-    ((_, jpeg),) = films.encode_film([(0.0, noise)], 1)  # the smallest, where even that is too much
-    assert cv2.imdecode(np.frombuffer(jpeg, np.uint8), 1).shape == (120, 160, 3)
+    frames = films.encode_film([(0.0, noise), *((1.0 + i, calm[0][1]) for i in range(299))], 300)
+    sides = {cv2.imdecode(np.frombuffer(jpeg, np.uint8), 1).shape[1] for _, jpeg in frames}
+    assert len(sides) == 1 and sides < {480, 400, 320, 240, 160}  # none is larger than one before
+    assert len(frames[0][1]) <= films.MAX_BYTES / 300
+    ((_, jpeg),) = films.encode_film([(0.0, noise)], 1)
+    assert cv2.imdecode(np.frombuffer(jpeg, np.uint8), 1).shape == (480, 640, 3)
     stamps = np.array([0.9, 1.0 - 1e-7, 1.5, 2.0, 4.0, 8.0, 9.0])
     assert films.select_frames(stamps, 1.0).tolist() == stamps[1:].tolist()
     assert films.select_frames(stamps, 1.0, 3).tolist() == [stamps[1], 2.0, 9.0]  # halves are even

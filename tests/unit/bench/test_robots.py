@@ -11,7 +11,6 @@ from aras_sim_bridge.description import parse_cameras, parse_urdf
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy, optical_pose, relative_pose
 from aras_visual_servo_bench import Experiment, run
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.experiment import packages
 from aras_visual_servo_bench.experiment.added_links import MountedTarget
 from aras_visual_servo_bench.experiment.cameras import CalibrationOffset, CameraSpec, HandEyeSpec
 from aras_visual_servo_bench.experiment.packages import PackagePath
@@ -306,19 +305,12 @@ def test_packages_are_looked_for_where_it_is_said_then_here_then_as_ros_does(tmp
     assert shipped.endswith("src/aras_visual_servo_bench")
     ours = package(tmp_path / "c", "aras_visual_servo_bench")
     assert PackagePath([tmp_path / "c"]).find("aras_visual_servo_bench") == str(ours)
-    monkeypatch.setattr(packages, "_SHARE", tmp_path / "a")
+    monkeypatch.setenv("ROS_PACKAGE_PATH", str(tmp_path / "a"))
     assert PackagePath().find("mine") == str(own)
-    monkeypatch.setattr(
-        "aras_sim_bridge.description.packages.find_package", lambda name: f"ros/{name}"
-    )
-    assert PackagePath().find("none") == "ros/none"
-    monkeypatch.undo()
     monkeypatch.setenv("ROS_PACKAGE_PATH", "")
-    with pytest.raises(ExperimentError) as told:
+    with pytest.raises(ExperimentError, match=f"package 'none' is neither in {tmp_path}/a, /.* nor "
+                       "in ROS_PACKAGE_PATH: add its folder to robot.search"):  # fmt: skip
         PackagePath([tmp_path / "a"]).find("none")
-    assert str(told.value) == (
-        f"package 'none' is neither in {tmp_path / 'a'}, {packages._SOURCES} nor in "
-        "ROS_PACKAGE_PATH: add its folder to robot.search")
     monkeypatch.setenv("HOME", str(tmp_path))
     assert PackagePath(["~/a"]).find("mine") == str(own)
 

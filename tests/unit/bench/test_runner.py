@@ -18,7 +18,7 @@ from aras_visual_servo_bench.experiment.experiment import (
 from aras_visual_servo_bench.plants.imaging import capture
 from aras_visual_servo_bench.runner.loop import Loop, assemble, run
 from aras_visual_servo_bench.setup.assembly import check
-from aras_visual_servo_bench.setup.sampling import POSE_TOLERANCE, _wrap_into_limits
+from aras_visual_servo_bench.setup.sampling import POSE_TOLERANCE
 from aras_visual_servo_bench.targets.geometry import Motion
 from aras_visual_servo_controller.errors import MeasurementError
 from aras_visual_servo_controller.features import Feature
@@ -270,13 +270,6 @@ def test_an_arm_without_roll_begins_at_every_heading():
         headings.append(np.degrees(np.arctan2(turned[1, 0], turned[0, 0])))
         np.testing.assert_allclose(chain, free, atol=2 * POSE_TOLERANCE)
     assert np.histogram(headings, bins=4, range=(-180, 180))[0].min() >= 2
-
-
-@pytest.mark.parametrize(
-    ("angle", "within"), [(1.0, 1.0), (3.5, 3.5 - 2 * np.pi), (-3.5, 2 * np.pi - 3.5), (3.0, 2.9)]
-)
-def test_a_joint_is_turned_the_other_way_round_where_a_limit_is(angle, within):
-    assert _wrap_into_limits(angle, -2.9, 2.9) == pytest.approx(within)
 
 
 def test_starts_in_every_form_are_one():

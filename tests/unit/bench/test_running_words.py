@@ -1,37 +1,19 @@
 """`bench run` and `resume`, and their workers: execution, output and stored results."""
 
-import argparse
 import json
+import os
 import re
-from types import SimpleNamespace
 
 import pytest
 import yaml
 
-from aras_visual_servo_bench.cli import analyze, main, run, run_file
-from aras_visual_servo_bench.errors import StudyError
-from aras_visual_servo_bench.plots import study_figures
-from aras_visual_servo_bench.studies import replay
+from aras_visual_servo_bench.cli import main
+from aras_visual_servo_bench.studies import tables
+from aras_visual_servo_bench.studies.results import Results
 from aras_visual_servo_bench.studies.study import Study
+from aras_visual_servo_bench.studies.study_folder import StudyFolder
 
 STUDY = "experiment: {plant: free}\nrepeats: 3\nvary: {gain: [1.0, 2.0]}\n"
-
-
-@pytest.fixture
-def calls(monkeypatch):
-    """List of the calls of stubs; `stub(place, name, answer)` installs a stub."""
-    found = []
-
-    def stub(place, name, answer=None):
-        def called(*given, **more):
-            found.append((name, *given, *more.values()))
-            if isinstance(answer, BaseException):
-                raise answer
-            return answer
-        monkeypatch.setattr(place, name, called)
-
-    stub.found = found
-    return stub
 
 
 @pytest.fixture
@@ -41,62 +23,46 @@ def study(tmp_path):
     return path
 
 
-def options(**changed):
-    return argparse.Namespace(**{
-        "workers": 0, "renew": None, "in_process": False, "scheduler": "", "cluster": "",
-        "mix": False, "fail_fast": False, "no_report": False, **changed})  # fmt: skip
-
-
-def test_workers_are_where_the_options_say(calls):
-    calls(run, "DaskPool", "dask")
-    assert run.make_pool(options(workers=3)) == "dask"
-    assert run.make_pool(options(scheduler="tcp", renew=7)) == "dask"
-    assert run.make_pool(options(cluster="c.yaml", renew=5)) == "dask"
-    assert calls.found == [("DaskPool", 3, "", "", 500), ("DaskPool", 0, "tcp", "", 7),
-                           ("DaskPool", 0, "", "c.yaml", 5)]  # fmt: skip
-    assert isinstance(run.make_pool(options(in_process=True)), run.InProcessPool)
-    for wrong, why in (({"workers": -1}, "--workers must be 0 or more, and --renew 1 or more"),
-                       ({"renew": 0}, "--renew 1 or more"),
-                       ({"in_process": True, "scheduler": "s"},
-                        "use only one of --in-process, --sched"),
-                       ({"scheduler": "s", "cluster": "c"}, "use only one of"),
-                       ({"in_process": True, "cluster": "c"}, "use only one of"),
-                       ({"in_process": True, "workers": 2}, "--in-process starts no workers"),
-                       ({"in_process": True, "renew": 7}, "leave out --workers and --renew"),
-                       ({"scheduler": "s", "workers": 2}, "leave out --workers"),
-                       ({"cluster": "c", "workers": 2}, "leave out --workers")):
-        with pytest.raises(StudyError, match=why):
-            run.make_pool(options(**wrong))
+@pytest.mark.parametrize(("words", "why"), [
+    (["--workers", "-1"], "--workers must be 0 or more, and --renew 1 or more"),
+    (["--renew", "0"], "--renew 1 or more"),
+    (["--in-process", "--scheduler", "s"], "use only one of --in-process, --sched"),
+    (["--scheduler", "s", "--cluster", "c"], "use only one of"),
+    (["--in-process", "--cluster", "c"], "use only one of"),
+    (["--in-process", "--workers", "2"], "--in-process starts no workers"),
+    (["--in-process", "--renew", "7"], "leave out --workers and --renew"),
+    (["--scheduler", "s", "--workers", "2"], "leave out --workers"),
+    (["--cluster", "c", "--workers", "2"], "leave out --workers"),
+    (["--scheduler", "nowhere"], "no scheduler answers at nowhere"),
+    (["--cluster", "none.yaml", "--renew", "5"], "none.yaml"),
+])  # fmt: skip
+def test_workers_are_where_the_options_say(words, why, study, tmp_path, capsys):
+    assert main(["run", str(study), "--out", str(tmp_path / "o"), *words]) == 1
+    assert why in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(("more", "cores", "workers"), [
-    ([], 6, 6), ([], None, 1), (["--workers", "3"], 6, 3), (["--in-process"], 6, 1)])
-def test_a_dry_run_says_what_would_be_done(calls, study, capsys, monkeypatch, more, cores, workers):
-    calls(run.engine, "dry_run", ["6 runs", "an hour"])
-    calls(run.images, "check_room", "takes 3 MB")
-    calls(run, "count_stored_runs", 2)
-    monkeypatch.setattr(run.os, "cpu_count", lambda: cores)
-    assert main(["run", str(study), "--dry-run", "--out", "there", *more]) == 0
-    kept, room, (_, asked, count) = calls.found
-    assert str(kept[1]) == str(room[2]) == "there" and room[3] == 2 and room[1] is asked
-    assert (asked.run_count, count) == (6, workers)
-    assert capsys.readouterr().out == "takes 3 MB\n6 runs\nan hour\n"
-    calls(run.images, "check_room", "")
-    assert main(["run", str(study), "--dry-run"]) == 0
-    assert capsys.readouterr().out == "6 runs\nan hour\n" and str(calls.found[3][1]) == "."
+    ([], 6, "6 cores"), ([], None, "1 core"), (["--workers", "3"], 6, "3 cores"),
+    (["--in-process"], 6, "1 core")])
+def test_a_dry_run_says_what_would_be_done(study, tmp_path, capsys, monkeypatch, more, cores,
+                                           workers):  # fmt: skip
+    monkeypatch.setattr(os, "cpu_count", lambda: cores)
+    out = tmp_path / "there"
+    assert main(["run", str(study), "duration=0.1", "--dry-run", "--out", str(out), *more]) == 0
+    first, second, *_ = capsys.readouterr().out.splitlines()
+    assert first.startswith("6 runs: 2 points, 3 of each") and f" on {workers}: a run" in second
+    assert not out.exists()
 
 
-def test_a_study_is_made_of_its_file_or_of_what_the_words_change(calls, study, tmp_path, capsys,
-                                                                  monkeypatch):
-    monkeypatch.setattr(run.StudyFolder, "create", lambda *given: given)
-    calls(run, "carry_out", 7)
-    assert main(["run", str(study), "--out", str(tmp_path / "o")]) == 7
-    ((_, (folder, made, text), given),) = calls.found
-    assert (folder, text, made.repeats) == (tmp_path / "o", STUDY, 3) and not given.mix
-    assert main(["run", str(study), "repeats=5", "--out", str(tmp_path / "o")]) == 7
-    (_, (_, made, text), _) = calls.found[1]
-    assert made.repeats == 5 and Study.from_mapping(yaml.safe_load(text)).digest == made.digest
-    assert list(yaml.safe_load(text)) == list(made.to_mapping())
+def test_a_study_is_made_of_its_file_or_of_what_the_words_change(study, tmp_path, capsys):
+    words = ["--in-process", "--no-report"]
+    for name, more, repeats in (("o", ["gain=3.0"], 3), ("p", ["repeats=1", "gain=3.0"], 1)):
+        out = tmp_path / name
+        assert main(["run", str(study), "duration=0.1", *more, "--out", str(out), *words]) == 0
+        made, text = StudyFolder.open(out).study, (out / "study.yaml").read_text()
+        assert made.repeats == repeats
+        assert Study.from_mapping(yaml.safe_load(text)).digest == made.digest
+        assert list(yaml.safe_load(text)) == list(made.to_mapping())
     assert main(["run", str(study)]) == 1
     assert "give an output folder by --out DIR, or use --dry-run" in capsys.readouterr().err
     assert main(["run", str(tmp_path / "none.yaml"), "--out", "o"]) == 1
@@ -133,6 +99,7 @@ def forget(folder, *chunks):
 
 def test_what_is_missing_is_run_and_reported(tiny, capsys):
     assert tiny("--no-report") == 0
+    assert (tiny.path / "study.yaml").read_text() == TINY
     said, shown = capsys.readouterr()
     assert re.fullmatch(f"6 of 6 runs in {tiny.path}, 6 new runs without success, .* s\n", said)
     assert "6/6 runs" in shown and not (tiny.path / "table.md").exists()
@@ -155,7 +122,7 @@ def test_a_run_without_success_stops_it(tiny, capsys):
     assert tiny("--fail-fast") == 1
     last = capsys.readouterr().out.splitlines()[-1]
     assert last.startswith(
-        "stopped after run 0, which ended with timed_out (not at the goal after 0.1 s); ")
+        "stopped after run 0, which ended with timed_out (not converged after 0.1 s); ")
     assert last.endswith(f"; repeat it with rosrun aras_visual_servo_bench bench show {tiny.path} "
                          "0")
 
@@ -165,6 +132,7 @@ def test_a_study_that_is_whole_is_finished(tiny, capsys):
     whole = (tiny.path / "manifest.json").read_text()
     capsys.readouterr()
     assert tiny("--no-report") == 0
+    assert (tiny.path / "study.yaml").read_text() == TINY
     said, shown = capsys.readouterr()
     assert said == f"all 6 runs are in {tiny.path}\n" and not shown
     assert (tiny.path / "manifest.json").read_text() == whole
@@ -222,47 +190,30 @@ def test_resuming_checks_the_study_s_file(tiny, capsys):
     assert "has another study: repeats was 3, is 4" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("rows", "names", "shown"), [
-    (40, ("settled", "final_distance", "other"), True), (41, ("settled",), False),
-    (3, ("other",), False)])
-def test_a_report_is_a_table_and_pictures(calls, tmp_path, capsys, monkeypatch, rows, names, shown):
-    results = SimpleNamespace(study=SimpleNamespace(metric_names=names))
-    monkeypatch.setattr(run.Results, "read", lambda path: results)
-    calls(run.tables, "make_table", SimpleNamespace(rows=[0] * rows))
-    calls(run.tables, "format_table", "| a |\n")
-    calls(study_figures, "write_figures", ["a.png", "b.png"])
-    run._write_report(tmp_path)
-    assert (tmp_path / "table.md").read_text() == "| a |\n"
-    told = [name for name in names if name != "other"]
-    assert [call for call in calls.found if call[0] == "make_table"] == [
-        ("make_table", [results]), *([("make_table", [results], told)] if told else [])]
-    assert {call[2] for call in calls.found if call[0] == "format_table"} == {"md"}
-    assert calls.found[-1] == ("write_figures", [results], tmp_path / "plots", [tmp_path])
-    assert capsys.readouterr().out == ("\n| a |\n\n" if shown else "") + (
-        f"{tmp_path / 'table.md'} has all metrics; figures: a.png, b.png\n"
-        f"rosrun aras_visual_servo_bench bench browse {tmp_path} shows the runs and their reports "
-        "in a browser\n")
+@pytest.mark.parametrize(("changes", "shown"), [
+    ([], True), (["vary={gain: {uniform: [1.0, 2.0]}}"], True), (["metrics=[success]"], False),
+])  # fmt: skip
+def test_a_report_is_a_table_and_pictures(tiny, capsys, changes, shown):
+    """A short table of the main metrics is printed, where the study has one of them."""
+    assert tiny("metrics=[success, final_distance]", *changes) == 0
+    said, found = capsys.readouterr().out, [Results.read(tiny.path)]
+    table = tables.format_table(tables.make_table(found), "md")
+    assert (tiny.path / "table.md").read_text() == table
+    assert ("final_distance" in said.partition("table.md has")[0]) is shown
+    (drawn,) = re.findall(rf"^{tiny.path}/table.md has all metrics; figures: (.*)$", said, re.M)
+    assert {*drawn.split(", ")} == {str(path) for path in (tiny.path / "plots").iterdir()}
+    assert said.endswith(f"\nrosrun aras_visual_servo_bench bench browse {tiny.path} shows the "
+                         "runs and their reports in a browser\n")  # fmt: skip
 
 
-@pytest.mark.parametrize(("words", "name", "source", "out"), [
-    ([], "demo", "", None), (["--out", "o"], "demo", "", "o"), (["FILE", "--out", "o"], "one", "F",
-     "o"), (["FILE", "--out", "o", "--no-report"], "one", "F", None)])
-def test_an_experiment_is_run_once(calls, tmp_path, monkeypatch, words, name, source, out):
-    path = tmp_path / "one.yaml"
-    path.write_text("plant: free\nduration: 1.0\n")
-    words = [str(path) if word == "FILE" else word for word in words]
-    done, ran = SimpleNamespace(name=""), []
-    monkeypatch.setattr(run_file.loop, "run", lambda asked: ran.append(asked) or done)
-    calls(replay, "run_with_images", done)
-    calls(analyze, "write_reports")
-    assert main(["run", *words, "gain=2.5"]) == 0
-    assert calls.found[-1] == ("write_reports", [done], None if out is None else run.Path(out))
-    asked = ran[0] if out is None else calls.found[0][1]
-    assert asked.gain == 2.5 and (asked.plant == "free") is bool(source)
-    if out is None:
-        assert done.name == name
-    else:
-        assert calls.found[0][2:4] == (name, str(path) if source else "")
+def test_a_long_table_is_not_printed(tiny, capsys):
+    gains = [round(1.0 + 0.1 * n, 1) for n in range(41)]
+    for count, shown in ((40, True), (41, False)):
+        path = tiny.path.with_name(str(count))
+        words = [f"vary={{gain: {gains[:count]}}}", "repeats=1", "chunk=50", "duration=0.05",
+                 "metrics=[success, final_distance]", "--out", str(path), "--in-process"]
+        assert main(["run", str(tiny.path.with_suffix(".yaml")), *words]) == 0
+        assert ("| 2.1 |" in capsys.readouterr().out) is shown
 
 
 def test_what_belongs_to_studies_is_refused_of_an_experiment(tmp_path, capsys):

@@ -150,17 +150,6 @@ def test_a_pose_is_found_to_a_tenth_of_a_millimetre_and_within_limits():
     assert looked_for(edge)[5] == 0.6
 
 
-def test_steps_are_damped_and_of_half_a_unit_at_most():
-    """J = s I: a step is e s / (s^2 + d^2), with d = 1e-3."""
-    for off, slope, step in ((5e-4, 2e-3, 0.2), (0.09, 2e-3, 0.5), (-0.09, 2e-3, -0.5)):
-        body = Stuck(off, slope)
-        with pytest.raises(ExperimentError):
-            looked_for(body)
-        moved = np.diff(body.asked[:12], axis=0)
-        np.testing.assert_allclose(moved[:, 0], step, rtol=1e-9)
-        np.testing.assert_allclose(moved[:, 1:], 0.0, atol=1e-12)
-
-
 def test_why_no_start_was_found_is_counted():
     body, sampler = FreeBody(GOAL), Sampler(height=(0.25, 0.25), side=0.0, attempts=3)
     given = (sampler, body, GOAL, np.zeros(6), PLACED, CAMERA, 3)

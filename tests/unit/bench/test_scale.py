@@ -12,7 +12,7 @@ from aras_visual_servo_controller.schemes import SCHEMES, create_scheme
 
 ARM = Path(__file__).parents[3] / "docs" / "examples" / "my_arm.urdf"
 CORNERS = np.array([[-0.09, -0.08], [-0.1, 0.09], [0.1, 0.1], [0.07, -0.1]])
-SCALES = (0.3, 3.0, 10.0)
+SCALES = (0.3, 10.0)
 CAMERA = {"width": 320, "height": 240, "horizontal_fov": 1.05}
 SMALL = {"width": 160, "height": 120, "horizontal_fov": 1.05}  # of pictures
 # Of one camera, two, or the pose of a mesh.

@@ -8,6 +8,7 @@ import pytest
 
 from aras_sim_bridge.camera.effects import AutoExposure, Effects
 from aras_sim_bridge.camera.shutter import RowBand, make_row_bands
+from aras_sim_bridge.camera.vibration import Vibration
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_base.settings import convert
 from aras_visual_servo_bench.experiment import cameras
@@ -32,6 +33,8 @@ MOVES = Motion(velocity=(0.1, 0.0, 0.0, 0.0, 0.0, 0.0))
 SIGHT = ImagingSettings(
     CAMERA, PlacedTarget(SHAPE, matrix_from_xyz_rpy((0.0, 0.0, 0.1), (0.0, 0.0, 0.3)), MOVES)
 )
+SHAKE = Vibration(cameras.make_camera_config(
+    {"shake": {"xyz": [0.02, 0.01, 0.01], "rpy": [0.01, 0.02, 0.03], "frequency": 20.0}}).shake, 3)
 POSE = matrix_from_xyz_rpy((0.03, 0.02, 1.1), (np.pi - 0.2, 0.1, 0.2))
 STAMP = 500_000_000
 
@@ -59,13 +62,11 @@ def test_exact_features_are_where_the_target_is_at_the_stamp():
     np.testing.assert_allclose(found.points, exactly(POSE), atol=1e-9)
     np.testing.assert_array_equal(found.points, found.outline)
     place = CameraPlacement(matrix_from_xyz_rpy((0.1, 0.05, 0.0), (0.0, 0.1, 0.3)))
-    shaken = SimpleNamespace(
-        compute_pose=lambda ns: matrix_from_xyz_rpy((ns * 1e-11, 0, 0), (0, 0, 0))
-    )
     beside = capture(
-        replace(SIGHT, placement=place, vibration=shaken, is_unbounded=True), POSE, STAMP, drawn()
+        replace(SIGHT, placement=place, vibration=SHAKE, is_unbounded=True), POSE, STAMP, drawn()
     )
-    at = POSE @ place.pose @ matrix_from_xyz_rpy((0.005, 0, 0), (0, 0, 0))
+    at = POSE @ place.pose @ SHAKE.compute_pose(STAMP)
+    assert np.abs(SHAKE.compute_pose(STAMP)[:3, 3]).max() > 1e-3
     np.testing.assert_allclose(beside.points, exactly(at), atol=1e-9)
 
 
@@ -384,13 +385,8 @@ class Shaken(Plant):
     """At rest at a, in a plant that is nothing else."""
 
     time_ns, outputs, joint_names, control_camera_name = 7, frozenset(), (), "left"
-    a, b = (
-        matrix_from_xyz_rpy((1, 2, 3), (0.1, 0.2, 0.3)),
-        matrix_from_xyz_rpy((0, 0.1, 0), (0.1, 0.0, 0.2)),
-    )
-    vibrations = {
-        "left": SimpleNamespace(compute_pose=lambda ns: Shaken.b if ns == 7 else np.eye(4))
-    }
+    a = matrix_from_xyz_rpy((1, 2, 3), (0.1, 0.2, 0.3))
+    vibrations = {"left": SHAKE}
 
     def advance(self, until_ns): ...
     def command(self, kind, values): ...
@@ -402,7 +398,8 @@ class Shaken(Plant):
 
 def test_a_camera_that_shakes_is_off_its_place_at_rest():
     plant = Shaken()
-    np.testing.assert_allclose(plant.read_pose(), plant.a @ plant.b)
-    np.testing.assert_allclose(plant.apply_vibration(plant.b, 8), plant.b)
-    assert plant.apply_vibration(plant.b, 7, "right") is plant.b and plant.find_collision() is None
+    np.testing.assert_allclose(plant.read_pose(), plant.a @ SHAKE.compute_pose(7))
+    np.testing.assert_allclose(
+        plant.apply_vibration(POSE, 10**8), POSE @ SHAKE.compute_pose(10**8))
+    assert plant.apply_vibration(POSE, 7, "right") is POSE and plant.find_collision() is None
     assert plant.joint_origins(np.zeros((3, 0))).shape == (3, 0, 3) and plant.close() is None

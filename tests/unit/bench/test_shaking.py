@@ -87,9 +87,12 @@ def test_a_data_sets_poses_are_true():
         keeper.add_frame(loop, reading)
         seen.append(reading)
     parts = assemble(asked)
-    Loop(asked, parts, on_frame=watch).run_to_end()
-    for reading in seen:
-        pose = keeper._poses[reading.stamp]
+    loop = Loop(asked, parts, on_frame=watch)
+    loop.run_to_end()
+    rows = {row["stamp"]: row for row in keeper.make_rows(0, loop.make_run(), 0.5)}
+    assert len(rows) > 10
+    for reading in [one for one in seen if one.stamp in rows]:
+        pose = np.reshape(rows[reading.stamp]["pose"], (4, 4))
         points = parts.target.shape.points(parts.target.target_T_camera(pose, reading.stamp))
         exact = np.column_stack(parts.plant.camera.project(*points.T))
         np.testing.assert_allclose(reading.points, exact, atol=1e-6)

@@ -2,14 +2,13 @@
 
 from dataclasses import replace
 from pathlib import Path
-from unittest.mock import Mock
 
 import numpy as np
 import pytest
 from page_host import told
 
 from aras_visual_servo_base.meshes.mesh import Mesh
-from aras_visual_servo_bench.drawing import feature_units, model_drawing
+from aras_visual_servo_bench.drawing import model_drawing
 from aras_visual_servo_bench.drawing.feature_units import find_feature_units
 from aras_visual_servo_bench.drawing.model_drawing import draw_model
 from aras_visual_servo_bench.drawing.run_trace import (
@@ -31,7 +30,6 @@ from aras_visual_servo_bench.drawing.shapes import (
 )
 from aras_visual_servo_bench.drawing.track import MAX_POINTS, Track
 from aras_visual_servo_camera.undistortion import CameraModel
-from aras_visual_servo_controller.errors import ServoError
 
 GAZEBO = Path(__file__).parents[3] / "src" / "aras_visual_servo_gazebo"
 STRAIGHT = np.array([0.1, 0.0, 0.3, -0.2, -0.1, 0.4])
@@ -66,7 +64,7 @@ def test_the_path_begins_where_servoing_begins(story, arm):
 
 
 @pytest.mark.parametrize(("between", "kept"), [
-    ("stopped", False), ("waiting", False), ("approaching", False), ("holding", True),
+    ("stopped", False), ("approaching", False), ("waiting", True), ("holding", True),
     ("converged", True),
 ])  # fmt: skip
 def test_what_ends_a_run_begins_another(story, between, kept):
@@ -188,7 +186,7 @@ def test_a_track_keeps_its_ends_and_its_size():
     assert np.ptp(np.diff(points[:, 0])) <= np.diff(points[:, 0]).max() / 2
 
 
-def test_words_and_page_have_the_units_of_what_ships_and_load_nobodys_class(monkeypatch):
+def test_words_and_page_have_the_units_of_what_ships_and_load_nobodys_class():
     assert find_feature_units("moments", 4) == ("m", "m", "m", "rad")
     assert find_feature_units("points", 8) == ("",) * 8
     assert find_feature_units("luminance", 3) == ("grey level",) * 3
@@ -198,18 +196,7 @@ def test_words_and_page_have_the_units_of_what_ships_and_load_nobodys_class(monk
         == find_feature_units("", 0)
         == ()
     )
-    for number, error in enumerate((ServoError, ValueError, TypeError, KeyError)):
-        monkeypatch.setattr(feature_units.Settings, "make_scheme", Mock(side_effect=error))
-        if error is not KeyError:
-            assert find_feature_units("moments", 90 + number) == ()
     assert find_feature_units("os:system", 1) == ()  # it is not called
-
-
-def test_words_have_their_units(story):
-    names = ("xn", "yn", "an", "alpha")
-    story.add_state(told(names=names, error=(0.01, -0.02, 0.0, 0.5)), STRAIGHT)
-    assert "xn +0.0100 m\n" in "\n".join(story.make_text_lines())
-    assert "alpha +0.5000 rad" in story.make_text_lines()
 
 
 def test_many_errors_and_long_reasons_are_cut(story):
@@ -223,13 +210,6 @@ def test_many_errors_and_long_reasons_are_cut(story):
     assert "and 3 more" in words
     (folded,) = (text.split("\n") for text in words if text.startswith("first"))
     assert reason.startswith(" ".join(folded)) and [len(line) for line in folded] == [40, 44, 44]
-
-
-def test_six_errors_are_all_read_out(story):
-    story.add_state(
-        told(names=tuple(f"e{i}" for i in range(6)), error=range(6), scheme=""), STRAIGHT
-    )
-    assert not [line for line in story.make_text_lines() if line.startswith("and ")]
 
 
 def test_words_say_no_minus_zero(story):
@@ -267,7 +247,7 @@ def test_corners_that_are_as_good_as_one_are_one():
     assert model_drawing.find_mesh_edges(mesh).shape == (2 * 4, 3)
 
 
-def test_a_target_is_drawn_by_its_edges_and_faces(monkeypatch):
+def test_a_target_is_drawn_by_its_edges_and_faces():
     plates = drawn("aras")
     edges = plates.edges
     assert edges.shape == (2 * 2 * 12, 3)  # two boxes of twelve edges: no diagonal of a face
@@ -278,10 +258,6 @@ def test_a_target_is_drawn_by_its_edges_and_faces(monkeypatch):
     ((colour, corners),) = plates.faces.items()
     assert colour == (0.0, 0.0, 0.0, 1.0) and corners.shape == (3 * 2 * 12, 3)
     assert len(drawn("l_shape").edges) == 2 * 6
-    monkeypatch.setattr(model_drawing, "MAX_ELEMENTS", 5)
-    few = drawn("aras")
-    np.testing.assert_array_equal(few.edges, edges[:10])
-    np.testing.assert_array_equal(next(iter(few.faces.values())), corners[:15])
     ((colour, corners),) = drawn("marker").faces.items()  # a picture, its mean
     assert 0.2 < colour[0] < 0.8 and colour[0] == pytest.approx(colour[2], abs=0.02)
     assert corners.shape == (6, 3)

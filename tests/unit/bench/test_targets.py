@@ -61,6 +61,8 @@ def test_a_target_moves_about_its_own_origin():
     np.testing.assert_allclose(
         target.world_T_target(2.0) @ target.target_T_camera(above(), 2.0), above(), atol=1e-12
     )
+    moving = PlacedTarget(SQUARE, pose, Motion((0.1, 0, 0, 0, 0, 0)))  # without a time, at 0 s
+    np.testing.assert_allclose(pose @ moving.target_T_camera(above()), above(), atol=1e-12)
 
 
 def test_a_polygon_needs_three_corners():

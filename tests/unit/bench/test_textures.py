@@ -15,7 +15,6 @@ from aras_visual_servo_bench.experiment.loop_settings import make_loop_settings
 from aras_visual_servo_bench.plants.imaging import ImagingSettings, capture
 from aras_visual_servo_bench.runner.loop import run
 from aras_visual_servo_bench.setup.assembly import assemble, check
-from aras_visual_servo_bench.targets import textures
 from aras_visual_servo_bench.targets.geometry import PlacedTarget
 from aras_visual_servo_bench.targets.rendering import render_target as picture_of
 from aras_visual_servo_bench.targets.shapes import SHAPES
@@ -97,33 +96,6 @@ def test_dots_of_three_pixels_are_found_wherever_they_lie_on_the_pixels():
         x, y = target.shape.points(target.target_T_camera(view)).T
         exact = np.column_stack(wide.project(x, y))
         assert np.linalg.norm(found[:, None] - exact, axis=2).min(axis=1).max() < 0.25, k
-
-
-@pytest.mark.parametrize(("long", "found"), [(40, True), (41, False)])
-def test_a_dot_is_four_times_as_long_as_wide_at_most(long, found):
-    picture, (v, u) = dotted(DOTS[:3]), np.indices((240, 320))
-    inside = ((u - 80.5 - 0.5 * long) / long) ** 2 + ((v - 155.5) / 10.0) ** 2 <= 0.25
-    picture[inside] = 0
-    rows, columns = inside.any(axis=1).sum(), inside.any(axis=0).sum()
-    assert (rows, columns) == (10, long)
-    if found:
-        assert len(DotTracker().find(picture)) == 4
-        return
-    with pytest.raises(VisionError, match="3 of 4 dots are detected"):
-        DotTracker().find(picture)
-
-
-def test_a_line_s_place_is_told_where_nothing_else_is_beside_it():
-    """A third of the profiles across it hold something that lies at its right."""
-    v, u = np.indices((120, 100), float)
-    at = 50.3 + 0.04 * (v - 60.0)
-    grey = 255.0 - 200.0 * np.clip(1.5 - np.abs(u - at), 0.0, 1.0)
-    grey[(v % 30 < 10) & (u > at + 1.5) & (u < at + 3.0)] = 55.0
-    place, way = LineTracker()._fit_side(
-        grey.astype(np.uint8), CameraModel(100, 120, (1, 0, 0, 0, 1, 0, 0, 0, 1)), 1.0,
-        (np.array([48.0, 5.0]), np.array([52.6, 115.0])), 8.0)
-    assert way[0] / way[1] == pytest.approx(0.04, abs=2e-3)
-    assert place[0] == pytest.approx(50.3 + 0.04 * (place[1] - 60.0), abs=0.03)
 
 
 @pytest.mark.parametrize("cut", [(0, 120), (319, 120), (160, 0), (160, 239)])
@@ -305,12 +277,6 @@ def test_what_is_not_there_is_said(tracker, shape, view, told):
 OBLONG = (0.3, 0.2)
 
 
-@pytest.fixture
-def coarse(monkeypatch):
-    """Pictures of 300 px: made in a sixteenth of the time."""
-    monkeypatch.setattr(textures, "PIXELS", 300)
-
-
 def at(target, x, y):
     """(column, row) of a place (x, y), m, px."""
     (w, h), (rows, columns) = target.size, target.pixels.shape
@@ -325,9 +291,9 @@ def middles(target):
 
 
 @pytest.mark.parametrize("size", [OBLONG, (0.2, 0.3)])
-def test_dots_are_discs_about_the_known_points(coarse, size):
+def test_dots_are_discs_about_the_known_points(size):
     target = SHAPES.create("four_dots", size=size).make()
-    assert max(target.pixels.shape) == 300 and target.size == size
+    assert target.size == size
     w, h = size
     np.testing.assert_allclose(
         target.known_points, [(-w / 4, h / 4), (w / 4, h / 4), (w / 4, -h / 4), (-w / 4, -h / 4)])
@@ -341,7 +307,7 @@ def test_dots_are_discs_about_the_known_points(coarse, size):
 
 
 @pytest.mark.parametrize("size", [OBLONG, (0.2, 0.3)])
-def test_a_grid_is_five_by_five_lines_a_hundredth_of_the_width_thick(coarse, size):
+def test_a_grid_is_five_by_five_lines_a_hundredth_of_the_width_thick(size):
     target = SHAPES.create("line_grid", size=size).make()
     (w, h), (x, y) = size, middles(target)
     across = np.array([-0.4, -0.2, 0.0, 0.2, 0.4])
@@ -358,10 +324,11 @@ def test_a_grid_is_five_by_five_lines_a_hundredth_of_the_width_thick(coarse, siz
 
 
 @pytest.mark.parametrize("size", [OBLONG, (0.2, 0.3)])
-def test_a_marker_is_square_in_the_middle_and_its_corners_are_known(coarse, size):
+def test_a_marker_is_square_in_the_middle_and_its_corners_are_known(size):
     target = SHAPES.create("marker", size=size).make()
     columns, rows = np.round([at(target, *corner) for corner in target.known_points], 6).T
-    assert np.ptp(columns) == np.ptp(rows) == 160  # 8 of 10 cells of the shorter side's 200
+    side = 0.8 * min(target.pixels.shape)  # 8 of 10 cells
+    assert np.ptp(columns) == np.ptp(rows) == side
     (first, last), (top, bottom) = ((int(np.ceil(n.min())), int(np.floor(n.max())) + 1)
                                     for n in (columns, rows))
     shown = target.pixels[top:bottom, first:last]
@@ -373,7 +340,7 @@ def test_a_marker_is_square_in_the_middle_and_its_corners_are_known(coarse, size
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
     corners, names, _ = cv2.aruco.ArucoDetector(dictionary).detectMarkers(target.pixels)
     assert names.ravel().tolist() == [0]
-    assert np.abs(corners[0][0] - np.column_stack([columns, rows])).max() < 2.0
+    assert np.abs(corners[0][0] - np.column_stack([columns, rows])).max() < 0.01 * side
 
 
 def test_a_disturbed_picture_is_as_the_protocols_have_it():
@@ -408,42 +375,6 @@ def test_a_disturbed_picture_is_as_the_protocols_have_it():
         assert low - slack < values.min() < low + 2 * slack
         assert high - 2 * slack < values.max() < high + slack
         assert kstest(values, "uniform", (low, high - low)).pvalue > 0.01
-
-
-class Drawn:
-    """Chance that gives the middle of a range, or for whole numbers its last or first one."""
-
-    def __init__(self, last):
-        self.last = last
-
-    def uniform(self, low, high):
-        return 0.5 * (low + high)
-
-    def normal(self, mean, spread, shape):
-        return np.zeros(shape)
-
-    def random(self):
-        return 0.25
-
-    def integers(self, low, high):
-        return high - 1 if self.last else low
-
-
-@pytest.mark.parametrize("last", [False, True])
-def test_a_patch_may_lie_in_any_corner_and_keeps_its_size(monkeypatch, last):
-    """17.5 % of the area, as high as it is wide in parts of the picture's sides."""
-    monkeypatch.setattr(np.random, "default_rng", lambda seed: Drawn(last))
-    plain = np.full((120, 180), 100, np.uint8)
-    made = TexturedTarget(plain, (0.3, 0.2)).perturb(3).pixels
-    rows, columns = np.nonzero(made == 128)  # half of white
-    high, wide = int(np.sqrt(0.175) * 120), int(np.sqrt(0.175) * 180)
-    top, left = (120 - high, 180 - wide) if last else (0, 0)
-    assert (rows.min(), rows.max(), columns.min(), columns.max()) == (
-        top, top + high - 1, left, left + wide - 1)
-    assert len(rows) == high * wide and (made == 100).sum() == 120 * 180 - high * wide
-
-
-# -- SVG -----------------------------------------------------------------------------------------
 
 
 def in_a_unit(file):
@@ -613,7 +544,7 @@ def test_a_run_that_ends_early_says_what_it_waited_for():
     result = run(Experiment.from_mapping({**spec, "duration": 0.2}))
     assert result.outcome == "timed_out"
     assert result.reason == (
-        "not at the goal after 0.2 s: 0 keypoints match the goal image, but 8 consistent matches "
+        "not converged after 0.2 s: 0 keypoints match the goal image, but 8 consistent matches "
         "are needed: bring the target into view, and use a textured target"
     )
 
@@ -648,7 +579,7 @@ def test_an_unknown_robot_names_the_nearest():
 
 def test_a_target_brings_the_tracker_of_its_points():
     trackers = {name: kind.tracker for name, kind in SHAPES.items()}
-    assert set(trackers.values()) == {*KNOWN, "outline"}
+    assert set(trackers.values()) <= {*KNOWN, "outline"}
     for shape, tracker in trackers.items():
         if SHAPES[shape].is_solid:
             continue

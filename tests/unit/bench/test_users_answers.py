@@ -51,7 +51,7 @@ CLEAR = {
 }  # fmt: skip
 WRONG = {
     "Nothing": (lambda m: None, "measure returned NoneType None, must return a FeatureMeasurement"),
-    "Short": (changed(L=lambda m: m.L[:3]), r"L ndarray of shape \(3, 6\).*\(8, 6\) finite"),
+    "Short": (changed(L=lambda m: m.L[:3]), r"L ndarray of shape \(3, 6\).*of shape \(8, 6\)"),
     "Texts": (changed(s=lambda m: ["a"] * 8), r"returned s list \['a'"),
     "Missing": (changed(error=lambda m: None), "returned error NoneType None"),
     "Complex": (changed(L=lambda m: m.L * 1j), "returned L ndarray"),
@@ -59,7 +59,7 @@ WRONG = {
     "Infinite": (changed(L=lambda m: m.L * np.inf), "returned L that is not finite"),
     "Text": (
         changed(error_drift=lambda m: "fast"),
-        "returned error_drift str 'fast': a finite number",
+        "returned error_drift str 'fast', must return a finite number",
     ),
 }
 
@@ -159,5 +159,6 @@ def test_so_is_what_a_law_returns():
     assert servoed("numbered_points", law=f"{__name__}:Halves", gain=None, duration=3.0).converged
     result = servoed("numbered_points", law=f"{__name__}:Lost", gain=None, duration=0.3)
     assert result.reason.startswith(
-        "Lost.desired_error_rate returned NoneType None: (8,) finite numbers"
+        "Lost.desired_error_rate returned NoneType None, must return finite numbers of "
+        "shape (8,)"
     )

@@ -57,7 +57,8 @@ def preset(name):
 
 
 def sensor_of(config, bench, renderer="exact"):
-    return CameraSensor(config, create_renderer(renderer, bench.world))
+    return CameraSensor(replace(config, near=0.005, far=20.0),
+                        create_renderer(renderer, bench.world))
 
 
 def measured(image, guess):
@@ -81,10 +82,8 @@ def well_inside(points, pixels, config):
 
 def picture(sensor, world_T_optical):
     """Return the rendered image (H, W, 3) of the sensor, before noise."""
-    config = sensor.config
     return sensor.renderer.render(
-        View(config.width, config.height, world_T_optical, config.K, 0.005, 20.0,
-             sensor._full_view[2]))
+        sensor.make_view(world_T_optical @ np.linalg.inv(sensor.link_T_optical)))
 
 
 def poses(config, count, seed=1, aside=0.5):

@@ -20,7 +20,7 @@ VIEWS = {"wide": ((195, 61), (150.0, 140.0, 88.2, 33.1)),
 
 
 @pytest.fixture
-def seen_of(bench, tmp_path, plainly):
+def seen_of(bench, tmp_path):
     """Seen, and the tiles, of the things of test_recomputed, a wall behind them with a board
     through it, and one aside."""
     things(bench, tmp_path)
@@ -127,7 +127,7 @@ def test_what_is_behind_all_that_covers_a_tile_is_left_out(seen_of, name):
     assert left > 100 and (samples.tile >= 0).any()
 
 
-def test_a_pane_before_all_of_a_picture_is_listed_in_each_of_its_tiles(bench, plainly):
+def test_a_pane_before_all_of_a_picture_is_listed_in_each_of_its_tiles(bench):
     """16 x 16 of them, so that each node of the tree over them has as many as it can."""
     bench.box([0.01, 1.0, 1.2], [1.0, 0.1, 0.0], "Gazebo/GreyTransparent", (0.1, 0.0, 0.0, 0.99))
     scene = Scene(bench.world)

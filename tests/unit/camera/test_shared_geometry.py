@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
-from aras_sim_bridge.rendering import View, create_renderer, tiles
+from aras_sim_bridge.rendering import View, create_renderer
 from aras_sim_bridge.rendering.clustering import CLUSTER_SIZE, cluster_triangles
 from aras_sim_bridge.rendering.scene import VisualMesh
-from aras_sim_bridge.rendering.triangles import Triangles, _find_quad, _is_convex
+from aras_sim_bridge.rendering.triangles import Triangles
 from aras_sim_bridge.world import World
 from aras_visual_servo_base.meshes.mesh import from_corners
 from aras_visual_servo_base.poses import rotation_from_rpy
@@ -109,26 +109,11 @@ def test_cameras_that_see_alike_have_the_same_tiles_and_others_their_own():
                for settings, one in zip(LENSES.values(), found, strict=True))
 
 
-def test_a_large_pictures_tiles_are_not_kept(monkeypatch):
-    monkeypatch.setattr(tiles, "LARGEST_CACHED_IMAGE", 40 * 32 - 1)
-    K = np.array([[30.0, 0, 20], [0, 30, 16], [0, 0, 1]])
-    assert View(40, 32, np.eye(4), K).get_tiles() is not View(40, 32, np.eye(4), K).get_tiles()
-
-
-def parted(low, high, of) -> list[frozenset]:
-    """Groups of the triangles `of`, by boxes low, high (T, 3) around them."""
-    def effort(n):
-        x, y, z = high[n].max(axis=0) - low[n].min(axis=0)
-        return (x * y + y * z + z * x) * (1 + len(n))
-
-    half = len(of) // 2
-    keys = [*(low + high).T, (high - low).max(axis=1)]
-    ways = [of[np.argsort(key[of], kind="stable")] for key in keys if half]
-    cut = [effort(way[:half]) + effort(way[half:]) for way in ways]
-    if len(of) <= CLUSTER_SIZE and not (half and min(cut) < 0.6 * effort(of)):
-        return [frozenset(of)]
-    best = ways[int(np.argmin(cut))]
-    return parted(low, high, best[:half]) + parted(low, high, best[half:])
+def test_a_large_pictures_tiles_are_not_kept():
+    K = np.array([[600.0, 0, 320], [0, 600, 240], [0, 0, 1]])
+    for height, kept in ((480, True), (481, False)):
+        one, other = (View(640, height, np.eye(4), K).get_tiles() for _ in range(2))
+        assert (one is other) is kept
 
 
 def test_every_triangle_is_in_one_group_of_few_that_face_one_side():
@@ -141,11 +126,9 @@ def test_every_triangle_is_in_one_group_of_few_that_face_one_side():
     part = np.repeat([0, 4, 7], 300)
     side = 2 * np.abs(normal).argmax(axis=1)
     side += normal[np.arange(900), side // 2] > 0
-    made, one = list(map(frozenset, cluster_triangles(corners, normal, part))), 6 * part + side
-    wanted = [group for key in np.unique(one) for group in parted(
-        corners.min(axis=1), corners.max(axis=1), np.flatnonzero(one == key))]
-    assert set(made) == set(wanted) and len(made) == len(wanted) > 40
-    assert sum(map(len, made)) == 900
+    made, one = cluster_triangles(corners, normal, part), 6 * part + side
+    assert sorted(np.concatenate(made)) == list(range(900)) and 40 < len(made) < 400
+    assert all(len(set(one[group])) == 1 and len(group) <= CLUSTER_SIZE for group in made)
     # neighbours are together: a strip of squares is cut across, not into its odd and even ones
     strip = np.array([[[x, 0, 0], [x + 1, 0, 0], [x, 1, 0]] for x in range(64)], float)
     halves = cluster_triangles(strip, np.tile([0.0, 0, 1], (64, 1)), np.zeros(64, int))
@@ -169,19 +152,6 @@ def test_flat_triangles_of_a_part_that_face_one_side_are_one_facet():
     number = dict(zip(facing, made.facets, strict=True))
     assert [number[one] for one in facing] == made.facets.tolist()
     assert len(set(number.values())) == len(number) == 16
-
-
-@pytest.mark.parametrize(("many", "asked"), [(1447, True), (1448, False)])
-def test_of_a_part_of_many_triangles_it_is_not_asked_whether_it_is_convex(many, asked):
-    """Two cones on one ring: n + 2 corners times 2 n triangles, of 2**22 at most."""
-    around = 2.0 * np.pi * np.arange(many) / many
-    ring = np.column_stack([np.cos(around), np.sin(around), np.zeros(many)])
-    tip, one = np.array([0.0, 0.0, 1.0]), np.arange(many)
-    after = (one + 1) % many
-    faces = np.vstack([np.column_stack([one, after, np.full(many, many)]),
-                       np.column_stack([after, one, np.full(many, many + 1)])])
-    mesh = replace(from_corners(CORNERS), positions=np.vstack([ring, tip, -tip]), triangles=faces)
-    assert _is_convex(VisualMesh(0, mesh, (1.0, 0.0, 0.0, 1.0))) is asked
 
 
 def test_what_is_known_of_a_cluster_holds_all_its_triangles():
@@ -210,13 +180,6 @@ def test_two_triangles_are_a_quad_where_they_lie_in_one_plane(size):
         made = Triangles.from_visuals([VisualMesh(0, replace(from_corners(faces), normals=np.tile(
             np.float32(turn[:, 2]), (6, 1))), (1.0, 0.0, 0.0, 1.0))])
         assert made.clusters.quad.tolist() == [told]
-
-
-@pytest.mark.parametrize(("off", "flat"), [(1e-4, True), (6e-4, False)])
-@pytest.mark.parametrize("side", [1.0, -1.0])
-def test_a_quad_far_from_its_link_is_flat_to_seven_digits(off, flat, side):
-    outline = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, off]]) + side * 1000.0
-    assert _find_quad(outline[[[0, 1, 2], [0, 2, 3]]]) == ((1, 2) if flat else None)
 
 
 def test_of_nothing_nothing_is_known():

@@ -4,6 +4,8 @@ import threading
 
 import pytest
 
+from aras_sim_bridge.control.controllers.forward import ForwardController
+from aras_sim_bridge.control.joints import VELOCITY
 from aras_sim_bridge.control.loop import ControlLoop
 
 STEP = 1_000_000
@@ -73,6 +75,40 @@ def test_compiled_cycles_follow_one_another_and_have_the_controllers_period(
     assert first is again is None if slower else first[0] is again[0]  # gathered once
     assert rig.loop.start_cycles(rig.time_ns + 2 * STEP, STEP) is None  # a step was left out
     assert rig.loop.start_cycles(rig.time_ns, STEP) is None
+
+
+class DeadBand(ForwardController):
+    """Ignores small commands when they arrive."""
+
+    interface = VELOCITY
+
+    def set_command(self, value):
+        super().set_command(value if abs(value) > 0.1 else 0.0)
+
+
+class LateDeadBand(ForwardController):
+    """Ignores small commands when they are used."""
+
+    interface = VELOCITY
+
+    def apply_pending_command(self, time_ns):
+        self.slot.append([value if abs(value) > 0.1 else 0.0 for value in self.slot.pop()])
+        super().apply_pending_command(time_ns)
+
+
+@pytest.mark.parametrize("kind", [DeadBand, LateDeadBand])
+def test_compiled_cycles_do_not_bypass_methods_of_a_users_controller(make_rig, make_joint, kind):
+    rig = make_rig(
+        [make_joint("a", "revolute", VELOCITY)],
+        {"c": {"type": f"{kind.__module__}:{kind.__name__}", "joint": "a"}},
+    )
+    controller = rig.run("c")
+    rig.step()
+    for command, used in ((0.3, 0.3), (0.05, 0.0)):
+        controller.set_command(command)
+        assert rig.loop.start_cycles(rig.time_ns + STEP, STEP) is None
+        rig.step()
+        assert rig.hardware.handles["a"].velocity_command == used
 
 
 def test_a_command_beyond_the_limits_is_told_in_compiled_cycles_too(make_rig, make_joint):

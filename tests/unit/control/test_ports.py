@@ -19,6 +19,7 @@ class Publisher:
         self.subscriber_count = 0
         self.on_change = on_change
         self.sent: list[object] = []
+        Publisher.latest = self
 
     def publish(self, message: object) -> None:
         self.sent.append(message.data)
@@ -51,7 +52,7 @@ def topic(monkeypatch):
         "/state", lambda: SimpleNamespace(data=None), 1, port,
         lambda message, state: setattr(message, "data", state), thread,
     )  # fmt: skip
-    return SimpleNamespace(topic=made, port=port, thread=thread, publisher=made._publisher)
+    return SimpleNamespace(topic=made, port=port, thread=thread, publisher=Publisher.latest)
 
 
 def listen(topic, count: int) -> None:

@@ -9,7 +9,6 @@ import time
 from collections.abc import Callable
 from concurrent.futures import Future
 from concurrent.futures import TimeoutError as FutureTimeoutError
-from types import SimpleNamespace
 
 import pytest
 
@@ -352,82 +351,14 @@ def test_a_job_that_has_begun_is_waited_for_whatever_it_takes(started, monkeypat
     assert thread.call(lambda: (begun.set(), late.wait(20.0), 7)[-1], 0.125) == 7
 
 
-def test_steps_are_jobs_of_a_hundred_each_for_which_there_is_a_limit(started, monkeypatch):
-    batches, limits = [], []
-    thread = started(0.0, paused=True, after_batch=lambda time_ns: batches.append(time_ns // MS))
-    call = thread.call
-    monkeypatch.setattr(thread, "call", lambda job, *limit: limits.extend(limit) or call(job))
-    assert thread.step(250, 60.0) == 250 * MS and batches == [100, 200, 250]
-    assert limits == pytest.approx([60.0] * 3, abs=20.0)
-    limits.clear()
-    assert thread.step(100, 0.0) == 350 * MS  # all of them, if late
-    assert limits == [0.1]
-    with pytest.raises(SimulationBusyError, match="100 of 101 steps were done within 0 s; request"):
-        thread.step(101, 0.0)
-
-
-@pytest.fixture
-def turned(monkeypatch):
-    """Wall time of the thread's jobs, which they turn themselves."""
-    now = [100.0]
-    monkeypatch.setattr(simulation_thread, "time", SimpleNamespace(monotonic=lambda: now[0]))
-    return now
-
-
-@pytest.mark.parametrize(("budget", "lasts"), [(0.002, 0.0011), (2.0**-9, 2.0**-9)])
-def test_jobs_have_two_milliseconds_before_time_goes_on(
-    started, turned, monkeypatch, budget, lasts
-):
-    """And the one that comes to just that long is not the last."""
-    if budget == lasts:
-        monkeypatch.setattr(simulation_thread, "JOBS_BUDGET", budget)
-    thread = started(0.0)
-    seen, all_done = [], threading.Event()
-
-    def job() -> None:
-        seen.append(thread.simulation.time_ns)
-        turned[0] += lasts
-        if len(seen) == 6:
-            all_done.set()
-
-    thread.call(lambda: [thread.post(job) for _ in range(6)])
-    assert all_done.wait(20.0)
-    assert seen[0] == seen[1] < seen[2] == seen[3] < seen[4] == seen[5]
-
-
-@pytest.mark.parametrize(("seconds", "given_up"), [(0.05, False), (0.0501, True)])
-def test_what_a_job_of_more_than_a_twentieth_second_took_is_not_made_good(
-    started, turned, seconds, given_up
-):
-    thread = started(1.0, paused=True)
-    restarts = []
-    thread.pacer.restart = restarts.append
-    turned[0] = 0.0
-    thread.call(lambda: turned.__setitem__(0, seconds))
-    thread.call(lambda: None)
-    assert restarts[:1] == ([0] if given_up else [])
-
-
-def test_paused_commands_are_looked_at_every_four_milliseconds_while_they_come():
-    inbox = Commands(lambda _: len(inbox.waits) == 1)
-    thread = SimulationThread(Counter, Plan(), paused=True, receiver=inbox)
-    thread.start()
-    until(lambda: inbox.waits)
-    thread.wake()
-    until(lambda: len(inbox.waits) >= 3)
-    thread.stop()
-    assert inbox.waits[:3] == [(None, True), (0.004, False), (None, True)]
-
-
 def test_a_job_does_not_wait_for_the_rest_of_the_steps_that_are_due():
     plan, seen = Plan(4), []
-    thread = SimulationThread(Counter, plan, receiver=Commands(lambda _: False))
 
     def after_step(time_ns: int) -> None:
         if time_ns == MS:
             thread.post(lambda: seen.append(thread.simulation.time_ns))
 
-    thread._after_step = after_step
+    thread = SimulationThread(Counter, plan, after_step, receiver=Commands(lambda _: False))
     thread.start()
     assert plan.over.wait(20.0)
     thread.stop()

@@ -70,7 +70,6 @@ def polygons(text, each):
     return text.replace(b"</triangles>", b"<vcount>" + each + b"</vcount></polylist>")
 
 
-
 def polygon_list(*corners):
     """Return the COLLADA file with <polygons> instead of triangles."""
     text = dae("<p>0 2 1 0 1 3 0 3 2 1 2 3</p>").replace(b'<triangles count="4">', b"<polygons>")
@@ -388,26 +387,6 @@ def test_a_file_is_read_once_until_it_or_what_it_names_changes(tmp_path):
     path.write_bytes(binary_stl())
     with pytest.raises(DescriptionError, match="no faces"):
         read(str(path))
-
-
-def test_what_is_kept_of_files_is_bounded(tmp_path, monkeypatch):
-    paths = [tmp_path / f"{n}.stl" for n in range(4)]
-    for path in paths:
-        path.write_bytes(binary_stl())
-    first = read(str(paths[0]))
-    monkeypatch.setattr(mesh_files, "_LARGEST_CACHE", int(2.5 * sum(m.nbytes for m in first)))
-    read(str(paths[1]))
-    assert read(str(paths[0])) is first  # used last, so kept
-    read(str(paths[2]))
-    assert read(str(paths[0])) is first
-    assert str(paths[1]) not in mesh_files._cache
-    read(str(paths[3]))
-    read(str(paths[2]))
-    assert str(paths[0]) not in mesh_files._cache
-    os.utime(paths[3], ns=(1, 1))
-    read(str(paths[3]))  # anew, so used last
-    read(str(paths[0]))
-    assert str(paths[3]) in mesh_files._cache and str(paths[2]) not in mesh_files._cache
 
 
 TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n"

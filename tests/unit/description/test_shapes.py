@@ -20,7 +20,6 @@ from aras_sim_bridge.rendering.scene import Scene
 from aras_sim_bridge.world import World
 from aras_visual_servo_base.meshes.mesh import (
     Mesh,
-    _find_unique_rows,
     check_reach,
     from_corners,
     from_indices,
@@ -196,18 +195,6 @@ def test_numbers_are_within_reach_and_no_normal_stays_none():
                                                                               [0, 0, 0]]
 
 
-def test_rows_of_any_numbers_are_told_apart():
-    rng = np.random.default_rng(5)
-    for reach in (3, 2**20, 2**45):
-        rows = rng.integers(-reach, reach, (500, 4))
-        rows = rows[rng.integers(0, 500, 2000)]
-        first, inverse = _find_unique_rows(rows)
-        _, expected, expected_inverse = np.unique(rows, axis=0, return_index=True,
-                                                  return_inverse=True)
-        assert (first == expected).all()
-        assert (inverse == expected_inverse.reshape(-1)).all()
-
-
 def test_faces_without_an_area_are_left_out():
     flat = [(0, 0, 0), (1, 0, 0), (2, 0, 0)]
     mesh = from_corners([[(0, 0, 0), (1, 0, 0), (0, 1, 0)], flat])
@@ -231,8 +218,7 @@ def test_a_file_s_own_normals_and_coordinates():
     for part, what in ((0, "position"), (1, "texture coordinate"), (2, "normal")):
         wrong = index.copy()
         wrong[0, 1, part] = 3
-        with pytest.raises(DescriptionError, match=f"a face refers to {what} 3, but there are 3 "
-                                                   f"{what}s"):
+        with pytest.raises(DescriptionError, match=f"a face refers to {what} 3, but there are"):
             from_indices(wrong, v, vt, vn, None, None)
     with pytest.raises(DescriptionError, match="a normal is not finite"):
         from_indices(index, v, vt, vn * [1, 1, math.inf], None, None)

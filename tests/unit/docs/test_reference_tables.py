@@ -2,10 +2,13 @@
 
 import dataclasses
 import importlib
+import re
 import sys
 
 import pytest
 from blocks import ROOT
+
+from aras_visual_servo_controller.records.outcomes import KINDS
 
 
 @pytest.fixture
@@ -50,3 +53,11 @@ def test_what_a_docstring_changes_changes_the_page(script):
     assert found == [("first, second", "both, in two lines | with a bar."), ("third", "m.")]
     assert "| `third` | m. |" in script.make_fields_table(Documented)
     assert any(r"lines \| with" in row for row in script.make_fields_table(Documented))
+
+
+def test_every_outcome_is_explained_on_the_page_of_the_controller():
+    page = (ROOT / "src/aras_visual_servo_controller/README.md").read_text(encoding="utf-8")
+    table = page.partition("| outcome | when |")[2].partition("\n\n")[0]
+    named = {name for row in table.splitlines()[1:] for name in re.findall(
+        "`(.+?)`", row.split("|")[1])}  # fmt: skip
+    assert set(KINDS) <= named

@@ -10,7 +10,7 @@ import pytest
 from feature_cases import RECTANGLE, grey_image
 
 from aras_visual_servo_camera.images import Image
-from aras_visual_servo_camera.overlay import _draw_text, draw
+from aras_visual_servo_camera.overlay import draw
 from aras_visual_servo_camera.pipeline import Pipeline, PipelineSettings, TargetDetection
 from aras_visual_servo_camera.undistortion import CameraModel
 
@@ -112,20 +112,6 @@ def letters(picture: np.ndarray) -> np.ndarray:
     half = picture.shape[0] // 2
     low = picture[half:].astype(int)
     return np.argwhere((low[..., 0] - low[..., 1] > 60) & (low[..., 1] < 160)) + (half, 0)
-
-
-@pytest.mark.parametrize("width", [96, 160, 320, 640])
-def test_words_can_be_read_once_however_small_the_picture_is(width: int) -> None:
-    picture = np.tile(np.array([[[90] * 3], [[200] * 3]], np.uint8), (width * 3 // 8, width, 1))
-    before = picture.copy()
-    _draw_text(picture, "the target touches the left border of the image, and this goes on")
-    rows = np.flatnonzero((picture != before).any(axis=(1, 2)))
-    assert rows[-1] == len(picture) - 1 and rows[0] >= len(picture) // 2 - 4
-    # A light ground behind all of it, and one red on it: no border round the letters.
-    ground = picture[rows[0] :]
-    shade = ground[(ground[..., 0].astype(int) - ground[..., 1]) < 8]
-    assert shade.min() >= 204
-    assert letters(picture)[:, 1].min() >= 4 and letters(picture)[:, 1].max() < width
 
 
 def test_the_picture_given_stays_as_it_is(grey: np.ndarray) -> None:

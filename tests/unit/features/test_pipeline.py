@@ -16,10 +16,8 @@ from aras_visual_servo_camera.pipeline import (
     Pipeline,
     PipelineSettings,
     TargetDetection,
-    _explain_invalid,
 )
 from aras_visual_servo_camera.segmentation import Segmentation
-from aras_visual_servo_camera.segmented_target import SegmentedTarget
 from aras_visual_servo_camera.undistortion import CameraModel
 
 CAMERA = CameraModel(320, 240, (188.04, 0, 159.5, 0, 188.04, 119.5, 0, 0, 1), (0.0,) * 5)
@@ -144,17 +142,6 @@ def test_diagonal_line_is_no_target() -> None:
         grey[50 + k, 50 + k] = 0
     measured = measure(grey, weighting="binary")
     assert not measured.valid and "line" in measured.reason
-
-
-@pytest.mark.parametrize("scale", [1e-3, 1.0, 30.0])
-@pytest.mark.parametrize("angle", [0.0, 0.4])
-def test_a_line_is_told_by_its_slenderness_alone(scale: float, angle: float) -> None:
-    """Whatever its size and direction: 1e-5 of its length is no width, 1e-3 is one."""
-    turn = rotation([0, 0, angle])[:2, :2]
-    target = SegmentedTarget(white(), (10, 10, 20, 20), 400, 128.0)
-    for width, is_line in ((1e-5, True), (1e-3, False)):
-        bar = scale * np.array([[-1, -width], [1, -width], [1, width], [-1, width]]) @ turn.T
-        assert bool(_explain_invalid(target, Moments.from_polygon(bar, 3))) is is_line
 
 
 def test_target_at_the_border_keeps_its_moments_for_show() -> None:

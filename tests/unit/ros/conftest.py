@@ -194,6 +194,12 @@ class Graph:
         """Answer like the master's getPid."""
         return 7
 
+    def lookupService(self, name: str) -> str:
+        """Answer like the master's lookupService."""
+        if name not in self.services:
+            raise rosgraph.MasterError(f"unknown service [{name}]")
+        return "rosrpc://here:1"
+
     def getParam(self, name: str) -> object:
         """Answer like the parameter server's getParam."""
         assert name.startswith("/")
@@ -328,8 +334,12 @@ def face(graph: Graph) -> object:
 
 @pytest.fixture
 def thread(request: pytest.FixtureRequest) -> Iterator[SimulationThread]:
-    """Thread of a simulation with only the ground, paused at time 0."""
-    it = SimulationThread(Simulation, Pacer(0.0), paused=True)
+    """Thread of a simulation with only the ground, paused at time 0; each of `batch_hooks` is
+    called after a group of steps."""
+    hooks: list[Callable[[int], None]] = []
+    it = SimulationThread(Simulation, Pacer(0.0), paused=True,
+                          after_batch=lambda time_ns: [hook(time_ns) for hook in hooks])
+    it.batch_hooks = hooks
     it.start()
     yield it
     it.stop()
@@ -349,7 +359,7 @@ def api(graph: Graph, thread: SimulationThread) -> SimpleNamespace:
     it.api = GazeboApi(
         thread, on_graph, lambda: it.resets.append(thread.simulation.time_ns)
     )
-    thread._after_batch = lambda _time_ns: it.api.states.after_batch(thread.simulation)
+    thread.batch_hooks.append(lambda _time_ns: it.api.states.after_batch(thread.simulation))
     return it
 
 

@@ -26,7 +26,6 @@ from aras_visual_servo_bench.recording import message_run_builder
 from aras_visual_servo_bench.recording.graph_recording import GraphRecording
 from aras_visual_servo_bench.ros import bag as bags
 from aras_visual_servo_camera.moments import Moments
-from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.schemes.base import SchemeOutput
 from aras_visual_servo_controller.settings import Settings
 
@@ -234,25 +233,81 @@ def test_what_was_recorded_before_the_clock_went_back_is_another_run(graph, face
     same(again.joint_stamp, run.joint_stamp)
 
 
-def test_a_clock_was_put_back_where_stamps_are_out_of_order_by_more_than_half_a_second():
-    def began(*stamps):
-        """Return the index of the first message of the last run, and the notes."""
-        headers = [struct.pack("<III", 7, *divmod(ns, 10**9)) for ns in stamps]
-        rows = [("/j", (None, header, None, (0, at), None), None)
-                for at, header in enumerate(headers)]
-        reader = SimpleNamespace(
-            _topics=SimpleNamespace(joints="", state="/j"), notes=[],
-            _bag=SimpleNamespace(read_messages=lambda topics, raw: (
-                rows[::-1] if topics == ["/j"] and raw else [])))  # not in the file's order
-        found = bags.BagReader._find_start(reader)
-        return None if found is None else found[1], reader.notes
+def in_order(path: Path, source: Path, added, clock: bool) -> Path:
+    """Write the messages of a bag and added ones in the order of their times, with the clock.
 
-    half = 500_000_000
-    assert began() == began(5) == began(3 * half, 2 * half) == (None, [])
-    place, (note,) = began(3 * half + 1, 2 * half, 4 * half)
-    assert place == 1 and "reset once during" in note
-    place, (note,) = began(9 * half, 5 * half, 6 * half, 0, 3 * half, 7 * half)
-    assert place == 4 and "reset 2 times during" in note
+    added: tuples of topic, message and time (s).
+    """
+    with rosbag.Bag(str(source)) as bag:
+        rows = [row for row in bag if row[0] != "/clock"]
+    rows += [(topic, message, rospy.Time.from_sec(time)) for topic, message, time in added]
+    if clock:
+        for t in np.arange(STAMPS[0] - 0.2, STAMPS[-1] + 0.1, 0.01):
+            time = rospy.Time.from_sec(t)
+            rows.append(("/clock", Clock(time), time))
+    with rosbag.Bag(str(path), "w") as bag:
+        for row in sorted(rows, key=lambda row: row[2]):
+            bag.write(*row)
+    return path
+
+
+@pytest.mark.parametrize("clock", [True, False])
+def test_stamps_of_another_clock_are_left_out_and_do_not_reset_the_clock(
+    graph, face, tmp_path, clock
+):
+    once = write(tmp_path / "a.bag", graph, face, experiment=described())
+    wall = 1.8e9
+    times = np.arange(STAMPS[0], STAMPS[-1], 0.02)
+    strays = [("/two/joint_states", joint_states(wall + t), t + 0.001) for t in times]
+    strays += [("/tf", transforms(wall + t, {("world", "/hand"): ((9.0, 9.0, 9.0), (0, 0, 0))}),
+                t + 0.001) for t in times[:3]]  # fmt: skip
+    run, single = (bags.read_bag(in_order(tmp_path / "b.bag", once, added, clock))
+                   for added in (strays, []))  # fmt: skip
+    same(run.stamp, single.stamp)
+    same(run.joint_stamp, single.joint_stamp)
+    same(run.measured_positions, single.measured_positions)
+    same(run.true_pose, single.true_pose)
+    notes = [note for note in run.notes if note not in single.notes]
+    assert not any("reset" in note for note in run.notes) and len(notes) == 2
+    assert notes[0].startswith(f"/two/joint_states: {len(times)} messages are left out")
+    assert "second node" in notes[0] and "wall time" in notes[0] and "1.8e+09 s" in notes[0]
+    assert notes[1].startswith("/tf: 3 messages are left out")
+
+
+@pytest.mark.parametrize("described_arm", [True, False])
+def test_impossible_joint_states_of_a_second_publisher_are_left_out(
+    graph, face, tmp_path, described_arm
+):
+    experiment = described() if described_arm else None
+    once = write(tmp_path / "a.bag", graph, face, experiment=experiment)
+    strays = []
+    for t in np.arange(STAMPS[0], STAMPS[-1], 0.02):
+        message = joint_states(t + 0.001)
+        message.position = [np.nan] * len(message.name)
+        strays.append(("/two/joint_states", message, t + 0.001))
+    run, single = (bags.read_bag(in_order(tmp_path / "b.bag", once, added, True))
+                   for added in (strays, []))  # fmt: skip
+    same(run.joint_stamp, single.joint_stamp)
+    same(run.measured_positions, single.measured_positions)
+    same(run.true_pose, single.true_pose)
+    (note,) = [note for note in run.notes if note not in single.notes]
+    assert f"impossible positions: {len(strays)} (the measured position" in note
+    assert "second node publishes joint states" in note
+
+
+@pytest.mark.parametrize(("shown", "count"), [((0.29,), 0), ((0.31,), 1), ((40.0, 8.0), 2)])
+def test_the_clock_of_the_bag_shows_when_it_was_reset(graph, face, tmp_path, shown, count):
+    """Joint states that are out of order are no reset, if the bag has the clock."""
+    once = write(tmp_path / "a.bag", graph, face, experiment=described())
+    ahead = [("/two/joint_states", joint_states(STAMPS[0] + 0.9), STAMPS[0] + 0.003)]
+    before = [("/clock", Clock(rospy.Time.from_sec(STAMPS[0] + by)), STAMPS[0] - 0.3 + 0.01 * k)
+              for k, by in enumerate(shown)]
+    late = [("/two/joint_states", joint_states(STAMPS[0] + shown[-1]), STAMPS[0] - 0.1)]
+    run = bags.read_bag(in_order(tmp_path / "b.bag", once, [*before, *ahead, *late], clock=True))
+    assert [note.split(" during")[0] for note in run.notes if "reset" in note] == {
+        0: [], 1: ["the clock was reset once"], 2: ["the clock was reset 2 times"]}[count]
+    assert not any("left out" in note for note in run.notes)
+    same(run.stamp, np.round(STAMPS[1:], 9))
 
 
 def test_a_bag_that_was_not_closed_is_read_as_far_as_it_goes(graph, face, tmp_path):
@@ -379,28 +434,6 @@ def test_joint_states_that_lack_a_place_are_left_out_and_speeds_may_be_unknown(g
     np.testing.assert_allclose(run.joint_stamp, table.index)
     np.testing.assert_allclose(run.measured_positions, table[["slide", "elbow"]])
     np.testing.assert_allclose(run.measured_velocities, table[["slide speed", "elbow speed"]])
-
-
-@pytest.mark.parametrize("depth", [0.2, 18.0])
-def test_a_bag_s_verdict_is_of_a_part_of_the_depth_and_of_a_third_of_a_degree(depth):
-    goal, angle = Goal(world_T_camera=np.eye(4), depth=depth), np.radians(0.3)
-    for part, turn, word in ((1.45e-3, 0.9 * angle, "goal_reached"), (1.55e-3, 0.0, "goal_missed"),
-                             (0.0, 1.1 * angle, "goal_missed")):  # fmt: skip
-        off = part * depth
-        pose = np.eye(4)
-        pose[:3, :3] = Rotation.from_rotvec([0.0, turn, 0.0]).as_matrix()
-        pose[:3, 3] = 0.0, off, 0.0
-        found = message_run_builder._compute_verdict(goal, np.array([np.eye(4) * 2, pose]))
-        assert found.name == word
-        assert (found.distance, found.angle) == pytest.approx((off, turn), abs=1e-9)
-        pose[0, 0] = np.nan
-        assert message_run_builder._compute_verdict(goal, np.array([np.eye(4), pose])).name == ""
-    placed = message_run_builder._make_target(Goal(target="boxes"))
-    assert placed.shape.geometry == "boxes"
-    np.testing.assert_array_equal(placed.pose, np.eye(4))
-    assert (
-        message_run_builder._make_target(Goal()) is message_run_builder._make_target(None) is None
-    )
 
 
 def test_a_run_ends_where_the_arm_goes_to_a_start_or_other_features_are_seen():

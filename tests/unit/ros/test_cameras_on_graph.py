@@ -457,14 +457,21 @@ def test_settings_of_compression_are_image_transport_s():
     }
 
 
+def served(graph):
+    """Return the settings that dynamic_reconfigure's service answers."""
+    answer = graph.call("/c/image/compressed/set_parameters", Config()).config
+    kinds = answer.strs, answer.ints, answer.bools, answer.doubles
+    return {one.name: one.value for kind in kinds for one in kind}
+
+
 def test_settings_of_compression_that_cannot_be_are_left_out_one_by_one(graph):
     place = "/c/image/compressed"
     given = {"jpeg_quality": 7, "format": "gif", "png_level": "x", "jpeg_optimize": True,
              "jpeg_restart_interval": 70000}
     graph.parameters.update({f"{place}/{name}": value for name, value in given.items()})
     topic = CompressedTopic("/c/image", None)
-    assert topic._settings.values == {**DEFAULTS, "jpeg_quality": 7, "jpeg_optimize": True,
-                                      "jpeg_restart_interval": 65535}
+    assert served(graph) == {**DEFAULTS, "jpeg_quality": 7, "jpeg_optimize": True,
+                             "jpeg_restart_interval": 65535}
     assert graph.lines == [f"{place}/format is invalid: 'gif'; using the default 'jpeg'",
                            f"{place}/png_level is invalid: 'x'; using the default 9"]
     topic.unregister()
@@ -498,7 +505,7 @@ def test_of_pictures_that_wait_for_the_encoder_the_newest_stay():
 
 def test_the_encoder_ends_with_its_topic(graph):
     topic = CompressedTopic("/c/image", None)
-    topic._publisher.unregister()  # as rospy closes topics when the node ends
+    graph.publishers["/c/image/compressed"].unregister()  # as rospy does at the end
     topic.publish(Time(1, 2), "lens", SensorFrame(0, RED, "rgb8"))
     until(lambda: all("compress /c" not in thread.name for thread in enumerate_threads()))
 
@@ -517,7 +524,7 @@ def test_a_compressed_topic_reads_its_parameters_and_sends(graph):
     })  # fmt: skip
     topic = CompressedTopic("/c/image", None)
     assert "jpeg_quality is invalid: [1]; using the default 80" in graph.lines[-1]
-    assert (topic._settings.values["png_level"], topic._settings.values["format"]) == (3, "png")
+    assert (served(graph)["png_level"], served(graph)["format"]) == (3, "png")
     topic.publish(Time(1, 2), "lens", SensorFrame(0, RED, "rgb8"))
     sent = graph.publishers["/c/image/compressed"].sent
     until(lambda: sent)
@@ -533,7 +540,7 @@ def test_a_compressed_topic_reads_its_parameters_and_sends(graph):
     graph.call(service, Config(strs=[Text("format", "jpeg")],
                                bools=[BoolParameter("jpeg_optimize", True)],
                                ints=[IntParameter("jpeg_quality", 500)]))
-    assert topic._settings.values["jpeg_quality"] == 100
+    assert served(graph)["jpeg_quality"] == 100
     topic.publish(Time(1, 3), "lens", SensorFrame(0, np.zeros((0, 0)), "rgb8"))
     until(lambda: "image/compressed: " in graph.lines[-1])
     assert graph.periods == [5.0] and CompressedTopic.BACKLOG == 4
@@ -544,7 +551,8 @@ def test_a_compressed_topic_reads_its_parameters_and_sends(graph):
 def test_a_compressed_topic_does_not_go_while_it_sends(graph):
     """rospy's publish takes its publisher's inside again after sending."""
     topic = CompressedTopic("/c/image", None)
-    publisher, begun, go_on, seen = topic._publisher, Event(), Event(), []
+    publisher, begun, go_on, seen = (
+        graph.publishers["/c/image/compressed"], Event(), Event(), [])
 
     def publish(message: object) -> None:
         begun.set()

@@ -115,11 +115,6 @@ def test_a_run_s_experiment_says_what_differs():
     assert "camera_rpy" not in words and "duration" not in words
     assert of({"start": "2015"}).make_mapping()["start"] == "2015"
     assert of({"start": "0.1 -0.2"}).make_mapping()["start"] == [0.1, -0.2]
-    plain = of({"start": 2015, "scheme": "moments", "law": ""},
-               launch=[["a", "urdf:=/r", "gains:=/g"]])
-    assert plain._make_keys() == {
-        "scheme": "moments", "start": "2015", "camera": "original", "seed": 0, "duration": 8.0,
-        "robot": {"urdf": "/r", "config": "/g"}}
     wide = yaml.safe_load((CONFIG.parents[1] / "aras_visual_servo_gazebo/config/cameras/wide.yaml")
                           .read_text())
     assert of({}, {"cameras": {"labrob": {"camera": wide}}}).make_mapping()["camera"] == "wide"

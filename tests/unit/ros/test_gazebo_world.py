@@ -329,9 +329,15 @@ def test_metrics_tell_how_often_cameras_that_are_looked_at_draw(api, monkeypatch
     api.thread.step(2, 60.0)
     settings = {"parent": "world", "pose": [0.0] * 6, "width": 8, "height": 6, "update_rate": 20.0}
     camera = api.thread.call(lambda: simulation.add_camera("c", settings))
+    metrics = api.graph.publishers["/gazebo/performance_metrics"]
+    metrics.impl.connections.append(object())
+    now = [1e9]
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
     for wanted, fps in ((False, 0.0), (True, 10.0)):
         camera.enabled = wanted
-        message = api.api.states._make_performance_metrics(simulation)
+        now[0] += 1.0
+        api.api.states.after_batch(simulation)
+        message = metrics.sent[-1]
         assert (message.header.stamp.to_nsec(), message.real_time_factor) == (2_000_000, 0.5)
         (told,) = message.sensors
         assert (told.name, told.sim_update_rate, told.real_update_rate) == ("c", 20.0, 10.0)

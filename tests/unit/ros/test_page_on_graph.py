@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import io
-import os
 import sys
 import threading
 from types import SimpleNamespace
-from unittest.mock import Mock
 
 import cv2
 import numpy as np
@@ -16,7 +13,7 @@ import rospy
 from gazebo_msgs.srv import GetModelState, GetWorldProperties
 from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion
 from rospy import AnyMsg
-from run_messages import ARM, JOINTS, made_state, position
+from run_messages import ARM, made_state, position
 from sensor_msgs.msg import Image
 from std_msgs.msg import ColorRGBA
 from std_srvs.srv import Trigger
@@ -30,7 +27,6 @@ from aras_visual_servo_bench.ros import dashboard, markers, target_watch, teleop
 from aras_visual_servo_bench.ros.graph_listener import GraphListener, make_listener_settings
 from aras_visual_servo_bench.ros.image_subscriber import OVERLAY_NOTE, PLAIN_NOTE, ImageSubscriber
 from aras_visual_servo_bench.ros.target_pose_reader import TargetPoseReader, has_moved
-from aras_visual_servo_bench.web.live import robot_model
 from aras_visual_servo_bench.web.live.requests import Request
 from aras_visual_servo_controller.errors import ConfigurationError, ServoError
 from aras_visual_servo_controller.kinematics import Arm
@@ -363,111 +359,22 @@ def test_joints_without_a_controller_are_not_driven(graph, life, monkeypatch):
 
 # -- the page's node -------------------------------------------------------------------------------
 
-CALLS: list[tuple] = []
-
-
-class Told:
-    """Replacement of a part of the page that records its calls and returns given answers."""
-
-    def __init__(self, *given):
-        self.made = given
-        CALLS.append((type(self).__name__, "made", *given))
-
-    def __getattr__(self, name):
-        if name.startswith("_"):
-            raise AttributeError(name)
-
-        def ask(*given, **named):
-            CALLS.append((type(self).__name__, name, *given, named) if named else
-                         (type(self).__name__, name, *given))
-            return self.ANSWERS.get(name, f"{name} is done")
-
-        return ask
-
-
-class Actions(Told):
-    ANSWERS = {"read_selection": {"scheme": "points", "law": "pi"}, "has_controller": False,
-               "list_choices": {"laws": ["pi"]}}
-    robot, gains = "robo", {"gain": 3.0}
-
-
-class Keeping(Told):
-    ANSWERS = {"find_file": "a path", "find_recording_error": "full"}
-    open_bag, last_bag, report_page = "r.bag", None, "page.html"
-
-
-class Driving(Told):
-    ANSWERS = {}
-
-
-class ThePictures(Told):
-    ANSWERS = {"take_jpeg": b"jpeg", "choose_topic": None}
-    note = "as found"
-
-
-class TargetWatch(Told):
-    ANSWERS = {}
-    missing_reason = "no target"
-
 
 @pytest.fixture
-def parts(monkeypatch):
-    CALLS.clear()
-    for name, part in (("page_commands.PageCommands", Actions),
-                       ("session_files.SessionFiles", Keeping),
-                       ("teleoperator.Teleoperator", Driving),
-                       ("image_subscriber.ImageSubscriber", ThePictures),
-                       ("target_watch.TargetWatch", TargetWatch)):
-        monkeypatch.setattr(f"aras_visual_servo_bench.ros.{name}", part)
-
-
-@pytest.fixture
-def host(listener, parts, tmp_path):
+def host(listener, life, monkeypatch, tmp_path):
+    monkeypatch.setattr(threading, "Thread", life.thread)
     it = dashboard.Dashboard(listener, "robo", tmp_path)
-    CALLS.clear()
-    return it
+    yield it
+    it.close()
 
 
-def test_the_page_s_parts_are_told_where_the_robot_is(listener, parts, tmp_path):
-    page = dashboard.Dashboard(listener, "robo", tmp_path).page
-    made = [
-        ("Actions", "made", listener, listener.settings, tmp_path, "robo"),
-        ("Keeping", "made", tmp_path), ("TargetWatch", "made"),
-        ("Driving", "made", listener, listener.settings),
-        ("ThePictures", "made", "/two", "/eye/camera")]
-    assert made == CALLS
-    assert listener.on_state == page.add_sample
-
-
-@pytest.mark.parametrize(("do", "given", "call"), [
-    *((name, {}, ("Actions", "control_loop", name)) for name in ("start", "stop", "hold")),
-    ("reset", {}, ("Actions", "control_clock", "reset_simulation")),
-    ("pause", {}, ("Actions", "control_clock", "pause_physics")),
-    ("resume", {}, ("Actions", "control_clock", "unpause_physics")),
-    *((name, {"a": 1, "b": 2}, ("Actions", method, {"a": 1, "b": 2}))
-      for name, method in (("step", "step"), ("gain", "set_gain"), ("servo", "restart_nodes"),
-                           ("goal", "move_goal"), ("camera", "change_camera"),
-                           ("target", "change_target"))),
-    ("record", {}, ("Keeping", "start_recording")),
-    ("stop_record", {}, ("Keeping", "stop_recording")),
-    ("report", {}, ("Keeping", "make_report")),
-    ("jog", dict(zip(("wz", "wy", "wx", "vz", "vy", "vx"), range(6), strict=True)),
-     ("Driving", "move_camera", [5, 4, 3, 2, 1, 0])),
-    ("jog_joint", {"speed": 0.5, "joint": "elbow"}, ("Driving", "move_joint", "elbow", 0.5)),
-])
-def test_each_request_is_one_s(host, do, given, call):
-    assert host.execute(Request(do, given)) == f"{call[1]} is done"
-    assert [call] == CALLS
-
-
-def test_what_fails_is_refused_with_its_words(host, monkeypatch):
-    for fault in (ServoError, OSError, rospy.ROSException):
-        def fail(*_, fault=fault):
-            raise fault("why")
-
-        monkeypatch.setattr(Keeping, "start_recording", fail, raising=False)
-        with pytest.raises(RefusedError, match="^why$"):
-            host.execute(Request("record", {}))
+@pytest.mark.parametrize("name", ["start", "stop", "hold"])
+def test_a_request_reaches_the_loop_or_says_why_not(host, name):
+    with pytest.raises(RefusedError, match="controller"):
+        host.execute(Request(name, {}))
+    rospy.Service(f"/two/controller/{name}", Trigger, lambda _: (
+        Trigger._response_class(True, f"{name}: servoing")))
+    assert "servoing" in host.execute(Request(name, {}))
 
 
 def test_teaching_is_refused_where_nothing_would_be_seen(host, listener):
@@ -478,12 +385,6 @@ def test_teaching_is_refused_where_nothing_would_be_seen(host, listener):
     listener.run_trace.factor, listener.no_target_reason = 1.0, "dark"
     with pytest.raises(RefusedError, match=r"target is not detected \(dark\): bring it into"):
         host.execute(teach)
-    for scheme in ("luminance", "matches"):
-        Actions.ANSWERS["read_selection"]["scheme"] = scheme  # they look at the picture themselves
-        assert host.execute(teach) == "teach_goal is done"
-        assert CALLS[-1] == ("Keeping", "teach_goal", "mine", scheme)
-    Actions.ANSWERS["read_selection"]["scheme"], listener.no_target_reason = "points", ""
-    assert host.execute(teach) == "teach_goal is done"
     listener.run_trace = None
     with pytest.raises(RefusedError, match="^the simulation is paused"):
         host.execute(teach)
@@ -498,61 +399,20 @@ def test_news_are_of_the_joints_that_were_heard(host, listener):
     assert "joints" not in news and news["stamp"] == 1.75
 
 
-def test_the_robot_is_drawn_once(host, graph, listener, monkeypatch):
-    drawn = []
-    whole = robot_model.make_robot_model
-    monkeypatch.setattr(
-        robot_model, "make_robot_model", lambda urdf: drawn.append(1) or whole(urdf)
-    )
-    assert [host.make_robot_model()["name"] for _ in range(2)] == ["two"] * 2 and len(drawn) == 1
+def test_the_robot_is_drawn_once(host, graph, listener):
+    first = host.make_robot_model()
+    assert first["name"] == "two" and host.make_robot_model() is first
     listener.urdf = "<robot"
     empty = {"name": "", "root": "", "joints": [], "links": {}}
-    assert host.make_robot_model() == empty and host.make_robot_model() == empty and len(drawn) == 2
+    assert host.make_robot_model() == empty and host.make_robot_model() == empty
     line, = graph.lines
     assert line.startswith("the live page cannot draw the robot: ")
     listener.urdf = ""
     assert host.make_robot_model() is None
 
 
-def test_a_page_that_is_looked_at_is_kept_up_to_date(host, graph, life, listener):
-    host.refresh()
-    assert not CALLS and not host.page.state
-    host.set_viewer_count(2)
-    listener.run_trace.state, listener.report = made_state(1.0), "a report"
-    graph.sources["/two/joint_states"] = 1
-    graph.subscribers["/two/joint_states"](AnyMsg())
-    host.refresh()
-    # its controller is gone
-    assert listener.run_trace.state.phase == "" and listener.report is None
-    assert host.page.choices == {"laws": ["pi"]}
-    assert host.page.state == {
-        "scheme": Actions.ANSWERS["read_selection"]["scheme"], "law": "pi", "gains": {"gain": 3.0},
-        "controller": False, "robot": 1, "image_note": "as found", "open_bag": "r.bag",
-        "last_bag": "", "recording_error": "full", "no_target": "no target", "report": "page.html",
-        "missing": ""}
-    assert ("ThePictures", "set_viewer_count", 2) in CALLS
-    assert ("ThePictures", "choose_topic") in CALLS
-    assert ("TargetWatch", "update", listener.run_trace, "robo") in CALLS
-    assert host.page.make_full_message()["limits"] == {
-        "names": list(JOINTS), "lower": [-0.5, -1.5], "upper": [0.7, 2.0], "velocity": [0.3, 1.9],
-        "prismatic": [True, False]}
-    assert host.take_image() == b"jpeg" and host.find_file("x") == "a path"
-    assert CALLS[-1] == ("Keeping", "find_file", "x")
-    host.close()
-    assert CALLS[-2:] == [("Actions", "close"), ("Keeping", "close")]
-    listener.run_trace.state = made_state(1.0)
-    Actions.ANSWERS["has_controller"] = True
-    host.refresh()
-    assert listener.run_trace.state.phase == "servoing" and host.page.state["controller"] is True
-    Actions.ANSWERS["has_controller"] = False
-    host.set_viewer_count(0)
-    CALLS.clear()
-    host.refresh()
-    assert not CALLS
-
-
-def test_a_page_on_a_dead_graph_says_what_is_missing_and_why(graph, life, parts, tmp_path,
-                                                             monkeypatch):  # fmt: skip
+def test_a_page_on_a_dead_graph_says_what_is_missing_and_why(graph, life, tmp_path, monkeypatch):
+    monkeypatch.setattr(threading, "Thread", life.thread)
     it = GraphListener(make_listener_settings(GIVEN))
     host = dashboard.Dashboard(it, "robo", tmp_path)
 
@@ -573,7 +433,10 @@ def test_a_page_on_a_dead_graph_says_what_is_missing_and_why(graph, life, parts,
     host.refresh()
     assert host.page.state["missing"] == ""
     assert "paused" in missing()
-    monkeypatch.setattr(rospy, "has_param", Mock(side_effect=ConnectionRefusedError))
+    def dead(_name):
+        raise ConnectionRefusedError
+
+    monkeypatch.setattr(rospy, "has_param", dead)
     assert missing().startswith("The ROS master at http")
 
 
@@ -588,52 +451,6 @@ def test_the_page_s_own_parameters_are_told_from_the_controller_s():
             dashboard.split_parameters(given)
     assert dashboard.split_parameters({})[0].port == 8080
     assert dashboard.split_parameters({"port": 65535})[0].port == 65535
-
-
-@pytest.mark.parametrize(("urdf", "given", "directory", "status"), [
-    (ARM, {}, "ros/aras_dashboard", 0), (ARM, {"directory": "~/mine", "robot": "robo"}, "mine", 0),
-    (ARM.replace("camera_optical_frame", "eye"), {}, "ros/aras_dashboard", 1),
-])
-def test_the_page_is_served_until_the_node_ends(graph, life, parts, monkeypatch, tmp_path, urdf,
-                                                given, directory, status):  # fmt: skip
-    ended, done = [], []
-    thread = SimpleNamespace(name="shutdown", join=lambda limit: done.append(("joined", limit)))
-    other = SimpleNamespace(name="other", join=lambda limit: done.append("other"))
-
-    def leave(status):
-        ended.append(status)
-        raise SystemExit
-
-    def serve(host, address, port, token, say):
-        done.append((type(host), address, port, token, say))
-        return SimpleNamespace(access=SimpleNamespace(address="http://here"),
-                               close=lambda: done.extend(("closed", written.getvalue())))
-
-    monkeypatch.setenv("HOME", str(tmp_path))
-    monkeypatch.setenv("ROS_HOME", str(tmp_path / "ros"))
-    monkeypatch.setattr(dashboard, "init_node", life.begin)
-    monkeypatch.setattr(dashboard, "accept_in_threads", lambda: done.append("open"))
-    monkeypatch.setattr(dashboard.threading, "enumerate", lambda: [other, thread])
-    monkeypatch.setattr(os, "_exit", leave)
-    monkeypatch.setitem(sys.modules, "aras_visual_servo_bench.web.live.server",
-                        SimpleNamespace(serve=serve))
-    graph.parameters["/robot_description"] = urdf
-    for key, value in {**GIVEN, **given, "token": "t" * 12}.items():
-        rospy.set_param(f"~{key}", value)
-    life.steps = [lambda: None]
-    written = io.BytesIO()  # as by a pipe
-    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(written))
-    with pytest.raises(SystemExit):
-        dashboard.main()
-    assert life.begun == [(("aras_visual_servo_dashboard", dashboard.__doc__),
-                           {"disable_rostime": True})]
-    assert ended == [status] and set(life.slept) <= {0.5}
-    assert done == ["open", (dashboard.Dashboard, "127.0.0.1", 8080, "t" * 12, rospy.loginfo),
-                    "closed", b"\n    http://here\n\n", ("joined", 5.0)]
-    made = next(call for call in CALLS if call[:2] == ("Actions", "made"))
-    assert made[4:] == (tmp_path / directory, given.get("robot", "aras_visual_servo"))
-    assert CALLS[-2:] == [("Actions", "close"), ("Keeping", "close")]
-    assert len(graph.lines) == status
 
 
 def test_a_page_that_cannot_be_served_says_why(graph, life, monkeypatch):

@@ -239,7 +239,7 @@ def test_spawn_model_waits_for_another_model(gazebo, tmp_path, monkeypatch):
     ("spawn_sdf_model", None, "Spawning m failed: so not"),
     ("set_model_configuration", None, "Spawning m failed: so not"),
     ("spawn_sdf_model", rospy.ServiceException("x"),
-     "Spawning m failed: the simulator refused the call: x"),
+     "Spawning m failed, because the simulator refused the call: x"),
     ("unpause_physics", rospy.ROSException("y"), "Spawning m failed: y"),
     ("spawn_sdf_model", rospy.ROSInterruptException("z"), None),
     ("-down", rospy.ROSException("y"), None),

@@ -48,43 +48,6 @@ def test_a_signal_ends_a_waiting_main_thread_and_hooks_come_to_their_end(number)
     assert node.returncode == 0
 
 
-def test_other_signals_end_nothing(monkeypatch):
-    hear, tell = os.pipe()
-    reasons, ended = [], threading.Event()
-    monkeypatch.setattr(shutdown.rospy, "signal_shutdown",
-                        lambda reason: (reasons.append(reason), ended.set()))
-    os.write(tell, bytes([signal.SIGCHLD, signal.SIGTERM, signal.SIGINT]))
-    shutdown._wait_for_signal(hear)
-    assert ended.wait(10.0) and reasons == ["SIGTERM"]
-    assert os.read(hear, 9) == bytes([signal.SIGINT])
-    os.close(hear)
-    os.close(tell)
-
-
-@pytest.mark.parametrize("hangs", [False, True])
-def test_a_node_that_cannot_end_while_it_begins_is_left(monkeypatch, hangs):
-    hear, tell = os.pipe()
-    free, left, threads = threading.Event(), [], []
-
-    def end(reason):
-        threads.append((threading.current_thread().name, threading.current_thread().daemon, reason))
-        assert free.wait(20.0)
-
-    monkeypatch.setattr(shutdown.rospy, "signal_shutdown", end)
-    monkeypatch.setattr(shutdown, "PATIENCE", 0.02 if hangs else 20.0)
-    monkeypatch.setattr(os, "_exit", left.append)
-    monkeypatch.setattr(shutdown, "_started", threading.Event())
-    if not hangs:
-        free.set()
-    os.write(tell, bytes([signal.SIGTERM]))
-    shutdown._wait_for_signal(hear)
-    free.set()
-    assert left == ([128 + signal.SIGTERM] if hangs else [])
-    assert threads == [("shutdown", False, "SIGTERM")]
-    os.close(hear)
-    os.close(tell)
-
-
 def test_a_topic_closed_under_a_callback_is_a_fault_only_before_the_end(monkeypatch):
     logger, pipe = logging.getLogger("rosout"), os.pipe()
     monkeypatch.setattr(logger, "filters", [])
@@ -97,8 +60,8 @@ def test_a_topic_closed_under_a_callback_is_a_fault_only_before_the_end(monkeypa
         start=lambda: began.append(more)))
     shutdown.end_on_signals()
     assert told_of == [(pipe[1], False, {"warn_on_full_buffer": False})]
-    assert began == [{"target": shutdown._wait_for_signal, "args": (pipe[0],), "name": "signals",
-                      "daemon": True}]
+    (began,) = began
+    assert (began["args"], began["name"], began["daemon"]) == ((pipe[0],), "signals", True)
     assert set(heard) == {signal.SIGINT, signal.SIGTERM} and os.get_blocking(pipe[0])
     assert not any(handler(2, None) for handler in heard.values())  # the kernel's has told already
     for end in pipe:

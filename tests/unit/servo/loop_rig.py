@@ -9,19 +9,22 @@ from pathlib import Path
 
 import numpy as np
 
-from aras_visual_servo_base.poses import pose_difference
+from aras_visual_servo_base.poses import exponential, pose_difference
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.kinematics import Arm, DifferentialIK, Limits, PostureTask
 from aras_visual_servo_controller.kinematics.elbow import find_elbows
+from aras_visual_servo_controller.kinematics.ik_solution import IKSolution
 from aras_visual_servo_controller.kinematics.joint_sample import JointSample
+from aras_visual_servo_controller.kinematics.task import Task
 from aras_visual_servo_controller.laws import Law, Proportional
 from aras_visual_servo_controller.loop.servo import Servo
 from aras_visual_servo_controller.observation.feature_observer import FeatureObserver
 from aras_visual_servo_controller.observation.observation import Observation
 from aras_visual_servo_controller.records.state import Command, ServoSettings, ServoState
 from aras_visual_servo_controller.schemes import JointController, Scheme, create_scheme
+from aras_visual_servo_controller.schemes.base import SchemeOutput
 
 SOURCES = Path(__file__).parents[3] / "src"
 URDF = SOURCES / "aras_visual_servo_gazebo" / "robots" / "aras_visual_servo.urdf"
@@ -176,3 +179,41 @@ def scaled(moments: Moments, factor: float) -> Moments:
     centred = moments.centred * factor**n
     return Moments(moments.order, moments.kind, moments.m00 * factor**2, moments.xg * factor,
                    moments.yg * factor, centred)  # fmt: skip
+
+
+def an_output(error, L=None, modelled=None, **more) -> SchemeOutput:
+    """Return a scheme's output with an error (k,) and its L (k, 6), which a task controls in the
+    directions `modelled` (6,)."""
+    error = np.asarray(error, float)
+    L = None if L is None else np.asarray(L, float)
+    task = None if modelled is None else Task(L, np.zeros(len(L)), np.array(modelled))
+    names = more.pop("names", ("",) * len(error))
+    return SchemeOutput(names, error, np.zeros_like(error), error, task, L, **more)
+
+
+def an_image(stamp, dt, motion=None, **more) -> Observation:
+    """Return the observation of a camera that moved by a twist (6,) in one second since the image
+    before."""
+    previous = None if motion is None else exponential(motion)
+    return Observation(stamp, dt, True, "", CAMERA, previous_T_camera=previous, **more)
+
+
+def a_solution(jacobian) -> IKSolution:
+    """Return the joint velocities of an arm at rest, with its jacobian (6, n)."""
+    still = np.zeros(np.shape(jacobian)[1])
+    return IKSolution(still, still, *np.zeros((3, 6)), 1.0, still, (), "", (), np.eye(6),
+                      np.asarray(jacobian), np.full(6, True))
+
+
+class TolerantScheme(Scheme):
+    """A scheme with given tolerances and accuracy."""
+
+    def __init__(self, tolerances, accuracy=None):
+        self.tolerances, self.units = tolerances, ("",) * len(tolerances)
+        self._accuracy = accuracy
+
+    def accuracy(self, observation, goal):
+        return self._accuracy
+
+    def compute(self, observation, goal):
+        raise AssertionError("no image is processed")

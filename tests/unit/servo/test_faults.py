@@ -103,14 +103,14 @@ FAULTS = {
     "L of five columns": (with_task(L=np.zeros((4, 5))), "(4, 5)"),
     "rate of another length": (with_task(desired_rate=np.zeros(3)), "(3,)"),
     "modelled of four": (with_task(modelled=np.ones(4, bool)), "have the shape (6,), got (4,)"),
-    "long error": (answering(error=np.zeros(5)), "error of shape (5,) for 4 names"),
+    "long error": (answering(error=np.zeros(5)), "error of shape (5,), must return one number for"),
     "NaN in the error": (answering(error=[0.1, np.nan, 0, 0]), "error that are not finite"),
     "text for features": (answering(features="abcd"), "features of no numbers"),
     "NaN in a rate of its own": (
         answering(error_drift=[1.0, np.nan, 0.0, 0.0]), "returned the error_drift"),
     "short rate of its own": (
         answering(error_drift=np.zeros(3)), "returned the error_drift [0. 0. 0.]"),
-    "few names": (answering(names=("x",)), "for 1 names"),
+    "few names": (answering(names=("x",)), "one number for each of the 1 names"),
     "no tolerances": (without_tolerances, "has tolerances ()"),
 }
 
@@ -187,18 +187,18 @@ def test_a_decision_is_made_of_arrays_whatever_was_answered():
 
 
 @pytest.mark.parametrize(("scheme", "decision", "words"), [
-    ({}, {"features": [1.0]}, r"returned features of shape \(1,\) for 2 names"),
-    ({}, {"desired": "far"}, "returned desired of no numbers for 2 names"),
-    ({}, {"error": None}, "returned error of no numbers for 2 names"),
+    ({}, {"features": [1.0]}, r"returned features of shape \(1,\), must return one number for"),
+    ({}, {"desired": "far"}, "returned desired of no numbers, must return one number for"),
+    ({}, {"error": None}, "returned error of no numbers, must return one number for"),
     ({}, {"error": [1.0, np.inf]}, r"returned error that are not finite: \[1.0, inf\]"),
     ({}, {"desired": [np.nan, 0.0]}, r"returned desired that are not finite: \[nan, 0.0\]"),
-    ({"tolerances": (0.1, -0.1)}, {}, r"has tolerances \(0.1, -0.1\): 2 numbers above 0 are"),
-    ({"tolerances": (0.0, 0.1)}, {}, r"has tolerances \(0.0, 0.1\): 2 numbers above 0 are"),
+    ({"tolerances": (0.1, -0.1)}, {}, r"has tolerances \(0.1, -0.1\), must have 2 numbers above 0"),
+    ({"tolerances": (0.0, 0.1)}, {}, r"has tolerances \(0.0, 0.1\), must have 2 numbers above 0"),
     ({"tolerances": (0.1,)}, {}, r"has tolerances \(0.1,\), must have 2 numbers above 0"),
     ({"tolerances": None}, {}, "has tolerances None, must have 2 numbers above 0"),
-    ({}, {"error_drift": [1.0, np.nan]}, "returned the error_drift .*: one finite number"),
-    ({}, {"error_drift": [1.0]}, "returned the error_drift .*: one finite number"),
-    ({}, {"error_drift": None}, "returned the error_drift None: one finite number for each name"),
+    ({}, {"error_drift": [1.0, np.nan]}, "returned the error_drift .*, must return one finite"),
+    ({}, {"error_drift": [1.0]}, "returned the error_drift .*, must return one finite"),
+    ({}, {"error_drift": None}, "returned the error_drift None, must return one finite number"),
     ({}, {"task": 3}, "returned the task int instead of a Task"),
 ])  # fmt: skip
 def test_what_is_wrong_with_a_decision_is_told(scheme, decision, words):
@@ -518,7 +518,7 @@ HERE = __name__
         ("aras_visual_servo_controller.laws:Proportional", "not a class derived from Scheme"),
         ("test_faults:Exits", "its constructor raised SystemExit: no GPU"),
         ("test_faults:Unnamed", "Unnamed has no names"),
-        ("test_faults:Loose", "2 names but tolerances"),
+        ("test_faults:Loose", "2 names but the tolerances"),
         ("test_faults:Never", "give one number above 0 for each name"),
         ("moments+moments_2016", "'moments_2016' is not a feature"),
         ("", "unknown scheme ''"),

@@ -223,7 +223,7 @@ def test_of_an_l_that_is_none_the_law_is_not_asked():
     nan = np.where(np.eye(4, 6, 1) > 0.0, np.nan, 1.0)
     for L in (nan, np.ones((3, 6))):
         feature.measure = lambda *_, L=L: replace(measured, L=L)
-        with pytest.raises(SchemeError, match=r"Tall.measure returned L .*\(4, 6\) finite numbers"):
+        with pytest.raises(SchemeError, match=r"Tall.measure returned L .*of shape \(4, 6\)"):
             scheme.compute(look(frozenset(), GOAL), Goal(), 0.0)
         assert not hasattr(law, "rotated")
 
@@ -271,24 +271,6 @@ def test_a_square_has_no_angle():
     feature = FEATURES.create("moments")
     with pytest.raises(ConfigurationError, match="alpha is undefined"):
         feature.check(taught(feature, SQUARE, pose((0, 0, 0.2), (0, 0, 0))))
-
-
-@pytest.mark.parametrize(("longer", "refused"), [(0.0099, True), (0.0101, False)])
-def test_what_is_a_square_to_a_hundredth_has_no_angle(longer, refused):
-    """(w^2 - h^2) / (w^2 + h^2) of a rectangle."""
-    feature = FEATURES.create("moments")
-    shape = SQUARE * np.sqrt([1.0 + longer, 1.0 - longer])
-    goal = taught(feature, shape, pose((0, 0, 0.2), (0, 0, 0)))
-    view = look(feature.needs, pose((0, 0, 0.3), (0, 0, 0.4)), shape)
-    if refused:
-        with pytest.raises(ConfigurationError, match="alpha is undefined"):
-            feature.check(goal)
-        goal = taught(feature, SQUARE * (1.5, 1.0), pose((0, 0, 0.2), (0, 0, 0)))
-        with pytest.raises(MeasurementError, match="feature alpha is undefined: "):
-            feature.measure(view, goal)
-    else:
-        feature.check(goal)
-        assert feature.measure(view, goal).error[3] == pytest.approx(0.4)
 
 
 def test_without_a_known_plane_its_attitude_comes_from_kinematics():
@@ -399,43 +381,6 @@ def test_accuracy_of_corners_goes_through_the_feature(name):
     np.testing.assert_array_equal(beside, np.vstack([np.zeros((2, corners.size)), found]))
 
 
-def test_a_goal_that_this_camera_has_shown_has_the_errors_of_the_same_view():
-    feature = FEATURES.create("points")
-    goal = taught(feature, SQUARE, pose((0, 0, 0.2), (0, 0, 0)))
-    feature.check(goal)
-    view = replace(look(feature.needs, pose((0, 0, 0.2), (0, 0, 0)), SQUARE), corner_accuracy=1e-4)
-    other = feature.accuracy(view, replace(goal, camera=None))
-    np.testing.assert_allclose(other, 1e-4 * np.eye(8))
-    goal = replace(goal, camera=view.camera)
-    pixel = 1.0 / view.camera.K[0]
-    shown = feature.accuracy(replace(view, corner_accuracy=pixel), goal)
-    np.testing.assert_allclose(shown, 0.0012 * pixel * np.eye(8), rtol=1e-6)
-    for off, common in ((0.02, 0.0012 + 0.085 * 0.02), (5.0, 0.05)):
-        moved = view.corners + off * pixel * np.array([[0.6, 0.8]]) * np.sqrt(2.0)
-        seen = replace(view, corners=moved, corner_accuracy=0.05 * pixel)
-        shown = feature.accuracy(seen, goal)
-        np.testing.assert_allclose(shown, common * pixel * np.eye(8), rtol=1e-6)
-    # of edges by how they scatter about their lines, and by the root of the distance in pixels
-    pattern = np.random.default_rng(3).normal(size=(8, 6))
-    pattern /= np.sqrt((pattern**2).sum() / 8.0)
-    for off, deviation, common in (
-        (0.0, 0.1, 1.13 * np.hypot(0.1, 0.008) * 0.002**0.5),
-        (1e3, 0.1, 1.0),
-        (0.09, 0.01, 1.13 * np.hypot(0.01, 0.008) * (0.09**2 - 0.01**2) ** 0.25),
-    ):
-        moved = view.corners + off * pixel * np.array([[0.6, 0.8]]) * np.sqrt(2.0)
-        for first in (0, 3):  # the outline begins anywhere
-            seen = replace(
-                view, corners=np.roll(moved, first, axis=0), corner_accuracy=pixel,
-                corner_spread=np.roll(deviation * pixel * pattern, 2 * first, axis=0),
-                is_numbered=False,
-            )  # fmt: skip
-            shown = feature.accuracy(seen, goal)
-            np.testing.assert_allclose(shown, common * pixel * pattern, rtol=1e-6)
-    own = replace(view, corner_accuracy=pixel, corner_repeatability=0.3 * pixel)
-    np.testing.assert_allclose(feature.accuracy(own, goal), 0.3 * pixel * np.eye(8), rtol=1e-6)
-
-
 @pytest.mark.parametrize("name", ["moments", "moments_six"])
 def test_accuracy_of_moments_is_that_of_the_outline(name):
     """An outline that is wider all round by d: what the first column says."""
@@ -455,24 +400,6 @@ def test_accuracy_of_moments_is_that_of_the_outline(name):
     assert found[at_an, 0] == pytest.approx(-0.5 * goal.depth * length * d / area, rel=0.02)
     assert np.abs(found[0, 1]) > 5.0 * np.abs(found[0, 2])  # cos phi moves it along x
     assert middle.shape == (2,)
-
-
-@pytest.mark.parametrize("turn", [0.0, 0.7])
-@pytest.mark.parametrize(("wide", "as_shown"), [(0.0556, 0.5), (0.055, 1.0)])
-def test_alpha_of_a_nearly_round_outline_gains_nothing_by_the_same_view(wide, as_shown, turn):
-    """Rectangles 0.05 m high: (w^2 - h^2) / (w^2 + h^2) is 0.106 and 0.095."""
-    c, s = np.cos(turn), np.sin(turn)
-    feature = FEATURES.create("moments")
-    w, h = 0.5 * wide, 0.025
-    outline = np.array([[-w, -h], [w, -h], [w, h], [-w, h]]) @ np.array([[c, s], [-s, c]])
-    goal = replace(taught(feature, outline), camera=None)
-    feature.check(goal)
-    view = replace(look(feature.needs, GOAL, dense(outline)), pixel_count=900)
-    other = feature.accuracy(view, goal)
-    shown = feature.accuracy(view, replace(goal, camera=view.camera))
-    np.testing.assert_allclose(shown[:3], 0.5 * other[:3], rtol=1e-3, atol=1e-12)
-    alpha = np.linalg.norm(shown[3]) / np.linalg.norm(other[3])
-    assert alpha == pytest.approx(as_shown, rel=0.15)
 
 
 @pytest.mark.parametrize("shape", [SQUARE * (1.6, 1.0), OUTLINE], ids=["half a turn", "directed"])
@@ -501,29 +428,6 @@ def raw_moments(outline, order):
                      for i in range(order + 1)])  # fmt: skip
 
 
-@pytest.mark.parametrize("shape", [SQUARE * (1.6, 1.0), OUTLINE], ids=["half a turn", "directed"])
-def test_accuracy_of_moments_is_what_the_waves_of_an_outline_make_of_each(shape):
-    """Of 0.0075 px through the root of the pixels, by xn, yn, an and alpha written out."""
-    feature = FEATURES.create("moments")
-    goal = replace(taught(feature, shape, pose((0.03, -0.02, 0.25), (0.1, 0.2, 0.5))), camera=None)
-    view = replace(look(feature.needs, GOAL, dense(shape)), pixel_count=625)
-    raw = np.array([[goal.moments.m(i, j) if i + j < 3 else 0.0 for j in range(3)]
-                    for i in range(3)])  # fmt: skip
-
-    def values(m):
-        a, xg, yg = m[0, 0], m[1, 0] / m[0, 0], m[0, 1] / m[0, 0]
-        an = goal.depth * np.sqrt(raw[0, 0] / a)
-        mu20, mu11, mu02 = m[2, 0] - a * xg**2, m[1, 1] - a * xg * yg, m[0, 2] - a * yg**2
-        return np.array([an * xg, an * yg, an, 0.5 * np.arctan2(2.0 * mu11, mu20 - mu02)])
-
-    slopes = [(values(raw + 1e-6 * d) - values(raw - 1e-6 * d)) / 2e-6
-              for d in compute_displacement_moments(goal.compute_outline(), 2)]  # fmt: skip
-    expected = 0.0075 / 25.0 / view.camera.K[0] * np.transpose(slopes)
-    found = feature.accuracy(view, goal)
-    scale = np.abs(expected).max(axis=1, keepdims=True)
-    np.testing.assert_allclose(found / scale, expected / scale, atol=1e-3)
-
-
 def test_what_an_outline_gains_where_it_is_displaced_by_waves():
     """Against moments of the displaced outline itself, of many sides."""
     t = np.linspace(0.0, 2.0 * np.pi, 1200, endpoint=False)
@@ -539,23 +443,6 @@ def test_what_an_outline_gains_where_it_is_displaced_by_waves():
         sides = [raw_moments(outline + d * wave[:, None] * outward, 3) for d in (1e-5, -1e-5)]
         expected = (sides[0] - sides[1]) / 2e-5
         np.testing.assert_allclose(gained, expected, atol=2e-3 * np.abs(found[0]).max())
-
-
-def test_what_an_outline_of_few_unequal_sides_gains():
-    """Against integrals along its sides, by many pieces of Gauss's nodes."""
-    outline = np.array([[0.1, -0.15], [0.33, -0.18], [0.26, -0.01], [0.18, -0.06]])
-    nodes, weights = np.polynomial.legendre.leggauss(9)
-    part = ((np.arange(40)[:, None] + 0.5 * (nodes + 1.0)) / 40).ravel()[:, None, None]
-    ahead, powers = np.roll(outline, -1, axis=0) - outline, np.arange(4)
-    places = outline + part * ahead
-    length = np.tile(weights / 80.0, 40)[:, None] * np.linalg.norm(ahead, axis=1)
-    x, y = np.moveaxis(places, 2, 0)
-    phi = np.angle((places - outline.mean(axis=0)) @ (1, 1j))
-    waves = [np.ones_like(phi), *(f(m * phi) for m in range(1, 5) for f in (np.cos, np.sin))]
-    expected = np.einsum("hsn,isn,jsn->hij", waves * length, [x**i for i in powers],
-                         [y**j for j in powers])  # fmt: skip
-    off = np.abs(compute_displacement_moments(outline, 3) - expected).max()
-    assert off < 1e-3 * np.abs(expected).max()
 
 
 @pytest.mark.parametrize("count", range(3, 9))
@@ -744,8 +631,10 @@ ON_A_LINE = np.array([[-0.05, 0.01], [0.0, 0.01], [0.02, 0.01], [0.06, 0.01]])
 @pytest.mark.parametrize(("name", "corners", "words"), [
     ("polar_points", [[0.0, 0.0], [0.1, 0.0], [0.1, 0.1]], "has no polar angle"),
     ("polar_points", [[9e-10, 0.0], [0.1, 0.0], [0.1, 0.1]], "has no polar angle"),
-    ("segments", [[0.1, 0.0], [0.1, 9e-10], [0.3, 0.1]], "coincide and define no edge"),
-    ("lines", [[0.1, 0.2], [0.1, 0.2], [0.3, 0.1]], "coincide and define no edge"),
+    ("segments", [[0.1, 0.0], [0.1, 9e-10], [0.3, 0.1]], "coincide, so the edge between them is "
+                                                         "undefined"),
+    ("lines", [[0.1, 0.2], [0.1, 0.2], [0.3, 0.1]], "coincide, so the edge between them is "
+                                                    "undefined"),
     ("pose", ON_A_LINE, "goal: a pose needs four points that are not on one line; the goal has 4"),
     ("pose", [[0.1, 0.2], [0.1, 0.3], [0.3, 0.1]], "a pose needs four points .* the goal has 3"),
     ("points", "far away", "goal holds no points of the feature 'points': teach it"),
@@ -771,12 +660,6 @@ def test_a_feature_is_as_long_as_the_goal_that_it_was_checked_with(name, each, e
     found = feature.measure(look(feature.needs, VIEWS["near"]), goal)
     for numbers in (feature.names, feature.tolerances, feature.units, found.s, found.L):
         assert len(numbers) == each * elements
-
-
-def test_what_is_a_billionth_of_the_focal_length_apart_is_apart():
-    for name, corners in (("polar_points", [[1e-9, 0.0], [0.1, 0.0], [0.1, 0.1]]),
-                          ("lines", [[0.0, 0.0], [0.0, 1e-9], [0.3, 0.1]])):  # fmt: skip
-        FEATURES.create(name).check(Goal(depth=0.5, features={name: {"points": corners}}))
 
 
 @pytest.mark.parametrize("name", ["points", "moments", "kernel"])
@@ -829,9 +712,6 @@ def test_a_stack_has_the_parts_one_under_the_other_with_their_weights():
     assert len(scheme.tolerances) == len(scheme.names) == 20
     assert stack.needs == {Need.MOMENTS, Need.CORNERS}
     assert stack.directions == (True,) * 6
-    parts[1]._match_rotation = 1.0
-    stack.reset()
-    assert parts[1]._match_rotation == 0.0
     decision = scheme.compute(view, goal, 0.0)
     # weighted least squares: the same as rows scaled by the weights
     W = np.diag(stack.weights)
@@ -924,41 +804,6 @@ def test_the_kernels_interaction_matrix_is_the_derivative(way, turn, fx, fy, row
     np.testing.assert_allclose(
         found[:rows], told[:rows], rtol=0.02, atol=0.02 * np.abs(told[:rows]).max()
     )
-
-
-def kernels_of(camera_T_object, camera):
-    """k0 to k2 (3,) of the outline itself, integrated by Green's theorem, rows from 1."""
-    flat = np.c_[OUTLINE, np.zeros(len(OUTLINE))] @ camera_T_object[:3, :3].T
-    P = flat + camera_T_object[:3, 3]
-    u, v = camera.project(P[:, 0] / P[:, 2], P[:, 1] / P[:, 2])
-    corners = np.column_stack([(v + 1.0) * DELTA_X, (u + 1.0) * DELTA_Y])
-    nodes, weights = np.polynomial.legendre.leggauss(12)
-    ahead = np.roll(corners, -1, axis=0) - corners
-    x, y = np.moveaxis(corners + 0.5 * (nodes[:, None, None] + 1.0) * ahead, 2, 0)
-    dx, dy = 0.5 * weights[:, None] * ahead[:, 0], 0.5 * weights[:, None] * ahead[:, 1]
-    found = np.array([np.sum(-dy / x), np.sum(dx / y), np.sum(x * dy)])
-    return found * np.sign(found[2])
-
-
-def test_each_rate_of_the_kernels_is_that_of_the_outline():
-    """Of a camera whose axis is by the first pixel, so that what of a turn or an approach is
-    measured from there is small and still seen."""
-    camera = CameraModel(400, 300, (390.0, 0, 3.4, 0, 460.0, 4.7, 0, 0, 1))
-    feature = FEATURES.create("kernel")
-    at_goal = kernel_view(camera, pose((0.11, 0.06, 0.2), (0, 0, 0.3)))
-    goal = Goal.teach(None, at_goal, depth=0.2)
-    view, step = pose((0.1, 0.052, 0.15), (0, 0, -0.4)), 1e-6
-    found = feature.measure(kernel_view(camera, view), goal)
-    for axis in (0, 1, 2, 5):
-        sides = [kernels_of(np.linalg.inv(exponential(way * np.eye(6)[axis])) @ view, camera)
-                 for way in (step, -step)]  # fmt: skip
-        rates = (sides[0] - sides[1]) / (2.0 * step) / at_goal.kernel[16:19]
-        # a pixel of which the target covers a part counts as a whole one: 2 % all round
-        np.testing.assert_allclose(found.L[:3, axis], rates, rtol=0.03, atol=1e-6)
-    # the short way over the end of its half turn
-    turned = goal.kernel.features + [0.0, 0.0, 0.0, np.pi - 0.1]
-    off = feature.measure(at_goal, replace(goal, kernel=replace(goal.kernel, features=turned)))
-    assert off.error[3] == pytest.approx(0.1)
 
 
 def test_kernel_features_refuse_another_camera_a_dirty_ground_and_emptiness():

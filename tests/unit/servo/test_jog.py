@@ -1,7 +1,6 @@
 """Jogging: motion follows requests within the limits and ends when they stop."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,7 +11,6 @@ from aras_visual_servo_controller.errors import ConfigurationError, ServoError
 from aras_visual_servo_controller.teleop.jog import (
     COMMAND_LIFETIME,
     MAX_LEAD,
-    MAX_TWIST,
     RAMP_TIME,
     Jog,
 )
@@ -178,11 +176,6 @@ def test_servoing_begins_where_somebody_else_has_moved_the_arm(away, begins):
     assert the_goal("2016") is not None
 
 
-def test_its_numbers():
-    assert (COMMAND_LIFETIME, RAMP_TIME, MAX_LEAD) == (0.3, 0.25, 0.05)
-    assert MAX_TWIST == (0.25, 0.25, 0.25, 1.0, 1.0, 1.0)
-
-
 def test_what_is_asked_counts_until_its_time_is_over():
     for t, counts in ((0.75 + COMMAND_LIFETIME, False), (0.7499 + COMMAND_LIFETIME, True)):
         jog = Jog(the_arm(), the_limits())
@@ -219,23 +212,3 @@ def test_what_another_drive_was_at_is_not_gone_on_with(end):
     assert 0.0 < steps[1] < 8.0 * DT * DT / RAMP_TIME
 
 
-def test_the_resolver_is_told_the_step_and_what_is_moved_now():
-    told = []
-
-    def resolve(q, task, dt, velocity):
-        told.append((q.tolist(), task.desired_rate.tolist(), dt, velocity.tolist()))
-        return SimpleNamespace(velocities=np.arange(6.0) / 100.0, reasons=("slow", "stretched"))
-
-    resolver = SimpleNamespace(solve=resolve, reset=lambda: told.append("reset"))
-    jog = Jog(the_arm(), the_limits(), resolver)
-    for t in (2.0, 2.0001, 2.05):
-        jog.set_twist(0.5 * np.array(MAX_TWIST), t)
-        jog.update(t, START)
-    assert told[0] == "reset"
-    still, moved = [0.0] * 6, [0.0, 0.01, 0.02, 0.03, 0.04, 0.05]
-    for (q, rate, dt, velocity), part, step, before in zip(
-        told[1:], (0.0, 0.0001, 0.05), (1e-3, 1e-3, 0.0499), (still, moved, moved), strict=True
-    ):
-        assert q == START.tolist() and velocity == before and dt == pytest.approx(step)
-        assert rate == pytest.approx(part / RAMP_TIME * np.array(MAX_TWIST))
-    assert jog.reason == "slow; stretched"

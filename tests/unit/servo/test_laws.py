@@ -137,28 +137,6 @@ def test_the_bound_of_the_integral_grows_with_the_error_and_never_shrinks():
     )
 
 
-@pytest.mark.parametrize(
-    ("law", "error", "wanted"),
-    [
-        (Proportional, E, -5.0 * E),
-        (Adaptive, E, -(3.0 * np.exp(-30.0 * np.abs(ROTATED).max() / 3.0) + 2.0) * E),
-        (ProportionalIntegral, E, -(5.0 + 2.0 * DT) * E),
-        (SlidingMode, E, -5.0 * E - 0.02 * np.sign(E)),
-        (SlidingMode, 0.02 * E, -(5.0 + 0.02 / 0.01) * 0.02 * E),  # within its layer
-    ],
-)
-def test_what_laws_do_where_no_gain_is_given(law, error, wanted):
-    """Users tune from there, and protocols name laws alone."""
-    np.testing.assert_allclose(rate(law(), error), wanted)
-
-
-@pytest.mark.parametrize(("wrapper", "time"), [(Ramp, 0.1), (ContinuousStart, 0.25)])
-def test_how_soon_a_start_is_over_where_its_time_is_not_given(wrapper, time):
-    law = wrapper(Proportional(2.0))
-    rate(law, t=1.0)
-    np.testing.assert_allclose(rate(law, t=1.0 + time), -2.0 * (1.0 - np.exp(-1.0)) * E)
-
-
 def test_the_integral_is_not_bounded_below_the_first_error():
     law = ProportionalIntegral(4.0, 2.0)
     for _ in range(300):
@@ -176,6 +154,17 @@ def test_every_law_is_made_by_name_and_answers_its_shape(name):
     assert answer.shape == (3,)
     assert np.isfinite(answer).all()
     assert isinstance(create_law(name, **gains), LAWS[name])
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_every_law_forgets_the_previous_run_when_it_is_reset(name):
+    gains = {"values": [1.0, 2.0, 3.0]} if name == "diagonal" else {}
+    law, new = create_law(name, **gains), create_law(name, **gains)
+    for t, dt in ((0.0, 0.0), (1.0, 1.0), (2.0, 1.0)):
+        rate(law, t=t, dt=dt)
+    law.reset()
+    for t, dt in ((0.0, 0.0), (1.0, 1.0), (2.0, 1.0)):
+        np.testing.assert_array_equal(rate(law, -0.5 * E, t, dt), rate(new, -0.5 * E, t, dt))
 
 
 NUMBERS = [

@@ -1,6 +1,5 @@
 """Observations from images, messages and exact geometry are equal."""
 
-from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -9,14 +8,15 @@ from loop_rig import CAMERA, STARTS, lost, the_arm, the_goal
 
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_camera.contour import CORNER_ACCURACY
+from aras_visual_servo_camera.images import Image
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.line_fits import compute_rms_deviation
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.segmentation import Segmentation
+from aras_visual_servo_camera.trackers import TrackedPoints, Tracker
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.errors import MeasurementError
 from aras_visual_servo_controller.kinematics.joint_sample import JointSample
-from aras_visual_servo_controller.observation.depth_image import MIN_PIXELS, fit_plane
 from aras_visual_servo_controller.observation.feature_observer import (
     FeatureObserver,
     explain_implausible,
@@ -134,6 +134,24 @@ def test_a_picture_that_cannot_be_segmented_as_asked_says_why():
     assert not seen.valid and seen.moments is None
     reason = "segmentation 'nearest_colour' needs a colour image, but the image is grey; use a "
     assert seen.reason == reason + "colour camera or method 'otsu'"
+
+
+def test_a_tracker_that_uses_colour_gets_rgb():
+    class Red(Tracker):
+        has_colour = True
+
+        def find(self, image):
+            v, u = np.nonzero((image == (255, 0, 0)).all(axis=2))
+            return np.array([[u.mean(), v.mean()]])
+
+    image = np.full((CAMERA.height, CAMERA.width, 3), 76, np.uint8)  # the grey level of this red
+    image[40:43, 60:63] = 255, 0, 0
+    for encoding, pixels in (("rgb8", image), ("bgr8", image[..., ::-1].copy())):
+        seen = FeatureObserver(None, frozenset((Need.CORNERS,)), tracker=Red()).observe_image(
+            0.0, Image(pixels, encoding), CAMERA
+        )
+        found = np.column_stack(CAMERA.project(*seen.corners.T)[:2])
+        np.testing.assert_allclose(found, [(61.0, 41.0)], atol=1e-6)
 
 
 @pytest.mark.parametrize("begin", [0.0, 31.5])
@@ -317,15 +335,22 @@ def test_no_motion_is_told_to_and_from_joints_that_are_guessed():
 def test_points_are_a_tracker_s_as_it_answers_them(told):
     heard, found = [], Plane(0.1, 0.2, 4.0)
 
-    def look(grey, camera, pose, depth):
-        heard.append((grey.shape, camera, pose, depth))
-        return SimpleNamespace(
-            points=[[0.1, 0.2], [0.3, -0.4]], accuracy=0.01, repeatability=0.002, plane=found,
-            marker="DICT_5X5_100:7", spread=np.eye(4))
-
     forgot = []
-    tracker = SimpleNamespace(track=look, is_numbered=True, reset=lambda: forgot.append(True))
-    observer = FeatureObserver(the_arm(), frozenset((Need.CORNERS,)), tracker=tracker)
+
+    class Fixed(Tracker):
+        def find(self, grey):
+            raise AssertionError(grey)
+
+        def track(self, grey, camera, world_T_camera=None, depth=None):
+            heard.append((grey.shape, camera, world_T_camera, depth))
+            return TrackedPoints(
+                np.array([[0.1, 0.2], [0.3, -0.4]]), found, 0.01, 0.002, "DICT_5X5_100:7",
+                np.eye(4))
+
+        def reset(self):
+            forgot.append(True)
+
+    observer = FeatureObserver(the_arm(), frozenset((Need.CORNERS,)), tracker=Fixed())
     white, depth = np.full((240, 320), 250, np.uint8), np.full((240, 320), 0.3, np.float32)
     seen = observer.observe_image(0.5, white, CAMERA, joints(0.5), depth=depth, plane=told)
     assert seen.valid and forgot == [True]
@@ -341,23 +366,6 @@ def test_points_are_a_tracker_s_as_it_answers_them(told):
     assert seen.marker == "DICT_5X5_100:7"
     np.testing.assert_array_equal(seen.corner_spread, np.eye(4))
     assert seen.plane == (told or found) and seen.depth is None
-
-
-@pytest.mark.parametrize("count", [MIN_PIXELS - 1, MIN_PIXELS])
-def test_a_plane_of_a_depth_image_needs_twelve_pixels(count):
-    assert MIN_PIXELS == 12
-    camera = CameraModel(64, 48, (70.0, 0.0, 30.0, 0.0, 55.0, 26.0, 0.0, 0.0, 1.0))
-    rows, columns = np.mgrid[0:48, 0:64]
-    x, y = (columns - 30.0) / 70.0, (rows - 26.0) / 55.0
-    depth = 1.0 / (0.3 * x - 0.2 * y + 1.7)
-    known = np.zeros(depth.size, bool)
-    known[np.random.default_rng(3).permutation(depth.size)[:count]] = True
-    depth[~known.reshape(depth.shape)] = 0.0
-    found = fit_plane(depth, camera, None)
-    if count < MIN_PIXELS:
-        assert found is None
-    else:
-        assert tuple(found) == pytest.approx((0.3, -0.2, 1.7))
 
 
 def test_joints_whose_speed_is_not_known_rest_and_each_needs_a_number():

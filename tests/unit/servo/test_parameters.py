@@ -182,7 +182,7 @@ def test_settings_of_the_loop_alone_have_bounds_too():
         ({"start": "0 0 0 0 0 far"}, r"~start.5. is 'far', must be a finite number"),
         ({"start": {"J4": 0.0}}, "has a value for J4"),
         ({"start": {"J1": 0.0}}, "has no value for gantry, J2"),
-        ({"start": [0, 0, 0, 2.5, 0, 0]}, "outside its limits"),
+        ({"start": [0, 0, 0, 2.5, 0, 0]}, "outside the joint's limits"),
         ({"start": {"xyz": [0, 0, 5], "rpy": [3.1, 0, 0]}}, "out of the arm's reach"),
         ({"start": {"xyz": [0, 0], "rpy": [3.1, 0, 0]}},
          "~start.xyz is .* must be a list of 3 finite numbers"),
@@ -192,7 +192,7 @@ def test_settings_of_the_loop_alone_have_bounds_too():
         ({"pitch_gain": 2.0}, "unknown parameter ~pitch_gain"),
         ({"law_options": {"ramp": 0.1}}, "set ~ramp instead"),
         ({"weights": ["one"]}, "~weights.0. is 'one', must be a finite number"),
-        ({"weights": [0.0]}, "at least one has to be above 0"),
+        ({"weights": [0.0]}, "at least one weight must be above 0"),
         ({"desired": "/nowhere.yaml"}, "cannot read the goal /nowhere.yaml:"),
         ({"desired": "nowhere.yaml"}, "cannot read the goal nowhere.yaml:"),
         ({"desired": "no/where"}, "cannot read the goal no/where:"),
@@ -216,7 +216,8 @@ def test_settings_of_the_loop_alone_have_bounds_too():
         ({"output": "torque"}, "~output is 'torque': use one of position, velocity, effort"),
         ({"lead": -0.01}, "~lead is -0.01, must be >= 0 m, rad"),
         ({"damping": {"J2": -1.0}}, "~damping.J2 is -1.0, must be >= 0"),
-        ({"stiffness": [1.0, 2.0]}, "stiffness is .1.0, 2.0.: one number, or a number for each of"),
+        ({"stiffness": [1.0, 2.0]}, "stiffness is .1.0, 2.0., must be one number, or a number for "
+                                    "each"),
         ({"camera_frame": "camera"}, "did you mean 'camera_link'"),
         ({"interaction": "meen"}, "unknown interaction 'meen': did you mean 'mean'"),
     ],
@@ -369,6 +370,31 @@ def test_options_of_the_scheme_and_of_the_law_are_handed_on(arm):
     assert (scheme.interaction, scheme.smoothing, scheme.law.zero) == ("mean", 0.25, 5.0)
     with pytest.raises(ConfigurationError, match="~law_options: 1 is not a parameter of a law$"):
         Settings(law_options={1: 2.0}).make_law()
+
+
+def test_options_of_the_tracker_are_passed_to_it(tmp_path, monkeypatch):
+    assert of(tracker="dots", tracker_options={"count": 3}).make_tracker().count == 3
+    (tmp_path / "their_tracker.py").write_text(
+        "from aras_visual_servo_controller import Tracker\n\n\n"
+        "class Ring(Tracker):\n"
+        "    hold: float = 0.25\n\n"
+        "    def find(self, grey):\n"
+        "        raise NotImplementedError\n"
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    # `hold` is also a parameter of the controller, which does not concern the tracker
+    assert of(tracker="their_tracker:Ring").make_tracker().hold == 0.25
+    ring = of(tracker="their_tracker:Ring", tracker_options={"hold": 4}).make_tracker()
+    assert ring.hold == 4.0
+    for given, words in (
+        ({"tracker": "dots", "tracker_options": {"cuont": 3}}, "did you mean 'count'"),
+        ({"tracker": "dots", "tracker_options": {"count": 0}}, "count is 0, must be >= 1"),
+        ({"tracker": "marker", "tracker_options": {"marker": "5"}}, "set ~marker instead"),
+        ({"tracker_options": {"count": 3}}, "'outline' has no options"),
+    ):
+        with pytest.raises(ConfigurationError, match=words):
+            of(**given).make_tracker()
+    sys.modules.pop("their_tracker")
 
 
 def test_secondary_tasks_are_those_that_are_asked_for(arm):

@@ -3,7 +3,6 @@
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -482,10 +481,10 @@ def test_a_goal_of_two_cameras_holds_points_of_both_that_are_the_same():
     right = seen.cameras["right"]  # there the corners are found in another order
     right = replace(right, corners=np.roll(right.corners, 1, axis=0), is_numbered=False)
     views = {"left": seen.cameras["left"], "right": right}
-    found = scheme.teach(SimpleNamespace(cameras=views))
+    found = scheme.teach(replace(views["left"], other_cameras={"right": right}))
     np.testing.assert_allclose(found["stereo_pose"]["points"], [one, other], atol=1e-12)
-    fewer = {**views, "right": replace(right, corners=right.corners[:3], contour=None)}
-    found = scheme.teach(SimpleNamespace(cameras=fewer))["stereo_pose"]["points"]
+    fewer = {"right": replace(right, corners=right.corners[:3], contour=None)}
+    found = scheme.teach(replace(views["left"], other_cameras=fewer))["stereo_pose"]["points"]
     assert [len(points) for points in found] == [4, 3]  # the check of the goal says so
     line = (np.column_stack([SHAPE * [1, 0, 0], np.ones(4)]) @ inverse(SEAT).T)[:, :3] + [0, 0, 0.4]
     for points, words in (

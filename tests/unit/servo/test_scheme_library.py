@@ -1,7 +1,6 @@
 """Shipped schemes with an exact free camera: each converges as its theory predicts."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -244,35 +243,6 @@ def test_the_predictive_scheme_fits_a_decay_at_each_step_of_its_horizon():
         ).task.twist for law in (Proportional(1.0), Gainless())
     )  # fmt: skip
     np.testing.assert_allclose(found, expected, atol=1e-6)  # 1/s, of a law without a gain
-
-
-def test_the_predictive_scheme_says_where_no_way_keeps_the_target_in_view():
-    scheme = create_scheme("predictive")
-    goal = Goal.teach(scheme, look(FeatureObserver(None, scheme.needs), GOAL))
-    seen, found = look(FeatureObserver(None, scheme.needs), START), np.arange(6.0)
-    scheme._minimize = lambda *_, **__: SimpleNamespace(x=found, success=False)
-    decision = scheme.compute(seen, goal, 0.0)
-    assert decision.notes == ("the target cannot be kept in view on this path",)
-    depths = np.repeat((goal.distance, 1.0), 3)
-    np.testing.assert_array_equal(decision.task.twist, depths * found)
-    assert scheme._last_twist is found  # from where the next one is looked for
-    scheme.reset()
-    assert not scheme._last_twist.any()
-    scheme._minimize = lambda *_, **__: SimpleNamespace(x=np.full(6, np.nan), success=True)
-    with pytest.raises(MeasurementError, match="the predicted twist is not finite"):
-        scheme.compute(seen, goal, 0.0)
-
-
-def test_the_borders_are_those_through_the_middle_of_the_picture():
-    lens = CameraModel(CAMERA.width, CAMERA.height, CAMERA.K, (-0.2, 0.05, 0.02, -0.03))
-    scheme = create_scheme("predictive")
-    seen = replace(look(FeatureObserver(None, scheme.needs), GOAL), camera=lens)
-    points = np.array([0.01, 0.02, -2.0, 3.0])
-    low, high = scheme._compute_borders(seen, points)
-    left, right = (lens.normalise(*np.array([[u], [239.5]]))[0][0] for u in (12.0, 627.0))
-    top, bottom = (lens.normalise(*np.array([[319.5], [v]]))[1][0] for v in (12.0, 467.0))
-    np.testing.assert_allclose(low, [left, top, -2.0, top], rtol=1e-12)
-    np.testing.assert_allclose(high, [right, bottom, right, 3.0], rtol=1e-12)
 
 
 @pytest.mark.parametrize("way", [(-1, 0), (1, 0), (0, -1), (0, 1)])

@@ -56,7 +56,6 @@ def red(tmp_path_factory):
 
 @pytest.mark.parametrize("segmentation", [
     {"method": "colour", "colour_low": [170, 100, 30], "colour_high": [10, 255, 255]},
-    {"method": "nearest_colour", "near_colour": [180, 26, 26], "colour_distance": 40},
     {"method": "fixed", "threshold": 120},
 ])  # fmt: skip
 def test_a_red_box_is_reached_by_its_colour_and_by_its_grey(red, segmentation):

@@ -131,7 +131,7 @@ def test_what_a_solid_cannot_be_is_said(meshes):
         assemble(near)
     with pytest.raises(ExperimentError, match="leave them out"):
         flying(meshes["box"]).with_changes(target={"shape": meshes["box"], "perturbed": True})
-    with pytest.raises(ConfigurationError, match="set model: FILE"):
+    with pytest.raises(ConfigurationError, match="set the parameter model to a file"):
         Settings.from_mapping(
             {"tracker": "model", "model_start": {"pose": [0] * 6}}).make_tracker()
     with pytest.raises(ConfigurationError, match="must define the start pose"):

@@ -1,20 +1,20 @@
 """Changes of features between images, compared with L: jumps, errors, occlusions."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
+from loop_rig import an_image, an_output
 
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_controller.diagnosis.step_check import StepCheck, predict_distance
+from aras_visual_servo_controller.goals.goal import Goal
 
 DT, COUNT = 1 / 30, 3
 ANGLES = np.zeros(COUNT, bool)
 TOLERANCES = np.full(COUNT, 1e-3)
 OUTLINE = np.array([[-0.1, -0.08], [0.1, -0.09], [0.08, 0.1], [-0.07, 0.06]])
-GOAL = SimpleNamespace(
-    moments=Moments.from_polygon(OUTLINE), distance=0.4,
+GOAL = Goal(
+    moments=Moments.from_polygon(OUTLINE), depth=0.4,
     world_T_camera=matrix_from_xyz_rpy((0, 0, 1), (0,) * 3),
 )  # fmt: skip
 
@@ -27,11 +27,8 @@ def followed(images, error_of, check=None, rests=0):
     for k in range(images):
         motion = 4e-3 * np.cos([0.1 * k, 0.3, 0.2 * k, 0.0, 0.0, 0.1]) * (k >= rests)
         told = told + L @ motion * (k > 0)
-        decision = SimpleNamespace(
-            error=error_of(k, told), L=L, error_drift=0.0, names=("x", "y", "size")
-        )
-        observation = SimpleNamespace(stamp=k * DT, dt=DT, motion=motion)
-        check.add(decision, observation, TOLERANCES, ANGLES)
+        decision = an_output(error_of(k, told), L, names=("x", "y", "size"))
+        check.add(decision, an_image(k * DT, DT, motion), TOLERANCES, ANGLES)
     return check
 
 
@@ -86,9 +83,9 @@ def test_a_feature_with_the_wrong_sign_moves_against_its_l(feature):
 
 def view(area, stamp=0.0, height=1.0, touched_borders=()):
     """An observation of the goal's target, of which a part is visible."""
-    return SimpleNamespace(
-        valid=True, moments=Moments.from_polygon(np.sqrt(area) * OUTLINE), stamp=stamp,
-        touched_borders=touched_borders, plane=None,
+    return an_image(
+        stamp, DT, moments=Moments.from_polygon(np.sqrt(area) * OUTLINE),
+        touched_borders=touched_borders,
         world_T_camera=matrix_from_xyz_rpy((0, 0, height), (0,) * 3),
     )  # fmt: skip
 

@@ -14,9 +14,9 @@ DECLARATIONS = (
 )  # fmt: skip
 
 
-def declared(tree: ast.AST) -> Iterator[str]:
+def declared(tree: ast.Module) -> Iterator[str]:
     """Names of the parameters that the classes of a module declare."""
-    for cls in ast.walk(tree):
+    for cls in tree.body:
         for line in cls.body if isinstance(cls, ast.ClassDef) else ():
             call = line.value if isinstance(line, ast.AnnAssign) else None
             if isinstance(call, ast.Call) and ast.unparse(call.func) in DECLARATIONS:

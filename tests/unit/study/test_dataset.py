@@ -6,7 +6,6 @@ import dataclasses
 import re
 import shutil
 from collections import namedtuple
-from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -23,7 +22,6 @@ from aras_visual_servo_bench.studies import card, engine, images, replay, rows
 from aras_visual_servo_bench.studies.study import Study
 from aras_visual_servo_bench.studies.study_folder import TRACES, StudyFolder
 from aras_visual_servo_camera.images import Image
-from aras_visual_servo_controller.observation.frame import Frame
 
 MOVING = {"pose": [0.01, 0.02, 0.591, 0.0, 0.0, 0.3], "shape": "l_shape", "size": [0.08, 0.06],
           "motion": {"velocity": [0.01, 0.004, 0.0, 0.0, 0.0, 0.0]}}  # fmt: skip
@@ -118,39 +116,36 @@ def test_depth_is_kept_in_tenths_of_a_millimetre(arm):
         assert len(rows_) > 80
 
 
-def test_a_depth_beyond_what_two_bytes_hold_is_none():
-    depth = np.array([[0.5, 65535 * images.DEPTH_STEP, 6.6, np.inf, np.nan]])
-    found = pixels(images._encode_depth(SimpleNamespace(depth=depth)))
-    assert found.tolist() == [[5000, 65535, 0, 0, 0]]
+def test_of_each_camera_the_latest_image_is_kept_with_its_colours_and_depth():
+    """The other camera, at a lower rate, delivers made images: red grows, and so does depth."""
+    experiment = study_of({**SEVERAL, "cameras": {
+        "left": {"rate": 15.0}, "right": {"xyz": [0.05, 0.0, 0.0]}}}).make_experiment(0)
+    kept, stamps = images.ImageRecorder(records_images=True), []
 
+    def add(loop, frame):
+        if frame.name == "left":
+            stamps.append(frame.stamp)
+            rgb = np.array([[[len(stamps), 130, 40]]], np.uint8)
+            depth = np.array([[0.5 * len(stamps), 65535 * images.DEPTH_STEP, 6.6, np.inf, np.nan]])
+            frame = dataclasses.replace(frame, image=rgb, encoding="rgb8", depth=depth)
+        else:
+            frame = dataclasses.replace(
+                frame, image=np.array([[90]], np.uint8), encoding="mono8", depth=None)
+        kept.add_frame(loop, frame)
 
-def test_a_picture_keeps_its_colours():
-    rgb = np.array([[[220, 130, 40]]], np.uint8)
-    grey = np.array([[90]], np.uint8)
-    for image, encoding, kept in (
-        (rgb, "rgb8", [[[40, 130, 220]]]), (grey, "mono8", [[90]]),  # OpenCV's order
-    ):  # fmt: skip
-        assert pixels(images._encode_image(Frame(0, image, encoding))).tolist() == kept
-
-
-def test_of_each_camera_the_latest_image_is_kept_with_a_row():
-    control = SimpleNamespace(name="camera")
-    loop = SimpleNamespace(parts=SimpleNamespace(rig=SimpleNamespace(control=control)))
-    kept = images.ImageRecorder(records_images=True)
-    for k, stamp in enumerate((0.1, 0.2)):
-        kept.add_frame(loop, SimpleNamespace(name="left", stamp=stamp, image=None,
-                                       depth=np.full((2, 2), 1.0 + k)))  # fmt: skip
-    for stamp, depth in ((0.0998, None), (0.1, 10000), (0.1995, 10000), (0.2, 20000)):
-        found = kept._find_images(stamp)
-        assert found["picture_left"] is None
-        assert depth == (found["depth_left"] and pixels(found["depth_left"])[0, 0])
-
-
-@pytest.mark.parametrize(("count", "told"), [
-    (999.0, "999 bytes"), (1000.0, "1 kB"), (1.5e6, "1.5 MB"), (2e12, "2 TB"),
-])  # fmt: skip
-def test_room_is_told_in_a_unit_that_fits(count, told):
-    assert images._format_size(count) == told
+    loop = Loop(experiment, assemble(experiment), on_frame=add)
+    loop.run_to_end()
+    found = kept.make_rows(3, loop.make_run(), 0.2)
+    loop.close()
+    counts = [sum(stamp < row["stamp"] + 1e-6 for stamp in stamps) for row in found]
+    assert len(found) > 4 and len(set(counts)) > 2 and len(counts) > len(set(counts))
+    for row, count in zip(found, counts, strict=True):
+        assert pixels(row["picture_right"]).tolist() == [[90]] and row["depth_right"] is None
+        if not count:
+            assert row["picture_left"] is row["depth_left"] is None
+            continue
+        assert pixels(row["picture_left"]).tolist() == [[[40, 130, count]]]  # OpenCV's order
+        assert pixels(row["depth_left"]).tolist() == [[5000 * count, 65535, 0, 0, 0]]
 
 
 def test_what_is_kept_changes_no_run(arm):
@@ -201,18 +196,7 @@ def test_each_camera_has_columns_of_its_own():
     ({"pose": [0.1, 0.2, 0.6, 3.141592653589793, 0.0, 0.0]},
      "the frame of the first camera's target (world or link)", "1, 0, 0, 0.1, 0, -1, "),
 ])  # fmt: skip
-def test_the_card_says_of_each_camera_what_it_is_and_where(
-    tmp_path, monkeypatch, place, frame, row
-):  # fmt: skip
-    closed = []
-
-    def watched(experiment):
-        parts = assemble(experiment)
-        real = parts.plant.close
-        parts.plant.close = lambda: (closed.append(experiment), real())
-        return parts
-
-    monkeypatch.setattr(card, "assemble", watched)
+def test_the_card_says_of_each_camera_what_it_is_and_where(tmp_path, place, frame, row):
     lens = {"width": 200, "height": 100, "horizontal_fov": 1.047, "distortion_model": "plumb_bob",
             "distortion_coefficients": [0.1, -0.02, 0.003, 0.0, 0.0]}  # fmt: skip
     left = place or {"xyz": [-0.05, 0.01, -0.02]}
@@ -223,7 +207,7 @@ def test_the_card_says_of_each_camera_what_it_is_and_where(
     folder.write_chunk(0, rows.Rows([{**rows.make_blank_row(study, run), "outcome": end}
                                for run, end in enumerate(ends)]))
     told = card.make_card(folder)
-    assert "Outcomes: timed_out 3, converged 1, joint_limit 1." in told and len(closed) == 1
+    assert "Outcomes: timed_out 3, converged 1, joint_limit 1." in told
     assert f"```\n\nCode {folder.labels['code']}; {folder.labels['versions']}.\n" in told
     made = re.search(r"## Study\n\n```yaml\n(.*?)```", told, re.S).group(1)
     assert yaml.safe_load(made) == study.to_mapping()

@@ -9,18 +9,20 @@ import io
 import json
 import os
 import pickle
+import runpy
+import shutil
 import signal
 import subprocess
 import sys
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
-from types import MappingProxyType, SimpleNamespace
 
 import cv2
 import pytest
 
-from aras_visual_servo_bench.errors import ExperimentError, StudyError
+from aras_visual_servo_bench.errors import StudyError
 from aras_visual_servo_bench.metrics.metrics import metric
 from aras_visual_servo_bench.progress_bar import ProgressBar
 from aras_visual_servo_bench.runner.loop import run
@@ -33,10 +35,11 @@ from aras_visual_servo_bench.studies.study_folder import StudyFolder
 
 @metric("", "smaller", "these tests")
 def killing(finished):
-    """Ends the process at a gain of 2."""
+    """Ends the process at a gain of 2; prints else, and returns the number of its threads."""
     if finished.experiment.gain == 2.0:
         os.kill(os.getpid(), signal.SIGKILL)
-    return 0.0
+    print("chatter")
+    return float(cv2.getNumThreads())
 
 
 @metric("", "smaller", "these tests")
@@ -60,7 +63,7 @@ def deaf(finished):
 def failing(finished):
     """Raises at a gain of 4."""
     if finished.experiment.gain == 4.0:
-        raise ZeroDivisionError("two\nlines")
+        raise ZeroDivisionError("two\n lines " + "x" * 600)
     return 1.0
 
 
@@ -102,7 +105,7 @@ class Dying(InProcessPool):
         if task.chunk:
             return task, work.carry_out(task)
         self.died += 1
-        return task, None if self.died == 1 else work._run_isolated_chunk(task)
+        return task, None if self.died == 1 else work.carry_out(replace(task, is_isolated=True))
 
     def __init__(self):
         super().__init__()
@@ -123,7 +126,7 @@ class Forked:
             os.dup2(out, 1)
             os.close(stdin)
             sys.stdin = os.fdopen(0)
-            work._run_as_child()
+            runpy.run_module(work.__name__, run_name="__main__")
             os._exit(0)
         os.close(told)
         os.close(out)
@@ -134,6 +137,14 @@ class Forked:
 
     def wait(self):
         return os.waitstatus_to_exitcode(os.waitpid(self._pid, 0)[1])
+
+
+POPEN = subprocess.Popen
+
+
+def fork_workers(command, **keys):
+    """Replacement of Popen for workers alone."""
+    return Forked(command, **keys) if work.__name__ in command else POPEN(command, **keys)
 
 
 def test_every_run_is_a_row_with_what_was_set_and_measured(tiny, tmp_path):
@@ -222,8 +233,8 @@ def test_a_part_that_is_no_table_is_run_again_whatever_its_hash_says(tiny, tmp_p
 
 def test_a_run_that_hangs_ends_as_a_row_and_its_worker_goes_on(tiny, tmp_path, monkeypatch):
     """Here, and in a process of its own that does not hear its alarm."""
-    monkeypatch.setattr(work, "subprocess", SimpleNamespace(Popen=Forked, PIPE=subprocess.PIPE))
-    monkeypatch.setattr(work.sys, "path", [*work.sys.path, os.path.dirname(__file__)])
+    monkeypatch.setattr(subprocess, "Popen", fork_workers)
+    monkeypatch.syspath_prepend(os.path.dirname(__file__))
     hangs, asked = tmp_path / "hangs", {}
     monkeypatch.setenv("DEAF", str(hangs))
 
@@ -249,7 +260,7 @@ def test_a_run_that_hangs_ends_as_a_row_and_its_worker_goes_on(tiny, tmp_path, m
         def over(self):
             return self._cancelled.is_set()
 
-    monkeypatch.setattr(work, "threading", SimpleNamespace(Timer=Watch, Event=threading.Event))
+    monkeypatch.setattr(threading, "Timer", Watch)
     rows.compute_row(tiny(), 0)  # what the first run of a process loads counts for none
     for name, pool, limit in (("hanging", InProcessPool(), 2.0), ("deaf", Dying(), 600.0)):
         study = tiny(metrics=["success", f"test_engine:{name}"], chunk=3, repeats=1, limit=limit)
@@ -329,12 +340,13 @@ def test_runs_that_a_folder_keeps_are_counted(tiny, tmp_path):
     assert study_folder.count_stored_runs(tmp_path) == 2
 
 
-def test_other_code_does_not_go_on_with_a_study(tiny, tmp_path, monkeypatch):
+def test_other_code_does_not_go_on_with_a_study(tiny, tmp_path):
     made = StudyFolder.create(tmp_path, tiny(), "")
     made.check_code()
-    there = {**made.manifest["versions"], "numpy": "1.0"}
-    monkeypatch.setattr(study_folder.versions, "read_versions", lambda: there)
-    with pytest.raises(StudyError, match="started with other code .numpy 1.0 here and"):
+    manifest = made.manifest | {"versions": made.manifest["versions"] | {"numpy": "1.0"}}
+    (tmp_path / "manifest.json").write_text(json.dumps(manifest))
+    made = StudyFolder.open(tmp_path)
+    with pytest.raises(StudyError, match="started with other code .numpy .* here and.* 1.0 there"):
         made.check_code()
     with pytest.raises(StudyError, match="a worker has other versions: numpy"):
         engine.carry_out(made, InProcessPool(), quiet(tiny()))
@@ -360,80 +372,67 @@ def test_changed_code_of_a_user_does_not_go_on_with_a_study(tiny, tmp_path, monk
         work.carry_out(task)
 
 
-def test_a_module_or_library_without_a_file_is_unknown(monkeypatch):
-    named = {"metrics": ["nowhere.at_all:it", "sys:exit"], "scheme": "moments"}
-    monkeypatch.setattr(versions, "LIBRARIES", ("numpy", "no-such-library"))
-    versions.read_versions.cache_clear()
-    found = versions.read_study_versions(named)
-    versions.read_versions.cache_clear()
+def test_a_module_without_a_file_is_unknown():
+    found = versions.read_study_versions(
+        {"metrics": ["nowhere.at_all:it", "sys:exit"], "scheme": "moments"})
     assert [name for name, told in found.items() if told == versions.UNKNOWN] == [
-        "no-such-library", "nowhere.at_all", "sys"]
+        "nowhere.at_all", "sys"]
 
 
-@pytest.mark.parametrize("git", [
-    lambda command, **keys: subprocess.run(["false"], **keys),
-    lambda command, **keys: os.stat("/nowhere"),
-    lambda command, timeout, **keys: subprocess.run(["sleep", "9"], timeout=0.01),
+@pytest.mark.parametrize("fault", [
+    None, FileNotFoundError("git"), subprocess.TimeoutExpired("git", 20),
 ])  # fmt: skip
-def test_the_commit_is_unknown_where_git_tells_none(monkeypatch, git):
-    monkeypatch.setattr(versions, "subprocess", SimpleNamespace(
-        run=git, TimeoutExpired=subprocess.TimeoutExpired))
+def test_the_commit_is_unknown_where_git_tells_none(monkeypatch, fault):
+    def git(command, **keys):
+        if fault:
+            raise fault
+        return subprocess.CompletedProcess(command, 1, "", "no repository")
+
+    monkeypatch.setattr(subprocess, "run", git)
     assert versions.read_commit() == versions.UNKNOWN
 
 
-def test_every_file_that_decides_a_run_is_in_the_digest_of_the_code(tmp_path, monkeypatch):
-    """Of a workspace, and of an install, where code and data stand apart."""
-    def digest():
-        versions.compute_source_digest.cache_clear()
-        return versions.compute_source_digest()
+DIGESTS = """
+import sys
+from pathlib import Path
+code, share, sys.prefix = Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3]
+from aras_visual_servo_bench.studies import versions
 
-    share, code = tmp_path / "share", tmp_path / "code"
-    for place in (share, code):
-        place.mkdir()
-    monkeypatch.setattr(versions, "PACKAGES", ("one",))
-    monkeypatch.setattr(versions, "_find_folders", lambda package: [share, code])
-    seen = {digest()}
-    for name in ("world.urdf", "learned.npz", "poster.png", "plate.mtl", "law.py"):
-        for place in (share, code):
-            (place / name).write_text("as it was")
-            seen.add(digest())
-            (place / name).write_text("changed")
-            seen.add(digest())
-    assert len(seen) == 21
-    (share / "README.md").write_text("words")
-    assert digest() in seen
-    (code / "law.py").rename(code / "lore.py")
-    assert digest() not in seen
+def digest():
     versions.compute_source_digest.cache_clear()
+    return versions.compute_source_digest()
+
+assert Path(versions.__file__).is_relative_to(code)
+seen = [digest()]
+for name in ("world.urdf", "learned.npz", "poster.png", "plate.mtl", "law.py"):
+    for place in (share, code):
+        for content in ("as it was", "changed"):
+            (place / name).write_text(content)
+            seen.append(digest())
+assert len(set(seen)) == 21, seen
+(share / "README.md").write_text("words")
+(share / "config" / "studies").mkdir(parents=True)
+(share / "config" / "studies" / "mine.yaml").write_text("gain: 1")
+assert digest() == seen[-1]
+(code / "law.py").rename(code / "lore.py")
+assert digest() not in seen
+"""
 
 
-def test_code_that_is_installed_is_beside_its_data(tmp_path, monkeypatch):
-    installed, share = tmp_path / "python", tmp_path / "share"
-    monkeypatch.setattr(versions, "INSTALL_FOLDER", installed)
-    found = {"one": share / "one", "two": share / "two", "here": tmp_path}
-    monkeypatch.setattr(versions, "PackagePath", lambda: SimpleNamespace(find=places(found)))
-    (installed / "one").mkdir(parents=True)
-    assert versions._find_folders("one") == [share / "one", installed / "one"]
-    assert versions._find_folders("two") == [share / "two"]  # data alone
-    assert versions._find_folders("here") == [tmp_path]  # a workspace
-    assert versions._find_folders("lost") == [installed / "lost"]
-
-
-def places(found):
-    def find(package):
-        if package not in found:
-            raise ExperimentError("not there")
-        return str(found[package])
-
-    return find
-
-
-def test_the_code_of_all_packages_is_found():
-    for package in versions.PACKAGES:
-        files = {
-            path.name for folder in versions._find_folders(package) for path in folder.rglob("*")
-        }
-        assert "package.xml" in files and (package.endswith("gazebo") or "__init__.py" in files)
+@pytest.mark.parametrize("is_installed", [False, True])
+def test_every_file_that_decides_a_run_is_in_the_digest_of_the_code(is_installed, tmp_path):
+    """In a workspace, and where pip has installed code and data in two folders."""
+    package = "aras_visual_servo_bench"
+    share = tmp_path / "share" / package if is_installed else tmp_path / "src" / package
+    code = tmp_path / "lib" / package if is_installed else share / "src" / package
+    share.mkdir(parents=True)
+    (share / "package.xml").write_text("<package/>")
+    shutil.copytree(Path(versions.__file__).parents[1], code,
+                    ignore=shutil.ignore_patterns("__pycache__"))  # fmt: skip
+    subprocess.run(
+        [sys.executable, "-c", DIGESTS, code, share, tmp_path], check=True,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(code.parent), *sys.path])},
+    )  # fmt: skip
 
 
 def test_the_digest_is_the_same_where_catkins_stubs_come_first(tmp_path):
@@ -489,11 +488,9 @@ def test_a_full_disk_keeps_what_was_done(tiny, tmp_path, monkeypatch):
 
 def test_what_goes_wrong_in_a_run_is_its_outcome_and_the_others_go_on(tiny, tmp_path):
     study = tiny(metrics=["success", f"{__name__}:failing"], chunk=6)
-    assert rows._to_cell(MappingProxyType({"b": [1], "a": 2})) == '{"a": 2, "b": [1]}'
-    assert rows._to_line("two\n lines " + "x" * 600) == "two lines " + "x" * 490
     table = carried(study, tmp_path).read_results()
     assert table["outcome"].to_pylist() == ["timed_out"] * 4 + [rows.FAULT] * 2
-    assert table["reason"][5].as_py() == "ZeroDivisionError: two lines"
+    assert table["reason"][5].as_py() == ("ZeroDivisionError: two lines " + "x" * 600)[:500]
     assert table["failing"].to_pylist()[:4] == [1.0] * 4
     starts = {"height": [0.15, 0.2], "side": 5.0, "attempts": 1}
     refused = tiny(experiment={"plant": "free", "start": starts})
@@ -516,8 +513,8 @@ def test_fail_fast_sends_nothing_more(tiny, tmp_path):
 
 def test_a_run_that_kills_its_process_is_found_named_and_recorded(tiny, tmp_path, monkeypatch):
     """In the middle of a chunk: the runs before and behind it are done all the same."""
-    monkeypatch.setattr(work, "subprocess", SimpleNamespace(Popen=Forked, PIPE=subprocess.PIPE))
-    monkeypatch.setattr(work.sys, "path", [*work.sys.path, os.path.dirname(__file__)])
+    monkeypatch.setattr(subprocess, "Popen", fork_workers)
+    monkeypatch.syspath_prepend(os.path.dirname(__file__))
     name = "test_engine:killing"
     study = tiny(metrics=["success", name], chunk=3, repeats=1)
     made = StudyFolder.create(tmp_path / "killed", study, "")
@@ -525,73 +522,66 @@ def test_a_run_that_kills_its_process_is_found_named_and_recorded(tiny, tmp_path
     table = made.read_results()
     assert table["outcome"].to_pylist() == ["timed_out", rows.DIED, "timed_out"]
     assert table["reason"][1].as_py() == "the process of the run was ended by SIGKILL"
-    assert table["killing"].to_pylist()[2] == 0.0 and table["gain"][1].as_py() == 2.0
+    assert table["killing"].to_pylist()[2] == 1.0 and table["gain"][1].as_py() == 2.0
 
 
-@metric("", "smaller", "these tests")
-def chatty(finished):
-    """Prints, as a user's code does."""
-    print("chatter")
-    return 1.0
+class Scripted:
+    """Replacement of Popen: each process does some runs, and then ends."""
+
+    def __init__(self, *given, **keys):
+        self.count, self.end = self.script[len(self.begun)]
+        self.stdin = io.BytesIO()
+        self.stdin.close = lambda: self.begun.append(pickle.loads(self.stdin.getvalue())[1:])
+
+    @property
+    def stdout(self):
+        start, stop = self.begun[-1]
+        done = [rows.Rows([{"run": n, "outcome": "x"}]) for n in range(start, stop)[:self.count]]
+        return io.BytesIO(b"".join(map(pickle.dumps, done)))
+
+    def kill(self):
+        self.end = -signal.SIGKILL
+
+    def wait(self):
+        if self.end is None:  # it does not end before its time is over
+            self.timer.end()
+        return self.end
 
 
-def test_a_child_tells_rows_on_its_standard_output_and_nothing_else(tiny, tmp_path, monkeypatch):
-    study = tiny(metrics=["success", f"{__name__}:chatty"], repeats=1)
-    asked = pickle.dumps((json.dumps(study.to_mapping()), 1, 3))
-    monkeypatch.setattr(sys, "stdin", SimpleNamespace(buffer=io.BytesIO(asked)))
-    kept = {number: os.dup(number) for number in (1, 2)}
-    monkeypatch.setattr(sys, "stdout", os.fdopen(os.dup(1), "w"))
-    try:
-        for number in kept:
-            with open(tmp_path / str(number), "wb") as file:
-                os.dup2(file.fileno(), number)
-        cv2.setNumThreads(2)
-        work._run_as_child()
-        os.write(1, b"more\n")
-    finally:
-        for number, saved in kept.items():
-            os.dup2(saved, number)
-            os.close(saved)
-    with open(tmp_path / "1", "rb") as pipe:
-        found = list(work._read_pickles(pipe))
-    assert [row["run"] for one in found for row in one.values] == [1, 2]
-    assert {row["worker"] for one in found for row in one.times} == {work.make_worker_name()}
-    assert (tmp_path / "2").read_text().endswith("more\n") and cv2.getNumThreads() == 1
+class Now:
+    """Replacement of Timer whose time is over when a process waits for it."""
+
+    def __init__(self, limit, end):
+        Scripted.timer, self.limit, self.end = self, limit, end
+
+    def start(self):
+        pass
+
+    cancel = start
 
 
-def test_a_child_that_ended_before_it_was_told_anything_is_known_by_its_end(monkeypatch):
-    told, stdin = os.pipe()
-    os.close(told)
-    ended = SimpleNamespace(stdin=os.fdopen(stdin, "wb"), stdout=io.BytesIO(), wait=lambda: 3)
-    monkeypatch.setattr(work, "subprocess", SimpleNamespace(
-        Popen=lambda *given, **keys: ended, PIPE=None))
-    done, how = work._run_child("{}", range(3), 60.0)
-    assert not done.values and how == "the process of the run ended with exit code 3"
+KILLED, AGAIN = (f"the process of the run {how}" for how in (
+    "was ended by SIGKILL", "ended with exit code 3"))  # fmt: skip
 
 
-@pytest.mark.parametrize(("children", "begun", "lost"), [
-    ([(1, "killed"), (4, "done")], [0, 1], {}),
-    ([(1, "killed"), (0, "again"), (3, "done")], [0, 1, 2], {1: (rows.DIED, "again")}),
-    ([(0, "killed"), (3, "late"), (0, "late"), (1, "done")], [0, 0, 3, 4],
-     {3: (rows.DIED, "late")}),
-    ([(0, "killed"), (0, "late"), (0, "killed"), (4, "done")], [0, 0, 1, 1],
-     {0: (rows.DIED, "late")}),
-    ([(2, None), (2, "done")], [0, 3], {2: (rows.LATE, "not finished after 9 s of wall time")}),
+@pytest.mark.parametrize(("script", "begun", "lost"), [
+    ([(1, -9), (4, 0)], [0, 1], {}),
+    ([(1, -9), (0, 3), (3, 0)], [0, 1, 2], {1: (rows.DIED, AGAIN)}),
+    ([(0, -9), (3, 3), (0, 3), (1, 0)], [0, 0, 3, 4], {3: (rows.DIED, AGAIN)}),
+    ([(0, 3), (0, -9), (0, 3), (4, 0)], [0, 0, 1, 1], {0: (rows.DIED, KILLED)}),
+    ([(2, None), (2, 0)], [0, 3], {2: (rows.LATE, "not finished after 9 s of wall time")}),
 ])  # fmt: skip
 def test_a_run_is_lost_when_its_process_ends_twice_or_hangs_once(
-    tiny, monkeypatch, children, begun, lost
+    tiny, monkeypatch, script, begun, lost
 ):  # fmt: skip
-    """children: how many runs each process did, and how it ended; begun: the first of each."""
-    study, asked = tiny(repeats=5, vary={}, chunk=5, limit=9.0), []
-
-    def child(text, todo, limit):
-        asked.append(todo.start)
-        count, end = children[len(asked) - 1]
-        return rows.Rows([{"run": n, "outcome": "x"} for n in todo[:count]]), end
-
-    monkeypatch.setattr(work, "_run_child", child)
-    done = work._run_isolated_chunk(work.StudyTask(json.dumps(study.to_mapping()), 0, True))
-    assert asked == begun and [row["run"] for row in done.values] == list(range(5))
+    """script: how many runs each process did, and its exit code; begun: the first of each."""
+    study = tiny(repeats=5, vary={}, chunk=5, limit=9.0)
+    monkeypatch.setattr(subprocess, "Popen", type("", (Scripted,), {"script": script, "begun": []}))
+    monkeypatch.setattr(threading, "Timer", Now)
+    done = work.carry_out(work.StudyTask(json.dumps(study.to_mapping()), 0, True))
+    assert subprocess.Popen.begun == [(first, 5) for first in begun]
+    assert Scripted.timer.limit == 69.0
+    assert [row["run"] for row in done.values] == list(range(5))
     found = {row["run"]: (row["outcome"], row["reason"]) for row in done.values
              if row["outcome"] != "x"}  # fmt: skip
     assert found == lost and [row["run"] for row in done.times] == list(lost)
@@ -624,24 +614,6 @@ def test_a_thread_s_run_that_takes_too_long_ends_its_process():
         children[child] = code
     for child, code in children.items():
         assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == code
-
-
-@pytest.mark.parametrize(("images", "eyes"), [("none", {"right"}), ("all", {"left", "right"})])
-def test_cameras_that_no_scheme_reads_see_nothing_where_no_pictures_are_kept(
-    monkeypatch, images, eyes
-):  # fmt: skip
-    experiment = {"plant": "free", "features": "images", "scheme": "points@right",
-                  "cameras": {"left": {}, "right": {"xyz": [0.05, 0.0, 0.0]}}}  # fmt: skip
-    seen, real = [], rows.assemble
-
-    def assemble(*given, **keys):
-        parts = real(*given, **keys)
-        seen.append(parts)
-        raise ExperimentError("seen enough")
-
-    monkeypatch.setattr(rows, "assemble", assemble)
-    rows.compute_row(Study.from_mapping({"experiment": experiment, "pictures": images}), 0)
-    assert set(seen[0].cameras) == eyes
 
 
 def test_traces_are_beside_the_results(tiny, tmp_path):

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from aras_visual_servo_bench.errors import StudyError, ViewError
+from aras_visual_servo_bench.errors import StudyError
 from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.metrics import decay as decays
 from aras_visual_servo_bench.metrics import metrics, summary
 from aras_visual_servo_bench.recording.run import CameraRecord, Run, Verdict
 from aras_visual_servo_bench.studies.results import REAL_TIME_MULTIPLE
+from aras_visual_servo_bench.targets.geometry import Motion, PlacedTarget, PolygonTarget
+from aras_visual_servo_bench.targets.target_spec import TargetSpec
+from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_controller.records.outcomes import ArrivalStatus, PoseUncertainty
 from aras_visual_servo_controller.records.state import ServoState
 from aras_visual_servo_controller.schemes import SchemeOutput
 
@@ -76,17 +79,6 @@ def test_a_camera_that_never_came_near_is_told_from_one_whose_goal_is_unknown():
         assert f"Camera within 2 % after  {near}\n" in words
         assert "Error under 2 % after    never\n" in words
         assert f"Camera off its goal by   {off}" in words
-
-
-def test_what_is_of_the_features_is_best_within_a_scheme_alone():
-    one = run()
-    other = replace(one, states=tuple(replace(s, scheme="another") for s in one.states))
-    for of_features, found in (((True,), set()), ((), {0})):
-        columns = [[summary.Quantity("overshoot", value, "", "-", "smaller", *of_features)]
-                   for value in (0.1, 0.5)]  # fmt: skip
-        assert summary.find_best_runs([one, other], columns, "overshoot") == found
-        assert summary.find_best_runs([one, one], columns, "overshoot") == {0}
-    assert summary.find_best_runs([], [], "overshoot") == set()
 
 
 def test_success_needs_the_loop_and_the_physics():
@@ -162,41 +154,40 @@ def test_an_image_is_late_from_one_and_a_half_periods_after_its_exposure():
     assert measured("delay", shown) == pytest.approx(6.45 / 5.0 / 32.0 * 1e3)
 
 
+def target(corners, z=1.0, motion=(0.0, 0.0, 0.0)):
+    """A target whose corners are also pixels, seen from above."""
+    pose = np.eye(4)
+    pose[2, 3] = z
+    return PlacedTarget(PolygonTarget(corners), pose, Motion(velocity=(*motion, 0.0, 0.0, 0.0)))
+
+
 def test_excursion_is_the_farthest_corner_in_half_sizes_of_the_image():
-    camera = SimpleNamespace(width=320, height=240, project=lambda x, y: (x, y))
-    corners = np.array([[159.5, 119.5], [199.5, 149.5]])
+    camera = CameraRecord(CameraModel(320, 240, tuple(np.eye(3).ravel())))
+    corners = ((159.5, 119.5), (199.5, 119.5), (199.5, 149.5))
 
-    def seen(points):
-        shape = SimpleNamespace(points=points)
-        target = SimpleNamespace(shape=shape, target_T_camera=lambda pose, time: time)
-        return run(target=target, cameras={"camera": CameraRecord(camera)})
+    def excursion(**placed):
+        return measured("image_excursion", run(target=target(corners, **placed),
+                                               cameras={"camera": camera}))  # fmt: skip
 
-    assert measured("image_excursion", seen(lambda time: corners)) == pytest.approx(0.25)
-    moving = seen(lambda time: corners - [[200.0 * (time == STAMP[7]), 0.0]])
-    assert measured("image_excursion", moving) == pytest.approx(1.25)
-
-    def behind(time):
-        raise ViewError("behind")
-
-    assert measured("image_excursion", seen(behind)) == np.inf
+    assert excursion() == pytest.approx(0.25)
+    assert excursion(motion=(-200.0 / STAMP[-1], 0.0, 0.0)) == pytest.approx(1.25)
+    assert excursion(motion=(0.0, 150.0 / STAMP[-1], 0.0)) == pytest.approx(1.5)
+    assert excursion(z=-1.0) == np.inf
     assert np.isnan(measured("image_excursion", run()))
 
 
 def test_depth_is_of_the_target_s_middle_along_the_optical_axis():
-    shape = SimpleNamespace(height=0.1)
-    placed = np.eye(4)
-    placed[:3, 3] = 0.3, -0.2, 0.5
-
-    def world_T_target(stamp):
-        moved = placed.copy()
-        moved[2, 3] += 0.25 * (stamp == STAMP[7])
-        return moved
-
-    result = run(target=SimpleNamespace(shape=shape, world_T_target=world_T_target))
+    square = ((-0.1, -0.1), (0.1, -0.1), (0.1, 0.1))
+    result = run(target=target(square, z=0.6, motion=(0.0, 0.0, 0.25 / STAMP[-1])))
+    assert measured("largest_depth", result) == pytest.approx(0.85)
     result.pose[11, 2, 3] = -0.05
     assert measured("largest_depth", result) == pytest.approx(0.85)
     result.pose[11, 2, 3] = -0.3
-    assert measured("largest_depth", result) == pytest.approx(0.9)
+    assert measured("largest_depth", result) == pytest.approx(0.9 + 0.25 * 11 / 89)
+    plates = TargetSpec().placed_target.shape
+    assert plates.height > 1e-3
+    assert measured("largest_depth", run(target=replace(result.target, shape=plates))) == (
+        pytest.approx(0.85 + plates.height))
 
 
 @pytest.mark.parametrize(
@@ -283,10 +274,19 @@ def test_metrics_say_what_they_are():
         metrics.metric("m", "less", "here")
 
 
+def test_metrics_of_the_errors_declare_that_they_depend_on_the_features():
+    """Two runs with the same camera motion and different features have the same other metrics."""
+    one, other = run(decay(2.0)), run(3.0 * decay(1.0, (1.0, -0.2)) - 0.5)
+    changed = {n for n in metrics.METRICS if not np.array_equal(
+        measured(n, one), measured(n, other), equal_nan=True)}  # fmt: skip
+    assert {"overshoot", "decay_rate"} <= changed
+    assert not {name for name in changed if not metrics.find_metric(name).is_feature_based}
+
+
 def test_what_is_left_open_is_the_last_image_s():
     found = run()
-    left = SimpleNamespace(distance=2e-4, angle=0.03)
-    last = replace(found.states[-1], arrival_status=SimpleNamespace(pose_uncertainty=left))
+    left = PoseUncertainty(distance=2e-4, angle=0.03)
+    last = replace(found.states[-1], arrival_status=ArrivalStatus(True, pose_uncertainty=left))
     found.states = (*found.states[:-1], last)
     assert measured("open_distance", found) == 2e-4
     assert measured("open_angle", found) == 0.03

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import sys
+import time
 from collections import deque
 from pathlib import Path
 from types import SimpleNamespace
@@ -11,7 +12,7 @@ from types import SimpleNamespace
 import pytest
 
 from aras_visual_servo_bench.errors import BenchError, StudyError
-from aras_visual_servo_bench.studies import pools, rows, versions
+from aras_visual_servo_bench.studies import rows, versions
 from aras_visual_servo_bench.studies.pools import MAX_DEATHS, DaskPool
 from aras_visual_servo_bench.studies.work import StudyTask
 
@@ -29,14 +30,17 @@ class Dask:
     KilledWorker = KilledError
 
     def __init__(self, workers=1):
-        self.ends, self.sent, self.log, self._ready = deque(), [], [], deque()
-        self.loop, self.workers, self.nannies, self.looks, self._asked = None, workers, {}, 0, 0
+        self.ends, self.sent, self.log, self.ready = deque(), [], [], deque()
+        self.loop, self.workers, self.nannies, self.looks, self.asked = None, workers, {}, 0, 0
 
     def LocalCluster(self, n_workers, silence_logs, **keys):
         assert n_workers == self.workers and silence_logs == logging.CRITICAL
         self.scratch = Path(keys["local_directory"])
         return SimpleNamespace(workers=self.nannies,
                                close=lambda timeout: self.log.append("cluster"))
+
+    async def connect(self, address, timeout):
+        return SimpleNamespace(abort=lambda: None)
 
     def Client(self, cluster, timeout, set_as_default):
         return self
@@ -64,21 +68,21 @@ class Dask:
                                exception=lambda timeout: told[timeout])
 
     def add(self, future):
-        self._ready.append(future)
+        self.ready.append(future)
 
     def has_ready(self):
-        self._asked += 1
-        assert self._asked < 100  # one would wait for ever
-        return bool(self._ready)
+        self.asked += 1
+        assert self.asked < 100  # one would wait for ever
+        return bool(self.ready)
 
     def is_empty(self):
-        return not self._ready
+        return not self.ready
 
     def __next__(self):
-        self._asked = 0
-        if not self._ready:
+        self.asked = 0
+        if not self.ready:
             raise StopIteration
-        return self._ready.popleft()
+        return self.ready.popleft()
 
     def scheduler_info(self, n_workers):
         there = {"one": "tcp://n", "two": None, "three": "tcp://m"}
@@ -87,7 +91,7 @@ class Dask:
 
     def restart_workers(self, addresses, timeout, raise_for_error):
         assert timeout <= 60 and not raise_for_error
-        self.log.append((addresses, len(self.sent), len(self._ready)))
+        self.log.append((addresses, len(self.sent), len(self.ready)))
         if len(self.log) == 2:
             raise TimeoutError("some are slow")
 
@@ -101,13 +105,10 @@ def pool_of(monkeypatch):
     """Makes a Dask and a pool of it."""
     made = []
 
-    async def answering(address):
-        return
-
     def make(workers=1, **keys):
         dask = Dask(workers)
-        monkeypatch.setattr(pools, "_configure_dask", lambda: dask)
-        monkeypatch.setattr(pools, "_check_scheduler", answering)
+        monkeypatch.setitem(sys.modules, "distributed", dask)
+        monkeypatch.setitem(sys.modules, "distributed.core", dask)
         made.append(DaskPool(workers, **keys))
         return dask, made[-1]
 
@@ -178,7 +179,7 @@ def test_the_last_worker_may_be_gone_for_five_minutes_or_as_long_as_a_nanny_begi
     pool_of, monkeypatch, keys
 ):  # fmt: skip
     now = [1000.0]
-    monkeypatch.setattr(pools, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
     dask, pool = pool_of(**keys)
 
     def after(seconds, workers):
@@ -212,14 +213,13 @@ def test_workers_that_cannot_load_the_package_and_dask_that_is_not_there_are_tol
     def alien(dask, function):
         raise ModuleNotFoundError("No module named 'mine'")
 
-    real = pools._configure_dask
     monkeypatch.setattr(Dask, "run", alien)
     told = "^the workers cannot load this package .No module named 'mine'.: install it there, or"
     with pytest.raises(StudyError, match=told):
         pool_of()
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(BenchError, match="^distributed is not installed: "):
-        real()
+        DaskPool(1)
 
 
 def test_nobody_is_kept_busy_by_waiting_for_a_chunk(pool_of, monkeypatch):
@@ -228,11 +228,11 @@ def test_nobody_is_kept_busy_by_waiting_for_a_chunk(pool_of, monkeypatch):
 
     def sleep(seconds):
         assert seconds <= 0.02
-        dask._ready.extend(sent)
+        dask.ready.extend(sent)
 
     monkeypatch.setattr(dask, "add", sent.append)
     monkeypatch.setattr(dask, "is_empty", lambda: False)
-    monkeypatch.setattr(pools, "time", SimpleNamespace(monotonic=lambda: 0.0, sleep=sleep))
+    monkeypatch.setattr(time, "sleep", sleep)
     pool.submit(StudyTask("", 3))
     assert pool.wait_for_chunk() == (StudyTask("", 3), DONE)  # it came while it slept
 
@@ -263,7 +263,8 @@ def test_a_scheduler_that_is_gone_is_told_wherever_it_is_missed(pool_of, monkeyp
     def gone(*args, **keys):
         raise OSError("closed\nby its owner")
 
-    monkeypatch.setattr(pools, "COUNT_PERIOD", 0.0)
+    now = time.monotonic()
+    monkeypatch.setattr(time, "monotonic", lambda: now + 3.0)
     if call != "submit":
         pool.submit(StudyTask("", 0))
     if call == "scheduler_info":

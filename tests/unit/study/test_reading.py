@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import io
 import json
-from types import SimpleNamespace
+import time
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -13,10 +14,13 @@ import pytest
 
 from aras_visual_servo_bench.cli import main
 from aras_visual_servo_bench.errors import StudyError
+from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.experiment.experiment_keys import find_unit
 from aras_visual_servo_bench.metrics import formatting, statistics
 from aras_visual_servo_bench.metrics.metrics import metric
-from aras_visual_servo_bench.plots import study_figures, style
+from aras_visual_servo_bench.plots import study_figures
+from aras_visual_servo_bench.recording.film import with_images
+from aras_visual_servo_bench.runner import loop
 from aras_visual_servo_bench.studies import columns, compare, engine, replay, rows, tables
 from aras_visual_servo_bench.studies.engine import carry_out
 from aras_visual_servo_bench.studies.pools import InProcessPool
@@ -298,36 +302,29 @@ def test_a_key_that_is_looked_for_no_longer_varies(tmp_path, capsys):
     assert (tmp_path / "out" / "best.yaml").read_text().startswith("gain: ")
 
 
-def test_what_leaves_the_image_is_never_the_best(tmp_path):
-    def candidate(cost, violation):
-        from aras_visual_servo_bench.studies.tuner import Candidate
+def answering(measure):
+    """Function that stores a study whose runs have the results `measure(gain, repeat)`."""
+    def carry(study, path):
+        folder = StudyFolder.create(path, study, "")
+        for chunk in folder.find_missing_chunks():
+            done = []
+            for run in study.list_chunk_runs(chunk):
+                row = rows.make_blank_row(study, run)
+                done.append({**row, "outcome": "x", **measure(row["gain"], row["repeat"])})
+            folder.write_chunk(chunk, rows.Rows(done, [{"run": row["run"]} for row in done]))
 
-        return Candidate((0.5, cost), cost, violation, 1.0, 1.0 + violation)
-
-    tuner = Tuner(
-        Study.from_mapping({"experiment": {"plant": "free"}}),
-        [SearchRange("lag", 0.0, 1.0), SearchRange("gain", 1.0, 2.0)], "settled", tmp_path, None,
-    )  # fmt: skip
-    tuner._cached_candidates = {(c.cost,): c for c in (candidate(1.0, 0.2), candidate(3.0, 0.0))}
-    assert tuner.best.cost == 3.0
-    assert tuner.write().read_text() == "lag: 0.5\ngain: 3.0\n"
+    return carry
 
 
 @pytest.mark.parametrize("seed", [1, 2])
-def test_a_search_ends_where_the_image_does(monkeypatch, seed):
+def test_a_search_ends_where_the_image_does(tmp_path, seed):
     """Greater gains are better here, and those above 2 leave the image."""
-    made = []
-
-    def carry(study, path):
-        gains = np.array([case["gain"] for case in study.cases])
-        made.append(Results("one", study, pa.table({
-            "gain": gains, "success": [1.0] * len(gains), "settled": 10.0 - gains,
-            "image_excursion": gains / 2.0, "outcome": ["x"] * len(gains)})))  # fmt: skip
-
-    monkeypatch.setattr(Results, "read", lambda path: made[-1])
     study = Study.from_mapping({"experiment": {"plant": "free"}, "seed": seed})
-    tuner = Tuner(study, [SearchRange("gain", 0.5, 4.0)], "settled", study_figures.Path("x"), carry)
+    tuner = Tuner(study, [SearchRange("gain", 0.5, 4.0)], "settled", tmp_path, answering(
+        lambda gain, _: {"success": 1.0, "settled": 10.0 - gain, "image_excursion": gain / 2.0}
+    ))  # fmt: skip
     assert 1.95 < tuner.search(48).values[0] <= 2.0
+    assert any(one.values[0] > 2.0 for one in tuner.candidates)
 
 
 @pytest.mark.parametrize(("text", "part", "value"), [
@@ -369,19 +366,10 @@ def test_a_search_of_too_few_candidates_or_over_cases_is_none(tiny):
             searched(needed=needed)
 
 
-def test_a_run_is_shown_again_as_it_was(tiny, tmp_path, monkeypatch):
-    monkeypatch.setitem(style.STYLE, "savefig.dpi", 30)
-    study, closed = tiny(), []
-
-    class Closing(replay.Loop):
-        def close(self):
-            closed.append(self)
-            super().close()
-
-    monkeypatch.setattr(replay, "Loop", Closing)
+def test_a_run_is_shown_again_as_it_was(tiny, tmp_path):
+    study = tiny()
     in_process(study, tmp_path / "out")
     run, changed = replay.replay(StudyFolder.open(tmp_path / "out"), 3)
-    assert len(closed) == 1
     assert replay.replay(StudyFolder.create(tmp_path / "none", study, ""), 0)[1] == {}
     assert (run.name, run.source) == ("run 3", f"run 3 of the study {tmp_path / 'out'}")
     row = rows.make_result_columns(study, run)
@@ -405,11 +393,14 @@ def test_a_run_is_shown_again_as_it_was(tiny, tmp_path, monkeypatch):
 
 
 def test_a_video_has_the_colours_and_the_rate_of_its_pictures(tmp_path):
+    finished = loop.run(Experiment(plant="free", duration=0.1))
     red = np.zeros((32, 48, 3), np.uint8)
     red[..., 0] = 220
     for stamp, rate in (([0.0], 30.0), ([0.0, 0.1], 10.0)):
-        made = SimpleNamespace(stamp=np.array(stamp), control_record=SimpleNamespace(
-            images=[(at, red) for at in stamp]))  # fmt: skip
+        made = with_images(replace(finished, states=finished.states[:len(stamp)]),
+                           [(at, red) for at in stamp])  # fmt: skip
+        made = replace(made, states=tuple(
+            replace(state, stamp=at) for state, at in zip(made.states, stamp, strict=True)))
         video = cv2.VideoCapture(str(write_video(made, tmp_path / "video.mp4")))
         assert video.get(cv2.CAP_PROP_FPS) == pytest.approx(rate)
         blue, green, red_there = video.read()[1].mean(axis=(0, 1))
@@ -459,8 +450,7 @@ def test_runs_of_a_study_are_analyzed_beside_each_other(tiny, tmp_path, capsys):
     assert "give the number of a run" in capsys.readouterr().err
 
 
-def test_the_command_line_from_file_to_table(tmp_path, capsys, monkeypatch):
-    monkeypatch.setitem(style.STYLE, "savefig.dpi", 75)
+def test_the_command_line_from_file_to_table(tmp_path, capsys):
     file = tmp_path / "study.yaml"
     file.write_text("experiment: {plant: free, duration: 0.1}\nvary: {gain: [1.0, 2.0]}\n")
     out = tmp_path / "out"
@@ -500,26 +490,33 @@ def test_the_command_line_from_file_to_table(tmp_path, capsys, monkeypatch):
         main(["table", str(out), "--fast"])
 
 
-@pytest.mark.parametrize(("metric", "cheapest"), [("settled", 1.0), ("decay_rate", 2.0)])
-def test_candidates_cost_what_their_runs_show(monkeypatch, metric, cheapest):
-    """Three candidates, two runs of each; the second once left the image, and once failed; of the
-    third nothing was ever seen."""
+@pytest.mark.parametrize("metric", ["settled", "decay_rate"])
+def test_candidates_cost_what_their_runs_show(tmp_path, metric):
+    """Two runs of each: of some the second once left the image, and once failed; of others nothing
+    was ever measured."""
+    def measure(gain, repeat):
+        if gain < 1.5:
+            found = (1.0, (3.0, 4.0)[repeat], (0.4, 0.9)[repeat])
+        elif gain < 2.5:
+            found = ((0.0, 1.0)[repeat], (5.0, 8.0)[repeat], (1.3, 0.2)[repeat])
+        else:
+            found = (0.0, np.nan, (0.1, np.nan)[repeat])
+        return dict(zip(("success", metric, "image_excursion"), found, strict=True))
+
     study = Study.from_mapping({"experiment": {"plant": "free"}, "repeats": 2})
-    table = pa.table({
-        "gain": [1.0, 1.0, 2.0, 2.0, 3.0, 3.0], "success": [1.0, 1.0, 0.0, 1.0, 0.0, 0.0],
-        metric: [3.0, 4.0, 5.0, 8.0, np.nan, np.nan],
-        "image_excursion": [0.4, 0.9, 1.3, 0.2, 0.1, np.nan], "outcome": ["x"] * 6,
-    })  # fmt: skip
-    monkeypatch.setattr(Results, "read", lambda path: Results("one", study, table))
-    tuner = Tuner(study, [SearchRange("gain", 0.5, 4.0)], metric, study_figures.Path("x"),
-                  lambda made, path: None)  # fmt: skip
-    tuner._run([(1.0,), (2.0,), (3.0,)])
-    first, second, third = tuner.candidates
-    assert (third.cost, third.violation, third.excursion) == (np.inf, 11.0, np.inf)
-    assert (first.violation, first.success, first.excursion) == (0.0, 1.0, 0.9)
-    assert second.violation == pytest.approx(0.3 + 0.5) and second.success == 0.5
-    assert min(tuner.candidates, key=lambda c: c.cost).values == (cheapest,)
-    assert abs(first.cost) == 3.5 and tuner.best is first
+    tuner = Tuner(study, [SearchRange("gain", 0.5, 4.0)], metric, tmp_path, answering(measure))
+    tuner.search(16)
+    kinds = set()
+    for one in tuner.candidates:
+        if one.values[0] < 1.5:
+            assert (one.violation, one.success, one.excursion) == (0.0, 1.0, 0.9)
+            assert abs(one.cost) == 3.5
+        elif one.values[0] < 2.5:
+            assert one.violation == pytest.approx(0.3 + 0.5) and one.success == 0.5
+        else:
+            assert (one.cost, one.violation, one.excursion) == (np.inf, 11.0, np.inf)
+        kinds.add(min(one.values[0] // 0.5, 5) // 2)
+    assert len(kinds) == 3 and tuner.best.cost == (3.5 if metric == "settled" else -3.5)
 
 
 def test_a_study_is_judged_by_the_metric_that_it_names(tiny, tmp_path):
@@ -557,17 +554,17 @@ def test_where_a_number_is_published_a_row_says_whether_it_is_met(tiny, tmp_path
 
 
 def test_what_a_study_would_take_is_told_by_a_run_that_loads_nothing(tiny, monkeypatch):
+    """The first of two runs of 2.5 s also compiles, which takes 80 s by this clock."""
     def told(workers, **changes):
-        walls = iter((80.0, 2.5))
-        monkeypatch.setattr(engine.rows, "compute_row", lambda study, run: rows.Rows(
-            [{"outcome": rows.FAULT if workers == 1 else "x", "reason": "mine"}],
-            [{"wall": next(walls)}]))
-        return engine.dry_run(tiny(**changes), workers)
+        study, clock = tiny(**changes), iter((0.0, 80.0, 80.0, 82.5))
+        monkeypatch.setattr(time, "perf_counter", lambda: next(clock))
+        return engine.dry_run(study, workers)
 
-    assert told(1, repeats=1, vary={}, chunk=1) == [
+    one = {"repeats": 1, "vary": {}, "chunk": 1, "metrics": ["success", f"{__name__}:failing"]}
+    assert told(1, **one) == [
         "1 run: 1 point, 1 of each; 1 chunk of 1", "about 2 s on 1 core: a run takes 2.5 s here",
-        "run 0: base experiment; seed " + str(tiny(repeats=1, vary={}, chunk=1).compute_seed(0)),
-        "run 0 as tried: fault: mine"]
+        f"run 0: base experiment; seed {tiny(**one).compute_seed(0)}",
+        "run 0 as tried: fault: ZeroDivisionError: of mine"]
     some = told(4, repeats=80)
     assert some[0] == "240 runs: 3 points, 80 of each; 120 chunks of 2"
     assert some[1] == "about 2 min on 4 cores: a run takes 2.5 s here"

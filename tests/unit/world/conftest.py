@@ -1,5 +1,6 @@
 """Small mechanisms for the tests of the world."""
 
+import subprocess
 import sys
 from pathlib import Path
 
@@ -77,6 +78,18 @@ def another_world():
     first = pybullet.connect(pybullet.DIRECT)
     yield
     pybullet.disconnect(first)
+
+
+@pytest.fixture
+def window(monkeypatch):
+    """Bullet's window without a display; returns what is configured. It makes Bullet do all steps.
+    """
+    connect, configured = pybullet.connect, []
+    monkeypatch.setattr(pybullet, "connect", lambda mode: connect(pybullet.DIRECT))
+    monkeypatch.setattr(subprocess, "run", lambda *_, **__: subprocess.CompletedProcess((), 0))
+    monkeypatch.setattr(pybullet, "configureDebugVisualizer",
+                        lambda what, on, physicsClientId: configured.append((what, bool(on))))
+    return configured
 
 
 class Mechanisms:

@@ -117,7 +117,7 @@ def one_by_one(simulation, until_ns):
 def in_python(simulation, until_ns):
     """Run with a user-defined controller, so that compiled functions are called one by one."""
     manager = robot_of(simulation).manager
-    if "idle" not in manager._entries:
+    if "idle" not in [entry.name for entry in manager.list()]:
         manager.parameters = {**manager.parameters, "idle": {"type": "idle"}, "controller_classes":
                               {"idle": f"{Idle.__module__}:{Idle.__name__}"}}  # fmt: skip
         manager.load("idle")
@@ -134,7 +134,7 @@ def run(simulation, script, step):
     the most ticks in a call."""
     most, seen, states = 0, [], []
     manager = robot_of(simulation).manager
-    manager.get([name for name in manager._entries if "state" in name][0]).on_state = (
+    manager.get(next(e.name for e in manager.list() if "state" in e.name)).on_state = (
         lambda state: states.append((state.stamp_ns, state.positions, state.efforts))
     )
     for at_ns, act in script:
@@ -364,7 +364,7 @@ def test_a_world_that_diverges_in_a_row_of_ticks_ends_as_in_one(step):
     with pytest.raises(WorldError, match="'round': the simulation diverged; lower .*then call "
                                          "reset_simulation and unpause_physics"):
         step(simulation, began + 5 * MS)
-    assert (simulation.time_ns, robot_of(simulation).loop._updated_ns) == (began, began + MS)
+    assert simulation.time_ns == began
     simulation.close()
 
 

@@ -24,12 +24,10 @@ def described(make, root="hull"):
 
 @pytest.fixture(params=["hull", "world"])
 def model(make, request):
-    """Model with a free or a fixed base, without gravity. `told`: notifications of the world."""
+    """Model with a free or a fixed base, without gravity."""
     with World(gravity=(0.0, 0.0, 0.0)) as world:
         it = world.spawn(described(make, request.param), "m", AT)
-        it.world, it.told = world, []
-        tell = it._on_move
-        it._on_move = lambda model, *how: (it.told.append((model is it, *how)), tell(model, *how))
+        it.world = world
         yield it
 
 
@@ -39,22 +37,6 @@ def test_the_base_is_the_root_and_what_is_fixed_to_it(model):
     assert {names[index] for index in model.list_base_links()} == {root, "bolt", "nut"}
     assert model.mass == pytest.approx(1.875 + (5.0 if root == "hull" else 0.0))
     assert names[-1] == root and model.link_index("tip") == model.link_indices["tip"]
-
-
-def test_the_world_is_told_of_all_that_moves_it(model):
-    free = not model.fixed_base
-    moved, put, posed = (True, False), (True, True), (True, False, True)
-    for act, told in (
-        (lambda: model.set_pose(Pose((0.0, 1.0, 2.0))), [put]),
-        (lambda: model.set_twist(Twist((1.0, 0.0, 0.0))), [moved] * free),
-        (lambda: model.set_joint_positions({"turn": 0.3}), [posed]),
-        (lambda: model.apply_force("arm", (1.0, 0.0, 0.0), (0.0, 0.0, 0.0)), [moved] * free),
-        (lambda: model.apply_effort("turn", 1.0), []),
-        (lambda: model.set_position("turn", 0.1), []),
-    ):
-        model.told.clear()
-        act()
-        assert model.told == told
 
 
 def test_what_it_is_pushed_with_is_kept_for_whoever_looks(model):
@@ -96,7 +78,6 @@ def test_bolting_keeps_the_efforts_of_the_last_step_and_of_the_next(make, root):
         assert list(model.read_joints()[2]) == [3.0]
         assert model.joints.pending_efforts == [5.0]
         speed = model.read_joints()[1][0]
-        world._update_models()
         world.step()
         assert list(model.read_joints()[2]) == [5.0]
         inverse = model.joints.inverse_inertia()[0, 0]

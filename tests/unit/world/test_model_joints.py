@@ -26,11 +26,9 @@ def described(make, root="hull", **options):
 
 
 @pytest.fixture(params=["own", "bullet", "free"])
-def model(make, request):
+def model(make, request, window):
     """Bolted and by its own dynamics, bolted but in Bullet's hands, or free."""
-    with World(gravity=(0.0, 0.0, 0.0)) as world:
-        if request.param == "bullet":
-            world.isolation._window = True
+    with World(gravity=(0.0, 0.0, 0.0), gui=request.param == "bullet") as world:
         root = "hull" if request.param == "free" else "world"
         it = world.spawn(described(make, root), "m", Pose((1.0, 2.0, 3.0)))
         world.step()
@@ -123,18 +121,19 @@ def test_a_joint_that_runs_away_is_named(model):
         with pytest.raises(WorldError, match="'m', joint 'slide': the simulation diverged"):
             model.step()
         return
+    numbers = [model.body.joint_indices[name] for name in NAMES]
     for slot, position, velocity in ((0, 0.1, -1.1e6), (1, math.nan, 0.0), (2, 0.0, 1.2e6),
                                      (2, math.inf, 0.0), (0, -math.inf, 0.0)):
-        pybullet.resetJointState(model.body_id, model.joints._indices[slot], position, velocity,
+        pybullet.resetJointState(model.body_id, numbers[slot], position, velocity,
                                  physicsClientId=model.client)
         model.joints.after_step()
         with pytest.raises(WorldError, match=f"joint '{NAMES[slot]}': the simulation diverged"):
             model.read_joints()
-        pybullet.resetJointState(model.body_id, model.joints._indices[slot], 0.0, 0.9e6,
+        pybullet.resetJointState(model.body_id, numbers[slot], 0.0, 0.9e6,
                                  physicsClientId=model.client)
         model.joints.after_step()
         assert model.read_joints()[1][slot] == 0.9e6
-        pybullet.resetJointState(model.body_id, model.joints._indices[slot], 0.0, 0.0,
+        pybullet.resetJointState(model.body_id, numbers[slot], 0.0, 0.0,
                                  physicsClientId=model.client)
         model.joints.after_step()
 

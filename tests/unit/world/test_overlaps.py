@@ -4,7 +4,6 @@ import pytest
 
 from aras_sim_bridge.description import parse_urdf
 from aras_sim_bridge.world import Pose, World
-from aras_sim_bridge.world import overlaps as overlaps_module
 from aras_sim_bridge.world.overlaps import find_overlaps
 
 BOX = '<collision><geometry><box size="{}"/></geometry></collision>'
@@ -64,16 +63,3 @@ def test_without_a_posture_contacts_are_those_of_the_last_step():
         assert find_overlaps(world, robot, before_step=True) == []
 
 
-def test_what_only_touches_is_in_nothing(monkeypatch):
-    """By contacts as Bullet tells them: of each moving link, by names, the deepest first."""
-    with World() as world:
-        robot = world.spawn(parse_urdf(ROBOT), "robot")
-        other = world.spawn(parse_urdf(ROBOT), "other", Pose((5.0, 0.0, 0.0)))
-        slide, base = (robot.link_index(name) for name in ("slide", "base"))
-        told = [(link, other.body_id, its, (0.0,) * 15 + (depth,)) for link, its, depth in (
-            (slide, slide, 0.0), (slide, base, 1e-6), (slide, slide, -1e-3), (base, slide, 0.2),
-            (slide, slide, 2e-3), (-1, slide, 0.3))]
-        monkeypatch.setattr(overlaps_module, "find_contacts", lambda body, client: told)
-        assert find_overlaps(world, robot) == [
-            overlaps_module.Overlap("slide", "other", "slide", 2e-3),
-            overlaps_module.Overlap("slide", "other", "base", 1e-6)]

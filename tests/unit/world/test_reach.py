@@ -3,7 +3,6 @@
 import math
 
 import numpy as np
-import pybullet
 import pytest
 from test_joint_dynamics import tree_xml
 
@@ -101,64 +100,16 @@ def test_solids_are_the_shapes_of_the_links_that_are_asked_for(make):
         assert arm.high == pytest.approx(np.add((1, 2, 5), half), abs=2 * HULL)
 
 
-def masks(monkeypatch, world):
-    """Return the collision group and mask that Bullet receives, by model and link."""
-    given = {}
-    monkeypatch.setattr(
-        pybullet, "setCollisionFilterGroupMask",
-        lambda body, link, group, mask, physicsClientId: given.__setitem__((body, link),
-                                                                           (group, mask)))
-    reach.disable_distant_pairs(list(world.models.values()))
-    monkeypatch.undo()
-    return {(model.name, name): given.get((model.body_id, index))
-            for model in world.models.values() for name, index in model.link_indices.items()}
-
-
-def test_links_are_paired_with_other_models_and_with_what_never_moves_in_their_reach(
-        make, monkeypatch):
-    """A group for each model that no link of it is paired with; Bullet's second one, 2, is that
-    of what never moves."""
-    with World() as world:
-        world.spawn_ground_plane("ground")
-        arm = make.robot(
-            '<link name="world"/>', make.link("upper", shapes=make.box("0.1 0.1 0.1")),
-            make.link("lower", shapes=make.box("0.1 0.1 0.1")), make.link("bare"),
-            make.joint("a", "world", "upper", xyz="0 0 1"),
-            make.joint("b", "upper", "lower", xyz="0 0 -0.9"),
-            make.joint("c", "lower", "bare"))
-        world.spawn(parse_urdf(arm), "arm")
-        loose = make.robot(make.link("a", shapes=make.box("0.1 0.1 0.1")), make.link("b"),
-                           make.joint("j", "a", "b"))
-        world.spawn(parse_urdf(loose), "loose", Pose((5.0, 0.0, 5.0)))
-        found = masks(monkeypatch, world)
-        ground, arm, free = (1 << bit for bit in (6, 7, 8))
-        assert found == {
-            ("ground", "link"): None, ("arm", "world"): None,
-            ("arm", "upper"): (arm, ~(arm | 2)), ("arm", "lower"): (arm, ~arm),
-            ("arm", "bare"): (arm, ~(arm | 2)), ("loose", "a"): (free, ~free),
-            ("loose", "b"): (free, ~free)}
-
-
-def test_models_beyond_bullet_s_groups_are_paired_in_vain(make, monkeypatch):
-    loose = parse_urdf(make.robot(make.link("a", shapes=make.box("0.1 0.1 0.1"))))
-    with World() as world:
-        for k in range(26):
-            world.spawn(loose, str(k), Pose((k, 0.0, 5.0)))
-        found = [masks(monkeypatch, world)[str(k), "a"] for k in (0, 23, 24, 25)]
-    assert found == [(64, ~64), (1 << 29, ~(1 << 29)), (1, -1), (1, -1)]
-
-
 def test_what_may_meet_touches_a_root_or_what_another_s_joints_reach(make):
     post = make.robot(f'<link name="world">{make.box("0.2 0.2 0.2")}</link>',
                       make.link("car", shapes=make.box("0.2 0.2 0.2")),
                       make.joint("rail", "world", "car", "prismatic", "0 5 0", "1 0 0", -1.0, 2.0))
     with World() as world:
         model = world.spawn(parse_urdf(post), "post", Pose((1.0, 0.0, 0.0)))
-        for at, root, ever in (((1.15, 0.0, 0.0), True, True), ((1.3, 0.0, 0.0), False, False),
-                               ((3.1, 5.0, 0.0), False, True), ((0.1, 5.0, 0.1), False, True),
-                               ((4.0, 5.0, 0.0), False, False)):
+        for at, ever in (((1.15, 0.0, 0.0), True), ((1.3, 0.0, 0.0), False),
+                         ((3.1, 5.0, 0.0), True), ((0.1, 5.0, 0.1), True),
+                         ((4.0, 5.0, 0.0), False)):
             box = Box(tuple(v - 0.1 for v in at), tuple(v + 0.1 for v in at))
-            assert reach._can_meet_root(box, model) is root
             assert reach.can_meet([Box((9, 9, 9), (9, 9, 9)), box], model) is ever
 
 
@@ -169,4 +120,4 @@ def test_what_is_below_one_of_two_planes_may_touch_them(make):
         groove = world.spawn(parse_urdf(make.robot(f'<link name="world">{planes}</link>')), "it")
         for x, touches in ((-3.0, True), (3.0, True), (0.0, False)):
             box = Box((x - 0.1, 0.0, 1.0), (x + 0.1, 0.1, 1.1))
-            assert reach._can_meet_root(box, groove) is reach.can_meet([box], groove) is touches
+            assert reach.can_meet([box], groove) is touches

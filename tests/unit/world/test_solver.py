@@ -7,10 +7,9 @@ import os
 import pytest
 from aras_robot import ArasRobot
 
-import aras_sim_bridge.world.world as world_module
 from aras_sim_bridge.description import parse_urdf
 from aras_sim_bridge.simulation import Simulation
-from aras_sim_bridge.world import Pose, World, bullet, isolation, reach
+from aras_sim_bridge.world import Pose, World, bullet
 from aras_sim_bridge.world.bullet import pybullet
 
 POSE = (0.1, 0.0, 0.17, -0.09, -0.09, 0.0)
@@ -130,19 +129,6 @@ def test_a_body_that_falls_onto_a_link_out_of_the_ground_s_reach_rests_there(mak
         assert body.pose().xyz[2] == pytest.approx(3.1, abs=1e-3)
 
 
-def test_pairs_that_are_left_out_are_not_looked_at(make, monkeypatch):
-    """What the reach says is what Bullet does: an arm said to be out of reach falls through."""
-    monkeypatch.setattr(reach, "_can_meet_root", lambda box, other: False)
-    with World() as world:
-        world.spawn_ground_plane()
-        model = world.spawn(drop(make), "arm", Pose((0, 0, 0.3)))
-        heights = []
-        for _ in range(500):
-            world.step()
-            heights.append(tip_height(model))
-        assert min(heights) < -0.19
-
-
 def test_more_models_than_bullet_has_groups_stand_on_the_ground(make):
     """Thirty cubes, each with a cap fixed on it, two high: they rest on one another."""
     cube = make.robot(
@@ -158,40 +144,6 @@ def test_more_models_than_bullet_has_groups_stand_on_the_ground(make):
             world.step()
         for k, model in enumerate(cubes):
             assert model.pose().xyz[2] == pytest.approx(0.05 + k % 2 * 0.12, abs=2e-3)
-
-
-def trace(cube, steps=300):
-    """Return the trajectory of a cube; Bullet steps the arm."""
-    robot = ArasRobot(Simulation())
-    robot.simulation.spawn(parse_urdf(cube), "cube", Pose((7.0, 0.0, 0.05)))  # Bullet makes steps
-    states = []
-    for k in range(3):
-        robot.command([sign * q for q, sign in zip(POSE, [1, -1, 1, -1, 1, -1][k:] * 2,
-                                                   strict=False)])
-        for _ in range(steps // 3):
-            robot.steps(1)
-            states.append(robot.model.read_joints()[:2])
-    robot.close()
-    return states
-
-
-def test_the_shipped_robot_moves_the_same_bits_with_all_pairs(make, monkeypatch):
-    cube = make.robot(make.link("cube", 1.0, inertia=(2e-3, 2e-3, 2e-3, 0, 0, 0),
-                                shapes=make.box("0.1 0.1 0.1")))
-    masks = {}
-    monkeypatch.setattr(isolation, "_RETURN_STEPS", math.inf)
-    real = pybullet.setCollisionFilterGroupMask
-    monkeypatch.setattr(pybullet, "setCollisionFilterGroupMask",
-                        lambda *args, **named: (masks.update({args[:2]: args[3]}),
-                                                real(*args, **named)))
-    left_out = trace(cube)
-    own_and_static = ~(128 | 2)  # the ground has the first group of its own, 64
-    robot = max(body for body, link in masks if link >= 0)
-    # Bullet's numbers differ by one between the robot that is free and the one that is held.
-    links = [mask for (body, link), mask in masks.items() if body == robot and link >= 1]
-    assert links == [own_and_static] * 9, "every link is out of the ground's reach"
-    monkeypatch.setattr(world_module, "disable_distant_pairs", lambda models: None)
-    assert trace(cube) == left_out
 
 
 @pytest.fixture
@@ -280,52 +232,3 @@ def test_only_a_bullet_that_made_no_step_serves_another_world(make):
         assert world.client == client
 
 
-def test_joints_are_solved_directly_where_all_is_bolted_and_by_sweeps_else(make, monkeypatch):
-    """Bullet is told when that changes, and anew after a reset, which forgets it."""
-    told = []
-    real = pybullet.setPhysicsEngineParameter
-
-    def tell(**named):
-        told.extend(named[k] for k in named if k == "constraintSolverType")
-        real(**named)
-
-    monkeypatch.setattr(pybullet, "setPhysicsEngineParameter", tell)
-    stone = parse_urdf(make.robot(make.link("stone")))
-    direct, sweeps = pybullet.CONSTRAINT_SOLVER_LCP_DANTZIG, pybullet.CONSTRAINT_SOLVER_LCP_SI
-    with World() as world:
-        for act, expected in (
-            (lambda: world.spawn(drop(make), "arm"), [direct]),
-            (lambda: world.spawn_ground_plane(), []),
-            (lambda: world.spawn(stone, "stone", Pose((0, 0, 5))), [sweeps]),
-            (lambda: world.spawn(stone, "other", Pose((0, 3, 5))), []),
-            (lambda: world.reset_simulation(), []), (lambda: world.delete("stone"), []),
-            (lambda: world.delete("other"), [direct]),
-            (lambda: world.reset_simulation(), [direct]),
-        ):
-            told.clear()
-            act()
-            assert told == expected
-
-
-def test_pairs_are_left_out_anew_when_models_come_or_what_is_bolted_moves(make, monkeypatch):
-    """As soon as Bullet makes steps, once."""
-    seen = []
-    monkeypatch.setattr(world_module, "disable_distant_pairs", lambda models: seen.append(
-        [model.name for model in models]))
-    stone = parse_urdf(make.robot(make.link("stone")))
-    with World() as world:
-        ground = world.spawn_ground_plane()
-        world.step()
-        assert seen == []  # nobody needs Bullet's steps
-        model = world.spawn(stone, "stone", Pose((0, 0, 5)))
-        for act, names in (
-            (lambda: None, [["ground_plane", "stone"]]), (lambda: model.set_pose(Pose()), []),
-            (lambda: ground.set_pose(Pose((0, 0, -1))), [["ground_plane", "stone"]]),
-            (lambda: world.spawn(drop(make), "arm"), [["ground_plane", "stone", "arm"]]),
-            (lambda: world.delete("stone"), []),
-        ):
-            act()
-            for _ in range(3):
-                world.step()
-            assert seen == names
-            seen.clear()

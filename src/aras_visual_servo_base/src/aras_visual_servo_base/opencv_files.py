@@ -74,7 +74,7 @@ def _read_matrix(node: Any, where: str, error: type[SimError]) -> np.ndarray | N
         given = " x ".join(f"{size:g}" for size in sizes or ()) or "missing"
         raise error(f"{where} has the size {given} and the data type (dt) "
                     f"'{node.getNode('dt').string()}', must have one or two sizes from 1 to "
-                    f"{LARGEST} and a dt such as d: correct them")  # fmt: skip
+                    f"{LARGEST} and a data type such as d: correct rows, cols or dt")  # fmt: skip
     data = node.getNode("data")
     if not data.isSeq() or data.size() > LARGEST or (numbers := _read_numbers(data)) is None:
         raise error(f"{where}: data must be a list of up to {LARGEST} numbers")

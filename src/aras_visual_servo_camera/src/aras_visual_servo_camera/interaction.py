@@ -77,7 +77,7 @@ class Plane(NamedTuple):
 
 
 def point_interaction(points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
-    """Return the interaction matrix L of image points: d(x, y)/dt = L v.
+    """Return L of image points (x, y) with the inverse depths 1/Z: d(x, y)/dt = L v.
 
     v is the twist of the camera in its own optical frame. This module's docstring contains the
     equations of x' and y'.

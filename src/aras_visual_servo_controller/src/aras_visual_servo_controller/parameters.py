@@ -22,6 +22,8 @@ BY_JOINT = ("max_velocity", "max_acceleration", "lower", "upper", "posture", "el
 MODEL_TRACKER = "model"  # name of the tracker that measures the pose of a known mesh
 # Name of the tracker that detects an ArUco or AprilTag marker, or a board of markers.
 MARKER_TRACKER = "marker"
+# Parameters of the controller that are also parameters of a tracker.
+TRACKER_PARAMETERS = ("marker", "model", "model_scale", "model_start")
 OUTLINE_TRACKER = "outline"  # name of the tracker that uses the corners of the segmented outline
 # Parameters whose values are ROS graph names.
 GRAPH_NAMES = ("namespace", "camera_namespace", "command_topic", "description")
@@ -64,6 +66,7 @@ class Parameters:
     interaction: interaction matrix of the scheme: current, desired, mean or estimated.
     tracker: tracker that finds the points of the target: outline, another tracker's name, or
         'package.module:Class'.
+    tracker_options: other parameters of the tracker, by name.
     marker: marker that is the target: 5, DICT_5X5_100:5, or a board; if empty, the marker of the
         goal.
     model: mesh file of the target (STL, OBJ, DAE), in m; the tracker 'model' tracks its pose.
@@ -126,6 +129,7 @@ class Parameters:
     scheme: str = parameter("moments", name=True)
     interaction: str = parameter("current")
     tracker: str = parameter(OUTLINE_TRACKER)
+    tracker_options: Mapping[str, Any] = parameter({})
     marker: str | Mapping[str, Any] = parameter("", name=True)
     model: str = parameter("")
     model_scale: float = parameter(1.0, above=0.0)

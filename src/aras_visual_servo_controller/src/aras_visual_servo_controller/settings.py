@@ -45,6 +45,7 @@ from .parameters import (
     LEGAL_NAME,
     MODEL_TRACKER,
     OUTLINE_TRACKER,
+    TRACKER_PARAMETERS,
     Parameters,
     expand_per_joint,
 )
@@ -456,17 +457,32 @@ class Settings(Parameters):
 
         Args:
             marker: marker with which the goal was taught, used if the parameter `marker` is empty.
+
+        Raises:
+            ConfigurationError: there is no such tracker, or it does not accept a parameter.
         """
         name = self.tracker
         if self.model or "model" in re.split(r"[+@]", self.scheme):
             name = MODEL_TRACKER
         if name == OUTLINE_TRACKER:
+            if self.tracker_options:
+                raise ConfigurationError(
+                    f"parameter ~tracker_options is {dict(self.tracker_options)}, but the tracker "
+                    f"'{OUTLINE_TRACKER}' has no options: set ~tracker, or leave them out"
+                )
             return None
+        for key in TRACKER_PARAMETERS:
+            if key in self.tracker_options:
+                raise ConfigurationError(
+                    f"parameter ~tracker_options.{key} is not allowed: set ~{key} instead"
+                )
         from aras_visual_servo_camera.trackers import TRACKERS
 
-        options = vars(self) | {"marker": self.marker or marker}
+        given = {key: getattr(self, key) for key in TRACKER_PARAMETERS}
+        given["marker"] = self.marker or marker
         try:
-            known = [parameter.name for parameter in TRACKERS.list_parameters(name)]
-            return TRACKERS.create(name, **{key: options[key] for key in known if key in options})
+            known = {parameter.name for parameter in TRACKERS.list_parameters(name)}
+            options = {key: value for key, value in given.items() if key in known}
+            return TRACKERS.create(name, **options, **self.tracker_options)
         except (VisionError, DescriptionError) as error:
             raise ConfigurationError(str(error)) from None

@@ -11,6 +11,7 @@ import numpy as np
 from aras_visual_servo_camera.errors import CalibrationError
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_controller.errors import MeasurementError
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.kinematics import Arm
 from aras_visual_servo_controller.observation.observation import CAMERA
@@ -65,7 +66,7 @@ class MessageRunBuilder:
         if not any(state.outcome for state in states):
             notes.append("the bag has no diagnosis: outcome and achieved twist are unknown")
         joint_names = tuple(recording.states[-1].joint_names)
-        joint_stamp, measured, speed = self._read_joint_states(joint_names)
+        joint_stamp, measured, speed = self._read_joint_states(joint_names, arm, notes)
         if not len(joint_stamp):
             notes.append(f"the bag has no joint states of {', '.join(joint_names)}")
         poses = self._compute_camera_poses(joint_stamp, measured, arm, joint_names, notes)
@@ -141,14 +142,17 @@ class MessageRunBuilder:
         return None
 
     def _read_joint_states(
-        self, names: tuple[str, ...]
+        self, names: tuple[str, ...], arm: Arm | None, notes: list[str]
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Read the joint states that contain all joints in `names`.
+
+        Those with impossible positions are left out, as by the controller, with a note.
 
         Returns:
             Stamps (m,), s; positions (m, j), rad or m; velocities (m, j), rad/s or m/s.
         """
-        stamps, positions, velocities = [], [], []
+        stamps, positions, velocities, faults = [], [], [], []
+        has_limits = arm is not None and arm.names == names
         for message in self._recording.joints:
             # with stamp 0, the publisher did not know the simulated time yet
             if not message.header.stamp:
@@ -157,10 +161,24 @@ class MessageRunBuilder:
             if not all(n in indices and indices[n] < len(message.position) for n in names):
                 continue
             order = [indices[name] for name in names]
+            q = np.array([message.position[i] for i in order])
+            try:
+                if has_limits:
+                    arm.check(q)
+                elif not np.isfinite(q).all():
+                    raise MeasurementError(f"the measured positions are {q.tolist()}")
+            except MeasurementError as error:
+                faults.append(str(error))
+                continue
             stamps.append(message.header.stamp.to_sec())
-            positions.append([message.position[i] for i in order])
+            positions.append(q)
             known = len(message.velocity) == len(message.name)
             velocities.append([message.velocity[i] if known else np.nan for i in order])
+        if faults:
+            notes.append(
+                f"joint states that were left out because of impossible positions: {len(faults)} "
+                f"({faults[0]}); probably a second node publishes joint states"
+            )
         shape = (-1, len(names))
         return (
             np.array(stamps),

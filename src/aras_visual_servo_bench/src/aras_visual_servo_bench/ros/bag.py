@@ -26,6 +26,7 @@ from ..recording.image_tracks import find_nearest
 from ..recording.message_run_builder import MessageRunBuilder
 from ..recording.recorded_experiment import RecordedExperiment
 from ..recording.run import Run
+from .recorded_clock import CLOCK_TOLERANCE_NS, STATES_TOLERANCE_NS, RecordedClock
 
 if TYPE_CHECKING:
     import rosbag
@@ -53,8 +54,7 @@ OLD_FIELDS = {
     "infeasible_twist": "lost", "computation_time": "computing",
 }  # fmt: skip
 IMAGE, COMPRESSED = "sensor_msgs/Image", "sensor_msgs/CompressedImage"
-# largest decrease of the stamps that is not a reset of the clock, ns
-CLOCK_TOLERANCE_NS = 500_000_000
+CLOCK = "/clock"
 # last part of the name of the topic with the description of the experiment
 EXPERIMENT_TOPIC = "experiment"
 # prefix of the topics of the camera that is preferred if a bag contains several cameras
@@ -196,6 +196,14 @@ class BagReader(GraphRecording):
             )
         self._counts = {topic: one.message_count for topic, one in info.items()}
         self._transforms: dict[str, tuple[str, np.ndarray]] = {}
+        # the clock of the recording: /clock, otherwise the stamps of the states
+        self._clock_topic = CLOCK
+        self._clock = RecordedClock(self._read_stamps(CLOCK), CLOCK_TOLERANCE_NS)
+        if not self._clock:
+            self._clock_topic = self._topics.state
+            self._clock = RecordedClock(self._read_stamps(self._clock_topic), STATES_TOLERANCE_NS)
+        # for each topic: distances (ns) of the stamps of another clock
+        self._foreign: dict[str, list[int]] = {}
 
     def read(self, progress: Callable[[float], None]) -> None:
         """Read all messages except images, and the stamps of the images.
@@ -225,13 +233,19 @@ class BagReader(GraphRecording):
             _, data, _, position, _ = message
             if start is not None and position < start and topic not in always:
                 continue
+            if topic not in (*always, t.state) and (
+                distance := self._clock.find_difference(position, _read_stamp(data, topic))
+            ):
+                self._foreign.setdefault(topic, []).append(distance)
+                continue
             if topic == t.image:
-                self.stamps.append((1e-9 * _read_stamp(data), time.to_sec(), time))
+                self.stamps.append((1e-9 * _read_stamp(data, topic), time.to_sec(), time))
                 continue
             if topic not in is_readable:
                 is_readable[topic] = self._has_used_fields(topic, message)
             if is_readable[topic]:
                 handlers[topic](unpack(message))
+        self._note_foreign_stamps()
 
     def _has_used_fields(self, topic: str, raw: tuple) -> bool:
         """Return whether the messages of a topic have all fields that a report needs.
@@ -256,17 +270,23 @@ class BagReader(GraphRecording):
         self.notes.append(f"{problem}: the report omits it")
         return False
 
+    def _read_stamps(self, topic: str) -> list[tuple[tuple, int]]:
+        """Return position and stamp (ns) of each message on a topic; none if there is no topic."""
+        if topic not in self._counts:
+            return []
+        return [
+            (position, _read_stamp(data, topic))
+            for _, (_, data, _, position, _), _ in self._bag.read_messages([topic], raw=True)
+        ]
+
     def _find_start(self) -> tuple | None:
         """Return the file position of the last clock reset; return None if there is none."""
-        topic, entries = self._topics.joints or self._topics.state, []
-        for _, (_, data, _, position, _), _ in self._bag.read_messages([topic], raw=True):
-            entries.append((position, _read_stamp(data)))
-        entries = sorted(one for one in entries if one[1])
-        resets = [
-            i
-            for i in range(1, len(entries))
-            if entries[i][1] < entries[i - 1][1] - CLOCK_TOLERANCE_NS
-        ]
+        resets = self._clock.resets
+        if self._clock_topic != CLOCK and self._topics.joints:
+            # joint states are more frequent than states
+            entries = self._read_stamps(self._topics.joints)
+            own = [one for one in entries if not self._clock.find_difference(*one)]
+            resets = RecordedClock(own, STATES_TOLERANCE_NS).resets
         if not resets:
             return None
         count = "once" if len(resets) == 1 else f"{len(resets)} times"
@@ -274,7 +294,18 @@ class BagReader(GraphRecording):
             f"the clock was reset {count} during the recording: the report covers the time after "
             "the last reset"
         )
-        return entries[resets[-1]][0]
+        return resets[-1]
+
+    def _note_foreign_stamps(self) -> None:
+        """Note which messages were left out, because they are stamped by another clock."""
+        for topic, distances in self._foreign.items():
+            count = "1 message is" if len(distances) == 1 else f"{len(distances)} messages are"
+            self.notes.append(
+                f"{topic}: {count} left out, because of stamps that are up to "
+                f"{1e-9 * max(distances):.4g} s away from those on {self._clock_topic}: probably a "
+                "second node publishes there and stamps its messages by another clock, such as "
+                "wall time"
+            )
 
     def _add_metrics(self, message: Any) -> None:
         self.real_time_factors.append((message.header.stamp.to_sec(), message.real_time_factor))
@@ -337,9 +368,15 @@ def unpack(raw: tuple) -> Any:
     return message
 
 
-def _read_stamp(data: bytes) -> int:
-    """Return the stamp (ns) of a serialized message that starts with a std_msgs/Header."""
-    _, secs, nsecs = struct.unpack_from("<III", data)
+def _read_stamp(data: bytes, topic: str) -> int:
+    """Return the stamp (ns) of a serialized message; 0 if it has none.
+
+    The message is a rosgraph_msgs/Clock, a list of transforms, or starts with a std_msgs/Header.
+    """
+    offset = {CLOCK: 0, TF: 8}.get(topic, 4)
+    if len(data) < offset + 8:
+        return 0  # an empty list of transforms
+    secs, nsecs = struct.unpack_from("<II", data, offset)
     return secs * 1_000_000_000 + nsecs
 
 

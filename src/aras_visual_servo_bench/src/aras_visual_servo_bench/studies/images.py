@@ -76,7 +76,7 @@ def list_columns(study: Study) -> dict[str, Column]:
         if study.depth:
             columns[f"depth{end}"] = Column(
                 pa.binary(), f"depth image{of}, bytes of a 16-bit PNG file: depth along the "
-                f"optical axis in steps of {1e3 * DEPTH_STEP:g} mm; 0: no surface within "
+                f"optical axis in steps of {1e3 * DEPTH_STEP:g} mm, or 0 if no surface is within "
                 f"{_FARTHEST:.1f} m")  # fmt: skip
     return columns
 

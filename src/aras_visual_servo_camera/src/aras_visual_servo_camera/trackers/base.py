@@ -9,12 +9,14 @@ known (dots, intersections of lines).
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import ClassVar, NamedTuple
+from dataclasses import dataclass
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from aras_visual_servo_base.registry import Registry
+from aras_visual_servo_base.settings import check
 
 from ..errors import VisionError
 from ..interaction import Plane
@@ -48,26 +50,38 @@ class Tracker(ABC):
     """Base class of trackers, which find points of the target in an image.
 
     Schemes use these points as the target's corners. A subclass implements `find`, and is selected
-    by 'package.module:Class'. A tracker with parameters is a dataclass whose fields are its
-    parameters.
+    by 'package.module:Class'. Every tracker is a dataclass: its parameters are annotated
+    attributes, or are declared with unit and bounds by `parameter`.
 
     Attributes:
         name: short name of the tracker.
         is_numbered: True if each point can be identified; False if only the cyclic order of the
             points is known.
+        has_colour: True if images are passed as RGB (rows, columns, 3); False if they are passed as
+            grey levels (rows, columns).
         accuracy: error of the points in noise-free images of the simulated arm, px.
     """
 
     name: ClassVar[str] = ""
     is_numbered: ClassVar[bool] = True
+    has_colour: ClassVar[bool] = False
     accuracy: ClassVar[float] = 0.01
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        """Make the subclass a dataclass. Its `name` is the class name until it is registered."""
+        super().__init_subclass__(**options)
+        cls.name = cls.__name__
+        dataclass(eq=False)(cls)
+
+    def __post_init__(self) -> None:
+        check(self, VisionError, f"tracker {self.name}: ")
 
     @abstractmethod
     def find(self, grey: NDArray[np.uint8]) -> np.ndarray:
         """Find the points in an image.
 
         Args:
-            grey: (rows, columns) image.
+            grey: (rows, columns) image; (rows, columns, 3) RGB if `has_colour`.
 
         Returns:
             (n, 2) points, px (column, row).
@@ -80,7 +94,7 @@ class Tracker(ABC):
         """Find the points in an image and remove the lens distortion.
 
         Args:
-            grey: (rows, columns) image.
+            grey: (rows, columns) image; (rows, columns, 3) RGB if `has_colour`.
             camera: intrinsics and distortion.
 
         Returns:
@@ -99,7 +113,7 @@ class Tracker(ABC):
         """Find the points in the next image of a servo loop.
 
         Args:
-            grey: (rows, columns) image.
+            grey: (rows, columns) image; (rows, columns, 3) RGB if `has_colour`.
             camera: intrinsics and distortion.
             world_T_camera: (4, 4) pose of the camera; None if it is unknown.
             depth: (rows, columns) depth image, m; None if there is none.

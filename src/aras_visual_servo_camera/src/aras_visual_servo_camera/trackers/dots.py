@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +33,6 @@ DOT_ITERATIONS = 2
 
 
 @TRACKERS.register("dots")
-@dataclass(eq=False)
 class DotTracker(Tracker):
     """The centres of dark, round dots on a lighter background, sorted by angle about their mean.
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -33,7 +32,6 @@ RIM_STEP = 0.4  # approximate distance between two samples of a profile, px
 
 
 @TRACKERS.register("marker")
-@dataclass(eq=False)
 class MarkerTracker(EdgeTracker):
     """The four corners of an ArUco or AprilTag marker, clockwise from its first corner.
 

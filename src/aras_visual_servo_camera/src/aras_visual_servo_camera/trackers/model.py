@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -25,7 +24,6 @@ BEST_ACCURACY = 0.01  # px; error of the points in addition to the error due to 
 
 
 @TRACKERS.register("model")
-@dataclass(eq=False)
 class ModelTracker(Tracker):
     """The corners of the horizontal rectangle through a solid's middle, from the solid's pose.
 

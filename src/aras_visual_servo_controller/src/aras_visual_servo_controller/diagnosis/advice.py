@@ -104,7 +104,7 @@ def suggest_more_time(duration: float, size: float, rate: float, linear: bool = 
     """Suggest the duration that the run needs to reach its goal at the present rate.
 
     Args:
-        duration: time limit of the run, s.
+        duration: time limit of the run, s; inf if there is none.
         size: size of the error, in tolerances.
         rate: rate at which the error decreases: in 1/s for an exponential decrease, in tolerances
             per second for a linear one.
@@ -113,7 +113,9 @@ def suggest_more_time(duration: float, size: float, rate: float, linear: bool = 
     advice = "allow more time, or raise the gain"
     if linear:
         advice = "allow more time, or raise max_velocity or max_acceleration"
-    if rate <= 0.0 or not isfinite(duration):
+    if not isfinite(duration):
+        return Remedy(advice)
+    if rate <= 0.0:
         return Remedy(advice, multiply("duration", 10.0 if linear else 3.0))
     left = LINEAR_RESERVE * size / rate if linear else log(max(size / 0.3, 2.0)) / rate
     factor = 1.0 + TIME_RESERVE * (left + SETTLING_TIME) / duration

@@ -238,8 +238,8 @@ class CameraCheck:
             else f"along {DIRECTIONS[other_direction]}"
         )
         return (
-            f"the features move {scale:.2f} times as far along {DIRECTIONS[direction]} as L and "
-            f"the arm's motion predict, but {other_scale:.2f} times as far {where}"
+            f"along {DIRECTIONS[direction]} the features move {scale:.2f} times as far as L and "
+            f"the arm's motion predict, but {where} {other_scale:.2f} times as far"
         )
 
     def _is_smooth(self, depth: float, misfit: float) -> bool:

@@ -7,8 +7,11 @@ poses, which only a simulation knows.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from itertools import pairwise
+from statistics import median
 
 import numpy as np
 
@@ -19,16 +22,20 @@ from .base import DIAGNOSES, ORDER
 from .evidence import Evidence
 
 # During servoing, an outcome of another kind replaces the reported one only after it has been found
-# for at least STEADY_TIME, s. The outcome 'running' is replaced at once. The delay applies only
-# between the kinds in WHILE_SERVOING.
+# for at least STEADY_TIME, s. The outcome 'running' is replaced at once. There is no delay if one
+# of the two outcomes is 'converged' or one of IMMEDIATE.
 STEADY_TIME = 1.0
-WHILE_SERVOING = (
-    "running", "target_moves", "wrong_camera_model", "gain_too_high", "joint_limit", "singular",
-    "local_minimum", "camera_retreat", "out_of_reach", "saturation", "too_noisy", "no_progress",
-    "wrong_object",
+IMMEDIATE = (
+    "stopped", "held", "no_joint_states", "unusable_joint_states", "joints_do_not_follow",
+    "too_few_images", "target_lost", "ambiguous", "scheme_fault", "timed_out",
 )  # fmt: skip
 # Stops by the watchdog are forgotten if no further stop follows within this time, s.
 RECOVERY_TIME = 10.0
+# Images come rarely if the median period of the latest MEDIAN_PERIODS images is longer than this
+# part of the watchdog's time. Otherwise the gaps in which the watchdog stopped the arm are
+# exceptions, and a longer watchdog or a lower gain is no remedy.
+RARE_PART = 0.5
+MEDIAN_PERIODS = 30
 
 
 def diagnose(
@@ -71,8 +78,8 @@ class Diagnosis:
         # Stamp (s) and fault of each image for which the scheme failed.
         self._faults: list[tuple[float, str]] = []
         self._image_count = 0
-        self._last_stamp: float | None = None  # stamp of the last image, s
-        self._longest_gap = 0.0  # longest time without an image, s
+        self._stamps: deque[float] = deque(maxlen=MEDIAN_PERIODS + 1)  # of the latest images, s
+        self._longest_gap = 0.0  # longest time without an image since the first of the stops, s
         self._outcome_stamp = -np.inf  # time at which the present outcome was first reported, s
         # Kind of outcome that may replace the present one, and the time (s) at which this kind was
         # first found.
@@ -107,37 +114,40 @@ class Diagnosis:
         elif event.kind == "scheme_failed":
             self.evidence.current_outcome = make_outcome("scheme_fault", event.reason)
         elif event.kind == "starved":
-            self._add_starvation(event.time, event.period)
+            self._add_starvation(event)
         elif event.kind == "timed_out":
             self._time_out(event.time)
         elif self._is_ended:
             return
         elif event.kind == "joints_unmeasured":
-            self.evidence.current_outcome = make_outcome("no_joint_states", event.reason)
+            self.evidence.current_outcome = event.outcome or make_outcome(
+                "no_joint_states", event.reason
+            )
         elif event.kind == "halted":
             self.evidence.current_outcome, self._is_ended = event.outcome, True
         else:
             raise ValueError(f"'{event.kind}' is not a kind of event of a run")
 
-    def _add_starvation(self, t: float, period: float) -> None:
-        """Record that the watchdog stopped the arm.
-
-        Args:
-            t: time at which the arm was stopped, s.
-            period: mean time between two images before the stop, s.
-        """
-        self._starvation_count = (
-            1 if t - self._starvation_stamp > RECOVERY_TIME else self._starvation_count + 1
-        )
+    def _add_starvation(self, event: RunEvent) -> None:
+        """Record that the watchdog stopped the arm."""
+        t, period = event.time, event.period
+        if t - self._starvation_stamp > RECOVERY_TIME:
+            self._starvation_count, self._longest_gap = 0, 0.0
+        self._starvation_count += 1
         self._starvation_stamp = t
-        gap = t - self._last_stamp if self._last_stamp is not None else 0.0
+        gap = t - self._stamps[-1] if self._stamps else 0.0
         self._longest_gap = max(self._longest_gap, gap, period)
-        found = make_outcome(
-            "too_few_images",
-            f"at {t:.2f} s no image had arrived for longer than the watchdog's time"
-            + (f" (before that, one every {period:.3f} s)" if period > 0.0 else ""),
-        )
+        reason, what = event.reason, "one"
         if self._starvation_count > 1:
+            what = "an image"
+            reason = (
+                f"the watchdog stopped the arm {self._starvation_count} times, the last time at "
+                f"{t:.2f} s"
+            )
+        if period > 0.0:
+            reason = f"{reason}; before that, {what} came every {period:.3f} s"
+        found = make_outcome("too_few_images", reason)
+        if self._starvation_count > 1 and self._are_images_rare:
             gain = getattr(getattr(self.run_context.scheme, "law", None), "gain", None)
             remedy = suggest_longer_watchdog(
                 self._longest_gap, gain, self.run_context.settings.duration
@@ -145,15 +155,26 @@ class Diagnosis:
             found = replace(found, remedy=remedy)
         self.evidence.current_outcome = self._starvation_outcome = found
 
+    @property
+    def _are_images_rare(self) -> bool:
+        """Return whether most images come so late that the watchdog nearly stops the arm."""
+        periods = [b - a for a, b in pairwise(self._stamps)]
+        return bool(periods) and median(periods) > RARE_PART * self.run_context.settings.watchdog
+
     def _time_out(self, duration: float) -> None:
         """End the run because its time limit is reached; an outcome that was already found is kept.
         """
         if self.outcome.kind == "running":
-            last = f": {self.outcome.reason}" if self.outcome.reason else ""
-            evidence = self.evidence
-            found = evidence.add_advice(
-                self._explain_timeout(f"not at the goal after {duration:.1f} s{last}")
-            )
+            evidence, hold = self.evidence, self.run_context.settings.hold
+            reason = f"not converged after {duration:.1f} s"
+            if self.outcome.reason:
+                reason = f"{reason}: {self.outcome.reason}"
+            if 0.0 < (settled := evidence.progress_check.settled_time) < hold:
+                reason = (
+                    f"{reason}; each error was within its tolerance only for the last "
+                    f"{settled:.2f} s, and {hold:g} s are needed"
+                )
+            found = evidence.add_advice(self._explain_timeout(reason))
             # An image for which the scheme failed interrupts the loop, and the camera then has to
             # settle again for `hold` seconds. A recent failure therefore explains why the run did
             # not converge in time.
@@ -179,9 +200,9 @@ class Diagnosis:
                 stamp, joints.is_late, joints.commanded_velocities, joints.measured_velocities
             )
         self._image_count += 1
-        if self._last_stamp is not None and self._starvation_count:
-            self._longest_gap = max(self._longest_gap, stamp - self._last_stamp)
-        self._last_stamp = stamp
+        if self._stamps and self._starvation_count:
+            self._longest_gap = max(self._longest_gap, stamp - self._stamps[-1])
+        self._stamps.append(stamp)
         if record.is_faulty:
             self._faults.append((stamp, record.state.reason))
         if self._is_ended:
@@ -208,9 +229,12 @@ class Diagnosis:
         if candidate.kind == current.kind:
             self._candidate = None
             return candidate
-        same_phase = candidate.kind in WHILE_SERVOING and current.kind in WHILE_SERVOING
+        is_immediate = any(
+            kind in IMMEDIATE or kind.startswith("converged")
+            for kind in (candidate.kind, current.kind)
+        )
         is_new = stamp - self._outcome_stamp < STEADY_TIME
-        if not same_phase or current.kind == "running" or is_new:
+        if is_immediate or current.kind == "running" or is_new:
             self._outcome_stamp, self._candidate = stamp, None
             return candidate
         if self._candidate is None or self._candidate[0] != candidate.kind:

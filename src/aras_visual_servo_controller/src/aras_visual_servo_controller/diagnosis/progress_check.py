@@ -114,10 +114,14 @@ class ProgressCheck:
         # `_last_slowed` for the last image at which a limit reduced the velocity.
         self._first: tuple[float, float] | None = None
         self._last_slowed, self._limiting_joint = (0.0, 0.0), ""
+        # Stamp (s) of the first image since which each error has been within its tolerance; None if
+        # an error of the latest image exceeds it.
+        self._within_since: float | None = None
 
     def clear(self) -> None:
         """Remove all images, because the loop was interrupted."""
         self._window.clear()
+        self._within_since = None
 
     def add(
         self, state: ServoState, tolerances: np.ndarray, depth: float = DEFAULT_DEPTH,
@@ -135,6 +139,10 @@ class ProgressCheck:
         error = output.error / tolerances
         values = error.tolist()
         size = max(map(abs, values))
+        if size >= 1.0:
+            self._within_since = None
+        elif self._within_since is None:
+            self._within_since = state.stamp
         modelled = 6 if output.task is None else output.task.modelled.tolist().count(True)
         self._window.append(
             _ServoedImage(state.stamp, size, state, min(modelled, len(error)), values, tolerances,
@@ -162,6 +170,12 @@ class ProgressCheck:
         before = max([s.error_size for s in images[:half]])
         after = max([s.error_size for s in images[half:]])
         return after < 1.0 or after < MIN_PROGRESS * before or _is_within_tolerances(images[half:])
+
+    @property
+    def settled_time(self) -> float:
+        """Return for how long each error has been within its tolerance, s."""
+        since = self._within_since
+        return 0.0 if since is None else self._window[-1].stamp - since
 
     @property
     def period(self) -> float:

@@ -151,7 +151,7 @@ class PointFeature(Feature):
         except MeasurementError as error:
             raise ConfigurationError(
                 f"{goal.name}: {error} according to the assumed camera mounting; check the "
-                "camera's pose (calibration_offset, camera_xyz, camera_rpy) and the goal"
+                "camera's pose (camera_xyz, camera_rpy) and the goal"
             ) from error
 
     def _match_to_goal(
@@ -179,7 +179,8 @@ class PointFeature(Feature):
         """
         points = np.asarray(self.points(observation), float)
         if not np.isfinite(points).all():
-            raise MeasurementError("a point that the feature measured is not finite")
+            raise MeasurementError("the feature returned a point that is not finite; correct the "
+                                   "feature")
         if points.shape == desired.shape:
             return points
         message = (

@@ -348,8 +348,7 @@ class Goal:
         except (ServoError, VisionError) as error:
             raise ConfigurationError(
                 f"{self.name}: the target is not visible from this pose ({error}); check the "
-                "camera's mounting (calibration_offset, camera_rpy), or teach the goal with this "
-                "mounting"
+                "camera's mounting (camera_xyz, camera_rpy), or teach the goal with this mounting"
             ) from error
         return replace(
             self, world_T_camera=world_T_camera, depth=depth, plane=plane, moments=moments,

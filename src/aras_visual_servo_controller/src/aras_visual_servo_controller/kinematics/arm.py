@@ -278,14 +278,12 @@ class Arm:
         if joint >= 0 and not is_speed:
             raise MeasurementError(
                 f"the measured position {q[joint]:g} of {self.names[joint]} is impossible (limits "
-                f"{self.lower[joint]:g} to {self.upper[joint]:g}): check the joint states, and the "
-                "limits in the robot description"
+                f"{self.lower[joint]:g} to {self.upper[joint]:g})"
             )
         if joint >= 0:
             raise MeasurementError(
                 f"the measured speed {speeds[joint]:g} of {self.names[joint]} is impossible (limit "
-                f"{self.velocity[joint]:g}): check the joint states, and the limit in the robot "
-                "description"
+                f"{self.velocity[joint]:g})"
             )
 
     def inverse_kinematics(

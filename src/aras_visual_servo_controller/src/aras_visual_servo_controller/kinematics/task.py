@@ -74,7 +74,8 @@ class Task:
         if modelled.shape != (6,):
             raise TaskError(f"modelled must have the shape (6,), got {modelled.shape}")
         if not is_task_finite(L, rate):
-            raise TaskError("the interaction matrix or the desired rate is not finite")
+            raise TaskError("the interaction matrix or the desired rate is not finite; check the "
+                            "scheme's features")
         accuracy = self.accuracy
         if type(accuracy) is not float or not isfinite(accuracy):
             accuracy = _read_array(accuracy)

@@ -22,7 +22,7 @@ class ContinuousStart(Law):
 
     law: Law = parameter(internal=True)
     mu: float = parameter(
-        4.0, "1/s", above=0.0, help="rate at which the initial motion is blended in"
+        4.0, "1/s", above=0.0, help="decay rate of the part of the initial error that is subtracted"
     )
 
     def reset(self) -> None:

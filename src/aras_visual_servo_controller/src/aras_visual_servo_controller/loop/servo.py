@@ -25,6 +25,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..diagnosis.diagnosis import STEADY_TIME
 from ..errors import (
     MeasurementError,
     SchemeError,
@@ -34,7 +35,7 @@ from ..errors import (
 from ..kinematics.differential_ik import solve_ik
 from ..kinematics.joint_sample import JointSample
 from ..observation.observation import Observation
-from ..records.outcomes import NOT_ARRIVED, ArrivalStatus
+from ..records.outcomes import NOT_ARRIVED, ArrivalStatus, Outcome, make_outcome
 from ..records.run_record import ImageRecord, JointRecord, RunEvent
 from ..records.state import (
     APPROACHING,
@@ -56,6 +57,10 @@ if TYPE_CHECKING:
 # Largest time, s, by which an image's stamp may be in the future. An image with a later stamp was
 # sent before a reset of the clock.
 MAX_STAMP_LEAD = 1.0
+# At the goal, the arrival is taken back only if no image or no joint state has come for this time,
+# s. A busy machine delays messages by some tenths of a second, and the camera does not move
+# meanwhile.
+GOAL_PATIENCE = STEADY_TIME
 
 
 class Servo(ServoControl):
@@ -186,7 +191,11 @@ class Servo(ServoControl):
         )
 
     def update(
-        self, t: float, joints: JointSample | None = None, missing_reason: str = ""
+        self,
+        t: float,
+        joints: JointSample | None = None,
+        missing_reason: str = "",
+        missing_outcome: Outcome | None = None,
     ) -> Command:
         """Advance the loop to the time t (s) and return the joint command.
 
@@ -197,6 +206,7 @@ class Servo(ServoControl):
             joints: new joint sample, or None.
             missing_reason: why the joints could not be measured, as text. If it is given, the arm
                 is stopped.
+            missing_outcome: outcome to report; None for the outcome 'no_joint_states'.
         """
         t = float(t)
         if not np.isfinite(t):
@@ -213,10 +223,9 @@ class Servo(ServoControl):
                 self._joints = joints
             except MeasurementError as error:
                 missing_reason = str(error)
+                missing_outcome = make_outcome("unusable_joint_states", missing_reason)
         if missing_reason:
-            if self.phase != STOPPED and not self._hold_reason:
-                self._halt(HOLDING, missing_reason)
-                self._add_record(RunEvent("joints_unmeasured", missing_reason))
+            self._stop_without_joints(t, missing_reason, missing_outcome)
             self.integrator.brake(dt)
             return self._make_command(t, self._joints, missing_reason)
         if self._joints is None:
@@ -229,6 +238,19 @@ class Servo(ServoControl):
             return self._update_approach(t, dt, measured)
         self._check_watchdog(t)
         return self._make_command(t, measured, self._execute_task(t, dt, measured) or self.reason)
+
+    def _stop_without_joints(self, t: float, reason: str, outcome: Outcome | None) -> None:
+        """Remove the task, because the joints cannot be measured."""
+        if self.phase == STOPPED or self._hold_reason:
+            return
+        joints_stamp = None if self._joints is None else self._joints.stamp
+        if outcome is None and joints_stamp is not None and self._is_gap_at_goal(t, joints_stamp):
+            self._remove_task()
+            return
+        is_new = (self.phase, self.reason) != (HOLDING, reason)
+        self._halt(HOLDING, reason)
+        if is_new:
+            self._add_record(RunEvent("joints_unmeasured", reason, outcome))
 
     def _execute_task(self, t: float, dt: float, measured: JointSample) -> str:
         """Integrate the velocities of the present task, and return what limits them, as text."""
@@ -269,9 +291,22 @@ class Servo(ServoControl):
         if self.phase not in (SERVOING, CONVERGED):
             return
         answered, patience = self.answer_timing
-        if answered is not None and t - answered > patience:
-            self._add_record(RunEvent("starved", time=t, period=self._period))
-            self._halt(WAITING, self.source.describe_silence(t - answered))
+        if answered is None or t - answered <= patience:
+            return
+        if self._is_gap_at_goal(t, answered):
+            self._remove_task()
+            return
+        self._halt(WAITING, self.source.describe_silence(self._stamp))
+        self._add_record(RunEvent("starved", self.reason, time=t, period=self._period))
+
+    def _is_gap_at_goal(self, t: float, last: float) -> bool:
+        """Return whether the loop is at its goal, and misses an input only for a short time.
+
+        Args:
+            t: present time, s.
+            last: time at which the input came last, s.
+        """
+        return self.phase == CONVERGED and t - last <= GOAL_PATIENCE
 
     def _update_approach(self, t: float, dt: float, measured: JointSample) -> Command:
         self.phase = APPROACHING

@@ -254,13 +254,17 @@ class ServoControl:
         call_user_code(self.scheme.reset, *arguments, limit=self.settings.scheme_timeout,
                        scheme=self.name)  # fmt: skip
 
-    def _pause(self) -> None:
-        """Remove the task, and reset the scheme at the next image."""
+    def _remove_task(self) -> None:
+        """Remove the task, so that the arm stops."""
         self.executor.clear()
-        self._is_paused = True
-        self._has_new_answer, self._answer_time = False, None
         self._lag_reason = ""
         self.integrator.clear_late()
+
+    def _pause(self) -> None:
+        """Remove the task, and reset the scheme at the next image."""
+        self._remove_task()
+        self._is_paused = True
+        self._has_new_answer, self._answer_time = False, None
 
     def _halt(self, phase: str, reason: str) -> None:
         self.phase, self.reason = phase, reason

@@ -81,7 +81,8 @@ class ImageReader:
             valid, reason, fields = self._measure_target(image, camera, needs)
         if valid and is_tracked:
             try:
-                found = self.tracker.track(image.grey, camera, pose, depth)
+                pixels = image.rgb if self.tracker.has_colour else image.grey
+                found = self.tracker.track(pixels, camera, pose, depth)
                 fields["corners"] = make_read_only_copy(found.points)
                 fields["corner_accuracy"] = found.accuracy
                 fields["corner_repeatability"] = found.repeatability

@@ -36,11 +36,18 @@ REMEDIES = {
         "check that the robot or the simulator runs, and that its joint_state_controller is loaded "
         "and started"
     ),
+    "unusable_joint_states": Remedy(
+        "check the joint states, which node publishes them (rostopic info), and the limits in the "
+        "robot description"
+    ),
     JOINTS_DO_NOT_FOLLOW: Remedy(
         "check the controllers of {joints}: whether they run, whether their gains are too small "
         "for the load or so large that the joint oscillates, and whether an obstacle blocks it"
     ),
-    "too_few_images": Remedy("check that the camera runs, and what delays its images"),
+    "too_few_images": Remedy(
+        "check that the camera runs, and what delays its images: the load of the machine, the "
+        "network, or the camera node"
+    ),
     "target_lost": Remedy(
         "start nearer to the goal, with the target near the centre of the image, and teach the "
         "goal with this camera and scheme",

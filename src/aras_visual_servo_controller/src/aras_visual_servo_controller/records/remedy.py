@@ -7,13 +7,18 @@ from dataclasses import dataclass
 from typing import Any
 
 OPERATIONS = ("set", "multiply", "remove")
-# Descriptions of setting keys whose values are multiplied and whose names are not self-explanatory.
+# Descriptions of the keys that are multiplied and that are no parameter of the controller, or that
+# have another meaning there.
 KEY_DESCRIPTIONS = {
     "start": "the start's offset from the goal",
     "goal": "the goal's offset from the start",
     "jitter": "the features' jitter",
     "noise": "the images' noise",
+    "target.size": "the target's size",
 }
+# Keys that only a simulated experiment has, and whose removal undoes a disturbance. A robot has no
+# such key to remove, so the advice says in words how to avoid the disturbance.
+DISTURBANCES = ("calibration_offset", "target.motion", "target.occluded", "target.occluder")
 
 
 @dataclass(frozen=True)
@@ -50,6 +55,9 @@ class Change:
 class Remedy(str):
     """Advice to the user, as a text that ends with the changes of settings.
 
+    The text is true on a robot, too: it names parameters of the controller, and describes what only
+    an experiment can set.
+
     Attributes:
         advice: the text without the changes.
         changes: changes that a program can apply; empty if only a person can help.
@@ -75,7 +83,7 @@ class Remedy(str):
                 "a Remedy is made of a text and of Changes: pass the advice as str, then each "
                 "Change"
             )
-        text = " and ".join(map(str, changes))
+        text = " and ".join(str(one) for one in changes if one.key not in DISTURBANCES)
         remedy = super().__new__(cls, ": ".join(filter(None, (advice, text))))
         remedy.advice, remedy.changes = advice, changes
         return remedy

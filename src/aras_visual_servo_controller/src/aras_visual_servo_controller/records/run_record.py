@@ -91,7 +91,8 @@ class RunEvent:
     Attributes:
         kind: 'started', 'scheme_failed', 'joints_unmeasured', 'halted', 'starved' or 'timed_out'.
         reason: reason of a failure.
-        outcome: outcome of a halt.
+        outcome: outcome of a halt, or of joints that were not measured; None for the outcome
+            'no_joint_states'.
         time: time at which the watchdog stopped the arm, or duration after which the run ended, s.
         period: period of the images before the watchdog stopped the arm, s.
     """

@@ -23,6 +23,27 @@ CONVERGED, HOLDING, STOPPED = "converged", "holding", "stopped"
 OUTPUTS = ("position", "velocity", "effort")
 
 
+class RunStartDetector:
+    """Detector of the starts of runs in the phases of consecutive states.
+
+    A run starts with the approach to its start, and again when servoing starts, so that its curves
+    and its path have no part of the approach. WAITING starts no run, because the loop also reports
+    it during a run, between two images that are late.
+    """
+
+    def __init__(self) -> None:
+        self._phase = ""
+
+    def is_start(self, phase: str) -> bool:
+        """Return whether a run starts with the next state, which has this phase."""
+        if phase == WAITING:
+            return False
+        before, self._phase = self._phase, phase
+        if phase == APPROACHING:
+            return before != APPROACHING
+        return phase in (SERVOING, CONVERGED) and before in ("", APPROACHING, STOPPED)
+
+
 PerJoint = float | tuple[float, ...] | Mapping[str, float]
 
 
@@ -123,22 +144,26 @@ class Source:
     topic: str = ""
     sender: str = ""
 
-    def describe_silence(self, seconds: float | None = None) -> str:
+    def describe_silence(self, since: float | None = None) -> str:
         """Return a text that says that no images arrive from the source.
 
         Args:
-            seconds: how long none have arrived, s; None if it is not reported.
+            since: stamp of the last image, s; None if it is not reported.
         """
         text = f"no {self.content}" + (f" on {self.topic}" if self.topic else "")
-        text += "" if seconds is None else f" for {seconds:.2f} s"
+        text += "" if since is None else f" since {since:.2f} s"
         return text + (f" (is {self.sender} running?)" if self.sender else "")
 
     def describe_stamp_lead(self, seconds: float) -> str:
         """Return a text that says that the stamps of the source are `seconds` ahead of the clock.
+
+        A negative number means that they are behind it.
         """
         where = f" on {self.topic}" if self.topic else ""
-        advice = "(check that both use the same use_sim_time)"
-        return f"{self.content}{where} are stamped {seconds:.2f} s ahead of the clock {advice}"
+        lead = f"{abs(seconds):.2f} s {'ahead of' if seconds > 0.0 else 'behind'} the clock"
+        return (
+            f"{self.content}{where} are stamped {lead} (check that both use the same use_sim_time)"
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,11 +1,12 @@
-"""Detection of other nodes that command the joints.
+"""Detection of other nodes that command the joints, or publish their states.
 
-Such nodes are detected by the motion of the joints, and by messages on the command topics.
+Nodes that command the joints are detected by the motion of the joints, and by messages on the
+command topics; a second publisher of joint states by states that cannot be those of the robot.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol
 
 import numpy as np
@@ -13,11 +14,16 @@ import numpy as np
 from ..loop.command_integrator import JUMP
 from ..loop.servo import Servo
 from ..observation.joint_history import JointHistory
-from ..records.outcomes import JOINTS_DO_NOT_FOLLOW
-from ..records.state import HOLDING, Command
+from ..records.outcomes import JOINTS_DO_NOT_FOLLOW, Outcome
+from ..records.remedy import Remedy
+from ..records.state import HOLDING, Command, Source
 from ..settings import Settings
 
-QUIET_TIME = 1.0  # time without a foreign command after which the loop commands the joints again, s
+# Time without a foreign command, or without an unusable joint state, after which the loop commands
+# the joints again, s.
+QUIET_TIME = 1.0
+# A stamp that differs from the clock by more than this, s, comes from another clock.
+MAX_CLOCK_SKEW = 0.5
 # Commands of other nodes are received for this wall time, s, after the last sign of such a node.
 LISTENING_TIME = 5.0
 
@@ -112,3 +118,87 @@ class ForeignWatch:
             self.reset()
             self._servo.resume_own_commands()
         return False
+
+
+class JointStateWatch:
+    """Detection of joint states that cannot be used, such as those of a second publisher.
+
+    While unusable joint states come between usable ones, it is unknown which of them are true.
+    Therefore the arm is held until no unusable joint state has come for QUIET_TIME.
+    """
+
+    def __init__(self, source: Source, names: Sequence[str], log: Callable[[str], None]) -> None:
+        """Create the detection.
+
+        Args:
+            source: source of the joint states, for messages.
+            names: names of the n joints of the arm.
+            log: function that logs one line.
+        """
+        self._source, self._names, self._log = source, frozenset(names), log
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget all joint states, because the clock was reset."""
+        # Time of the latest unusable joint state, of the latest usable one, and of the latest with
+        # a stamp of the loop's clock, s.
+        self._fault_time = self._usable_time = self._punctual_time = -np.inf
+        # Time of the first of the present unusable joint states, s, and what is wrong with it.
+        self._since, self._fault = 0.0, ""
+        self._is_mixed = False  # whether usable ones come, too
+        self._is_skew_logged = False
+
+    def check_stamp(self, stamp: float, now: float) -> tuple[float, str]:
+        """Return the time of a joint state, s, and why it cannot be used; '' if it can.
+
+        If the robot and the loop have different clocks, the time of arrival is used. If only some
+        of the stamps are of another clock, they are those of a second publisher.
+
+        Args:
+            stamp: stamp of the joint state, s.
+            now: present time, s.
+        """
+        ahead = stamp - now
+        if abs(ahead) <= MAX_CLOCK_SKEW:
+            self._punctual_time = now
+            return stamp, ""
+        if ahead > 0.0 and now - self._punctual_time < QUIET_TIME:
+            return now, f"some are stamped {ahead:.2f} s ahead of the clock, others are not"
+        if not self._is_skew_logged:
+            self._is_skew_logged = True
+            self._log(f"{self._source.describe_stamp_lead(ahead)}; used as of their arrival")
+        return now, ""
+
+    def is_of_other_joints(self, names: Sequence[str], now: float) -> bool:
+        """Return whether a joint state has only joints of another part of the robot.
+
+        Several nodes may publish the states of different joints on one topic. Return False if
+        those of the arm have not come for QUIET_TIME at the time `now` (s).
+        """
+        return now - self._usable_time < QUIET_TIME and self._names.isdisjoint(names)
+
+    def add_usable(self, now: float) -> None:
+        """Add a usable joint state that came at the time `now` (s)."""
+        self._usable_time, self._is_mixed = now, True
+
+    def add_unusable(self, now: float, fault: str) -> None:
+        """Add a joint state that came at the time `now` (s) and cannot be used because of `fault`.
+        """
+        if self.find_outcome(now) is None:
+            self._since, self._fault, self._is_mixed = now, fault, False
+        self._fault_time = now
+
+    def find_outcome(self, now: float) -> Outcome | None:
+        """Return the outcome if the arm has to be held at the time `now` (s); otherwise None."""
+        if now - self._fault_time >= QUIET_TIME:
+            return None
+        topic, since = self._source.topic, f"since {self._since:.2f} s"
+        advice = (
+            f"check which node publishes them ('rostopic info {topic}'), and the limits in the "
+            "robot description"
+        )
+        if self._is_mixed:
+            since = f"{since}, between usable ones"
+            advice = f"end the second publisher; 'rostopic info {topic}' lists the publishers"
+        reason = f"unusable joint states on {topic} {since}: {self._fault}"
+        return Outcome("unusable_joint_states", reason, Remedy(advice))

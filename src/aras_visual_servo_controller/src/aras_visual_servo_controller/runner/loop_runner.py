@@ -40,7 +40,7 @@ from ..records.state import (
     Source,
 )
 from ..settings import Settings
-from .foreign_watch import ForeignCommands, ForeignWatch
+from .foreign_watch import MAX_CLOCK_SKEW, ForeignCommands, ForeignWatch, JointStateWatch
 
 # Period of the reports of the loop's state while no images arrive, s: that of a camera with 30
 # images per second.
@@ -49,8 +49,6 @@ SILENT_TIME = 0.05  # after this time without a joint state, s, the loop's time 
 STOPPED_CLOCK_TIME = 0.5  # wall time without progress after which a stopped clock is reported, s
 RESUME_ADVICE = "resume the simulation, or start the simulator again"
 REPEAT_PERIOD = 0.1  # period at which a command that a joint does not follow is sent again, s
-# A stamp that differs from the clock by more than this, s, comes from another clock.
-MAX_CLOCK_SKEW = 0.5
 
 
 class LoopListener(Protocol):
@@ -96,6 +94,12 @@ class LoopRunner:
         self._lock = threading.RLock()
         self.history = JointHistory()
         self._foreign_watch = ForeignWatch(servo, self.history, settings, foreign)
+        self._joints_source = Source(
+            "joint states", f"{settings.namespace.rstrip('/')}/joint_states", "the simulator"
+        )
+        self._joint_state_watch = JointStateWatch(
+            self._joints_source, servo.arm.names, listener.log
+        )
         camera_rig.find_joints = partial(self.history.interpolate, earlier_only=settings.lockstep)
         self.commands = SampleBuffer(256)
         self._joints_time = self._answer_time = wall_clock()
@@ -129,19 +133,29 @@ class LoopRunner:
         """Process one joint state."""
         with self._lock:
             self._joints_time = self._wall_clock()
-            now = self._update_clock()
-            if not stamp > 0.0 or abs(now - stamp) > MAX_CLOCK_SKEW and not self.settings.lockstep:
+            now, watch = self._update_clock(), self._joint_state_watch
+            if watch.is_of_other_joints(names, now):
+                return
+            fault = ""
+            if not stamp > 0.0:
                 stamp = now
-            if self._stamp is None:
-                self.start_count += 1
-            elif stamp <= self._stamp:
-                return  # the joint state is not newer than the latest one
-            self._stamp, self._joints_arrival = stamp, now
+            elif not self.settings.lockstep:
+                stamp, fault = watch.check_stamp(stamp, now)
             try:
                 sample = self.servo.arm.read_joints(names, positions, velocities, stamp)
             except (MeasurementError, TypeError, ValueError) as error:
-                self._stop_without_joints(stamp, str(error))
+                fault = str(error)
+            self.start_count += not self._is_receiving
+            self._is_receiving = True
+            if fault:
+                self._joints_arrival = now
+                watch.add_unusable(now, fault)
+                self._stop_without_joints(now)
                 return
+            if self._stamp is not None and stamp <= self._stamp:
+                return  # the joint state is not newer than the latest one
+            self._stamp, self._joints_arrival = stamp, now
+            watch.add_usable(now)
             if not len(velocities):
                 sample = self.history.estimate_velocities(sample)
             newest = self.history.newest
@@ -157,6 +171,9 @@ class LoopRunner:
             self.history.add(sample)
             if self._foreign_watch.can_name_nodes:
                 self._foreign_watch.find_nodes(self._wall_clock())
+            if watch.find_outcome(now) is not None:
+                self._stop_without_joints(stamp, sample)
+                return
             command = self._update(stamp, sample)
             if not self.settings.lockstep:
                 self._send(command)
@@ -194,7 +211,7 @@ class LoopRunner:
             newest = self.history.newest_stamp
             silent = 0.0 if newest is None else stamp - newest
             if silent > max(self.settings.watchdog, SILENT_TIME):
-                self._stop_without_joints(stamp, f"no joint states for {silent:.2f} s")
+                self._stop_without_joints(stamp)
             self._process_image(stamp, observe_frame)
 
     def _process_image(self, stamp: float, observe_frame: ObserveFrame) -> None:
@@ -207,6 +224,10 @@ class LoopRunner:
         newest = self.history.newest_stamp
         if newest is not None and stamp - newest > MAX_AGE:
             return  # the joint positions at the exposure are unknown
+        if self._joint_state_watch.find_outcome(self._now) is not None:
+            if lockstep:
+                self._send(self._stop_without_joints(max(stamp, self.update_time)), repeat=True)
+            return
         # The observation contains the commands that were sent since the exposure.
         state = self.servo.process_image(observe_frame(joints, self.commands.since(stamp)))
         if not state.has_processed_image:
@@ -229,17 +250,15 @@ class LoopRunner:
             if self._stamp is not None and not self.settings.lockstep:
                 silent = now - self._joints_arrival
                 if silent > max(self.settings.watchdog, SILENT_TIME):
-                    self._stop_without_joints(
-                        self._stamp + silent, f"no joint states for {silent:.2f} s"
-                    )
+                    self._stop_without_joints(self._stamp + silent)
                 elif silent > SILENT_TIME:
                     self._send(self._update(self._stamp + silent))
             moving = self.servo.phase in (SERVOING, CONVERGED)
             if moving and wall - self._answer_time > self.settings.wall_watchdog:
                 self._is_starved = True
-                reason = f"no image processed for {wall - self._answer_time:.1f} s of wall time"
                 why = self._describe_stopped_clock() or self.servo.source.describe_silence()
-                reason = f"{reason}: {why}"
+                limit = self.settings.wall_watchdog
+                reason = f"{why}; no image processed for more than {limit:g} s of wall time"
                 self.servo.hold(reason, self._make_silence_outcome("too_few_images", reason))
             self._report_silence(wall, now)
 
@@ -294,13 +313,15 @@ class LoopRunner:
         # For each camera: time (s) by which its last image's stamp is ahead of the clock, if the
         # image was ignored for this reason.
         self._stamps_ahead: dict[str, float] = {}
-        self._stamp: float | None = None  # stamp of the latest joint state, s
+        self._is_receiving = False  # whether joint states have come
+        self._stamp: float | None = None  # stamp of the latest usable joint state, s
         self._joints_arrival = 0.0  # clock time at which the latest joint state was received, s
         self.update_time: float | None = None  # time of the last update, s
         self._now: float | None = None
         self.sent_values: np.ndarray | None = None
         self._sent_stamp = 0.0
         self._foreign_watch.reset()
+        self._joint_state_watch.clear()
         self._report_stamp = -np.inf
 
     def _update_clock(self) -> float:
@@ -326,21 +347,29 @@ class LoopRunner:
         return f"the clock has stopped at {self._now:.3f} s (is the simulator paused, or gone?)"
 
     def _update(
-        self, t: float, sample: JointSample | None = None, missing_reason: str = ""
+        self, t: float, sample: JointSample | None = None, missing_reason: str = "",
+        missing_outcome: Outcome | None = None,
     ) -> Command:
         # A delayed joint state can be older than the last update, whose time followed the clock.
         t = self.update_time = t if self.update_time is None else max(t, self.update_time)
-        command = self.servo.update(t, sample, missing_reason)
+        command = self.servo.update(t, sample, missing_reason, missing_outcome)
         if command.kind == "position" and command.values is not None:
             self.commands.append(JointSample.from_values(t, command.names, command.values))
         return command
 
-    def _stop_without_joints(self, t: float, reason: str) -> None:
-        """Stop the arm because its joints cannot be measured."""
-        command = self._update(t, missing_reason=reason)
+    def _stop_without_joints(self, t: float, sample: JointSample | None = None) -> Command:
+        """Stop the arm at the time t (s), because its joints cannot be measured.
+
+        Args:
+            sample: joint sample between unusable joint states.
+        """
+        unusable = self._joint_state_watch.find_outcome(self._now)
+        reason = self._joints_source.describe_silence(self._joints_arrival)
+        command = self._update(t, sample, unusable.reason if unusable else reason, unusable)
         if not self.settings.lockstep:
             self._send(command)
-        self._report_periodically(command, None)
+        self._report_periodically(command, sample)
+        return command
 
     def _send(self, command: Command, repeat: bool = False) -> None:
         """Send a command; with `repeat`, send equal positions again if a joint does not follow."""
@@ -411,9 +440,7 @@ class LoopRunner:
         settings, missing, kind = self.settings, [], "too_few_images"
         if wall - self._joints_time > settings.joint_timeout:
             kind = "no_joint_states"
-            missing.append(
-                f"no joint states on {settings.namespace}/joint_states (is the simulator running?)"
-            )
+            missing.append(self._joints_source.describe_silence())
         for camera, image_time in self._image_times.items():
             if wall - image_time > settings.image_timeout and not self.servo.is_approaching:
                 source = self._sources.get(camera, self.servo.source)
@@ -425,11 +452,15 @@ class LoopRunner:
                 )
         if not missing or wall - self._silence_report_time < 1.0 or self.servo.phase == STOPPED:
             return
-        self._silence_report_time = wall
+        stopped_clock = self._describe_stopped_clock()
         phase = HOLDING if self.servo.phase == HOLDING else WAITING
-        reason = " and ".join(missing) + (
-            f"; {text}" if (text := self._describe_stopped_clock()) else ""
-        )
+        is_certain = self.servo.outcome.kind == kind and len(missing) == 1
+        if is_certain and not (stopped_clock or self._stamps_ahead or settings.lockstep) and (
+            phase == (HOLDING if kind == "no_joint_states" else WAITING)
+        ):  # fmt: skip
+            return  # the periodic reports name this input, and since when it is missing
+        self._silence_report_time = wall
+        reason = "; ".join(filter(None, (stopped_clock, " and ".join(missing))))
         found = self._make_silence_outcome(kind, reason)
         self._report(ServoState(now, phase, found.kind, reason, found.remedy))
 

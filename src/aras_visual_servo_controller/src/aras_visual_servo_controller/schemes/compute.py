@@ -63,7 +63,7 @@ def compute(
             shape = "no numbers" if array is None else f"shape {array.shape}"
             raise SchemeError(
                 f"scheme {name} returned {field} of {shape}, must return one number for each of "
-                f"its {count} names"
+                f"the {count} names"
             )
         arrays[field] = array
     if not are_finite(*arrays.values()):

@@ -164,7 +164,7 @@ def _read_shaped(where: str, field: str, value: object, shape: tuple[int, ...]) 
     if array is None or array.shape != shape:
         raise SchemeError(f"{where} {field}{_describe(value)}, must return {needed}")
     if not np.isfinite(array).all():
-        raise SchemeError(f"{where} {field}{_describe(value)}, which is not finite; return "
+        raise SchemeError(f"{where} {field}that is not finite, {_describe(value)}; return "
                           f"{needed}")
     return array
 

@@ -130,8 +130,11 @@ class CommandedController(Controller):
 
     @property
     def is_compilable(self) -> bool:
-        """Whether `update` is that of CommandedController, which compiled code can replace."""
-        return type(self).update is CommandedController.update
+        """Whether no subclass overrides a method that compiled code replaces."""
+        return all(
+            getattr(type(self), name) is getattr(CommandedController, name)
+            for name in ("set_command", "apply_pending_command", "update")
+        )
 
     def update(self, time_ns: int, period: float) -> None:
         """Compute the output of each loop and write it to the joint handles."""

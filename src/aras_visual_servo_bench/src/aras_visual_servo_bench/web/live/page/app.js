@@ -198,7 +198,8 @@ function showController() {
   const outcome = result && !["running", phase].includes(result) ? result.replace(/_/g, " ") : "";
   const idle = running.has("servo") || running.has("goal") ? "the nodes are being started"
     : state.values.missing ? "" : controllerReason() || "the controller is running and has not processed an image yet";
-  const text = phase ? [outcome, reason].filter(Boolean).join(": ") : idle;
+  const isNamed = reason?.startsWith(outcome);  // such as "no joint states on /robot/joint_states"
+  const text = phase ? [isNamed ? "" : outcome, reason].filter(Boolean).join(": ") : idle;
   $("controller-message").textContent = remedy && outcome ? `${text} — ${remedy}` : text;
 }
 

@@ -15,6 +15,7 @@ from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.experiment import cameras
 from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.plants.imaging import capture
+from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_bench.setup.dynamic_arm_setup import (
     find_mounted_targets,
     take_first_images,

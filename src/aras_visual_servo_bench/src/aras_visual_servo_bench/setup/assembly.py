@@ -39,7 +39,8 @@ from ..plants.free_body import FreeBody
 from ..plants.kinematic import FreeCamera, KinematicArm
 from ..targets.geometry import PlacedTarget
 from .imaging_setup import make_imaging_settings
-from .setup_context import GoalImages, SchemeWrapper, SetupContext, check_scheme, read_context
+from .read_context import SchemeWrapper, check_scheme, read_context
+from .setup_context import GoalImages, SetupContext
 
 if TYPE_CHECKING:
     from .postures import Postures

@@ -83,7 +83,8 @@ def test_studies_are_found_below_a_folder_with_their_columns(ask, folder):
     assert [(s["name"], s["runs"], s["run_count"], s["note"]) for s in told["studies"]] == [
         ("second", 30, 30, ""), ("first", 30, 30, ""), ("words", 2, 2, "")]
     columns = {c["name"]: c for c in told["columns"]}
-    assert columns["gain"] == {"name": "gain", "unit": "1/s", "role": "setting", "kind": "number",
+    assert columns["gain"] == {"name": "gain", "unit": "1/s", "size": 1.0,
+                               "role": "setting", "kind": "number",
                                "is_binary": False,
                                "count": 4, "known_count": 60,
                                "values": [1.0, 4.0, 8.0]}  # fmt: skip

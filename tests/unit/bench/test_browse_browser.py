@@ -87,6 +87,7 @@ def test_a_filter_a_cell_and_a_run(page, browser, served):
     # The cell of delay 0.3 and gain 8 has no success.
     button = "[...document.querySelectorAll('#cells button')]"
     titles = page.js(f"{button}.map((b) => b.title)")
+    assert "100%" in page.js(f"{button}.map((b) => b.textContent)")
     assert len(titles) == 12
     where = [t for t in titles if t.startswith("delay 0.3, gain 8:")]
     assert where == ["delay 0.3, gain 8: success 0 %, 10 runs"]
@@ -118,6 +119,33 @@ def test_the_report_of_a_run_is_computed_and_shown(page, browser, served, folder
     assert tab.js("arasReport.charts.length") > 3
     tab.close()
     assert (folder / "run" / "show-1" / "report.html").is_file()
+
+
+def test_distances_are_filtered_in_the_unit_that_is_shown(page, folder):
+    only(page, "made")
+    table = pd.read_parquet(folder / "made" / "parts")
+    middle = table.final_distance.median()
+    assert page.js("[...document.querySelectorAll('#column option')].map((o) => o.text)").count(
+        "final_distance (mm)") == 1  # fmt: skip
+    add_filter(page, "final_distance", "≤", f"{1e3 * middle:.6f}")
+    count = (table.final_distance <= middle + 1e-9).sum()
+    page.wait(f"{COUNTED}.startsWith('{count} of 160 runs')")
+    chip = page.js("document.querySelector('#filters button').innerText")
+    assert chip.startswith("final_distance ≤ ") and " mm" in chip
+    assert float(chip.split()[2]) == pytest.approx(1e3 * middle, rel=1e-3)
+    shown = page.js("""(() => { const head = [...document.querySelectorAll("#rows th")];
+        const at = head.findIndex((h) => h.innerText.startsWith("final_distance (mm)"));
+        return [...document.querySelectorAll("#rows tbody tr")]
+            .map((r) => [+r.dataset.run, +r.cells[at].innerText]); })()""")
+    known = table.set_index("run").final_distance
+    assert [v for _, v in shown] == pytest.approx([1e3 * known[run] for run, _ in shown], rel=1e-2)
+    page.js("document.querySelector('#rows tbody button').click()")
+    page.wait("!document.getElementById('run').hidden")
+    run, distance = shown[0]
+    rows = page.js("""[...document.querySelectorAll("#run tr")]
+        .map((r) => r.innerText.split(/\\s+/))""")
+    (found,) = (row for row in rows if row[0] == "final_distance")
+    assert found[2] == "mm" and float(found[1]) == pytest.approx(distance, rel=1e-2)
 
 
 def test_points_are_pressed_and_boxed(page):
@@ -153,7 +181,7 @@ def check_groups(page, folder):
     head, *rows = page.js("[...document.querySelectorAll('#group-table tr')].map((r) => "
                           "[...r.cells].map((c) => c.innerText))")  # fmt: skip
     assert head[:4] == ["gain (1/s)", "runs", "success (%)", "95 % interval"]
-    units = {"settled": "s", "final_distance": "m"}
+    units = {"settled": "s", "final_distance": "mm"}
     shown = {text.partition(" ")[0]: i for i, text in enumerate(head) if i > 3}
     assert len(set(shown) & set(units)) > 0
     for cells, (gain, group) in zip(rows, table.groupby("gain"), strict=True):
@@ -168,7 +196,7 @@ def check_groups(page, folder):
         assert all(abs(a - b) <= 0.501 for a, b in zip(told, ends, strict=True)), cells
         for name in set(shown) & set(units):
             assert head[shown[name]] == f"{name} ({units[name]})"
-            wanted = group[name].median()
+            wanted = group[name].median() * (1e3 if units[name] == "mm" else 1.0)
             assert float(cells[shown[name]]) == pytest.approx(wanted, rel=6e-3), name
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import itertools
+import math
 
 import numpy as np
 import pandas as pd
@@ -12,6 +13,7 @@ import pytest
 
 from aras_visual_servo_base.settings import build
 from aras_visual_servo_bench.errors import StudyError
+from aras_visual_servo_bench.metrics.formatting import choose_unit
 from aras_visual_servo_bench.web.browse import queries
 from aras_visual_servo_bench.web.browse.queries import Filter
 from aras_visual_servo_bench.web.browse.studies import Snapshot, StudyEntry
@@ -113,10 +115,25 @@ def test_what_is_known_and_what_words_contain(look, table):
     )
 
 
+def test_columns_have_the_unit_of_the_tables():
+    values = {"distance": [0.0, 2e-4, 5e-4, None], "angle": [0.1, 0.2, 0.3, float("nan")],
+              "delay": [0.01, 0.02, 0.03, 0.04], "word": ["1", "2", "3", "4"]}  # fmt: skip
+    snapshot = Snapshot(1, (), pa.table(values),
+                        {"distance": "m", "angle": "rad", "delay": "s", "word": "m"},
+                        {"distance": "metric", "angle": "metric", "delay": "setting"})  # fmt: skip
+    assert [(c["unit"], c["size"]) for c in queries.describe_columns(snapshot)] == [
+        ("mm", 1e-3), ("°", pytest.approx(math.pi / 180.0)), ("s", 1.0), ("m", 1.0)]
+    for name in ("distance", "angle"):
+        numbers = [v for v in values[name] if v is not None]
+        column, = (c for c in queries.describe_columns(snapshot) if c["name"] == name)
+        assert choose_unit(snapshot.units[name], numbers) == (column["unit"], column["size"])
+
+
 def test_columns_are_told_with_the_values_of_those_that_take_few(look):
     told = {one["name"]: one for one in queries.describe_columns(look)}
     assert list(told) == look.table.column_names
-    assert told["gain"] == {"name": "gain", "unit": "1/s", "role": "setting", "kind": "number",
+    assert told["gain"] == {"name": "gain", "unit": "1/s", "size": 1.0,
+                            "role": "setting", "kind": "number",
                             "is_binary": False,
                             "count": 4, "known_count": COUNT - 9,
                             "values": [0.25, 1.5, 4.0]}  # fmt: skip

@@ -88,6 +88,7 @@ def test_names_that_are_no_text_are_written_and_printed(experiment, tmp_path):
         (["--workers", "2"], "--workers applies to studies, not to an experiment"),
         (["--dry-run"], "--dry-run applies to studies"),
         (["--fail-fast"], "--fail-fast applies to studies"),
+        (["--out", "o", "--no-report"], "--no-report writes no report: leave out one of them"),
         (["duration=-1"], "duration"),
     ],
 )
@@ -269,7 +270,7 @@ class Broken(Points):
     (["my_features:Wrong", "--tolerance", "0.5"], 0, "Wrong: L is correct (tolerance 50 %", ""),
     (["my_features:Broken"], 1, "", "bench: my_features:Broken raised ZeroDivisionError: div"),
     (["my_features:Broke"], 1, "", "my_features has no Broke: did you mean 'Broken'?"),
-    (["luminance"], 1, "", "bench: luminance needs image: give observe"),
+    (["luminance"], 1, "", "bench: luminance needs image: pass as observe"),
     (["points", "--step", "0"], 1, "", "bench: --step is 0, must be above 0"),
 ])  # fmt: skip
 def test_an_interaction_matrix_is_checked(words, code, said, told, tmp_path, monkeypatch, capsys):

@@ -209,6 +209,8 @@ KEYS = {
     "reached": Key([1.0, 1.0]),
     "seed": Key(5, {"camera": {"effects": {"drop_probability": 0.5}}}),
     "controller_parameters": Key({"interaction": "desired"}),
+    "controller_parameters.max_velocity": Key(1e-3, plants=LOOPS),
+    "controller_parameters.max_acceleration": Key(1e-2, plants=LOOPS),
     "features": Key("images", features=EXACT),
     "sun": Key({"diffuse": 0.2}, plants=("bullet",), **LIGHT),
     "sun.diffuse": Key(0.2, plants=("bullet",), **LIGHT),

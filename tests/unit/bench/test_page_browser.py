@@ -462,6 +462,48 @@ def test_faces_are_drawn_in_their_colour(page, host):
     assert red[0] > 0.02 and red[1] == 0
 
 
+def test_of_two_cameras_at_the_same_place_one_is_drawn_in_its_whole_length(page, host):
+    """Lines of a goal and of a camera that has nearly reached it, in either order of drawing."""
+    counts = page.js("""(() => { const { scene } = arasPage, y = [0.5, -0.5], answer = [];
+        const make = (colour, d) => ({ kind: "lines", width: 0.01, colour,
+            points: y.flatMap((v) => [d * v, v, 0.8 - d * v, d * v, -v, 0.8 + d * v]) });
+        const red = [1, 0, 0, 1], blue = [0, 0, 1, 1];
+        scene.setView({ middle: [0, 0, 0.8], distance: 2, yaw: 0.95, pitch: 0.36 });
+        for (const changed of [
+            {}, { "desired test": make(red, 0), "camera test": make(blue, 1e-4) },
+                               { "desired test": make(red, 2e-4) }]) {
+            scene.setShapes(changed, false); scene.draw();
+            const gl = scene.gl, p = new Uint8Array(4 * scene.canvas.width * scene.canvas.height);
+            gl.readPixels(0, 0, scene.canvas.width, scene.canvas.height, gl.RGBA,
+                          gl.UNSIGNED_BYTE, p);
+            const count = [0, 0];
+            for (let i = 0; i < p.length; i += 4) {
+                if (p[i] > 200 && p[i + 2] < 60) count[0]++;
+                if (p[i + 2] > 200 && p[i] < 60) count[1]++;
+            }
+            answer.push(count);
+        }
+        scene.setShapes({ "desired test": null, "camera test": null }, false); scene.draw();
+        return answer; })()""")
+    (red_before, _), *others = counts
+    for red, blue in others:
+        assert blue > 200 and red - red_before < 0.02 * blue
+
+
+@pytest.mark.parametrize("width", [1440, 1920])
+def test_long_texts_leave_room_for_the_joints(page, state, width):
+    page.resize(width)
+    try:
+        state(missing="The controller has ended. " * 12, no_target="no dark contour " * 30,
+              image_note="overlay drawn by the segmentation node " * 12)
+        low, high = page.js("""(() => { const r = document.getElementById('joints-box')
+            .getBoundingClientRect(); return [r.top, r.bottom]; })()""")
+        assert high - low >= 150 and high < page.js("innerHeight")
+        assert page.js("document.documentElement.scrollHeight") == page.js("innerHeight")
+    finally:
+        page.resize(1440)
+
+
 def test_a_key_drives_the_camera_as_long_as_it_is_held(page, host):
     host.asked.clear()
     page.js("""document.getElementById("scene").dispatchEvent(

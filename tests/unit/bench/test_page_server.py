@@ -450,6 +450,37 @@ def test_other_features_or_a_clock_that_went_back_begin_the_plots_anew(host):
     assert len(page.make_full_message()["samples"]) == 1
 
 
+@pytest.mark.parametrize(("phases", "kept"), [
+    ("servoing converged holding servoing stopped", 5),
+    ("servoing stopped waiting approaching", 1),
+    ("servoing stopped waiting approaching approaching servoing", 1),
+    ("servoing converged stopped waiting servoing converged", 2),
+    ("waiting approaching servoing servoing", 2),
+    ("servoing waiting servoing converged waiting converged", 6),  # images that are late
+])  # fmt: skip
+def test_the_plots_show_one_run(phases, kept):
+    page = Page()
+    for number, phase in enumerate(phases.split()):
+        page.add_sample(replace(SAMPLE, stamp=1.0 + 0.1 * number, phase=phase), [])
+    rows = page.make_full_message()["samples"]
+    assert [row[0] for row in rows] == pytest.approx([1.0 + 0.1 * (number - k)
+                                                      for k in reversed(range(kept))])  # fmt: skip
+
+
+def test_an_image_without_features_keeps_units_and_tolerances(host, monkeypatch):
+    page, trace = Page(), host.run_trace
+    state = told(names=("xn", "yn", "an", "alpha"), error=(0.1, 0.2, 0.3, 0.4))
+    page.add_sample(state, [])
+    monkeypatch.setattr(trace, "state", state)
+    page.make_update(trace, [], [], 0.0)
+    lost = replace(state, stamp=1.1, phase="holding", scheme_output=None)
+    page.add_sample(lost, [])
+    monkeypatch.setattr(trace, "state", lost)
+    controller = page.make_update(trace, [], [], 0.1)["controller"]
+    assert controller["phase"] == "holding" and controller["units"] == ["m", "m", "m", "rad"]
+    assert len(controller["tolerances"]) == 4
+
+
 def test_an_image_without_features_belongs_to_the_same_run(host):
     page = Page()
     page.add_sample(SAMPLE, [])

@@ -29,14 +29,15 @@ def runs():
 
 @pytest.fixture(scope="module")
 def opened(watched, runs, tmp_path_factory):
-    """A tab with the report of one run, of both, or of nine of which some failed, in a window so
-    wide."""
+    """A tab with the report of one run, of both, or of 9 or 45 of which some failed, in a window
+    so wide."""
     lost = replace(runs[0], name="lost", outcome="target_lost", reason="over the left border",
                    remedy="begin nearer", notes=["the bag was cut off"],
                    verdict=replace(runs[0].verdict, name="goal_missed"))  # fmt: skip
     open_ = replace(runs[0], name="open", outcome="converged up to 0.6 mm", reason="noise")
     shown = {1: runs[:1], 2: runs, 9: [*runs, lost, open_, *(replace(runs[0], name=f"run {i}")
                                                             for i in range(5))]}  # fmt: skip
+    shown[45] = [*shown[9], *(replace(runs[i % 2], name=f"more {i}") for i in range(36))]
     pages = {count: write_report(some, tmp_path_factory.mktemp("report"), ())[0]
              for count, some in shown.items()}  # fmt: skip
 
@@ -225,6 +226,70 @@ def test_a_long_run_opens_fast_and_draws_the_extremes_of_each_column(bag, browse
     tab.close()
 
 
+def test_of_many_runs_some_films_are_shown_and_the_tables_when_they_are_opened(opened):
+    tab = opened(45, SIZES[0])
+    shown = "arasReport.films.filter((f) => !f.figure.hidden).map((f) => f.number)"
+    more = "document.getElementById('more-films')"
+    assert tab.js(shown) == list(range(8))
+    assert tab.js(f"{more}.textContent") == "Show the films of all 45 visible runs"
+    tab.js("document.querySelectorAll('#runs button')[2].click()")
+    assert tab.js(shown) == [0, 1, *range(3, 9)]
+    tab.js(f"{more}.click()")
+    assert tab.js(f"{shown}.length") == 44 and tab.js(f"{more}.hidden")
+    tab.wait("arasReport.films[44].frame === 0")
+    heights = tab.js("""[...document.querySelectorAll("#comparison tr")].filter((r) =>
+        !r.querySelector(".long")).map((r) => r.getBoundingClientRect().height)""")
+    assert len(heights) > 20 and max(heights) < 60  # each cell has one line
+    details = "document.querySelectorAll('#numbers details')[1]"
+    assert tab.js(f"{details}.querySelector('table')") is None
+    tab.js(f"{details}.open = true")
+    tab.wait(f"{details}.querySelectorAll('tr').length > 20")
+    tab.js(f"{details}.querySelectorAll('fieldset input')[2].click()")
+    assert tab.js(f"[...{details}.querySelectorAll('tr')].every((r) => r.cells[2].hidden)")
+    assert tab.js("wrong") == [] and tab.js("window.hit") is None
+    tab.close()
+
+
+def test_lengths_and_angles_have_the_unit_of_the_headline(page, both):
+    rows = page.js("""[...document.querySelectorAll("#numbers tr")].map((r) =>
+        [...r.cells].slice(0, 3).map((c) => c.innerText))""")
+    units = {key: unit for key, _, unit in rows}
+    assert units["final_distance"] in ("mm", "µm") and units["final_angle"] == "°"
+    heads = both.js("[...document.querySelectorAll('#comparison tr')].map((r) => "
+                    "r.cells[0].innerText)")  # fmt: skip
+    assert "final_angle (°)" in heads and {"final_distance (mm)", "final_distance (µm)"} & {*heads}
+
+
+def test_links_to_the_sections_are_on_a_narrow_screen(opened):
+    tab = opened(2, SIZES[1])
+    height, links = tab.js("""[document.querySelector("nav").getBoundingClientRect().height,
+        [...document.querySelectorAll("nav a")].map((a) => a.textContent)]""")
+    assert 24 <= height < 60 and {"Comparison", "Errors", "Numbers"} <= set(links)
+    tab.js("document.querySelector('nav a[href=\"#numbers\"]').click()")
+    tab.wait("scrollY > 500")
+    tab.close()
+
+
+INSIDE = """(() => { const { scene } = arasReport.space; scene.draw();
+    const m = scene._projection();
+    const at = (i, p) => m[4*i] * p[0] + m[4*i+1] * p[1] + m[4*i+2] * p[2] + m[4*i+3];
+    const shapes = Object.entries(scene.shapes).filter(([name]) => !name.endsWith(" arm"));
+    const points = shapes.flatMap(([, { points: p }]) =>
+        Array.from({ length: p.length / 3 }, (_, k) => p.slice(3 * k, 3 * k + 3)));
+    return Math.max(...points.flatMap((p) => [0, 1].map((i) => Math.abs(at(i, p) / at(3, p)))));
+    })()"""
+
+
+@pytest.mark.parametrize("width", [390, 1440, 1920])
+def test_cameras_stay_inside_the_view_of_the_path(opened, width):
+    tab = opened(2, width)
+    for time in (0.0, 0.5, 2.0):
+        tab.js(f"arasReport.page.setTime({time})")
+        tab.js("new Promise(requestAnimationFrame)")
+        assert 0.3 < tab.js(INSIDE) < 1.0
+    tab.close()
+
+
 def test_columns_are_hidden(page):
     column = "[...document.querySelectorAll('#numbers tr')].map((r) => r.cells[3].hidden)"
     assert not any(page.js(column))
@@ -234,7 +299,8 @@ def test_columns_are_hidden(page):
 
 @pytest.mark.parametrize(
     ("count", "width", "theme"),
-    [(1, 390, "Light"), (2, 1440, "Dark"), (9, 390, "Dark"), (9, 1440, "Light")],
+    [(1, 390, "Light"), (2, 1440, "Dark"), (9, 390, "Dark"), (9, 1440, "Light"),
+     (45, 390, "Light"), (45, 1920, "Dark")],
 )
 def test_nothing_hinders_readers_nor_sticks_out_nor_is_fetched(opened, count, width, theme):
     tab = opened(count, width)

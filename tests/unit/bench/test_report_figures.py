@@ -398,7 +398,7 @@ def test_a_figure_has_its_panels_curves_and_names_them(runs, count, name, paper)
             wanted = (
                 [run.name for run in some] if count == 2 else [find_symbol(c.name) for c in full]
             )
-            assert [w for w in named if w not in ("command", "desired")] == wanted
+            assert [w for w in named if w not in ("commanded position", "desired")] == wanted
             for line in axis.lines[: len(panel.curves)]:
                 if line.get_label() in named:
                     assert line.get_color() == named[line.get_label()].get_color()

@@ -181,15 +181,27 @@ def test_every_number_of_the_files_is_recomputed(runs, written):
     assert told["units"] == units and rows.unit.dropna().to_dict() == units
 
 
+SIZES = {"mm": 1e-3, "µm": 1e-6, "ms": 1e-3, "µs": 1e-6, "mm/s": 1e-3, "µm/s": 1e-6,
+         "°": math.pi / 180, "°/s": math.pi / 180}  # fmt: skip
+
+
+def divide(name, value, shown, folder):
+    """A value of the summary in the unit that the page shows."""
+    stored = json.loads((folder / "summary.json").read_text())["units"].get(name, "")
+    return value * SIZES.get(stored, 1.0) / SIZES.get(shown, 1.0)
+
+
 def test_every_number_of_the_page_is_recomputed(runs, written):
     wanted = recomputed(runs[0])
     page = (written / "one/report.html").read_text()
     both = (written / "both/report.html").read_text()
     assert 'id="comparison"' not in page and 'class="tile"' not in both
     cells = r"<tr><td><code>(\w+)</code></td>\n<td class=\"(?:number)?\">(.*?)</td><td>(.*?)</td>"
-    numbers = {name: text for name, text, _ in re.findall(cells, page)}
+    numbers = {name: (text, unit) for name, text, unit in re.findall(cells, page)}
     for name, value in wanted.items():
-        assert shows(numbers[name], value, 4), (name, numbers[name], value)
+        text, unit = numbers[name]
+        assert shows(text, divide(name, value, unit, written / "one"), 4), (name, text, unit, value)
+    assert [numbers[name][1] for name in ("final_distance", "final_angle")] == ["mm", "°"]
     tiles = dict((text, value) for value, text in re.findall(
         r'class="tile"><b>(.*?)</b><span>(.*?)</span>', page))  # fmt: skip
     assert len(tiles) == 8
@@ -212,11 +224,12 @@ def test_a_comparison_s_cells_and_stars_are_recomputed(runs, written):
     both = [recomputed(run) for run in runs]
     page = (written / "both/report.html").read_text()
     page = page.partition('id="comparison"')[2].partition("</section>")[0]
-    rows = {name: re.findall(r'class="number( best)?" data-run="\d">(.*?)</td>', cells)
-            for name, cells in re.findall(r'<td title=".*?">(\w+)</td>\n(.*?)</tr>', page, re.S)}
+    headed = re.findall(r'<td title=".*?">(\w+)(?: \((.*?)\))?</td>\n(.*?)</tr>', page, re.S)
+    rows = {name: (unit, re.findall(r'class="number( best)?" data-run="\d">(.*?)</td>', cells))
+            for name, unit, cells in headed}  # fmt: skip
     for name in both[0]:
-        (star, text), (other_star, other) = rows[name]
-        values = [one[name] for one in both]
+        unit, ((star, text), (other_star, other)) = rows[name]
+        values = [divide(name, one[name], unit, written / "one") for one in both]
         assert shows(text, values[0], 4) and shows(other, values[1], 4), (name, text, other)
         if text != other and name in metrics.METRICS and metrics.METRICS[name].better:
             first = (values[0] < values[1]) == (metrics.METRICS[name].better == "smaller")
@@ -346,7 +359,7 @@ def test_every_curve_of_the_page_is_of_the_records(runs, written):
     at = run.joint_stamp[shown] - began
     for i, (name, unit) in enumerate(zip(JOINTS, JOINT_UNITS, strict=True)):
         check(f"{name} ({unit})", "measured", at, run.measured_positions[shown, i])
-        check(f"{name} ({unit})", "command", at, run.joint_commands[shown, i])
+        check(f"{name} ({unit})", "commanded position", at, run.joint_commands[shown, i])
         check(f"{name}, speed ({unit}/s)", "measured", at, run.measured_velocities[shown, i])
         assert panels[f"{name} ({unit})"]["limits"] == [[LOWER[i], "least"], [UPPER[i], "greatest"]]
         top = (0.3, 1.9, 2.7)[i]

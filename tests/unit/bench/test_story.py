@@ -64,7 +64,7 @@ def test_the_path_begins_where_servoing_begins(story, arm):
 
 
 @pytest.mark.parametrize(("between", "kept"), [
-    ("stopped", False), ("waiting", False), ("approaching", False), ("holding", True),
+    ("stopped", False), ("approaching", False), ("waiting", True), ("holding", True),
     ("converged", True),
 ])  # fmt: skip
 def test_what_ends_a_run_begins_another(story, between, kept):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import itertools
 import math
 import re
@@ -15,6 +16,7 @@ import pytest
 from statsmodels.stats.contingency_tables import mcnemar
 from statsmodels.stats.multitest import multipletests
 from statsmodels.stats.proportion import proportion_confint
+from statsmodels.stats.weightstats import DescrStatsW
 
 from aras_visual_servo_bench import Results, Run, Study, metric
 from aras_visual_servo_bench.cli import main
@@ -140,6 +142,35 @@ def test_a_study_without_a_binary_metric_is_not_counted_in_its_rate(tmp_path):
     assert told["with"][0] == 0.75 and told["without"] == [None, None, None]
     query = queries.MapQuery(x="gain", y="gain", value="reached")
     assert queries.compute_success_map(look, query)["values"] == [[0.75]]
+
+
+def test_every_estimate_is_recomputed(path, raw, capsys):
+    text = run_command(["table", path, "--format", "csv"], capsys)[1]
+    table = pd.read_csv(io.StringIO(text), na_values=["nan"])
+    assert len(table) == 6
+    for _, row in table.iterrows():
+        own = raw[(raw.scheme == row.scheme) & (raw.gain == row.gain)]
+        assert row.runs == len(own) == 10
+        for name in ("success", "reached", "contradicts"):
+            found = [row[name + end] for end in ("", "_low", "_high", "_n")]
+            assert found == pytest.approx(wilson(own[name])), name
+        known = own.settled.dropna()
+        assert row.settled_n == len(known)
+        if len(known):
+            middle = DescrStatsW(known).quantile(0.5, return_pandas=False)[0]
+            assert row.settled == pytest.approx(middle) or len(known) % 2 == 0
+            assert row.settled == pytest.approx(known.median())
+        found = [row["final_distance_quartiles" + end] for end in ("_low", "", "_high")]
+        assert found == pytest.approx(own.final_distance.quantile([0.25, 0.5, 0.75]).tolist())
+
+
+@pytest.mark.parametrize("metrics", [[], ["--metrics", "final_distance,settled"]])
+def test_each_metric_has_one_column(path, capsys, metrics):
+    heading = run_command(["table", path, *metrics], capsys)[1].splitlines()[0]
+    names = [cell.split(" (")[0].strip() for cell in heading.split("|")]
+    assert [name for name in names if name.startswith("final_distance")] == [
+        "final_distance quartiles"]
+    assert "settled" in names and len(set(names) - {""}) == len(names) - 2
 
 
 @metric("", "greater", "these tests", is_binary=True)
@@ -391,7 +422,7 @@ def test_the_command_compares_cases_and_explains_what_it_cannot(path, capsys):
             "values") in text
     for words, complaint in (
         ([path], "diff without --between needs 2 study folders, not 1: give two folders, or one"),
-        ([path, path, "--between", "scheme"], "diff needs 1 study folder, not 2"),
+        ([path, path, "--between", "scheme"], "diff with --between needs 1 study folder, not 2"),
         ([path, "--between", "schem"], "out does not vary 'schem': did you mean 'scheme'?"),
         ([path, "--between", "gain", "--by", "gain"], "gain is given in both --between and --by"),
     ):
@@ -416,8 +447,8 @@ def test_a_key_with_one_value_or_drawn_values_is_refused(tmp_path):
 
 def test_one_run_per_cell_has_no_interval_and_no_test(tmp_path, capsys):
     path = write_study(tmp_path / "out", make_study(repeats=1))
-    text = run_command(["table", path, "--metrics", "final_distance"], capsys)[1]
-    assert "final_distance has only one value, and so no interval, in every group." in text
+    text = run_command(["table", path, "--metrics", "overshoot"], capsys)[1]
+    assert "overshoot has only one value, and so no interval, in every group." in text
     cells = text.splitlines()[2].split(" | ")
     assert "[" in cells[3] and "[" not in cells[5]
     text = run_command(["diff", path, "--between", "scheme", "--by", "gain"], capsys)[1]
@@ -613,10 +644,18 @@ def test_there_is_a_map_per_scheme(tmp_path, raw):
                        & (own.delay == (0.01, 0.1)[j])]  # fmt: skip
             assert text.get_text() == f"{int((part.success == 1).sum())}/4"
     assert [line.get_label() for line in distance.lines[:3]] == list(SCHEMES)
+    assert distance.get_legend().get_title().get_text() == "scheme"
     written = study_figures.write_figures([Results.read(path)], tmp_path / "plots")
     assert "The curves pool runs with different gain, delay." in written[-1].read_text()
     assert distance.lines[3].get_linestyle() == ":"
     assert distance.lines[3].get_xdata() == pytest.approx([0.3, 0.3])  # mm
+
+
+def test_curves_of_a_single_map_are_named_with_their_unit(tmp_path):
+    study = make_study(cases=(), vary={"gain": [1.0, 2.0], "delay": [0.01, 0.1]})
+    figure = draw(write_study(tmp_path / "out", study), study_figures.draw_success)
+    (legend,) = filter(None, (axis.get_legend() for axis in figure.axes))
+    assert legend.get_title().get_text() == "gain (1/s)"
 
 
 def test_maps_that_are_too_many_say_what_they_pool(tmp_path):

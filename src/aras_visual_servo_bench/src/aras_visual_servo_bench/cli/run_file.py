@@ -60,8 +60,11 @@ def _run_experiment(experiment: Experiment, options: argparse.Namespace) -> int:
                  "mix"):  # fmt: skip
         if getattr(options, name):
             raise StudyError(f"--{name.replace('_', '-')} applies to studies, not to an experiment")
+    if options.no_report and options.out is not None:
+        raise StudyError("--out is the folder of an experiment's report, and --no-report writes no "
+                         "report: leave out one of them")  # fmt: skip
     name, source = ("demo", "") if options.study is None else (options.study.stem, options.study)
-    out = None if options.no_report else options.out
+    out = options.out
     compilation.prepare_simulation()
     if out is None:
         run = loop.run(experiment)

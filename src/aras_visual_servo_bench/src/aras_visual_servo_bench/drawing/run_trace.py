@@ -14,11 +14,9 @@ import numpy as np
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.kinematics import Arm
 from aras_visual_servo_controller.records.state import (
-    APPROACHING,
     CONVERGED,
     SERVOING,
-    STOPPED,
-    WAITING,
+    RunStartDetector,
     ServoState,
 )
 
@@ -100,6 +98,7 @@ class RunTrace:
     def clear(self) -> None:
         """Delete the data of the run but not the robot, for example after a reset of the clock."""
         self.state = NO_STATE
+        self._run_starts = RunStartDetector()
         self.start_pose: np.ndarray | None = None
         self._path = Track(3, MIN_SPACING)
         self._trajectories: dict[str, Track] = {}
@@ -123,13 +122,12 @@ class RunTrace:
 
         positions: (n,) joint positions at the time of this state; empty if they are unknown.
         """
-        last_state, self.state = self.state, state
-        is_moving = state.phase in (SERVOING, CONVERGED)
-        if not is_moving:
-            return
-        if last_state.phase in ("", APPROACHING, WAITING, STOPPED):
+        self.state = state
+        if self._run_starts.is_start(state.phase):
             self.start_pose, self._trajectories = None, {}
             self._path.clear()
+        if state.phase not in (SERVOING, CONVERGED):
+            return
         if len(positions) == len(self.arm.names):
             pose = self.arm.pose(np.asarray(positions, float))
             if self.start_pose is None:

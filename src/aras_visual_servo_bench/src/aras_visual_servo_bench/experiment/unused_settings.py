@@ -23,6 +23,9 @@ PLANT_SETTINGS = (
      "but plant ideal executes commands immediately"),
     ("commands", ("bullet", "chain", "free"), "images", "commands selects when commands are sent, "
      "but plant ideal executes one twist per image"),
+    *((f"controller_parameters.{name}", ("bullet", "chain", "free"), None,
+       f"{name} limits the joints, and plant ideal limits the speed of its camera by ideal.speed")
+      for name in ("max_velocity", "max_acceleration")),
     ("target.box", ("bullet",), None, "target.box is a body in a simulation with physics"),
     ("ideal", ("ideal",), IdealSpec(), "ideal sets the properties of the ideal camera"),
 )  # fmt: skip
@@ -125,7 +128,7 @@ def _read_value(experiment: Experiment, key: str) -> Any:
     """Return the value of a dotted key of an experiment."""
     value: Any = experiment
     for part in key.split("."):
-        value = getattr(value, part)
+        value = value.get(part) if isinstance(value, Mapping) else getattr(value, part)
     return value
 
 

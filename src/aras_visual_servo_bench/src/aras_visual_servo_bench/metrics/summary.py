@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..recording.run import Run
 from . import metrics
-from .formatting import NO_NUMBER, make_number_format
+from .formatting import NO_NUMBER, choose_unit, make_number_format
 
 COUNT_METRICS = ("iterations", "images", "images_late")
 # length of the interval at the end of a run over which the mean error is computed, s
@@ -41,8 +41,26 @@ class Quantity:
 
     @property
     def value_text(self) -> str:
-        """Value as text; '–' if it is unknown."""
-        return format_quantities([self])[0]
+        """Value as text, in `shown_unit`; '–' if it is unknown."""
+        return show_quantities([self])[0][0]
+
+    @property
+    def shown_unit(self) -> str:
+        """Unit that suits the magnitude of the value."""
+        return show_quantities([self])[1]
+
+
+def show_quantities(quantities: Sequence[Quantity | None]) -> tuple[list[str], str]:
+    """Return the values of a quantity in several runs as texts, and the unit of the texts.
+
+    The unit suits the magnitude of the values: see `choose_unit`.
+    """
+    known = [q for q in quantities if q is not None]
+    numbers = [q.value for q in known if isinstance(q.value, float)]
+    unit, size = choose_unit(known[0].unit, numbers)
+    scaled = [replace(q, value=q.value / size) if q is not None and isinstance(q.value, float)
+              else q for q in quantities]  # fmt: skip
+    return format_quantities(scaled), unit
 
 
 def format_quantities(quantities: Sequence[Quantity | None]) -> list[str]:

@@ -290,13 +290,15 @@ def make_joint_panels(runs: Sequence[Run]) -> list[Panel]:
             if name not in run.joint_names:
                 continue
             i, shown = run.joint_names.index(name), run.joint_time >= TIME_BEFORE_START
-            label, time = "measured" if is_single else run.name, run.joint_time[shown]
+            time = run.joint_time[shown]
+            label = "measured" if is_single else run.name
             positions.append(Curve(label, time, run.measured_positions[shown, i], number, number))
             speeds.append(Curve(label, time, run.measured_velocities[shown, i], number, number))
             if is_single:
                 positions.append(
                     Curve(
-                        "command", time, run.joint_commands[shown, i], colour_index=1, dashed=True
+                        "commanded position", time, run.joint_commands[shown, i], colour_index=1,
+                        dashed=True,
                     )
                 )
         ends = [(side[j], text) for side, text in zip(first.position_limits, ("least", "greatest"),
@@ -305,7 +307,7 @@ def make_joint_panels(runs: Sequence[Run]) -> list[Panel]:
             (sign * top, "limit") for top in first.speed_limits[j : j + 1] for sign in (-1.0, 1.0)
         ]
         found += make_panel(
-            name, name, unit, positions, limits=_select_limits(ends), dashed="command"
+            name, name, unit, positions, limits=_select_limits(ends), dashed="commanded position"
         )
         found += make_panel(f"{name}, speed", "", f"{unit}/s", speeds, limits=_select_limits(tops))
     return found

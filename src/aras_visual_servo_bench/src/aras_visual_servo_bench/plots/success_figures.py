@@ -113,7 +113,11 @@ def _draw_success_maps(all_results: Sequence[Results], keys: Sequence[str]) -> F
             add_group_legend(figure, distance_axis, ", ".join(map(label_setting, curve_keys)))
         elif len(curves) > 1:
             handles, labels = distance_axis.get_legend_handles_labels()
-            distance_axis.legend(handles, map(split_lines, labels), fontsize="small")
+            title = split_lines(", ".join(map(label_setting, curve_keys)))
+            distance_axis.legend(
+                handles, map(split_lines, labels), title=title, fontsize="small",
+                title_fontsize="small",
+            )  # fmt: skip
     return figure
 
 

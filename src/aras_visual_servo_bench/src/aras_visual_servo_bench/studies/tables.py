@@ -83,7 +83,7 @@ def make_table(
 
     Binary metrics have their rate with Wilson's interval, other metrics have their median with a
     bootstrap interval. Next to the success rate, which depends on a tolerance, the table has the
-    quartiles of the final distance.
+    quartiles of the final distance, and therefore no median of it.
 
     Args:
         all_results: results of one or more studies.
@@ -92,11 +92,12 @@ def make_table(
     """
     first = all_results[0]
     keys = tuple(by) or first.parameters
-    chosen = first.select_metrics(metrics)
     many = len(all_results) > 1
     names = (("study",) if many else ()) + keys
     has_distance = all(final_distance.name in r.table.column_names for r in all_results)
     beside = (final_distance,) if has_distance else ()
+    beside_names = {m.name for m in beside}
+    chosen = [m for m in first.select_metrics(metrics) if m.name not in beside_names]
     columns = [
         StatisticColumn(success.name, "", RATE),
         *(StatisticColumn(m.name, m.unit, QUARTILES) for m in beside),

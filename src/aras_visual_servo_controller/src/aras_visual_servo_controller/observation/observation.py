@@ -62,7 +62,8 @@ class Observation:
             arm's base).
         moments: image moments of the segmented target, in normalised coordinates.
         contour: (n, 2) outline of the target, normalised, with subpixel accuracy.
-        corners: (n, 2) corners of the outline, in its order, normalised.
+        corners: (n, 2) corners of the outline, in its order, normalised. In each image, the outline
+            can start at another corner; PointFeature matches the corners to those of the goal.
         corner_accuracy: rms error of the corners in an image without noise, normalised; 0 if they
             are exact.
         corner_spread: (2n, m) effects of m independent errors, of one standard deviation each, on

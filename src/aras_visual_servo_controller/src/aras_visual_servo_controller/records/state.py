@@ -23,6 +23,27 @@ CONVERGED, HOLDING, STOPPED = "converged", "holding", "stopped"
 OUTPUTS = ("position", "velocity", "effort")
 
 
+class RunStartDetector:
+    """Detector of the starts of runs in the phases of consecutive states.
+
+    A run starts with the approach to its start, and again when servoing starts, so that its curves
+    and its path have no part of the approach. WAITING starts no run, because the loop also reports
+    it during a run, between two images that are late.
+    """
+
+    def __init__(self) -> None:
+        self._phase = ""
+
+    def is_start(self, phase: str) -> bool:
+        """Return whether a run starts with the next state, which has this phase."""
+        if phase == WAITING:
+            return False
+        before, self._phase = self._phase, phase
+        if phase == APPROACHING:
+            return before != APPROACHING
+        return phase in (SERVOING, CONVERGED) and before in ("", APPROACHING, STOPPED)
+
+
 PerJoint = float | tuple[float, ...] | Mapping[str, float]
 
 

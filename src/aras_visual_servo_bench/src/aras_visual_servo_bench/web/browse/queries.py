@@ -20,9 +20,10 @@ from aras_visual_servo_base.setting_values import format_value
 from aras_visual_servo_base.settings import parameter
 
 from ...errors import StudyError
+from ...metrics.formatting import NEGLIGIBLE_DECADES, choose_unit
 from ...metrics.metrics import success
 from ...metrics.statistics import Estimate, proportion
-from .studies import END, STUDY, Snapshot
+from .studies import END, SETTING, STUDY, Snapshot
 
 OPERATORS = ("=", "≠", "<", "≤", ">", "≥", "contains", "is known", "is not known")
 MAX_ROWS, MAX_GROUPS = 200, 200  # largest number of rows, and of groups, in one answer
@@ -204,7 +205,8 @@ def describe_columns(snapshot: Snapshot) -> list[dict[str, Any]]:
 
     It consists of the name, the unit, the role, the kind ('number' or 'word'), the number of
     distinct values, and the number of known values. If there are few distinct values, `values`
-    contains them.
+    contains them. The page divides the values of a column by `size` and shows them in `unit`, which
+    suits their magnitude; the settings have the unit in which they are given.
     """
     found = []
     for name in snapshot.table.column_names:
@@ -217,15 +219,27 @@ def describe_columns(snapshot: Snapshot) -> list[dict[str, Any]]:
             if few
             else []
         )
+        role = snapshot.roles.get(name, "")
+        unit, size = snapshot.units.get(name, ""), 1.0
+        if unit and kind == "number" and role != SETTING:
+            unit, size = choose_unit(unit, _find_extremes(column))
         found.append({
-            "name": name, "unit": snapshot.units.get(name, ""),
-            "role": snapshot.roles.get(name, ""),
+            "name": name, "unit": unit, "size": size, "role": role,
             "is_binary": name == success.name or name in snapshot.binary,
             "kind": kind, "count": len(values),
             "known_count": len(column) - column.null_count,
             "values": sorted(listed, key=lambda v: (isinstance(v, str), v)),
         })  # fmt: skip
     return found
+
+
+def _find_extremes(column: pa.ChunkedArray) -> list[float]:
+    """Return the smallest and the largest absolute value that `choose_unit` does not neglect."""
+    sizes = np.abs(column.cast(pa.float64()).to_numpy())
+    sizes = sizes[np.isfinite(sizes) & (sizes > 0.0)]
+    largest = sizes.max(initial=0.0)
+    sizes = sizes[sizes >= largest * 10.0**-NEGLIGIBLE_DECADES]
+    return [float(sizes.min()), float(largest)] if sizes.size else []
 
 
 def list_rows(snapshot: Snapshot, query: RowQuery) -> dict[str, Any]:

@@ -59,7 +59,7 @@ class Page:
         joints: joint positions at this state; empty if they are unknown.
         """
         error = () if state.error is None else state.error
-        self._samples.add(state.names, [
+        self._samples.add(state.phase, state.names, [
             round(state.stamp, 4), to_json_numbers(error), to_json_numbers(state.desired_twist),
             to_json_numbers(state.achieved_twist), to_json_numbers(joints),
         ])  # fmt: skip
@@ -97,7 +97,9 @@ class Page:
             )
             factor = run_trace.factor
             message["real_time_factor"] = None if factor is None else round(factor, 3)
-            self._controller_state = _describe_controller(run_trace)
+            self._controller_state = _describe_controller(
+                run_trace, len(run_trace.state.names or self._samples.names)
+            )
             self._add_if_changed(message, "controller", self._controller_state)
             shapes = self._find_changed_shapes(run_trace.make_shapes())
             if shapes:
@@ -135,15 +137,16 @@ class Page:
         return changed
 
 
-def _describe_controller(run_trace: RunTrace) -> dict[str, Any]:
+def _describe_controller(run_trace: RunTrace, count: int) -> dict[str, Any]:
     """Return the state of the controller, with the units and tolerances of what is plotted.
+
+    count: number of features in the plots, which an image without a measurement does not change.
 
     The tolerance of a twist is the velocity that moves the camera in 1 s by the distance and the
     angle that the controller neglects; null if it depends on an unknown depth.
     """
     state, depth = run_trace.state, run_trace.compute_target_depth()
     distance, angle = NEGLIGIBLE_UNCERTAINTY
-    count = len(state.names)
     return {
         "scheme": state.scheme, "phase": state.phase, "outcome": state.outcome,
         "reason": state.reason, "remedy": state.remedy,

@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from aras_visual_servo_controller.records.state import RunStartDetector
+
 # Largest number of samples: 100 s at 30 images/s. A plot has fewer pixels, and a full message with
 # 20 numbers per sample has about 0.5 MB.
 MAX_SAMPLES = 3000
@@ -34,6 +36,7 @@ class Samples:
 
     def __init__(self) -> None:
         self.names: tuple[str, ...] = ()
+        self._run_starts = RunStartDetector()
         self._rows: list[list[Any]] = []
         self._news: list[Any] = []
 
@@ -42,15 +45,20 @@ class Samples:
         """All samples, oldest first."""
         return list(self._rows)
 
-    def add(self, names: tuple[str, ...], row: list[Any]) -> None:
-        """Add a sample. If the features have changed or the clock was set back, start another run.
+    def add(self, phase: str, names: tuple[str, ...], row: list[Any]) -> None:
+        """Add a sample. The first sample of another run removes those of the run before it.
+
+        Another run starts as in RunStartDetector, with other features, and when the clock is set
+        back.
 
         Args:
+            phase: phase of the controller.
             names: names of the features; empty for an image without features, which does not start
                 another run.
             row: the sample.
         """
         is_other = bool(names and self.names and names != self.names)
+        is_other = self._run_starts.is_start(phase) or is_other
         if self._rows and (is_other or row[0] - self._rows[-1][0] < CLOCK_RESET):
             self._rows, self._news = [], [CLEAR]
         self.names = names or self.names

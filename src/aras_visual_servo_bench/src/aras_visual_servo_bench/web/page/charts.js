@@ -207,14 +207,15 @@ export class Chart {
       for (const [value, text] of lines) {
         const y = u.valToPos(value, "y", true);
         line(bbox.left, y, right, y, shade, [5, 3]);
-        ctx.fillText(text, right - 4 * ratio, y - 3 * ratio);
+        ctx.fillText(text, right - 4 * ratio, y - (y > bbox.top + 14 * ratio ? 3 : -12) * ratio);  // at the top, below the line
       }
     }
     for (const [time, text] of panel.marks) {
-      const x = u.valToPos(time, "x", true), left = x > bbox.left + 0.75 * bbox.width;
+      const x = u.valToPos(time, "x", true), words = `${text} after ${time.toFixed(2)} s`;
+      const left = x + 4 * ratio + ctx.measureText(words).width > right;
       line(x, bbox.top, x, bbox.top + bbox.height, "good", [2, 3]);
       ctx.fillStyle = page.colour("good"); ctx.textAlign = left ? "right" : "left";
-      ctx.fillText(`${text} after ${time.toFixed(2)} s`, x + (left ? -4 : 4) * ratio, bbox.top + 12 * ratio);
+      ctx.fillText(words, x + (left ? -4 : 4) * ratio, bbox.top + 12 * ratio);
     }
     ctx.restore();
   }

@@ -142,8 +142,8 @@ export class Scene {
   setShapes(changed, isFull) {
     if (isFull) for (const name of Object.keys(this.shapes)) if (!(name in changed)) this._removeLine(name);
     for (const [name, shape] of Object.entries(changed)) {
-      this._removeLine(name);
-      if (!shape || !shape.points.length) continue;
+      if (!shape || !shape.points.length) { this._removeLine(name); continue; }
+      this._freeBuffers(name);  // the shape keeps its place in the order of drawing
       this.shapes[name] = shape;
       if (shape.kind === "faces") { this.lines[name] = { solid: this._makeFaces(shape.points) }; continue; }
       this.lines[name] = this._lineBuffer(shape.points, shape.kind === "lines");
@@ -153,12 +153,14 @@ export class Scene {
   }
 
   _removeLine(name) {
-    const line = this.lines[name];
-    if (line) {
-      if (line.buffer) this.gl.deleteBuffer(line.buffer);
-      if (line.solid) this.gl.deleteBuffer(line.solid.buffer);
-    }
+    this._freeBuffers(name);
     delete this.lines[name]; delete this.shapes[name];
+  }
+
+  _freeBuffers(name) {
+    const { buffer, solid } = this.lines[name] || {};
+    if (buffer) this.gl.deleteBuffer(buffer);
+    if (solid) this.gl.deleteBuffer(solid.buffer);
   }
 
   _gridPoints() {
@@ -304,6 +306,7 @@ export class Scene {
     gl.useProgram(this.ribbon.program);
     gl.uniformMatrix4fv(this.ribbon.view, false, view);
     gl.uniform2f(this.ribbon.size, width, height);
+    gl.depthMask(false);  // of lines at the same place, such as two cameras, the last one is visible in its whole length
     this._ribbon(this.grid, [0.45, 0.5, 0.6, 0.28], scale);
     for (const [name, line] of Object.entries(this.lines)) {
       if (!line.buffer) continue;
@@ -311,6 +314,7 @@ export class Scene {
       const pixels = Math.min(5, Math.max(1.2, 0.75 * shape.width / this.view.distance * 1100));
       this._ribbon(line, shape.colour, pixels * scale);
     }
+    gl.depthMask(true);  // which clearing needs
     // WebGL does not draw while an enabled array is in a deleted buffer.
     for (const name of ["here", "there", "side"]) gl.disableVertexAttribArray(this.ribbon[name]);
     for (const name of ["place", "normal"]) gl.disableVertexAttribArray(this.solid[name]);

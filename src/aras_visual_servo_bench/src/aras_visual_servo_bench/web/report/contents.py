@@ -226,7 +226,7 @@ def _make_scene(runs: Sequence[Run]) -> dict[str, Any] | None:
                            (*(IDEAL if several else START), 0.6))  # fmt: skip
         shapes[str(number)] = run_shapes
     return {
-        "middle": (0.5 * (low + high)).tolist(), "size": size,
+        "middle": (0.5 * (low + high)).tolist(), "size": size, "camera_size": FRUSTUM_SIZE,
         "shapes": {key: [[shape.name, shape.to_json()] for shape in some]
                    for key, some in shapes.items()},
         "arm": FACE, "colours": [[*(_choose_colour(k) if several else RIM), 1.0]

@@ -10,8 +10,8 @@ from pathlib import Path
 import jinja2
 
 from ...experiment.experiment_keys import find_unit
-from ...metrics.formatting import NO_NUMBER, format_number, format_quantity
-from ...metrics.summary import Quantity, find_best_runs, format_quantities
+from ...metrics.formatting import NO_NUMBER, format_heading, format_number, format_quantity
+from ...metrics.summary import Quantity, find_best_runs, show_quantities
 from ...plots.palette import LIVE_CURVES, REPORT, REPORT_DARK, SCENE, make_css
 from ...plots.panels import Panel
 from ...recording.run import Run
@@ -36,6 +36,7 @@ TILES = (
 
 
 MAX_ROWS = 250  # largest number of rows in a table; a browser needs seconds for thousands of rows
+LONG_TEXT = 24  # number of characters above which the texts of a comparison are wrapped
 PAGE_FOLDER = Path(__file__).parent / "page"
 SCRIPTS = (*(SHARED / f"{name}.js" for name in ("scene", "charts")),
            *(PAGE_FOLDER / f"{name}.js" for name in ("film", "report")))
@@ -150,12 +151,13 @@ def _render_comparison(
     for key in keys:
         row = [{q.key: q for q in qs}.get(key) for qs in summaries]
         first = next(q for q in row if q is not None)
-        cells = format_quantities(row)
+        cells, unit = show_quantities(row)
         if sum(cell != NO_NUMBER for cell in cells) < 2:
             continue
         top = find_best_runs(runs, summaries, key)
         rows.append({
-            "key": key, "unit": first.unit, "text": first.text,
+            "heading": format_heading(key, unit), "text": first.text,
+            "is_long": max(map(len, cells)) > LONG_TEXT,
             "cells": [{"value": cell, "best": i in top} for i, cell in enumerate(cells)],
         })  # fmt: skip
     return rows

@@ -1,7 +1,7 @@
 // The results browser. The object `view` contains the selection. Each part of the page sends its own query, and
 // draws the answer.
 
-import { Points, drawMap, formatHeading, formatValue, make } from "./views.js";
+import { Points, drawMap, formatHeading, formatValue, make, scaleValues } from "./views.js";
 
 const $ = (id) => document.getElementById(id);
 const token = new URLSearchParams(location.search).get("token") || "";
@@ -33,7 +33,10 @@ function showError(text) {
   $("error").textContent = text;
 }
 
-const column = (name) => page.columns.find((c) => c.name === name) || { name, unit: "", kind: "word", values: [], role: "" };
+const column = (name) => page.columns.find((c) => c.name === name) || { name, unit: "", size: 1, kind: "word", values: [], role: "" };
+const formatIn = (name, value) => formatValue(scaleValues(value, column(name)));  // in the unit of the column
+// A number in the unit of a column, in the unit of the stored values. 15 digits do not have the rounding error of the product.
+const toStored = (name, value) => Number((value * column(name).size).toPrecision(15));
 const columnLabel = (name) => formatHeading(name, column(name).unit);
 const selection = () => ({ studies: view.hidden_studies.length ? page.studies.map((s) => s.name).filter((name) => !view.hidden_studies.includes(name)) : [],
   filters: view.filters.map(([column, operator, value]) => ({ column, operator, value })) });
@@ -130,9 +133,9 @@ function readChoice(id) { const [part, key] = id.split("-"); return part in CHOI
 function storeChoice(id) { const [part, key] = id.split("-"); if (part in CHOICE_KEYS) view[CHOICE_KEYS[part]][key] = $(id).value; }
 
 function fillValues() {
-  const { values, kind, unit } = column($("column").value);
+  const { values, kind, unit, size } = column($("column").value);
   $("values").textContent = "";
-  for (const value of values) $("values").append(new Option(String(value)));
+  for (const value of scaleValues(values, { size })) $("values").append(new Option(typeof value === "number" ? String(+value.toPrecision(15)) : value));
   $("value").placeholder = kind === "word" ? "text" : unit || "number";
 }
 
@@ -153,7 +156,7 @@ function showFilters() {
   $("filters").textContent = "";
   view.filters.forEach((filter, i) => {
     const [name, operator, value] = filter, button = make("button", "", "chip");
-    const text = operator.startsWith("is") ? `${name} ${operator}` : `${name} ${operator} ${formatValue(value)} ${column(name).unit}`;
+    const text = operator.startsWith("is") ? `${name} ${operator}` : `${name} ${operator} ${formatIn(name, value)} ${column(name).unit}`;
     button.append(make("span", text.trim()), make("b", "×"));
     button.setAttribute("aria-label", `remove the filter ${text}`);
     button.addEventListener("click", () => { view.filters.splice(i, 1); applySelection(); });
@@ -188,7 +191,9 @@ async function refresh() {
 const rowQuery = () => ({ do: "rows", ...selection(), sort: page.columns.some((c) => c.name === view.sort) ? view.sort : "", descending: view.descending, first: view.first, count: ROWS });
 
 function showMap(answer, { x, y, value }) {
-  drawMap($("cells"), $("scale"), answer, { x: column(x), y: column(y), value, unit: column(value).unit, isRate: column(value).is_binary }, addFilters);
+  const scaleLabels = (axis, name) => ({ ...axis, labels: scaleValues(axis.labels, column(name)) });
+  const shown = { ...answer, x: scaleLabels(answer.x, x), y: scaleLabels(answer.y, y), values: scaleValues(answer.values, column(value)) };
+  drawMap($("cells"), $("scale"), shown, { x: column(x), y: column(y), value, unit: column(value).unit, isRate: column(value).is_binary }, addFilters);
 }
 
 let colours = {};
@@ -199,7 +204,7 @@ const points = new Points($("points"), colour, {
   },
   onPress: (at) => openRun(at.study, at.run),
   onSelect: (xs, ys) => {
-    const range = (name, [low, high]) => column(name).kind === "number" ? [[name, "≥", low], [name, "≤", high]] : [];
+    const range = (name, [low, high]) => column(name).kind === "number" ? [[name, "≥", toStored(name, low)], [name, "≤", toStored(name, high)]] : [];
     addFilters([...range(view.plot.x, xs), ...range(view.plot.y, ys)]);
   },
 });
@@ -212,7 +217,7 @@ function showPoints(answer, { x, y, colour_by }) {
   answer.classes.forEach((value, k) => {
     const mark = make("i");
     mark.style.setProperty("--shade", points.classColour(k));
-    $("classes").append(mark, colour_by === "success" ? (value ? "success" : "no success") : formatValue(value));
+    $("classes").append(mark, colour_by === "success" ? (value ? "success" : "no success") : formatIn(colour_by, value));
   });
   $("point").textContent = answer.uncounted ? `${answer.uncounted} runs have no value for these axes` : " ";
 }
@@ -230,11 +235,11 @@ function showGroups(answer, { by, values }) {
   heading("most frequent failure");
   const body = table.createTBody();
   for (const group of answer.groups) {
-    const row = body.insertRow(), cells = group.values.map((v, i) => [formatValue(v), column(by[i]).kind === "number"]);
+    const row = body.insertRow(), cells = group.values.map((v, i) => [formatIn(by[i], v), column(by[i]).kind === "number"]);
     const [rate, low, high] = group.rate;
     cells.push([group.runs, true], [percent(rate), true], [`${percent(low)} – ${percent(high)}`, true],
-      ...group.estimates.map(([value, lower, upper]) =>
-        [lower === undefined ? formatValue(value) : `${percent(value)} [${percent(lower)}, ${percent(upper)}]`, true]), [group.failure, false]);
+      ...group.estimates.map(([value, lower, upper], i) =>
+        [lower === undefined ? formatIn(values[i], value) : `${percent(value)} [${percent(lower)}, ${percent(upper)}]`, true]), [group.failure, false]);
     cells.forEach(([text, number], i) => {
       const cell = row.insertCell();
       cell.className = number ? "number" : "";
@@ -282,7 +287,7 @@ function showRows() {
     const row = body.insertRow();
     row.dataset.run = values[run];
     for (const name of shown) {
-      const value = values[names.indexOf(name)], cell = row.insertCell(), text = formatValue(value);
+      const value = values[names.indexOf(name)], cell = row.insertCell(), text = formatIn(name, value);
       cell.className = column(name).kind === "number" ? "number" : last.includes(name) ? "long" : "";
       if (name === "run") {
         const button = make("button", text, "plain");
@@ -330,7 +335,7 @@ async function openRun(study, run) {
     for (const [key, value] of entries) {
       const line = table.insertRow(), head = make("th", key);
       head.scope = "row";
-      line.append(head, make("td", formatValue(value), typeof value === "number" ? "number" : ""), make("td", column(key).unit));
+      line.append(head, make("td", formatIn(key, value), typeof value === "number" ? "number" : ""), make("td", column(key).unit));
     }
     box.append(make("h3", name), table);
   }
@@ -366,7 +371,7 @@ async function compare() {
   }
   for (const d of shown.slice(0, 300)) {
     const row = body.insertRow();
-    for (const [text, name] of [[d.group], [columnLabel(d.metric)], [formatValue(d.before), "number"], [formatValue(d.after), "number"],
+    for (const [text, name] of [[d.group], [columnLabel(d.metric)], [formatIn(d.metric, d.before), "number"], [formatIn(d.metric, d.after), "number"],
       [{ chance: "no significant difference", untested: "not tested" }[d.verdict] || d.verdict.toLowerCase(), d.is_significant ? d.verdict.toLowerCase() : ""],
       [d.p === null ? "–" : d.p.toPrecision(2), "number"], [`${d.count} ${d.paired ? "pairs" : "runs"}`, "number"]]) {
       const cell = row.insertCell();
@@ -383,7 +388,7 @@ $("filter").addEventListener("submit", (event) => {
   if (!free && (text === "" || number && !Number.isFinite(+text))) { showError(`${name} ${operator} needs a ${number ? "number" : "text"}`); $("value").focus(); return; }
   showError("");
   $("value").value = "";
-  addFilters([[name, operator, free ? null : number ? +text : text]]);
+  addFilters([[name, operator, free ? null : number ? toStored(name, +text) : text]]);
 });
 $("column").addEventListener("change", fillValues);
 for (const id of ["map-value", "map-x", "map-y", "plot-x", "plot-y", "plot-colour_by", "by-0", "by-1", "median-0", "median-1"]) {

@@ -13,6 +13,9 @@ export const make = (tag, text = "", name = "") => {
   if (name) element.className = name;
   return element;
 };
+/** Return values, which can be in lists, in the unit of their column. */
+export const scaleValues = (value, { size = 1 }) => Array.isArray(value) ? value.map((v) => scaleValues(v, { size }))
+  : typeof value === "number" ? value / size : value;
 export const formatHeading = (name, unit) => unit ? `${name} (${unit})` : name;
 export const formatValue = (value) => {
   if (value === null || value === undefined || value === "") return "–";
@@ -53,7 +56,7 @@ export function drawMap(table, scale, answer, { x, y, value, unit, isRate }, onP
       const cell = row.insertCell(), v = answer.values[i][j], runs = answer.runs[i][j];
       cell.style.height = `${tall}px`;
       if (!runs) return;
-      const button = make("button", v === null ? "–" : few ? plain(v) : "");
+      const button = make("button", v === null ? "–" : few ? plain(v) + (isRate ? "%" : "") : "");
       const where = `${y.name} ${formatValue(answer.y.labels[i])}, ${x.name} ${formatValue(label)}`;
       const text = `${where}: ${v === null ? "no number" : `${value} ${plain(v)}${isRate ? " %" : unit && ` ${unit}`}`}, ${runs} runs`;
       button.title = text;
@@ -107,6 +110,7 @@ export class Points {
     this.answer = answer;
     Object.assign(this, { x, y, xs: decodeArray(answer.x.values, Float32Array), ys: decodeArray(answer.y.values, Float32Array),
       colours: decodeArray(answer.colours, Uint8Array), study: decodeArray(answer.study, Int32Array), run: decodeArray(answer.run, Int32Array) });
+    for (const [values, { size = 1 }] of [[this.xs, x], [this.ys, y]]) if (size !== 1) for (let i = 0; i < values.length; i++) values[i] /= size;
     for (const [values, { labels }] of [[this.xs, answer.x], [this.ys, answer.y]]) {  // spread points with equal texts
       if (labels.length) for (let i = 0; i < values.length; i++) values[i] += 0.5 * (((i * 0.6180339887) % 1) - 0.5);
     }

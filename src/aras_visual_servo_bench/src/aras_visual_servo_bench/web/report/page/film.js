@@ -88,7 +88,11 @@ class Space {
     this.page = page; this.contents = page.contents.scene;
     this.scene = new Scene(canvas);
     const { middle, size } = this.contents;
-    this.scene.setView({ middle, distance: 1.5 * size, yaw: 0.95, pitch: 0.36 });
+    this.scene.setView({ middle, distance: 2 * size, yaw: 0.95, pitch: 0.36 });
+    this.scene.fitView = (aspect) => {  // the sphere around the scene and its cameras stays inside the view
+      const half = Math.min(HALF_ANGLE, Math.atan(Math.tan(HALF_ANGLE) * aspect));
+      this.scene.view.distance = (0.5 + this.contents.camera_size) * size / Math.sin(half);
+    };
     this.poses = page.contents.runs.map((run) => run.poses && { time: page.array(run.poses.time), rows: page.array(run.poses.rows),
       arm: run.poses.arm !== undefined ? page.array(run.poses.arm) : null, joints: run.poses.joints });
     this.setRuns();

@@ -7,6 +7,7 @@ const arrays = contents.arrays.map(() => null);
 const style = () => getComputedStyle(document.documentElement);
 const MIN_RANGE = 1e-3;  // shortest range of the time axis, s
 const MAX_KEYS = 8;  // the row of runs at the top has the colours of all runs
+const MAX_FILMS = 8;  // of more runs, the films of the first visible ones are shown until the user wants all of them
 const MAX_STATES = 4;  // of more visible runs, the page shows how many are in each phase
 
 const page = {
@@ -57,7 +58,7 @@ function showRange() {
 
 function showTime() {
   for (const chart of charts) if (chart.isVisible) chart.setTime(page.time);
-  films.forEach((film, k) => { if (!page.hiddenRuns.has(film.number)) film.setTime(page.time); });
+  films.forEach((film, k) => { if (!film.figure.hidden) film.setTime(page.time); });
   if (space) space.setTime(page.time);
   $("time").value = page.time;
   $("now").textContent = `${page.time.toFixed(3)} s`;
@@ -148,6 +149,18 @@ contents.runs.forEach((run, k) => [run.film, ...run.other_films].forEach((film) 
   new ResizeObserver(() => view.setTime(page.time)).observe(canvas);
 }));
 
+/** Show the films of the visible runs, and a button for those above MAX_FILMS. */
+function showFilms() {
+  const visible = films.filter((film) => !page.hiddenRuns.has(film.number)), limit = page.allFilms ? Infinity : MAX_FILMS;
+  for (const film of films) film.figure.hidden = true;
+  for (const film of visible.slice(0, limit)) film.figure.hidden = false;
+  if (!$("more-films")) return;
+  $("more-films").hidden = visible.length <= limit;
+  $("more-films").textContent = `Show the films of all ${visible.length} visible runs`;
+}
+if ($("more-films")) $("more-films").addEventListener("click", () => { page.allFilms = true; showFilms(); showTime(); });
+showFilms();
+
 /** Add a button with an image for each milestone of the first film. */
 async function showMilestones() {
   const film = films[0];
@@ -174,9 +187,10 @@ if ($("space")) {
       ...(contents.runs.some((run) => run.poses && run.poses.arm !== undefined) ? [["arm", contents.face]] : []),
       ...contents.runs.slice(0, MAX_KEYS).map((run, k) => [page.several ? run.name : "path", page.dark[k % page.dark.length]])];
     for (const [text, colour] of entries) {
-      const mark = document.createElement("i");
+      const mark = document.createElement("i"), entry = document.createElement("span");
       mark.style.setProperty("--shade", colour);
-      $("key").append(mark, text);
+      entry.append(mark, text);  // a line break is before the mark, not after it
+      $("key").append(entry, " ");
     }
   } catch (error) {
     $("key").textContent = String(error.message || error);
@@ -236,7 +250,7 @@ if (page.several) contents.runs.forEach((run, k) => {
     if (!page.hiddenRuns.delete(k)) page.hiddenRuns.add(k);
     button.setAttribute("aria-pressed", String(!page.hiddenRuns.has(k)));
     for (const chart of charts) chart._showCurves();
-    for (const film of films) film.figure.hidden = page.hiddenRuns.has(film.number);
+    showFilms();
     for (const cell of document.querySelectorAll(`[data-run="${k}"]:not(button)`)) cell.hidden = page.hiddenRuns.has(k);
     if (space) space.setRuns();
     showTime();
@@ -244,8 +258,17 @@ if (page.several) contents.runs.forEach((run, k) => {
   $("runs").append(button);
 });
 
-// Checkboxes that show or hide the columns of the number tables.
-for (const table of document.querySelectorAll("table.columns")) {
+// Of several runs, the tables of a run become part of the page when they are opened: thousands of rows make it slow.
+for (const box of document.querySelectorAll("details")) {
+  const later = box.querySelector(":scope > template");
+  if (later) box.addEventListener("toggle", () => { later.replaceWith(later.content); addColumnBoxes(box); }, { once: true });
+}
+
+/** Add checkboxes that show or hide the columns of the number tables in a part of the page. */
+function addColumnBoxes(part) {
+  for (const table of part.querySelectorAll("table.columns")) addColumnBox(table);
+}
+function addColumnBox(table) {
   const set = document.createElement("fieldset"), legend = document.createElement("legend");
   legend.textContent = "Columns";
   set.append(legend);
@@ -258,6 +281,7 @@ for (const table of document.querySelectorAll("table.columns")) {
   });
   table.parentElement.before(set);
 }
+addColumnBoxes(document);
 
 document.addEventListener("themechange", () => {
   page.colours = {};

@@ -22,7 +22,7 @@ from aras_sim_bridge.world.resting_base import BASE_TYPES, is_supported
 from aras_visual_servo_base.compiled import jit
 
 CYCLE_TYPES = "f8[:,::1], f8[:,::1], f8[:,::1]"
-# Compiled types of the arguments of run_cycles after `drives`.
+# Numba types of the arguments of run_cycles that follow `drives`.
 PHYSICS_TYPES = f"{STEP_TYPES}, b1, {BASE_TYPES}"
 # Reasons why run_cycles returns:
 ALL_MADE = 0  # all requested cycles are done
@@ -34,9 +34,10 @@ NOT_FINITE = 4  # a commanded effort of the next cycle is not finite
 
 @jit("f8[:,::1], f8[:,::1], f8[:,::1]", allocates=False)
 def _apply_outputs(drives, state, joints):
-    """Copy the outputs of the drives to joint efforts and motor targets.
+    """Copy the outputs of the drives to the efforts and motor targets of the joints.
 
-    Return False without changing anything if an output is not finite.
+    `state` and `joints` are elements of JointSpace.arrays. Return False, without a change, if an
+    output is not finite.
     """
     for k in range(len(drives)):
         if not isfinite(drives[k, OUTPUT]):
@@ -65,15 +66,15 @@ def run_cycles(count, time_ns, step_ns, loops, handles, drives,
     Args:
         loops, handles, drives: arrays (number, columns) with one row for each JointLoop,
             JointHandle and Drive.
-        bodies … modes: the arrays of JointSpace.arrays, in this order. `state` (3, n) holds the
+        bodies to modes: the elements of JointSpace.arrays, in this order. `state` (3, n) holds the
             joint positions, velocities and efforts and is updated in place.
         dt: physics step, s.
         is_base_resting: whether the base rests on the ground without being fixed.
-        previous_speeds … ground_wrench: the arrays of RestingBase.arrays, in this order.
+        previous_speeds to ground_wrench: the elements of RestingBase.arrays, in this order.
 
     Returns:
-        Number of cycles done, reason for returning (a constant above, such as ALL_MADE), and index
-        of the joint that diverged, or -1.
+        Number of cycles done; reason for returning, such as ALL_MADE or DIVERGED; and index of the
+        joint that diverged, or -1.
     """
     period = step_ns / 1e9
     for made in range(1, count + 1):

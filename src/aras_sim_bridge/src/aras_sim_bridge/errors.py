@@ -1,7 +1,7 @@
 """Exceptions of the simulator: one base class and one subclass per kind of error.
 
 Every message states what is wrong, where (file, link, joint or parameter) and how to fix it. The
-ROS layer logs the message or returns it as the status message of a service.
+ROS layer logs the message or returns it as the `status_message` of a service response.
 """
 
 from collections.abc import Iterable

@@ -127,17 +127,23 @@ class ControlledModel:
 
 
 class CompiledController(Protocol):
-    """Controller that reads joint states and sends commands within compiled control cycles."""
+    """Controller that can run together with the physics in one compiled function.
+
+    This function makes many control cycles, each with one physics step, without calling Python.
+    """
 
     def start_cycles(self, time_ns: int, until_ns: int) -> JointStateController | None:
-        """Prepare compiled cycles from `time_ns` to `until_ns` (simulated time, ns).
+        """Prepare the control cycles from `time_ns` to `until_ns` (simulated time, ns).
 
-        Return the joint state controller whose samples the cycles read, or None if the cycles do
-        not read any.
+        Return the joint state controller from which this controller takes joint states in these
+        cycles, or None if it takes none.
         """
 
     def run_cycles(self, *arguments: object) -> tuple[int, int, int]:
-        """Run compiled cycles; arguments and results are those of cycle.run_cycles."""
+        """Run compiled control cycles.
+
+        Arguments and results are those of cycle.run_cycles.
+        """
 
 
 class Simulation:
@@ -160,7 +166,8 @@ class Simulation:
     Attributes:
         world: physics world.
         robots: controlled models by model name.
-        cameras, sensors, grasps: lists in the order of spawning.
+        cameras, sensors: cameras and sensors in the order in which they were added.
+        grasps: grasp plug-ins (GraspFix) of all models.
         lights: lights by name.
         time_ns: simulated time, ns.
         step_ns: physics step, ns.
@@ -209,8 +216,9 @@ class Simulation:
             namespace: namespace of the robot.
             parameters: ROS parameters below this namespace, as nested mappings.
             joint_positions: initial joint positions by joint name, rad or m.
-            cameras: settings that override those of the description, nested by the parts of the
-                camera name. A camera with invalid settings is left out, and an error is logged.
+            cameras: settings by camera name, which override those of the description; the camera
+                a/b has the settings cameras["a"]["b"]. A camera with invalid settings is left out,
+                and an error is logged.
 
         Raises:
             SimError: the model cannot be added; the world is unchanged.
@@ -300,7 +308,7 @@ class Simulation:
             self._renderer.light = self._compute_lighting()
 
     def _compute_lighting(self) -> Lighting:
-        """Return the lighting of images at the current simulated time."""
+        """Return the light in camera images at the present simulated time."""
         lights = tuple(self.lights.values())[:MOST_LIGHTS]
         now = tuple(
             light
@@ -316,11 +324,10 @@ class Simulation:
         )
 
     def _combine_lights(self, lights: tuple[Light, ...]) -> Lighting:
-        """Return the lighting of images by these lights and the ambient light.
+        """Return the light in camera images that consists of these lights and the ambient light.
 
-        If there is no light, or only a white directional light without shadows, the fields
-        `direction` and `diffuse` of the result describe it; in all other cases the field `lights`
-        lists all lights.
+        If possible, the result describes a single white sun by its fields `direction` and
+        `diffuse`. Otherwise it lists all lights in its field `lights`.
         """
         scene = self.config.scene
         ambient = max(scene.ambient[:3])
@@ -342,10 +349,11 @@ class Simulation:
         """Simulate one time step in Gazebo's order: time, controllers, physics, sensors.
 
         Args:
-            until_ns: simulated time, ns, up to which further steps may be simulated in the same
-                compiled call. The call ends before a step that involves a camera, a sensor, a
-                listener or a controller in Python. The result is identical to that of single steps.
-            compiled_controller: controller that reads the joints and commands them in this call.
+            until_ns: simulated time, ns. Further steps up to this time are made in the same call if
+                a compiled function can make them, which saves time. The call ends before a step
+                that involves a camera, a sensor, a listener or a controller in Python. The results
+                are identical to those of single steps.
+            compiled_controller: controller that runs in the compiled function.
         """
         start_ns, time_ns = self.time_ns, self.time_ns + self.step_ns
         cameras = [camera for camera in self.cameras if camera.enabled]
@@ -380,11 +388,17 @@ class Simulation:
     def _start_cycles(
         self, time_ns: int, until_ns: int, compiled_controller: CompiledController | None
     ) -> tuple[ControlledModel, CycleFunction, tuple, np.ndarray, float] | None:
-        """Prepare compiled cycles from the step that ends at `time_ns`.
+        """Prepare to make several steps in one compiled function.
 
-        Return the robot, the function that runs the cycles, and the results of
-        World.get_compiled_step and ControlLoop.start_cycles. Return None if this step cannot be
-        compiled: there is not exactly one robot, or contacts or Python code are involved.
+        Args:
+            time_ns: simulated time at the end of the first of these steps, ns.
+            until_ns: simulated time up to which steps may be made, ns.
+            compiled_controller: controller that runs in the compiled function, or None.
+
+        Returns:
+            The arguments of `_run_cycles` after `until_ns`. None if the first step needs Python
+            code: there is not exactly one robot, a contact is possible, or a controller or listener
+            is written in Python.
         """
         if len(self.robots) != 1:
             return None
@@ -410,7 +424,15 @@ class Simulation:
         loops: np.ndarray,
         idle_ns: float,
     ) -> None:
-        """Run compiled cycles up to `until_ns` or `idle_ns`, whichever is earlier.
+        """Make steps in a compiled function up to `until_ns` or `idle_ns`, whichever is earlier.
+
+        Args:
+            until_ns: simulated time, ns.
+            robot: the only robot.
+            run_cycles: compiled function.
+            physics: result of World.get_compiled_step.
+            loops: array of the joint loops, see ControlLoop.start_cycles.
+            idle_ns: simulated time before which no controller needs Python, ns.
 
         Raises:
             WorldError: a joint diverges.
@@ -432,7 +454,7 @@ class Simulation:
             robot.model.check_efforts()
 
     def next_image_ns(self) -> int | None:
-        """Return the simulated time, ns, of the next event of a camera, or None if there is none.
+        """Return the simulated time, ns, at which a camera has to act next; None if none has to.
 
         The camera acts at the end of the step that contains this time.
         """

@@ -21,7 +21,7 @@ class ExperimentError(BenchError):
 
 
 class ViewError(BenchError):
-    """The target is behind the camera or outside the image."""
+    """Error that the target is behind the camera or outside the image."""
 
 
 class StudyError(BenchError):
@@ -29,7 +29,7 @@ class StudyError(BenchError):
 
 
 class RefusedError(BenchError):
-    """A request is refused; the message gives the reason."""
+    """A request from a web page is refused; the message gives the reason."""
 
 
 def require(condition: bool, text: str) -> None:
@@ -39,7 +39,7 @@ def require(condition: bool, text: str) -> None:
 
 
 def check_formats(requested: Iterable[str], available: Collection[str]) -> None:
-    """Check that all requested formats are available.
+    """Check that all requested file formats are available.
 
     Raises:
         StudyError: a format is not available; the message names the first such format.
@@ -72,7 +72,7 @@ def find_program_name() -> str:
 
 
 def find_command() -> str:
-    """Return how a terminal starts this package's command, for commands in messages."""
+    """Return the shell command that starts this package's program, to be shown in messages."""
     program = find_program_name()
     return "rosrun aras_visual_servo_bench bench" if program == "bench" else program
 

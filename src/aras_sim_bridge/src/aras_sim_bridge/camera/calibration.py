@@ -1,4 +1,4 @@
-"""Calibration of a camera in any file format: its checks, and its conversion to settings."""
+"""Intrinsic calibration of a camera, with checks and a conversion to settings of CameraConfig."""
 
 from __future__ import annotations
 
@@ -33,14 +33,15 @@ class Calibration:
         where: file and name of the camera, for messages.
         width, height: image size, px; None if the file does not contain it.
         matrix: (9,) camera matrix, row by row, px.
-        model: name of the distortion model as in CameraInfo; None if the number of coefficients
-            determines it (OpenCV).
+        model: name of the distortion model as in CameraInfo; None for OpenCV's files, which do not
+            name the model. The number of coefficients then determines the model.
         D: distortion coefficients in OpenCV's order.
         R, P: the matrices R (9 numbers) and P (12 numbers) of CameraInfo, row by row; None if the
             file does not contain them.
 
     Raises:
-        CameraError: the numbers contradict each other or are invalid.
+        CameraError: a number is invalid, or the image size, the camera matrix and the coefficients
+            do not fit each other.
     """
 
     where: str
@@ -126,7 +127,7 @@ class Calibration:
 
 
 def find_distortion_model(name: Any, where: str) -> str:
-    """Return CameraInfo's name of a distortion model.
+    """Return the name in CameraInfo of the distortion model that a calibration file calls `name`.
 
     Raises:
         CameraError: the model is not supported.

@@ -1,9 +1,9 @@
 """Readers of the formats of calibration files.
 
-A reader returns a dict that maps each camera's name to a function without arguments; this function
-returns the camera's Calibration. If the text is in another format, the reader returns None. The
-numbers are used as they are, because all these programs use integer coordinates for pixel centres
-and OpenCV's order of the coefficients.
+If the text is in another format, a reader returns None. Otherwise it returns a dict that maps each
+camera's name to a function without arguments, which returns the camera's Calibration. Camera
+matrices and distortion coefficients are not converted, because all these formats measure pixel
+coordinates from the centre of the first pixel and have OpenCV's order of the coefficients.
 """
 
 from __future__ import annotations
@@ -27,15 +27,16 @@ from .calibration import Calibration, check_finite, find_distortion_model
 
 CameraReaders = dict[str, Callable[[], Calibration]]
 NAME = "camera"  # name of the camera if the calibration file gives none
-# Names of the camera matrix and of the distortion in OpenCV's files, in lower case and without
-# underscores. Each value is the number of the camera in a stereo pair, or '' for a single camera.
+# For OpenCV's files: names of the camera matrix (MATRICES) and of the distortion (DISTORTIONS), in
+# lower case and without underscores. Each name is mapped to the number of the camera in a stereo
+# pair, '1' or '2', or to '' for a single camera.
 MATRICES = {"cameramatrix": "", "intrinsicmatrix": "", "intrinsics": "", "cameraintrinsic": "",
             "mtx": "", "k": "", "m1": "1", "m2": "2", "cameramatrix1": "1", "cameramatrix2": "2",
             "k1": "1", "k2": "2"}  # fmt: skip
 DISTORTIONS = {"distortioncoefficients": "", "distcoeffs": "", "distcoeff": "", "dist": "",
                "distortion": "", "distortioncoeffs": "", "d": "", "d1": "1", "d2": "2",
                "distcoeffs1": "1", "distcoeffs2": "2"}  # fmt: skip
-# Names of the camera models in ViSP's files.
+# Names by which ViSP's files identify the three camera models.
 VISP = "perspectiveProjWithoutDistortion"
 VISP_DISTORTED = "perspectiveProjWithDistortion"
 VISP_FISHEYE = "ProjWithKannalaBrandtDistortion"
@@ -59,7 +60,8 @@ def read_ros(text: str, path: str) -> CameraReaders | None:
 def _read_ros_file(data: Mapping[str, Any], path: str, whole: bool) -> Calibration:
     size = [_read_size(data, key, path) for key in ("image_width", "image_height")]
     K = _read_ros_matrix(data, "camera_matrix", path, (3, 3))
-    model = data.get("distortion_model")  # missing in files of old ROS versions
+    # Files of old ROS versions do not contain the key distortion_model.
+    model = data.get("distortion_model")
     model = None if model is None else find_distortion_model(model, path)
     D = _read_ros_matrix(data, "distortion_coefficients", path, None)
     more = [key for key in ("rectification_matrix", "projection_matrix") if key in data]
@@ -219,9 +221,10 @@ def _read_kalibr_camera(entry: Mapping[str, Any], where: str) -> Calibration:
 def read_visp(text: str, path: str) -> CameraReaders | None:
     """Read a file of ViSP's vpXmlParserCamera.
 
-    If a camera has several models, the one with distortion is used. ViSP's distortion is u = u0 +
-    px x (1 + kud r^2) with r^2 = x^2 + y^2, so kud is Brown's k1. The coefficient kdu of the
-    inverse is not used, because ViSP's inverse is only an approximation.
+    If a camera has several models, the one with distortion is used. ViSP multiplies the image
+    coordinates of the ideal pinhole by 1 + kud r^2, where r is their radius, so kud is Brown's
+    coefficient k1. The file's second coefficient, kdu, belongs to an approximate inverse and is not
+    used.
     """
     root = _parse_xml(text, path)
     if root.tag != "root" or root.find("camera") is None:

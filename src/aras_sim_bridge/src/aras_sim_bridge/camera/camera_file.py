@@ -49,7 +49,8 @@ def read_camera(name: str | Path) -> dict[str, Any]:
 
 
 def _is_preset(text: str) -> bool:
-    """Return whether a text is a preset: it has only keys of presets, and no matrices."""
+    """Return whether a text is a preset: it has only keys of CameraConfig, and no matrix with rows.
+    """
     try:
         settings = parse_yaml(text, "", CameraError)
     except CameraError:

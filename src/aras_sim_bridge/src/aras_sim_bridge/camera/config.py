@@ -41,7 +41,8 @@ from .vibration import Shake
 
 LARGEST_SIDE = 16384  # largest width and largest height of an image, px
 LARGEST_AREA = 1 << 25  # largest number of pixels of an image; rendering such an image needs 0.5 GB
-_NAME = re.compile(r"[A-Za-z]\w*", re.ASCII)  # a name in the ROS graph without slashes
+# Matches one part of a ROS name: letters, digits and underscores, without a slash.
+_NAME = re.compile(r"[A-Za-z]\w*", re.ASCII)
 
 
 FloatTriple = tuple[float, float, float]
@@ -83,10 +84,12 @@ class CameraConfig:
             affect the image.
         projection_matrix: P (3, 4) in CameraInfo, row by row; None for one that is computed from K
             and hack_baseline. It does not affect the image.
-        hack_baseline: baseline in CameraInfo's P, m.
-        legacy_camera_info: whether CameraInfo is computed from `declared` with Gazebo's formulas.
-        declared: focalLength, Cx, Cy, distortionK1, K2, T1, T2 and K3 of the plug-in. The first
-            three are computed if they are 0.
+        hack_baseline: baseline of a stereo camera in CameraInfo's P, m (Gazebo's hackBaseline).
+        legacy_camera_info: whether CameraInfo is computed from `declared` with Gazebo's formulas
+            instead of describing the rendered image.
+        declared: eight settings of Gazebo's camera plug-in: focalLength, Cx, Cy, distortionK1,
+            distortionK2, distortionT1, distortionT2 and distortionK3. Each of the first three is
+            computed if it is 0.
         depth, segmentation: whether to deliver depth images and segmentations, too.
         depth_topics: topics and format of the depth images.
         effects: image effects, see effects.Effects.
@@ -95,8 +98,8 @@ class CameraConfig:
         seed: seed of all random effects.
         trigger_topic: topic whose messages make the camera expose once each; '' for a camera that
             exposes at update_rate.
-        shutter: name of a shutter. Cameras of one model with the same shutter expose together; ''
-            for an independent camera.
+        shutter: name of a group of cameras. The cameras of one model with the same name expose
+            together; '' for an independent camera.
     """
 
     name: str = "camera"
@@ -159,7 +162,10 @@ class CameraConfig:
         self._check_lens_fold()
 
     def _fill_in_lens(self) -> None:
-        """Derive the lens from the distortion model, or the distortion model from the lens."""
+        """Set the lens to equidistant if the distortion model is; set a missing distortion model.
+
+        The missing model is plumb_bob for a pinhole lens and equidistant for other lenses.
+        """
         lens, model = self.lens, self.distortion_model
         if model == "equidistant" and lens == "pinhole":
             lens = "equidistant"
@@ -217,9 +223,8 @@ class CameraConfig:
     def _check_lens_fold(self) -> None:
         """Check that the distortion maps at most one ray to each pixel of the image.
 
-        The check fails if, inside the image, the distorted radius stops increasing with the
-        undistorted radius. With a cutoff_angle, nothing is checked, because the pixels beyond that
-        angle are black.
+        Two rays share a pixel if, inside the image, the distorted radius stops increasing with the
+        undistorted radius. If a cutoff_angle is set, nothing is checked.
         """
         if not any(self.distortion_coefficients) or self.cutoff_angle is not None:
             return
@@ -286,7 +291,8 @@ class CameraConfig:
     def make_intrinsics(self) -> CameraIntrinsics:
         """Return the content of CameraInfo.
 
-        It describes the rendered image, unless legacy_camera_info demands Gazebo's formulas.
+        It describes the rendered image; if legacy_camera_info is set, it contains the results of
+        Gazebo's formulas for `declared` instead.
         """
         K, D, name = self.K, tuple(self.projection.lens.D), self.distortion_model
         if self.legacy_camera_info:
@@ -316,10 +322,10 @@ class CameraConfig:
     @classmethod
     def from_description(cls, camera: CameraDescription,
                          overrides: Mapping[str, object] | None = None) -> CameraConfig:
-        """Return the settings of a camera in a description, merged with those of a preset.
+        """Return the settings of a camera of a robot description, changed by `overrides`.
 
-        Nested settings are merged key by key: effects that the preset does not set keep the values
-        of the description.
+        `overrides` are settings of a preset. They are merged key by key, also in nested settings:
+        an image effect that is not in `overrides` keeps its value of the description.
 
         Raises:
             CameraError: the message names the wrong key.
@@ -347,14 +353,17 @@ class CameraConfig:
         values = apply_calibration(values)
         try:
             text = json.dumps(values)
-        # JSON cannot represent one of the values, so the configuration is not cached.
+        # JSON cannot represent one of the values. JSON is the key of the cache, so build the
+        # configuration without the cache.
         except (TypeError, ValueError):
             return build(cls, cls.check_keys(values, where), where, CameraError)
         return _build_config(cls, text, where)
 
     @classmethod
     def check_keys(cls, values: Mapping[str, object], where: str) -> dict[str, object]:
-        """Convert settings of a camera to the types of their fields; settings may be missing.
+        """Return settings of a camera, converted to the types of the fields of CameraConfig.
+
+        `values` need not contain all fields.
 
         Raises:
             CameraError: the message starts with `where` and names the wrong key.
@@ -385,7 +394,7 @@ class CameraConfig:
 def _build_config(cls: type[CameraConfig], text: str, where: str) -> CameraConfig:
     """Return the configuration of a camera from its settings in JSON.
 
-    The result is cached, because all runs of a study have the same few cameras.
+    The result is cached, because a process often creates the same cameras many times.
     """
     return build(cls, cls.check_keys(json.loads(text), where), where, CameraError)
 

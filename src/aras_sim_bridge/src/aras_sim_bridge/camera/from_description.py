@@ -20,8 +20,9 @@ _LENSES = {"gnomonical": "pinhole", "stereographic": "stereographic",
 def read_settings(camera: CameraDescription) -> dict[str, object]:
     """Return the settings of CameraConfig that a description of a camera contains.
 
-    The <distortion> of the sensor affects the image. As in Gazebo, the plug-in's distortion, Cx, Cy
-    and focalLength do not affect the image; they affect CameraInfo if legacy_camera_info is set.
+    The <distortion> of the sensor affects the image. As in Gazebo, the distortion, Cx, Cy and
+    focalLength of the camera's plug-in do not affect the image. They are only used for CameraInfo,
+    if legacy_camera_info is set.
 
     Raises:
         CameraError: the lens type is not supported.

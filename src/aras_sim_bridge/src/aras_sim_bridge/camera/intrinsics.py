@@ -57,9 +57,9 @@ class CameraProjection:
         return xy * [self.K[0, 0], self.K[1, 1]] + self.K[:2, 2]
 
     def unproject(self, pixels: np.ndarray) -> np.ndarray:
-        """Return the unit rays (N, 3) of pixels (N, 2), or NaN outside the lens.
+        """Return the unit rays (N, 3) of pixels (N, 2), in the optical frame.
 
-        The rays are in the optical frame.
+        A pixel that no ray reaches, such as one outside a fisheye's image circle, gets NaN.
         """
         pixels = np.asarray(pixels, dtype=float)
         return self.lens.unproject((pixels - self.K[:2, 2]) / [self.K[0, 0], self.K[1, 1]])
@@ -76,9 +76,10 @@ def camera_matrix(fx: float, fy: float, cx: float, cy: float) -> np.ndarray:
 
 
 def projection_matrix(K: np.ndarray, baseline: float) -> np.ndarray:
-    """Return the projection matrix P (3, 4) of CameraInfo for an unrectified camera.
+    """Return CameraInfo's projection matrix P (3, 4) of a camera whose images are not rectified.
 
-    `baseline` (m) is Gazebo's hackBaseline.
+    P contains the camera matrix K (3, 3), px, and -fx `baseline` in its last column, where
+    `baseline` (m) is the distance from the left to the right camera of a stereo pair.
     """
     P = np.zeros((3, 4))
     P[:, :3] = K

@@ -56,9 +56,8 @@ class BrownLens:
     def unproject(self, points: np.ndarray) -> np.ndarray:
         """Return the unit rays (N, 3) of distorted coordinates (N, 2); NaN if there is no solution.
 
-        If the distorted radius stops increasing at some undistorted radius (see `fold_radius`),
-        several rays may have the same distorted coordinates. The result is then the ray inside the
-        `fold_radius`, because Newton's method follows the solution from the centre outwards.
+        If several rays have the same distorted coordinates, the result is the ray nearest to the
+        optical axis: the one whose undistorted radius is below `fold_radius`.
         """
         flat = not any(self.D)
         x = np.array(points, dtype=float)
@@ -105,7 +104,8 @@ class BrownLens:
 class FisheyeLens:
     """Fisheye model of Kannala and Brandt.
 
-    The radius is t (1 + k1 t^2 + k2 t^4 + k3 t^6 + k4 t^8) at the angle t from the axis.
+    A ray at the angle t from the optical axis has the image radius t (1 + k1 t^2 + k2 t^4 + k3 t^6
+    + k4 t^8) at unit focal length.
 
     Attributes:
         D: coefficients k1 to k4.
@@ -145,9 +145,9 @@ class FisheyeLens:
             high, low = np.where(error > 0, theta, high), np.where(error > 0, low, theta)
             new = theta - error / np.maximum(self.slope(theta), 1e-9)
             # `theta` is now one end of the bracket [low, high]. A Newton step longer than half the
-            # bracket could jump between both ends forever, so bisection replaces such a step. The
-            # comparison is <=, so that an exact `theta`, whose step and bracket are 0, is not
-            # changed.
+            # bracket could jump from one end to the other forever, so it is replaced by the middle
+            # of the bracket. A step of exactly half the bracket is kept: if both are 0, `theta` is
+            # already exact.
             new = np.where(np.abs(new - theta) <= (high - low) / 2, new, (low + high) / 2)
             done = np.abs(new - theta).max(initial=0.0) < 1e-14
             theta = new
@@ -162,10 +162,9 @@ class FisheyeLens:
 def fit_fisheye(lens: str, cutoff: float) -> tuple[float, float, float, float]:
     """Fit the coefficients of Kannala and Brandt's model to an ideal wide-angle projection.
 
-    The fit is needed because ROS and OpenCV have no names for these projections. The radius is an
-    odd function of the angle. Up to `cutoff` rad, the model with four coefficients represents it
-    with an error below 1e-4 of the focal length. The image is rendered with the same coefficients
-    that CameraInfo contains.
+    `lens` is equidistant, stereographic, equisolid or orthographic. CameraInfo has no name for the
+    last three, so images are rendered with the four fitted coefficients, which CameraInfo contains.
+    Up to the angle `cutoff` (rad), the error of the image radius is below 1e-4 of the focal length.
     """
     if lens == "equidistant":
         return (0.0, 0.0, 0.0, 0.0)

@@ -1,9 +1,9 @@
-"""Mounting of cameras on links or in the world, and merging of their settings.
+"""Mounting of cameras on links or in the world, and the settings of these cameras.
 
 The settings of all cameras are a nested mapping, such as /gazebo/cameras on the parameter server.
-The settings of the camera 'a/b' are at the keys a and b. They are a mapping whose keys are the
-fields of CameraConfig.
-Settings with the key `parent` define an additional camera that is fixed in the world.
+The camera name 'a/b' stands for the mapping settings['a']['b'], whose keys are fields of
+CameraConfig. Settings with the key `parent` define a camera that is fixed in the world; other
+settings change a camera of a robot description.
 """
 
 from __future__ import annotations
@@ -95,7 +95,8 @@ class MountedCamera:
 
     @property
     def idle_until_ns(self) -> int:
-        """Time in ns until which no image is due."""
+        """Simulated time, ns, until which the camera needs neither `before_step` nor `after_step`.
+        """
         return 0 if self._is_new else self.sensor.due_ns - 1
 
     def trigger(self, time_ns: int, step_ns: int) -> None:
@@ -110,9 +111,9 @@ class MountedCamera:
             self.sensor.reset(time_ns)
 
     def before_step(self, time_ns: int, after_ns: int) -> None:
-        """Store the poses at `time_ns` if an exposure is due before `after_ns`.
+        """Store the poses of the camera and the models if an exposure is due in the next step.
 
-        `time_ns` is the start of the next physics step and `after_ns` its end.
+        The next physics step is from `time_ns` to `after_ns`.
         """
         self._refresh(time_ns)
         if self.sensor.needs_previous_pose(after_ns):
@@ -166,7 +167,7 @@ def configure_robot_camera(camera: CameraDescription, settings: Mapping[str, obj
     Args:
         camera: camera of the description.
         settings: settings of all cameras by name; those for this camera override its description.
-        defaults: settings that apply if `settings` do not set them.
+        defaults: fields of CameraConfig that override the description, unless `settings` set them.
         seed: seed of the simulation, from which the camera's default seed is derived.
 
     Raises:
@@ -240,7 +241,7 @@ def find_settings(settings: Mapping[str, object], name: str) -> Mapping[str, obj
     """Return the settings of the camera `name`; an empty mapping if there are none.
 
     Raises:
-        CameraError: the value is not a mapping.
+        CameraError: the settings are not a mapping.
     """
     node: object = settings
     for part in name.strip("/").split("/"):
@@ -257,7 +258,7 @@ def find_settings(settings: Mapping[str, object], name: str) -> Mapping[str, obj
 def find_unused_names(settings: Mapping[str, object], names: set[str]) -> list[str]:
     """Return the camera names in `settings` that are not among the existing cameras, `names`.
 
-    Cameras with the key `parent` are left out, because their settings define them.
+    Settings with the key `parent` are left out, because they create a new camera.
     """
     return [
         path
@@ -267,10 +268,10 @@ def find_unused_names(settings: Mapping[str, object], names: set[str]) -> list[s
 
 
 def _list_mappings(node: object, path: str) -> Iterator[tuple[str, Mapping[str, object]]]:
-    """Yield the name and the mapping of all settings that may belong to a camera.
+    """Yield the path (such as 'a/b') and the settings of each possible camera in nested settings.
 
-    A mapping may belong to a camera if it contains the key `parent` or a value that is not itself a
-    mapping. Mappings inside it are not yielded.
+    `node` is the mapping at `path`. A mapping is a camera's settings if it contains the key
+    `parent` or any value that is not a mapping. Its own values are not searched.
     """
     if not isinstance(node, Mapping):
         return

@@ -1,7 +1,7 @@
 """Image pipeline of a camera: mean of the partial exposures, effects, and lost frames.
 
-Both the simulated sensor and the bench's plants without a renderer use this pipeline, so that an
-effect changes rendered and computed images in the same way.
+This pipeline is used both for rendered images and for images that a test bench computes without a
+renderer, so that an effect changes both in the same way.
 """
 
 from __future__ import annotations
@@ -15,7 +15,10 @@ from .shutter import RowBand
 
 
 class ExposureMean:
-    """Mean of the partial exposures of one image; each partial exposure covers a band of rows."""
+    """Mean of the partial exposures of one image.
+
+    A partial exposure is a band of rows, rendered for one instant of the exposure time.
+    """
 
     def __init__(self, parts: Sequence[RowBand], height: int) -> None:
         """Prepare for images of `height` rows. `parts` is the result of shutter.make_row_bands."""
@@ -24,7 +27,7 @@ class ExposureMean:
         self._sum: np.ndarray | None = None
 
     def add(self, index: int, image: np.ndarray) -> None:
-        """Add a partial exposure: the uint8 image of the rows of parts[index]."""
+        """Add the partial exposure with this index: the uint8 image of the rows of its RowBand."""
         if len(self._parts) == 1:
             self._sum = image
             return
@@ -34,7 +37,7 @@ class ExposureMean:
         self._sum[part.first : part.last] += image
 
     def take(self) -> np.ndarray:
-        """Return the uint8 mean of all partial exposures, and start the next image."""
+        """Return the uint8 mean of the partial exposures that were added, and discard them."""
         image, self._sum = self._sum, None
         if len(self._parts) == 1:
             return image
@@ -49,15 +52,16 @@ class ExposureMean:
 class ImagePipeline:
     """Effects and exposures of the images of one camera.
 
-    An image is made in these steps: check `is_lost`; add the partial exposures with `exposure.add`,
-    in the order of `parts`; get their mean with `exposure.take`; and convert it with `read_out`.
-    The auto exposure uses the result of `read_out`.
+    A partial exposure is a band of rows, rendered for one instant of the exposure time. An image is
+    made in these steps: if `is_lost`, skip it; add its partial exposures with `exposure.add`; get
+    their mean with `exposure.take`; convert the mean with `read_out`, which also adapts the auto
+    exposure.
 
     Attributes:
-        parts: rows and times of the partial exposures of an image.
-        middle_part: index of the partial exposure nearest to the stamp; the last one if several are
-            equally near.
-        exposure: computes the mean of the partial exposures.
+        parts: rows and time of each partial exposure.
+        middle_part: index of the partial exposure that is nearest to the stamp; the last one if
+            several are equally near.
+        exposure: mean of the partial exposures.
     """
 
     def __init__(
@@ -73,14 +77,17 @@ class ImagePipeline:
         self.is_lost = self._chain.is_lost
 
     def read_out(self, light: np.ndarray, stamp_ns: int) -> np.ndarray:
-        """Return the sensor's image for `light`, a uint8 array of the same shape."""
+        """Return the image that the sensor delivers at this stamp for a uint8 array of light."""
         image = self._chain.apply(light, stamp_ns, self._factor)
         if self._auto_exposure is not None:
             self._factor = self._auto_exposure.compute_factor(self._factor, float(image.mean()))
         return image
 
     def reset(self, exposure: bool = True) -> None:
-        """Discard the present image; if `exposure`, also set the auto exposure's factor to 1."""
+        """Discard the partial exposures of an unfinished image.
+
+        If `exposure` is True, the factor of the auto exposure is set to 1, too.
+        """
         self.exposure.clear()
         if exposure:
             self._factor = 1.0

@@ -10,7 +10,8 @@ from aras_visual_servo_base.compiled import jit
 
 from ..description import DepthTopics
 
-POINT_FLOATS = 8  # floats per point in PCL's layout: x, y, z, 1 unused, colour, 3 unused
+# Number of floats per point, as in PCL: x, y, z, one unused, colour, and three unused.
+POINT_FLOATS = 8
 COLOUR = 4  # index of the colour among the floats of a point
 
 
@@ -46,8 +47,8 @@ class PointCloud:
         """Return the points (H, W, 8) float32 of all pixels.
 
         The first three numbers are x, y, z in the optical frame, m. They are NaN for pixels that
-        have no surface or are outside the range. The number at COLOUR contains the bytes blue,
-        green, red and 0.
+        have no surface or are outside the range. The number at index COLOUR contains the bytes
+        blue, green, red and 0.
 
         Args:
             depth: depth image (H, W) float32, m.

@@ -42,8 +42,8 @@ class SensorFrame:
         segmentation: segmentation (H, W) int32, also described in Renderer.measure; None if it is
             disabled.
 
-    Depth and segmentation show the world at the stamp. With motion blur or a rolling shutter, they
-    show it at the time of the partial exposure that is nearest to the stamp.
+    Depth and segmentation show the world at the stamp. If the image is the mean of several
+    renderings, they show the world at the time of the rendering nearest to the stamp.
     """
 
     stamp_ns: int
@@ -56,17 +56,16 @@ class SensorFrame:
 class CameraSensor:
     """Camera that exposes at the simulated times k / update_rate s, k = 1, 2, ...
 
-    These times rarely coincide with the ends of physics steps. An image is rendered at the end of
-    the step that contains its exposure. All poses are interpolated between the start and the end of
-    the step, so that the image shows the world at its stamp, and stamps are exact multiples of the
-    period. In a step of dt that ends at time t, the simulation calls
+    An exposure is usually due between the start and the end of a physics step. The image is
+    rendered at the end of this step, with poses that are interpolated to the time of the exposure.
+    In a step of dt that ends at time t, the simulation calls
 
         if sensor.needs_previous_pose(t): sensor.before_step(world_T_link, t - dt)  # before Bullet
         ...
         if sensor.is_due(t): frame = sensor.capture(world_T_link, t)                # after Bullet
 
-    Without the first call, images show the world at the end of the step. A camera with a trigger
-    exposes once for each call of `trigger`, in the step that follows.
+    If `before_step` was not called, the image shows the world at the end of the step. A camera with
+    a trigger_topic exposes only after a call of `trigger`, once for each call.
 
     Attributes:
         config: settings of the camera.
@@ -78,7 +77,7 @@ class CameraSensor:
     """
 
     def __init__(self, config: CameraConfig, renderer: Renderer) -> None:
-        """Prepare the renderer.
+        """Create the sensor, and prepare the renderer for the camera's image size and lens.
 
         Raises:
             CameraError: the images cannot be rendered.
@@ -118,9 +117,10 @@ class CameraSensor:
         return self._link_T_optical.copy()
 
     def compute_rays(self) -> np.ndarray:
-        """Return the rays (H, W, 3) float32 of the pixels; NaN outside the lens.
+        """Return the rays (H, W, 3) float32 of the pixels, in the optical frame.
 
-        The ray of a pixel times its depth is the visible point in the optical frame.
+        The ray of a pixel times its depth is the visible point. A pixel that no ray reaches, such
+        as one outside a fisheye's image circle, gets NaN.
         """
         c = self.config
         pixels = np.stack(np.meshgrid(np.arange(c.width), np.arange(c.height)), axis=2)
@@ -134,12 +134,11 @@ class CameraSensor:
         self, world_T_link: np.ndarray, pixels: tuple[int, np.ndarray, Tiles | None] | None = None,
         mounting_T_shaken: np.ndarray | None = None,
     ) -> View:
-        """Return the view that the renderer needs for one image or band of rows.
+        """Return the renderer's input for the whole image or for a band of its rows.
 
         Args:
             world_T_link: pose (4, 4) of the camera's link.
-            pixels: number of rows, camera matrix (3, 3) and lens of a band of rows; None for the
-                whole image.
+            pixels: result of `_make_row_camera` for a band of rows; None for the whole image.
             mounting_T_shaken: displacement (4, 4) of the optical frame by vibration.
         """
         c, (rows, K, lens) = self.config, pixels or self._full_view
@@ -215,7 +214,10 @@ class CameraSensor:
         self._restart(time_ns, exposure=True)
 
     def _restart(self, time_ns: int, exposure: bool) -> None:
-        """Restart the timing; if `exposure`, also reset the auto exposure."""
+        """Start again with the first image whose exposure starts after `time_ns`.
+
+        If `exposure` is True, the auto exposure is reset, too.
+        """
         self._trigger_times: deque[int] = deque()
         self._index = int(time_ns * self._rate / 1e9)
         while self._compute_instant(self._index) + self._parts[0].offset_ns <= time_ns:
@@ -233,7 +235,7 @@ class CameraSensor:
         return round(index * 1e9 / self._rate)
 
     def _schedule_next(self) -> None:
-        """Set the time of the next partial exposure."""
+        """Set the time at which the camera must be rendered next."""
         self._next_ns = self._compute_instant(self._index) + self._parts[self._part].offset_ns
 
     def needs_previous_pose(self, time_after_ns: int) -> bool:
@@ -241,7 +243,7 @@ class CameraSensor:
         return self._next_ns < time_after_ns
 
     def before_step(self, world_T_link: np.ndarray, time_ns: int) -> None:
-        """Store the poses at `time_ns`. Call this before a step if `needs_previous_pose`."""
+        """Store `world_T_link` and the poses of all models at `time_ns`, the start of a step."""
         self.renderer.snapshot()
         self._previous_pose = (time_ns, np.array(world_T_link, dtype=float))
 
@@ -255,13 +257,14 @@ class CameraSensor:
         )
 
     def is_due(self, time_ns: int) -> bool:
-        """Return whether `capture` must be called at `time_ns`."""
+        """Return whether `capture` must be called at the end of a step, `time_ns`."""
         return self.due_ns <= time_ns
 
     def capture(self, world_T_link: np.ndarray, time_ns: int) -> SensorFrame | None:
-        """Render all images that are due; return a frame whose publication is due, or None.
+        """Render what is due at `time_ns`, and return the frame whose latency has passed, or None.
 
-        `world_T_link` is the pose (4, 4) of the camera's link at `time_ns`.
+        Call this at the end of a physics step. `world_T_link` is the pose (4, 4) of the camera's
+        link at `time_ns`.
         """
         while self._next_ns <= time_ns:
             self._skip_missed(time_ns)
@@ -286,7 +289,7 @@ class CameraSensor:
             self._schedule_next()
 
     def _expose(self, pose: np.ndarray, time_ns: int) -> None:
-        """Render one partial exposure. After the last one, finish the frame."""
+        """Render the next partial exposure of the image; after the last one, make the frame."""
         stamp = self._compute_instant(self._index)
         if not self._pipeline.is_lost(stamp):
             self._draw(pose, time_ns)
@@ -327,9 +330,10 @@ class CameraSensor:
         self._pending_frames.append((stamp + self._latency_ns, frame))
 
     def _make_row_camera(self, first: int, last: int) -> tuple[int, np.ndarray, Tiles | None]:
-        """Return the number of rows, camera matrix (3, 3) and lens of the rows first ... last - 1.
+        """Return the camera that sees only the rows first ... last - 1 of the image.
 
-        The lens is None for a pinhole camera.
+        The result is the number of rows, the camera matrix (3, 3) of this part of the image, and
+        the renderer's tiles of the lens; None instead of the tiles for a pinhole camera.
         """
         model, width = self.config.projection, self.config.width
         K = model.K - [[0, 0, 0], [0, 0, first], [0, 0, 0]]

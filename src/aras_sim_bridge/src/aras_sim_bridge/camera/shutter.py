@@ -19,10 +19,10 @@ class RowBand:
 def make_row_bands(effects: Effects, height: int) -> tuple[RowBand, ...]:
     """Return the partial exposures of an image of `height` rows, in temporal order.
 
-    The exposure of row r has the length exposure_time, and its middle is at the time stamp + (r -
-    (height - 1) / 2) row_time. So the stamp is the middle of the exposure of the central row. An
-    exposure is approximated by exposure_samples instants. Every row in a band of rows_together rows
-    is exposed at the time of the band's central row.
+    A partial exposure is a band of rows, rendered for one instant. The rows are divided into bands
+    of rows_together rows; with a row_time of 0, there is a single band. Each band has
+    exposure_samples partial exposures, spread evenly over exposure_time. They are centred at the
+    time stamp + (r - (height - 1) / 2) row_time, where r is the central row of the band.
     """
     e = effects
     samples = e.exposure_samples if e.exposure_time > 0.0 else 1
@@ -39,7 +39,6 @@ def make_row_bands(effects: Effects, height: int) -> tuple[RowBand, ...]:
 def compute_duration(effects: Effects, height: int) -> float:
     """Return the time that the camera needs for an image, s.
 
-    It is the time from the start of the first row's exposure to the end of the last row's, plus
-    row_time.
+    It is exposure_time + height * row_time: the read-out of each row takes row_time.
     """
     return effects.exposure_time + effects.row_time * height

@@ -1,4 +1,4 @@
-"""Vibration of a camera on its mounting. The controller assumes a rigid mounting."""
+"""Vibration of a camera on its mounting. The visual-servo controller does not know of it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Drives, which apply the command of each joint to the simulated model in one of five ways.
+"""Drives, which apply the commands of the joints to the simulated model.
 
 `compute_outputs` is called in every physics step. If a command is not finite, a drive uses the last
 finite command.
@@ -58,8 +58,8 @@ _PLAIN = 0  # difference of the positions
 _SHORTEST = 1  # shortest rotation to the commanded angle
 _WITHIN = 2  # shortest rotation to the commanded angle that stays within the position limits
 
-# Columns of a Drive's row. The row starts with the columns of the drive's Pid and LimitRule, which
-# are 0 if the drive has none.
+# Columns of the array that stores the state of a Drive. The first columns belong to its Pid, the
+# next ones to its LimitRule; a drive without a Pid or LimitRule does not use them.
 _RULE = PID_COLUMNS
 (
     JOINT,  # index of the driven joint in the model
@@ -76,8 +76,9 @@ _RULE = PID_COLUMNS
     _LAST_VALID,  # last command that was finite, in the unit of the command interface
     OUTPUT,
 ) = range(_RULE + RULE_COLUMNS, _RULE + RULE_COLUMNS + 11)
-# Columns for warnings of the drive: pending warnings (1: command not finite, 2: command limited),
-# values for the messages, and states of two RateLimitedEvents.
+# Further columns, for the warnings of a Drive. _WARNINGS is 1 for a command that is not finite, 2
+# for one beyond a limit, and 3 for both. The next three columns are values for the messages;
+# _QUIET_NS and _PATIENCE_NS are the settings of the RateLimitedEvents.
 (_WARNINGS, _INVALID_COMMAND, _DESIRED, _APPLIED, _QUIET_NS, _PATIENCE_NS) = range(
     OUTPUT + 1, OUTPUT + 7
 )
@@ -107,7 +108,8 @@ class JointModel(Protocol):
 
 
 class Drive:
-    """Drive of one joint. It limits the joint's command; its state is stored in `row`."""
+    """Drive of one joint, which limits the joint's command and applies it; `row` stores the state.
+    """
 
     def __init__(
         self,
@@ -121,7 +123,7 @@ class Drive:
         """Create a drive whose state is stored in `row`; `joint` is the joint's index in the model.
 
         Raises:
-            HardwareError: a limit that the limit rule needs is missing.
+            HardwareError: the joint lacks a limit, such as max_velocity, that its LimitRule needs.
         """
         self.row, self.handle, self.pid, self._warn = row, handle, pid, warn
         interface = handle.interface

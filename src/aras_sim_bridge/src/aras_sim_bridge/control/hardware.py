@@ -1,7 +1,8 @@
 """Hardware interface between the controllers and the simulated joints.
 
 `RobotHardware.read` copies positions, velocities and efforts into the handles; `write` limits the
-commands and applies them. Order, limits and emergency stop are those of gazebo_ros_control.
+commands and applies them. The order of these steps, the limits and the emergency stop are the same
+as in gazebo_ros_control.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -106,8 +107,9 @@ class RobotHardware:
     def _add(self, transmission: Transmission) -> list[str]:
         """Register a transmission.
 
-        If the name of its interface lacks the prefix 'hardware_interface/', return a list with the
-        name of its joint, otherwise an empty list.
+        Return a list with the joint's name if the interface is written without
+        'hardware_interface/', an old form about which the caller warns; otherwise return an empty
+        list.
         """
         label = f"transmission '{transmission.name}'"
         joint_name, interface = transmission.joint, transmission.interface

@@ -23,11 +23,11 @@ COMMAND_INTERFACES = (EFFORT, POSITION, VELOCITY)
 
 _NS_PER_S = 1_000_000_000
 
-# Columns of a JointHandle's row: measured position, velocity and effort; commanded position,
-# velocity and effort.
+# Columns of the array that stores a JointHandle: measured position, velocity and effort; commanded
+# position, velocity and effort.
 (Q, V, TAU, Q_COMMAND, V_COMMAND, TAU_COMMAND), HANDLE_COLUMNS = range(6), 6
-# Columns of a RateLimitedEvent's row: times of the first and of the last occurrence of the event,
-# ns (NaN before the first one), and whether the event was reported.
+# Columns of the array that stores a RateLimitedEvent: times of the first and of the last occurrence
+# of the event, ns (NaN before the first one), and whether the event was reported.
 (_FIRST, _LAST, _REPORTED), OCCURRENCE_COLUMNS = range(3), 3
 # A command that exceeds a limit by less than this, in the command's unit, is within the limit up to
 # rounding errors.

@@ -41,7 +41,7 @@ _NEEDS = {
     VELOCITY_SATURATION: ("velocity saturation", "max_velocity"),
     VELOCITY_SOFT: ("soft velocity limit", "max_velocity"),
 }
-# Columns of a LimitRule's row.
+# Columns of the array that stores the state of a LimitRule.
 (
     (
         _KIND,  # kind of the limit rule, such as POSITION_SOFT
@@ -53,7 +53,8 @@ _NEEDS = {
         _SOFT_LOWER,  # lower soft position limit of the joint, rad or m
         _SOFT_UPPER,  # upper soft position limit of the joint, rad or m
         _K_POSITION,  # gain of the soft position limits (k_position of <safety_controller>), 1/s
-        _K_VELOCITY,  # gain of the soft velocity limits (k_velocity of <safety_controller>)
+        # Gain of the soft effort limits (k_velocity of <safety_controller>), N m s/rad or N s/m.
+        _K_VELOCITY,
         _PREVIOUS,  # previous command, limited by the rule; NaN before the first command
     ),
     RULE_COLUMNS,
@@ -118,7 +119,10 @@ class LimitRule:
         self.reset()
 
     def reset(self) -> None:
-        """Discard the previous command; the measured position or a velocity of 0 replaces it."""
+        """Discard the previous command.
+
+        For the next command, the measured position replaces it, or a velocity of 0.
+        """
         self.row[_PREVIOUS] = nan
 
 
@@ -135,7 +139,8 @@ def make_rule(handle: JointHandle, limits: JointBounds | None,
 
 @jit("f8, f8, f8", allocates=False)
 def _saturate(value, low, high):
-    # If `low` exceeds `high`, the result is `high`, as in joint_limits_interface.
+    # The order of both tests matters if `low` exceeds `high`: the result is then `high`, as in
+    # joint_limits_interface.
     value = low if value < low else value
     return high if value > high else value
 

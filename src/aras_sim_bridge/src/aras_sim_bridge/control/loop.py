@@ -47,7 +47,8 @@ class ControlLoop:
         self._running: tuple[LoadedController, ...] | None = None
 
     def reset(self) -> None:
-        """Reset the periods and the controllers, so the next step is a complete control cycle."""
+        """Reset the controllers, and make the next step read the joints and update the controllers.
+        """
         self._updated_ns = self._written_ns = None
         self.manager.reset()
 
@@ -77,17 +78,18 @@ class ControlLoop:
     def start_cycles(
         self, time_ns: int, step_ns: int, compiled_sampler: Controller | None = None
     ) -> tuple[np.ndarray, float] | None:
-        """Prepare compiled control cycles from `time_ns` on, one in each step of `step_ns`.
+        """Prepare to run control cycles in compiled code, one in each step from `time_ns` on.
 
-        The function applies pending commands and gains.
+        Pending commands and gains are applied, unless the next cycle needs Python code.
 
         Args:
-            compiled_sampler: read-only controller whose samples the compiled cycles take.
+            step_ns: physics step, ns.
+            compiled_sampler: controller that only reads the joints and whose samples the compiled
+                code takes.
 
         Returns:
-            Rows (m, 39) of the running JointLoops, and the time, ns, until which all cycles can be
-            compiled. If the next cycle must run in Python, nothing is applied and the result is
-            None.
+            The states (m, 39) of all running JointLoops, and the time, ns, up to which no cycle
+            needs Python code. None if the next cycle needs Python code.
         """
         before = None, time_ns - step_ns
         in_step = self._updated_ns in before and self._written_ns in before
@@ -128,7 +130,7 @@ class ControlLoop:
         return [loop.handle.name for c in self._compiled_controllers for loop in c.loops]
 
     def _apply_pending_commands(self, time_ns: int) -> None:
-        """Apply the pending commands of all controllers whose loops are compiled."""
+        """Apply the pending commands of all controllers whose loops compiled code can run."""
         given = [
             c.slot.pop() if c.slot else [nan] * len(c.loops) for c in self._compiled_controllers
         ]
@@ -147,7 +149,8 @@ class ControlLoop:
                 loop.warn_beyond_limits(command, time_ns)
 
     def _gather_loops(self, running: tuple[LoadedController, ...]) -> None:
-        """Store the state of all running loops in one array, for compiled cycles."""
+        """Store the states of all running loops in one array, for control cycles in compiled code.
+        """
         self._running = running
         self._other_entries = [entry for entry in running if not entry.controller.is_compilable]
         self._compiled_controllers = [e.controller for e in running if e.controller.is_compilable]
@@ -162,10 +165,9 @@ class ControlLoop:
             first += len(controller.rows)
 
     def end_cycles(self, time_ns: int) -> None:
-        """Finish compiled cycles, the last of which was at `time_ns`.
+        """Finish control cycles that ran in compiled code, the last of them at `time_ns`.
 
-        Read-only controllers publish a sample if one is due: the handles still contain the
-        measurements of the last cycle.
+        Controllers that only read the joints publish a sample of the last cycle if one is due.
         """
         for entry in self._other_entries:
             controller = entry.controller

@@ -34,10 +34,10 @@ def _ignore(text: str) -> None:
 
 
 def _flatten(classes: Mapping, above: str = "") -> Iterator[tuple[str, object]]:
-    """Yield the type name and the path of each class in nested parameters.
+    """Yield the type name and the 'package.module:Class' of each class in nested parameters.
 
-    A type name consists of all keys that lead to the path. `above` are the keys that lead to
-    `classes`.
+    A type name consists of all keys that lead to the class, joined by slashes. `above` is the part
+    of the name that leads to `classes`.
     """
     for name, path in classes.items():
         if isinstance(path, Mapping):
@@ -79,7 +79,7 @@ class ControllerManager:
         self.on_started: Callable[[], None] | None = None
 
     def _list_classes(self) -> Mapping:
-        """Return the paths of users' controller classes by type name.
+        """Return the 'package.module:Class' of users' controllers, by type name.
 
         The parameter server stores a type name with a slash as a nested mapping.
         """

@@ -16,7 +16,7 @@ from aras_visual_servo_base.settings import read
 
 log = logging.getLogger(__name__)
 
-# Columns of a Pid's row.
+# Columns of the array that stores the state of a Pid.
 (
     (
         _P,
@@ -81,7 +81,7 @@ class Pid:
 
     The state is stored in `row`, a row of an array that compiled code updates. Another thread may
     replace `gains` during a computation; `apply_gains` copies them into the row before the next
-    one. `on_state`, if set, is called with a PidState after each computation.
+    computation. `on_state`, if set, is called with a PidState after each computation.
     """
 
     __slots__ = ("gains", "publish_state", "on_state", "row", "has_new_gains", "_active_gains")
@@ -186,7 +186,7 @@ class Pid:
         return command
 
     def notify_listener(self, dt: float) -> None:
-        """Pass the last computation to the listener if it was valid.
+        """Pass the inputs and results of the last computation to `on_state` if they were valid.
 
         `dt` is the time, s, between the last two computations.
         """

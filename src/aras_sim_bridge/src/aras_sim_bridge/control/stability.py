@@ -22,15 +22,20 @@ from aras_sim_bridge.control.switching import LoadedController
 
 STABILITY_BOUND = 4.0
 _HALVINGS = 60
-# Smallest factor by which find_gain_reductions divides a gain at a time. The reported reductions
-# are multiplied by this factor, too, so that they still suffice when rounded to two digits.
+# find_gain_reductions divides gains repeatedly, each time by at least this factor. The reported
+# reductions are multiplied by this factor, too, so that they still suffice when rounded to two
+# digits.
 _MARGIN = 1.05
 
 
 def collect_gains(
     hardware: RobotHardware, running: Iterable[LoadedController], joints: tuple[str, ...]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return P (n,) and D (n,) of the closed control loops, in the order of `joints`."""
+    """Return the gains of the closed control loops, in the order of `joints`.
+
+    The gains are the stiffness P (n,), effort per unit of position, and the damping D (n,), effort
+    per unit of velocity; 0 for joints without a loop.
+    """
     gains = {name: (0.0, 0.0) for name in joints}
     for entry in running:
         gains |= entry.controller.get_loop_gains()
@@ -48,19 +53,22 @@ def compute_step_eigenvalue(
 ) -> float:
     """Return the largest eigenvalue of M⁻¹ (2 h D + h² P).
 
-    If the eigenvalue exceeds STABILITY_BOUND, the loops diverge.
+    If it exceeds STABILITY_BOUND, the motion of the joints diverges.
 
     Args:
-        inverse: M⁻¹ (n, n).
-        P, D: gains (n,).
-        step: h, s.
+        inverse: inverse M⁻¹ (n, n) of the joints' inertia matrix.
+        P, D: stiffness (n,) and damping (n,) of the control loops, see collect_gains.
+        step: physics step h, s.
     """
     root = np.sqrt(np.maximum(2.0 * step * D + step * step * P, 0.0))
     return float(np.linalg.eigvalsh(root[:, None] * inverse * root)[-1])
 
 
 def find_longest_step(inverse: np.ndarray, P: np.ndarray, D: np.ndarray, step: float) -> float:
-    """Return the longest stable step, s; it is shorter than `step`, which must be unstable."""
+    """Return the longest stable physics step, s, given that `step` is unstable.
+
+    The other arguments are those of compute_step_eigenvalue.
+    """
     low, high = 0.0, step
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
@@ -75,10 +83,10 @@ def find_longest_step(inverse: np.ndarray, P: np.ndarray, D: np.ndarray, step: f
 def find_gain_reductions(
     inverse: np.ndarray, P: np.ndarray, D: np.ndarray, step: float
 ) -> np.ndarray:
-    """Return factors (n,) by which gains must be divided so that steps of `step` s are stable.
+    """Return factors (n,) by which the joints' gains must be divided to make `step` stable.
 
     All factors are ≥ 1. The gains of the joint with the largest oscillation are reduced first, so
-    that few joints are affected.
+    that few joints are affected. The arguments are those of compute_step_eigenvalue.
     """
     factors = np.ones(len(P))
     while True:

@@ -48,10 +48,10 @@ class JointInModel:
 
 def find_links_between(joints: Sequence[JointInModel], links: Mapping[str, Link], where: str
                   ) -> tuple[dict[str, Link], dict[str, Pose]]:
-    """Return the massless links between joints in series, and their poses in the model.
+    """Return a massless Link and its pose in the model for each `massless_link` of `joints`.
 
     Raises:
-        DescriptionError: the model already has a link with the name of such a link.
+        DescriptionError: the model already has a link of this name.
     """
     for one in joints:
         if one.massless_link in links:
@@ -110,8 +110,8 @@ class _SpanningTrees:
 
     Attributes:
         tree_of: name of the root of each link's tree, by the name of the link.
-        edges: whether each joint of the trees is reversed, by the name of the joint. A reversed
-            joint has the same two links in the description, but parent and child are exchanged.
+        edges: for each joint of the trees, by its name, whether it is reversed: parent and child
+            are exchanged compared with the description.
         carried_links: root links of the other trees of a static model, which become fixed to the
             first root.
     """
@@ -127,10 +127,11 @@ class _SpanningTrees:
         self.carried_links: list[str] = []
 
     def grow(self, root: str) -> None:
-        """Build the tree of `root` from all links that are connected to it.
+        """Build the tree of `root` from all links that joints connect to it.
 
-        Child links are added first, and then the children of joints with `is_loop_cut`. Links that
-        can only be reached from a child to its parent come last; their joints are reversed.
+        Joints from a parent in the tree to a new child are added first, and among them those
+        without `is_loop_cut`. Joints whose child is in the tree and whose parent is new are added
+        last, reversed.
         """
         self.tree_of[root] = root
         pending, reached = [root], {root}

@@ -153,7 +153,8 @@ def _read_lens(
         warnings.append(f"{where}: <intrinsics> is ignored, because a wideanglecamera has none; "
                         "remove <intrinsics>")
     elif given is not None:
-        defaults = {"fx": 277.0, "fy": 277.0, "cx": 160.0, "cy": 120.0}  # SDF's defaults, px
+        # SDF's default intrinsics, px.
+        defaults = {"fx": 277.0, "fy": 277.0, "cx": 160.0, "cy": 120.0}
         intrinsics = tuple(parse_number(find_text(given, key), f"{where}: intrinsics {key}", value)
                            for key, value in defaults.items())
         if min(intrinsics[:2]) <= 0.0:

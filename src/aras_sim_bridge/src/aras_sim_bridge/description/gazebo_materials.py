@@ -137,7 +137,8 @@ def find_sdf_colour(
 def _read_colour(visual: Element, where: str) -> Rgba | None:
     """Return the diffuse colour of an SDF visual's material.
 
-    If the material has none, return its ambient colour, or None.
+    If the material has no diffuse colour, return its ambient colour; if it has neither, return
+    None.
     """
     material = visual.find("material")
     for tag in ("diffuse", "ambient"):

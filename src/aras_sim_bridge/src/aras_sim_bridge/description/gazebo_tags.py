@@ -140,7 +140,7 @@ def parse(root: Element, links: Mapping[str, Link], joints: Mapping[str, Joint],
 
 
 def _unify(block: Element, warnings: list[str]) -> Element:
-    """Return a copy of a <gazebo> block whose SDF elements have the form of the newest SDF."""
+    """Return a copy of a <gazebo> block, converted to the newest version of SDF."""
     block = copy.deepcopy(block)
     for node in block:
         if node.tag in ("link", "joint", "sensor", "collision"):
@@ -203,7 +203,10 @@ def _drop_duplicates(
 
 
 def _read_setting(block: Element, tag: str) -> str | None:
-    """Return the text of a child element, or its attribute `value`, which old URDF files use."""
+    """Return the text of the child element `tag`.
+
+    In old URDF files, the attribute `value` of the child contains the text.
+    """
     child = block.find(tag)
     if child is not None and child.get("value") is not None:
         return child.get("value")
@@ -228,8 +231,8 @@ def _read_link_flags(block: Element, name: str, tags: GazeboTags, warnings: list
         link,
         gravity=gravity,
         mu=friction,
-        # Gazebo applies the <bounce> of any <collision> in the <gazebo> block to the link's
-        # collisions.
+        # As in Gazebo, the first <bounce> of a <collision> in the block applies to all collisions
+        # of the link.
         bounce=next(
             filter(None, (read_bounce(one, where) for one in block.findall("collision"))),
             link.bounce,

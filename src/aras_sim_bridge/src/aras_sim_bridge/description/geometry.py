@@ -131,7 +131,7 @@ def _read_geometry(shape: Element, where: str, resolve: Resolve, value: Callable
         )
     if kind == "sphere":
         return Geometry(kind, radius=read_positive("radius", 1)[0])
-    if kind == "plane":  # Bullet extends URDF by <plane>
+    if kind == "plane":  # the URDF standard has no <plane>, but Bullet and this reader accept it
         normal = parse_direction(value("normal"), f"{where}: plane normal", (0.0, 0.0, 1.0))
         return Geometry(kind, size=(*read_positive("size", 2, plane), 0.0), normal=normal)
     if kind == "mesh":

@@ -49,9 +49,10 @@ def _read_arm(arm: Element) -> GraspArm:
 
 def check_grasps(grasps: list[GraspDescription], links: Mapping[str, Link], warnings: list[str]
              ) -> list[GraspDescription]:
-    """Return the plug-ins that can grasp, with their valid arms only.
+    """Return the plug-ins that have valid settings and at least one valid arm.
 
-    A warning names each plug-in and each arm that is left out.
+    Invalid arms are removed from the others. A warning names each plug-in and each arm that is left
+    out.
     """
     whole = []
     for one in grasps:

@@ -8,8 +8,9 @@ from aras_sim_bridge.errors import DescriptionError
 # Largest violation of the triangle inequality that causes no warning, as a fraction of the inertia
 # tensor's trace. Rounding in CAD exports causes smaller violations.
 _TRIANGLE_TOLERANCE = 1e-3
-# An inertia tensor with a negative moment is an error only if a moment is larger than this, kg m².
-# Common robot models contain smaller ones, for example for TIAGo's antennas of a milligram.
+# If no principal moment of a tensor is larger than this, kg m², a negative moment causes a warning
+# instead of an error. Common robot models contain such tensors, for example for TIAGo's antennas,
+# which have masses of milligrams.
 _NEGLIGIBLE = 1e-6
 
 
@@ -30,11 +31,13 @@ def make_inertial(
     """Return the checked inertial parameters of a link, or None for a link without mass.
 
     A tensor that violates the triangle inequality causes a warning but is used, because the
-    equations of motion only need it to be positive definite. A tensor that is missing, zero, or
-    slightly negative causes a warning and is replaced by that of a solid sphere of 5 cm radius.
+    equations of motion only need it to be positive definite. A tensor that is zero, or that has a
+    negative principal moment but none above 1e-6 kg m² in magnitude, causes a warning and is
+    replaced by that of a solid sphere of 5 cm radius.
 
     Raises:
-        DescriptionError: the mass or a principal moment is negative.
+        DescriptionError: the mass is negative, or a principal moment is negative and one is above
+            1e-6 kg m² in magnitude.
     """
     if mass < 0.0:
         raise DescriptionError(f"{where}: mass is {mass} kg; it must not be negative")

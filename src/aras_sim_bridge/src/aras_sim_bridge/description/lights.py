@@ -27,7 +27,7 @@ def check_light(light: Light) -> Light:
     """Return the light if it is valid.
 
     Raises:
-        WorldError: a setting is not finite, negative, or otherwise impossible for a light.
+        WorldError: a setting is negative, infinite, NaN or otherwise impossible for a light.
     """
     if not light.name:
         raise WorldError("a light has no name; give it one")
@@ -83,9 +83,9 @@ def read_light(element: Element, pose: Pose) -> Light:
 def read_scene(scene: Element | None) -> SceneSettings:
     """Read a world's `<scene>`.
 
-    The element `<aras:shadows>` selects the shadows. SDF's `<shadows>` is ignored: worlds that
-    Gazebo saved switch it on, but the thresholds of the original image processing were chosen for
-    images without shadows.
+    The element `<aras:shadows>` selects the shadows. SDF's `<shadows>` is ignored: Gazebo sets it
+    in every world that it saves, but the image-processing thresholds of the ARAS simulator were
+    chosen for images without shadows.
 
     Raises:
         DescriptionError: an element has an invalid value.

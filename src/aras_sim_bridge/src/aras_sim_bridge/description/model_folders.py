@@ -170,7 +170,7 @@ def _include(include: Element, uri: str, warnings: list[str], base: str | None,
 
 def _flatten(model: Element, warnings: list[str], base: str | None,
           chain: tuple[str, ...]) -> Element:
-    """Return a model with the elements of its nested models, whose names become inner::link."""
+    """Return a model with the links and joints of its nested models, renamed to inner::name."""
     if model.find("model") is None and model.find("include") is None:
         sdf_frames.resolve_poses(model, warnings)
         return model

@@ -83,7 +83,10 @@ def read_appearance(
 
 
 def _resolve_inheritance(name: str, scripts: dict[str, tuple[str, Appearance]]) -> Appearance:
-    """Return the appearance of a material; its parent materials provide missing values."""
+    """Return the colour and texture of a material.
+
+    A value that the material does not set is that of its nearest parent material that sets it.
+    """
     colour, texture, visited = None, "", set()
     while name in scripts and name not in visited:
         visited.add(name)
@@ -107,7 +110,8 @@ def _read_scripts(file: Path, warnings: list[str]) -> dict[str, tuple[str, Appea
 def _parse(path: str, _changed_ns: int) -> dict[str, tuple[str, Appearance]]:
     """Return (parent material, appearance) of each material by name; the parent may be ''.
 
-    `_changed_ns`, the time at which the file was last changed, only distinguishes cached results.
+    `_changed_ns` is the time at which the file was last changed. It is not used here; as an
+    argument of a cached function, it makes a changed file be read again.
     """
     text = _COMMENT.sub("", Path(path).read_text(encoding="utf-8", errors="replace"))
     found: dict[str, tuple[str, Appearance]] = {}
@@ -132,7 +136,8 @@ def _parse(path: str, _changed_ns: int) -> dict[str, tuple[str, Appearance]]:
 
 
 def _parse_colour(texts: list[str]) -> Rgba | None:
-    """Return a colour given as three or four numbers; None for other texts (`vertexcolour`)."""
+    """Return a colour given as three or four numbers; None for other texts, such as `vertexcolour`.
+    """
     try:
         values = [min(max(float(word), 0.0), 1.0) for word in texts[:4]]
     except ValueError:

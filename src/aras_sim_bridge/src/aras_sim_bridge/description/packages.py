@@ -175,8 +175,8 @@ def locate(
 
     Args:
         uri: `package://pkg/path`, `model://name/path`, `file:///path`, an absolute path, or a path
-            relative to `base_directory`. `name` is a Gazebo model folder or a package, because
-            Gazebo converts package:// to model://.
+            relative to `base_directory`. In `model://`, `name` is a Gazebo model folder or a
+            package.
         where: element that names the URI, for messages ("link 'J1', visual 1").
         resolve_package: function that returns the directory of a package.
         base_directory: folder to which relative paths are relative; None rejects relative paths.

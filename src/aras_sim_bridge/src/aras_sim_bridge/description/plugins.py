@@ -38,7 +38,8 @@ def read(element: Element, where: str, kinds: tuple[type[Kind], ...], warnings: 
 
     Args:
         where: name of the element in messages.
-        mimics: names of the joints that have a `<mimic>`.
+        mimics: names of the joints that have a `<mimic>`; used in the warning about a plug-in for
+            mimic joints.
 
     Raises:
         DescriptionError: a supported plug-in has an invalid setting.

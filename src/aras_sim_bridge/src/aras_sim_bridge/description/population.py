@@ -89,8 +89,8 @@ def _compute_positions(population: Element, where: str) -> list[Vector3]:
             if radius <= 0.0 or length <= 0.0:
                 raise DescriptionError(f"{where}: radius and length must be positive")
             angle, share, height = random.random((3, count))
-            # The radius is uniformly distributed, as in Gazebo, so the positions are denser near
-            # the axis.
+            # As in Gazebo, the distance from the axis is uniformly distributed, so the positions
+            # are denser near the axis.
             out = radius * share
             inside = np.transpose([out * np.cos(2 * math.pi * angle),
                                    out * np.sin(2 * math.pi * angle), length * height]).tolist()
@@ -99,8 +99,8 @@ def _compute_positions(population: Element, where: str) -> list[Vector3]:
             raise DescriptionError(f"{where}: distribution '{shorten(kind)}' is not supported in "
                                    "this region; use a <box> with random, linear-x, linear-y or "
                                    "linear-z, a <cylinder> with random, or grid")
-    # As in Gazebo, `corner`, the offset from the region's corner to its centre, is not rotated with
-    # the region.
+    # Subtract `corner`, the offset from the region's corner to its centre. As in Gazebo, it is in
+    # the world's axes even if the region is rotated.
     moved = Pose(tuple(a - b for a, b in zip(pose.xyz, corner, strict=True)), pose.quat)
     return [moved.apply(tuple(one)) for one in inside]
 

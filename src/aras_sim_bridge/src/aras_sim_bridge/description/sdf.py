@@ -86,8 +86,8 @@ def read_sdf(
     `<state>` overrides the poses of its models and lights.
 
     Raises:
-        DescriptionError: see `parse_sdf`. In a `<world>`, an invalid model or light is ignored
-            instead, and `warnings` gets a sentence.
+        DescriptionError: an element is invalid. In a `<world>`, an invalid model or light is
+            ignored instead, and `warnings` gets a sentence.
     """
     # a copy, because the code below modifies the XML tree
     root = copy.deepcopy(safe_xml.parse(xml, "SDF"))

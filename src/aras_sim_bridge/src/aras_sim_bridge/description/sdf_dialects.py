@@ -1,4 +1,4 @@
-"""Conversion of SDF documents of any version to one form.
+"""Conversion of SDF documents of any version to the form that the readers in this folder expect.
 
 Some errors that Gazebo tolerates are corrected.
 """
@@ -27,8 +27,9 @@ def unify(root: Element, warnings: list[str]) -> None:
     - Poses become six numbers. A pose of three numbers becomes a position without rotation; degrees
       and quaternions of SDF 1.9 are converted.
     - Flags become true or false.
-    - A joint axis in the model's frame gets the attribute `expressed_in`. Axes are in this frame up
-      to SDF 1.4, and in later versions with `<use_parent_model_frame>`.
+    - A joint axis that is given in the model's frame gets the attribute `expressed_in`. Up to SDF
+      1.4, the model's frame is the default; in later versions, `<use_parent_model_frame>` selects
+      it.
     """
     _unify(root, _read_version(root) < (1, 5), "", warnings)
 

@@ -61,7 +61,7 @@ class Frames(Mapping[str, Pose]):
         return len(self._roots) + len(self._nodes)
 
     def base_frame(self, name: str) -> str:
-        """Return the frame in which the pose of a named element is expressed."""
+        """Return the name of the frame in which the pose of the element `name` is expressed."""
         node, owner = self._nodes[name], self._inner.get(name, "")
         frame = _read_frame(node) or self._find_default_base(node)
         return (owner or self._root) if frame in ("", self._root) else frame

@@ -191,7 +191,10 @@ def _has_sensor_links(sensor: SensorDescription, tree: KinematicTree) -> bool:
 
 
 def _describe_ignored_loop(joint: Joint, where: str) -> list[str]:
-    """Return a warning if a loop joint has settings that its constraint cannot represent."""
+    """Return a warning if a joint that closes a chain has limits, damping, friction or a spring.
+
+    Bullet's constraint, which replaces such a joint, has none of these.
+    """
     low, high = joint.stops
     found = {"limits": math.isfinite(low) or math.isfinite(high), "damping": joint.damping,
              "friction": joint.friction, "a spring": joint.stiffness}

@@ -35,8 +35,9 @@ def read_link_sensors(
 
     Args:
         cameras: list to which cameras are added.
-        sensors: list to which sensors that need no further checks are added.
-        plugin_sensors: list to which the sensors for `check_model_sensors` are added.
+        sensors: list to which IMUs are added.
+        plugin_sensors: list to which contact sensors are added; `check_model_sensors` checks them
+            later.
 
     Raises:
         DescriptionError: an element is not a number, or a rate or noise is negative.
@@ -237,7 +238,10 @@ def _apply_force_torque_tag(
 
 
 def _read_channels(sensor: Element, kind: str, where: str) -> tuple[ChannelNoise, ...]:
-    """Read the noise of a sensor's two vectors, axis by axis; return () if it is all zero."""
+    """Read the noise of the two vectors that an IMU or a force/torque sensor measures.
+
+    Return one ChannelNoise for each of the six components, or () if all noise is zero.
+    """
     found = []
     for quantity in _CHANNELS[kind]:
         for axis in "xyz":

@@ -13,7 +13,9 @@ from aras_visual_servo_base.meshes.mesh import Mesh, from_corners
 from aras_visual_servo_base.poses import quaternion_from_z_to, rotate
 
 _LARGEST_MESH = 50.0  # size of the largest mesh that causes no warning, m
-ARC, SECTORS = 8, 32  # numbers of edges of a round shape: from pole to equator, around its axis
+# Round shapes are approximated by polygons: ARC edges from the pole to the equator of a sphere, and
+# SECTORS edges around its axis.
+ARC, SECTORS = 8, 32
 
 
 def make_meshes(geometry: Geometry) -> tuple[Mesh, ...]:
@@ -30,10 +32,10 @@ def make_meshes(geometry: Geometry) -> tuple[Mesh, ...]:
                  tuple(geometry.normal))
 
 
-@lru_cache(maxsize=32)  # only 32 meshes, because a sphere needs 150 kB of memory
+@lru_cache(maxsize=32)  # keep at most 32 meshes, because a sphere needs 150 kB of memory
 def _make_mesh(kind: str, size: Vector3, radius: float, length: float, normal: Vector3
           ) -> tuple[Mesh, ...]:
-    """Return the mesh of a geometric primitive; all worlds of the process share the cached mesh."""
+    """Return the mesh of a geometric primitive. The result is cached; it must not be changed."""
     makers = {
         "box": lambda: _make_box(np.array(size)),
         "sphere": lambda: _make_sphere(radius),
@@ -86,7 +88,7 @@ def _revolve(profile: list[tuple[float, float]]) -> Mesh:
 
 
 def _make_plane(normal: Vector3, size: tuple[float, float]) -> Mesh:
-    """Return a rectangle about the origin; by default it is 100 m wide, like Gazebo's ground."""
+    """Return a rectangle around the origin; a side of 0 m becomes 100 m, like Gazebo's ground."""
     tilt = quaternion_from_z_to(normal)
     wide, deep = (0.5 * (side or 100.0) for side in size)
     corners = np.array([rotate(tilt, (a * wide, b * deep, 0.0))

@@ -5,7 +5,7 @@ one of these:
 
 - SUPPORTED: the element is read, or it has no effect in this simulator.
 - the entry of a nested block.
-- the supported values of the element, which are its defaults.
+- a tuple of values, usually the default. The element is unsupported if it has any other value.
 """
 
 from __future__ import annotations
@@ -57,7 +57,8 @@ _SURFACE = {
         "ode": _CONTACT,
     },
 }
-_GEOMETRY = {  # unsupported shapes are reported by read_urdf_geometry and read_sdf_geometry
+# Shapes that are missing here are reported by read_urdf_geometry and read_sdf_geometry instead.
+_GEOMETRY = {
     "box": _mark_supported_tags("size"),
     "sphere": _mark_supported_tags("radius"),
     "cylinder": _mark_supported_tags("radius", "length"),
@@ -158,8 +159,8 @@ _DEPTH_PLUGIN = {
 _PLUGINS = {
     "gazebo_ros_control": {
         **_mark_supported_tags("robotNamespace", "controlPeriod", "eStopTopic"),
-        # Accepted without effect: the model's own URDF is used instead of robotParam, and the
-        # transmissions define the interfaces in either mode.
+        # Accepted without effect: the model's own URDF is used instead of that in robotParam, and
+        # the interfaces of joints are those of the transmissions, with or without legacyModeNS.
         **_mark_supported_tags("robotParam", "legacyModeNS"),
         "robotSimType": ("gazebo_ros_control/defaultrobothwsim",),
     },
@@ -238,7 +239,8 @@ BLOCKS: Mapping[str, Entry] = MappingProxyType(
             **_mark_supported_tags(
                 "model", "light", "gravity", "plugin", "state", "joint", "population", "include"
             ),
-            # Accepted without effect, because no window and no sensor uses these elements.
+            # Accepted without effect: these elements describe Gazebo's window or sensors that this
+            # simulator does not have.
             **_mark_supported_tags(
                 "gui", "atmosphere", "magnetic_field", "spherical_coordinates", "audio"
             ),
@@ -336,7 +338,7 @@ def describe_ignored_elements(element: Element, block: str, where: str) -> list[
     programs ("program:tag") are not reported.
 
     Args:
-        where: name of the element in messages; '' if the names of its children suffice.
+        where: name of the element in messages; '' if messages need only the names of its children.
     """
     return format_sentences(find_ignored_elements(element, block, where))
 
@@ -349,7 +351,10 @@ def find_ignored_elements(element: Element, block: str, where: str) -> list[tupl
 
 
 def format_sentences(elements: Iterable[tuple[str, str]]) -> list[str]:
-    """Return sentences about (place, tag) pairs; tags that have the same places share one."""
+    """Return sentences that report ignored elements, given as (place, tag).
+
+    Tags that are ignored in the same places are reported in one sentence.
+    """
     places: dict[str, list[str]] = {}
     for place, tag in elements:
         places.setdefault(tag, []).append(place)
@@ -384,7 +389,10 @@ def _collect(element: Element, entry: Mapping[str, Entry], where: str,
 
 
 def _is_in_world(block: Mapping[str, Entry]) -> bool:
-    """Return whether a block belongs to a world, so that its tag identifies it uniquely."""
+    """Return whether a block is <physics>, <scene> or <wind>, or inside one of these.
+
+    A world has only one of each, so messages need not name their elements.
+    """
     pending = [_PHYSICS, _SCENE, BLOCKS["world"]["wind"]]
     for one in pending:
         pending += (inner for inner in one.values() if isinstance(inner, Mapping))
@@ -394,8 +402,8 @@ def _is_in_world(block: Mapping[str, Entry]) -> bool:
 def _has_value(element: Element, values: tuple, block: Element) -> bool:
     """Return whether an element's value is one of `values`.
 
-    A value is a text, a number, or the name of another child of `block`. Such a name stands for
-    that child's value.
+    An item of `values` is a text or a number. A text that is the tag of another child of `block`
+    stands for the value of that child.
     """
     text = _read_value(element)
     for value in values:

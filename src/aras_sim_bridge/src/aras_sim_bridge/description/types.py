@@ -138,9 +138,10 @@ class LensDescription:
     """`<lens>` of a camera.
 
     Attributes:
-        kind, scale_to_hfov, cutoff_angle: projection of a wideanglecamera; the angle is in rad.
-        intrinsics: (fx, fy, cx, cy) of a camera of another kind, px, or None. The principal point
-            is measured from the corner of the image.
+        kind, scale_to_hfov, cutoff_angle: projection of a camera of the kind `wideanglecamera`; the
+            angle is in rad.
+        intrinsics: (fx, fy, cx, cy) of a pinhole camera, px, or None. The principal point is
+            measured from the corner of the image.
     """
 
     kind: str = "gnomonical"
@@ -305,8 +306,8 @@ class GraspDescription:
     Attributes:
         angle: smallest angle between two opposing forces, rad.
         rate: contact checks per second of simulated time.
-        most: upper limit of the number of counted contacts with an object.
-        threshold: number of counted contacts above which the object is grasped.
+        most: largest value of the contact counter of an object.
+        threshold: value of this counter above which the object is grasped.
         release_tolerance: distance, m, that a finger may move relative to its contact before the
             object is released.
         collides: whether a grasped object still collides with other bodies.
@@ -340,10 +341,10 @@ class Light(FramedElement):
 
     Attributes:
         kind: directional, point or spot.
-        direction: direction in which the light shines, in the world frame, or for a spot in the
-            frame of the spot.
-        attenuation_constant, attenuation_linear, attenuation_quadratic: coefficients of the
-            attenuation as a polynomial in the distance, m.
+        direction: direction in which the light shines; in the light's own frame for a spot, in the
+            world frame for other lights.
+        attenuation_constant, attenuation_linear, attenuation_quadratic: coefficients a, b and c of
+            the attenuation 1 / (a + b d + c d²) at the distance d, m.
         attenuation_range: distance, m, beyond which the light has no effect.
         spot_inner, spot_outer: full opening angles of a spot's cones, rad.
         lit_intervals: (begin, end) of each interval of simulated time, s, in which the light is on;

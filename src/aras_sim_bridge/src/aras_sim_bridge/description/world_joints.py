@@ -14,8 +14,8 @@ WORLD = "world"
 def bolt_models(elements: Iterable[Element], warnings: list[str]) -> list[Element]:
     """Return the elements of a world without the joints between its models.
 
-    If such a joint fixes a model in place, the model is replaced by a copy with a fixed joint to
-    the world. `warnings` gets a sentence for each unsupported joint.
+    If such a joint fixes a model to the world or to a static model, the model is replaced by a copy
+    with a fixed joint to the world. `warnings` gets a sentence for each unsupported joint.
     """
     elements = list(elements)
     models = {one.get("name"): one for one in elements if one.tag == "model"}

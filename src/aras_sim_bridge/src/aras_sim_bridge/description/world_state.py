@@ -46,9 +46,10 @@ class WorldState:
 
     def place(self, models: list[RobotDescription], lights: list[Light], warnings: list[str]
                ) -> tuple[list[RobotDescription], list[Light]]:
-        """Return models and lights with the poses of the state.
+        """Return the models and lights with the poses and joint positions that the `<state>` gives.
 
-        `warnings` gets a sentence about entries of the state whose model or light does not exist.
+        `warnings` gets a sentence about entries of the `<state>` whose model or light does not
+        exist.
         """
         states = {kind: self._list_states(kind) for kind in ("model", "light")}
         known = {"model": {m.name for m in models}, "light": {one.name for one in lights}}
@@ -153,8 +154,8 @@ def _compute_joint_positions(
 ) -> dict[str, float]:
     """Return the positions (rad or m) of the joints whose two links have known poses.
 
-    `links` contains the poses of links in the world, or None for an unknown pose. The function adds
-    poses that follow from fixed joints.
+    `links` contains the poses of links in the world, or None for an unknown pose. Unknown poses
+    that follow from fixed joints are added to `links`.
     """
     for joint in model.joints.values():
         if joint.kind == "fixed" and links.get(joint.child) is None and links.get(joint.parent):

@@ -15,10 +15,10 @@ An image is rendered in these steps:
    shaded at a corner (shading.py).
 5. Depth and segmentation are measured at the pixel centres (depth_and_labels.py).
 
-The renderer runs on the CPU. It needs no graphics driver, so it does not depend on the limits and
-rounding errors of drivers. Compared with OpenGL on Mesa's software rasteriser, the image of the
-visual servo takes 0.4 of the time (0.75 at 640 x 480). A room with 40 000 triangles takes 2.7 to
-3.0 times as long, because its many edges are computed exactly (tests/benchmarks/render.py).
+The renderer runs on the CPU and needs no graphics driver. tests/benchmarks/render.py compares its
+speed with OpenGL on Mesa's software rasteriser: an image of the ARAS visual-servoing scene takes
+0.4 times as long, and an image of a room with 40 000 triangles about 3 times as long, because its
+many edges are computed exactly.
 """
 
 from __future__ import annotations
@@ -57,7 +57,8 @@ def create_renderer(
         name: one of RENDERERS.
         world: world to draw.
         light: lighting; None for Gazebo's defaults.
-        cache_bytes: largest size of the cache for data of views, bytes.
+        cache_bytes: largest size, bytes, of the cache for data that depend on a camera's image size
+            and lens.
 
     Raises:
         RenderingError: there is no renderer of this name.

@@ -9,13 +9,15 @@ from aras_visual_servo_base.compiled import jit, jit_inline
 # Largest number of triangles in a pixel for which hidden areas are cut off exactly. The time grows
 # with the square of this number. If a pixel contains more triangles, their visibility is sampled.
 DENSE = 4
-# Relative difference of inverse distances below which two triangles are treated as coplanar.
+# Two triangles are treated as coplanar if their inverse distances differ by less than this
+# fraction.
 COPLANAR_TOLERANCE = 1e-8
 # Largest number of corners of a polygon, and largest number of pieces into which a polygon is cut.
 CORNERS, PIECES = 24, 64
-# In the arrays `line`, a triangle has up to LINES rows for its sides and one row, PLANE, for the
-# inverse distance of its plane. A row contains a, b and c of a + b x + c y, where x and y are
-# relative to the pixel centre. The value of a side is positive inside the triangle.
+# Rows of the arrays `line`. Each row contains the coefficients a, b, c of a function a + b x + c y
+# of a pixel position. Up to LINES rows belong to the sides of a triangle; their functions are
+# positive inside the triangle. The function of the row PLANE is the inverse distance of the
+# triangle's plane.
 LINES, PLANE = 5, 5
 
 
@@ -34,8 +36,8 @@ def half_plane_area(a, b, c):
 def _cut(shape, p, count, a, b, c, above, below):
     """Split the convex polygon shape[p] with `count` corners along the line a + b x + c y = 0.
 
-    The part where a + b x + c y is not negative is written to shape[above], the other part to
-    shape[below]. Return the numbers of corners of both parts.
+    The part with a + b x + c y >= 0 is written to shape[above], the other part to shape[below].
+    Return the numbers of corners of both parts.
     """
     n_kept = n_rest = 0
     x, y = shape[p, count - 1, 0], shape[p, count - 1, 1]
@@ -112,9 +114,10 @@ def clip_pixel(shape, goal, line, n, lines, spare):
 
 @jit("f8[:,:,::1], i8[::1], i8, i8, f8[:,:,::1], i8[::1]")
 def visible_area(shape, sizes, i, count, line, lines):
-    """Return the area of polygon i that is not hidden by any of the first `count` polygons.
+    """Return the area of polygon i that none of the first `count` polygons hides.
 
-    `line[k]` contains the lines of polygon k, and `lines[k]` is their number.
+    A polygon hides another one where its plane is nearer to the camera. line[k] contains the sides
+    and the inverse distance of polygon k (see LINES); lines[k] is the number of its sides.
     """
     first, spare = DENSE, DENSE + PIECES
     end = first + 1
@@ -124,8 +127,8 @@ def visible_area(shape, sizes, i, count, line, lines):
     for j in range(count):
         if j == i or sizes[j] == 0:
             continue
-        # The function a + b x + c y is positive where triangle j is nearer to the camera than
-        # triangle i.
+        # The function a + b x + c y is positive where the plane of triangle j is nearer to the
+        # camera than that of triangle i.
         a = line[j, PLANE, 0] - line[i, PLANE, 0]
         b, c = line[j, PLANE, 1] - line[i, PLANE, 1], line[j, PLANE, 2] - line[i, PLANE, 2]
         low, high = np.inf, -np.inf
@@ -170,8 +173,8 @@ def visible_area(shape, sizes, i, count, line, lines):
                     end += 1
                 if size < 3:
                     break
-            # The piece `now` is hidden. Overwrite it with the last unchecked piece, and overwrite
-            # the latter with the last of all pieces.
+            # Remove the piece `now`, which triangle j hides: move the last unchecked piece to its
+            # place, and the last of all pieces to the place that becomes free.
             last -= 1
             end -= 1
             for move in range(2):

@@ -1,11 +1,10 @@
 """Binning: sorting the triangles that may be visible into the tiles of the image.
 
-The camera is at the origin. A ray r hits the triangle with the corners p0, p1, p2 if r is a
-combination of p0, p1, p2 with positive coefficients. With s0 = p1 x p2 / det, s1 = p2 x p0 / det,
-s2 = p0 x p1 / det and det = p0 . (p1 x p2), the coefficient of p_k is s_k . r. This holds for rays
-in any direction, so triangles need not be projected, nor clipped behind the camera. The inverse of
-the sum of the coefficients is the distance along r to the plane of the triangle, in units of the
-length of r.
+A triangle has the corners p0, p1, p2 in the optical frame. With det = p0 . (p1 x p2), its side
+vectors are s0 = p1 x p2 / det, s1 = p2 x p0 / det, s2 = p0 x p1 / det. A ray r from the camera is
+the sum of (s_k . r) p_k, so it hits the triangle if all three products s_k . r are positive. It
+meets the plane of the triangle at the point r / ((s0 + s1 + s2) . r). This holds for rays in any
+direction, so triangles need not be clipped behind the camera.
 """
 
 from __future__ import annotations
@@ -36,18 +35,19 @@ class VisibleTriangles:
     """Triangles that face the camera, and the tiles that they touch.
 
     Attributes:
-        triangle: (N,) index of each visible triangle in Triangles. The following arrays identify a
-            triangle by its position in this array.
+        triangle: (N,) index of each visible triangle in Triangles. In the other arrays, the number
+            of a triangle is its position in this array.
         corner: (N, 3, 3) corners p0, p1, p2 in the optical frame, m.
-        side: (N, 3, 3) vectors s0, s1, s2 in the optical frame, 1/m; see the module.
+        side: (N, 3, 3) side vectors s0, s1, s2 in the optical frame, 1/m; see the top of
+            binning.py.
         light: (N, 3) light at the corners.
         cut: (N,) bool, whether the triangle crosses the near or far clip distance.
         opaque: (N,) bool, whether the triangle is opaque.
-        cover: (tiles,) triangle that covers the whole tile and hides all triangles that are not in
-            the tile's list; -1 if there is none.
+        cover: (tiles,) number of a triangle that covers the whole tile, or -1. It may hide other
+            triangles; these are not in `member`.
         start: (tiles + 1,) start of each tile's list in `member`.
-        member: (P,) lists of the other triangles that touch each tile, in ascending order.
-        full: (P,) bool, whether the triangle in `member` covers the whole tile.
+        member: (P,) numbers of the other triangles that touch each tile, in ascending order.
+        full: (P,) bool, whether each triangle in `member` covers the whole tile.
     """
 
     triangle: np.ndarray
@@ -135,17 +135,17 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
          row_centre, row_half, corners, normals, plane, nodes, levels, children, near, far,
          out_triangle, out_corner, out_side, out_light, out_cut, out_opaque, planes, length2, cover,
          out_tile, out_member, out_full):
-    """Compute the fields of VisibleTriangles; return the numbers of triangles and of pairs.
+    """Write the visible triangles and their tiles to the output arrays; see VisibleTriangles.
 
-    A pair consists of a triangle and a tile that it touches. Pairs beyond the capacity of the
-    output arrays are counted but not stored.
+    Return the number of triangles, and the number of pairs of a triangle and a tile that it
+    touches. Pairs beyond the capacity of the output arrays are counted but not stored.
 
     Args:
         planes: work space for the planes of the triangles; points x of a plane fulfil plane . x =
             1.
         length2: work space for the squared lengths of the vectors in out_side.
-        cover: -1 for each node of the tile tree. A triangle that covers a node and hides the
-            triangles behind it is written to the node, not to the node's children.
+        cover: (M,) filled with -1. Receives, for each node of the tile tree, the number of a
+            triangle that covers all tiles of the node.
     """
     visible = pairs = 0
     top = len(levels) - 1
@@ -165,9 +165,9 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
         out_of_view[r] = row_half[r, 0] < 0.0 or is_box_outside(
             T, r, row_centre, row_half, r, nodes, root
         )
-    # Stack of the tree's nodes still to be visited. A row contains level, row and column of a node,
-    # a bit mask of triangles, and the index of a triangle. The bits mark the cluster's triangles
-    # that may touch the node. The index is that of the nearest triangle that covers the node.
+    # Stack of nodes of the tile tree that are still to be visited. The columns are level, row and
+    # column of the node; a bit mask of the cluster's triangles that may touch the node; and the
+    # nearest triangle that covers the node, or -1.
     stack = np.empty((15 * (top - 1) + 1, 5), np.int64)
     touched = np.empty(16, np.bool_)
     # Sides of the triangles in the current cluster, and the squared lengths of these sides.
@@ -253,8 +253,8 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
             visible += 1
         if visible == first_visible:
             continue
-        # A tile inside the four outer sides of a quad is covered by the quad's two triangles
-        # together. The first triangle then represents the whole quad.
+        # The two triangles of a quad together cover a tile that is inside the four outer sides of
+        # the quad. The first triangle then represents the whole quad.
         whole = (quad[c] and visible == first_visible + 2 and not out_cut[visible - 1]
                  and not out_cut[visible - 2])
         stack[0, 0], stack[0, 1], stack[0, 2] = top, 0, 0
@@ -273,14 +273,14 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
                     + yc * children[parent, 1, k]
                     + zc * children[parent, 2, k]
                 )
-                # The condition `... < 0.0` is true if the angles of the cluster's and the node's
-                # cones together exceed half a turn.
+                # If the half angles of the cluster's and the node's cones add up to more than pi,
+                # the cones always overlap; the test `... < 0.0` detects this.
                 touched[k] = (cosine_n < 1.5) & (
                     (sine_n * cosine_c + cosine_n * sine_c < 0.0)
                     | (at >= cosine_c * cosine_n - sine_c * sine_n - 1e-12))
                 touched_count += touched[k]
-            # Do not test single triangles if the cluster touches only one node, or is small
-            # compared with the nodes: most triangles would touch the same nodes as the cluster.
+            # If the cluster touches only one node, or is small compared with the nodes, do not test
+            # its triangles one by one: most of them touch the same nodes as the cluster.
             all_together = touched_count == 1 or (level > 1 and small_c < children[parent, 4, 0])
             level -= 1
             for child in range(16):
@@ -330,8 +330,8 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
                     stack[stack_size, 0], stack[stack_size, 1], stack[stack_size, 2] = level, i, j
                     stack[stack_size, 3], stack[stack_size, 4] = remaining, own
                     stack_size += 1
-    # Pass covering triangles from each node of the tree down to its tiles. If two triangles cover a
-    # tile and neither is nearer in the whole tile, one of them is added to the tile's list.
+    # If a triangle covers a node, it covers all tiles of the node: pass it on to them. If two
+    # triangles cover a tile and each is nearer in a part of it, add one of them to the tile's list.
     for level in range(top, 0, -1):
         span = 1 << (2 * level - 2)
         for i0 in range(levels[level, 1]):
@@ -360,7 +360,7 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
 
 @jit("i8[::1], i8[::1], b1[::1], i8, i8")
 def _sort_by_tile(tile, member, full, pairs, tiles):
-    """Sort the pairs by tile, then by member.
+    """Sort pairs, each of a `tile` and a triangle (`member`), first by tile and then by triangle.
 
     Return start (tiles + 1,), member (pairs,) and full (pairs,), as in VisibleTriangles.
     """
@@ -374,8 +374,8 @@ def _sort_by_tile(tile, member, full, pairs, tiles):
     for n in range(pairs):
         at = place[tile[n]]
         place[tile[n]] = at + 1
-        # Covering triangles are at the end of the input. Insert them such that the triangles of
-        # each tile are sorted by index.
+        # Some triangles come late in the input, because _bin adds triangles that cover whole nodes
+        # last. Move them forward, so that each tile's triangles are sorted by number.
         while at > start[tile[n]] and out_member[at - 1] > member[n]:
             out_member[at], out_full[at] = out_member[at - 1], out_full[at - 1]
             at -= 1

@@ -13,20 +13,22 @@ from aras_visual_servo_base.compiled import jit, jit_inline
 # Largest number of triangles in a cluster. With 32, a scene with 40 000 triangles is drawn as fast
 # as with 16 or 64, and the ARAS robot is drawn a tenth faster than with 128.
 CLUSTER_SIZE = 32
-# A cluster with at most CLUSTER_SIZE triangles is split, too, if the cost of its two halves is less
-# than LARGEST_COST_RATIO times its own cost. The cost is A (n + BOX_TEST_COST) for a cluster of n
-# triangles with a bounding box of the surface A; BOX_TEST_COST accounts for the test of the box.
+# A small cluster is split, too, if the estimated time for its two halves is less than
+# LARGEST_COST_RATIO times that for the whole. The estimate for n triangles in a bounding box of the
+# surface A is A (n + BOX_TEST_COST) in arbitrary units: testing the box takes as long as
+# BOX_TEST_COST triangles.
 LARGEST_COST_RATIO, BOX_TEST_COST = 0.6, 1
 
 
 def cluster_triangles(
     corners: np.ndarray, normal: np.ndarray, part: np.ndarray
 ) -> list[np.ndarray]:
-    """Group triangles (T, 3, 3) into clusters; return the indices of each cluster's triangles.
+    """Group triangles into clusters; return the indices of each cluster's triangles.
 
-    The triangles of a cluster belong to the same visual, and their normals have the largest
-    component along the same axis and with the same sign. Clusters are split in two until they are
-    small, and further if this reduces their cost.
+    The triangles of a cluster belong to the same visual and face roughly the same direction: the
+    largest component of their normals is along the same axis, with the same sign. Clusters are
+    split in two until they have at most CLUSTER_SIZE triangles, and further if this makes drawing
+    cheaper.
 
     Args:
         corners: (T, 3, 3) corners of the triangles.
@@ -60,9 +62,15 @@ def _compute_surface(low, high, members):
 
 @jit("f8[:,::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1]")
 def _split_clusters(low, high, keys, order, bounds):
-    """Split the groups order[bounds[k]:bounds[k + 1]] of triangles into clusters.
+    """Split groups of triangles into clusters.
 
-    Return the triangles cluster by cluster, (T,), and the start of each cluster.
+    Args:
+        low, high: (T, 3) corners of the triangles' bounding boxes.
+        keys: (K, T) numbers by which the triangles may be sorted before a group is split.
+        order, bounds: group k consists of the triangles order[bounds[k]:bounds[k + 1]].
+
+    Returns:
+        The triangles cluster by cluster, (T,), and the start of each cluster.
     """
     members, first = np.empty_like(order), np.empty_like(order)
     done, found = 0, 0

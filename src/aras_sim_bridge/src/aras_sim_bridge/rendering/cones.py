@@ -1,7 +1,7 @@
 """Tests of boxes and triangles against cones. A cone encloses the rays of a tile or of several.
 
-Cones are rows of Tiles.nodes. The tests are conservative: the result True is always correct, but
-the result False may be wrong.
+Cones are rows of Tiles.nodes. A test returns True only if this is certain; it may return False
+although True would be correct.
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ def is_cone_disjoint(x, y, z, cosine, sine, nodes, n):
     """
     if nodes[n, 3] > 1.5:
         return True
-    if nodes[n, 4] * cosine + nodes[n, 3] * sine < 0.0:  # the sum of both cones' angles exceeds pi
+    # Cones whose half angles add up to more than pi overlap.
+    if nodes[n, 4] * cosine + nodes[n, 3] * sine < 0.0:
         return False
     between = x * nodes[n, 0] + y * nodes[n, 1] + z * nodes[n, 2]
     return between < cosine * nodes[n, 3] - sine * nodes[n, 4] - 1e-12
@@ -31,7 +32,7 @@ def is_cone_disjoint(x, y, z, cosine, sine, nodes, n):
 
 @jit_inline
 def is_box_outside(T, r, centre, half, n, nodes, root):
-    """Return whether box n, in the frame of link r, is outside the cone of node `root`."""
+    """Return whether box n of link r is outside the cone of node `root`."""
     cosine, sine = nodes[root, 3], nodes[root, 4]
     if cosine <= 0.0:
         return False
@@ -76,9 +77,9 @@ def is_outside(side, length2, m, nodes, n):
 
 @jit_inline
 def is_within(side, length2, m, nodes, n):
-    """Return whether the cone of node n is inside the last two sides of triangle m.
+    """Return whether the cone of node n is inside sides 1 and 2 of triangle m.
 
-    In a quad, the first side is the common side of both triangles, so it does not bound the quad.
+    Side 0 is not tested: in a triangle of a quad, it is the diagonal that both triangles share.
     """
     x, y, z, sine2 = nodes[n, 0], nodes[n, 1], nodes[n, 2], nodes[n, 4] * nodes[n, 4]
     within = nodes[n, 3] > 0.0
@@ -98,8 +99,8 @@ def find_touching(work, count, nodes, n):
         count: number of triangles.
 
     Returns:
-        Two bit masks: the triangles that may touch the cone, and the triangles of which a side may
-        cross the cone.
+        Two bit masks: one of the triangles that may touch the cone, one of the triangles with a
+        side that may cross the cone.
     """
     x, y, z = nodes[n, 0], nodes[n, 1], nodes[n, 2]
     sine2 = nodes[n, 4] * nodes[n, 4] if nodes[n, 3] > 0.0 else np.inf

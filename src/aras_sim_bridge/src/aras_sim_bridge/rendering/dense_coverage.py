@@ -17,9 +17,9 @@ FINE = 32
 # The widths of a triangle in the rows of a pixel are rounded to multiples of 1 / UNIT px. Their sum
 # then does not depend on the order of the summands.
 UNIT = 1 << 20
-# Positions of the samples relative to the pixel centre, px. Each of the FINE columns and rows of
-# the pixel contains one sample. The number of the row is that of the column with reversed bits
-# (Hammersley points).
+# Positions of the samples relative to the pixel centre, px. The pixel is divided into FINE columns
+# and FINE rows; sample n is in column n and row SAMPLE_ROW[n]. SAMPLE_ROW reverses the five bits of
+# n (Hammersley points).
 SAMPLE_X = ((np.arange(FINE) + 0.5) / FINE - 0.5).astype(np.float32)
 SAMPLE_ROW = np.array([int(f"{n:05b}"[::-1], 2) for n in range(FINE)], np.int32)
 SAMPLE_Y = SAMPLE_X[SAMPLE_ROW]
@@ -29,13 +29,15 @@ SAMPLE_Y = SAMPLE_X[SAMPLE_ROW]
 def sample_pixel(triangles, line, lines, sliver, x0, y0, count, opaque_count, work, counts):
     """Count the samples of a pixel that each triangle covers, and those where it is visible.
 
+    A sliver, which is a triangle thinner than 1 / edges.SLIVER px, is not sampled.
+
     Args:
         x0, y0: position of the pixel.
         count: number of triangles.
         opaque_count: number of opaque triangles, which are the first ones.
         work: (3, FINE) float32, work space.
-        counts: (., 2) both counts of each triangle are written to this array. The first count of a
-            sliver is -1.
+        counts: (., 2) receives, for each triangle, the number of samples that it covers, or -1 for
+            a sliver, and the number of samples where it is visible.
 
     Returns:
         Smallest inverse distance of the opaque triangles that are visible at the samples.
@@ -104,7 +106,7 @@ def sample_pixel(triangles, line, lines, sliver, x0, y0, count, opaque_count, wo
 
 @jit_inline
 def compute_sample_mean(work, n, visible_count, middle):
-    """Write the mean position of the samples where triangle n is visible to middle[n]."""
+    """Write to middle[n] the mean position of the samples where triangle n is visible."""
     name, x, y = np.float32(n), np.int32(0), np.int32(0)
     for i in range(FINE):
         x += np.int32(work[2, i] == name) * np.int32(i)
@@ -117,9 +119,9 @@ def compute_sample_mean(work, n, visible_count, middle):
 def integrate_rows(own, lines, work, middle, n):
     """Return the area of a pixel on the positive side of the lines own[0, :lines].
 
-    The area is the mean of its exact widths in FINE rows. If the area is thinner along y than along
-    x, it is the mean of its heights in FINE columns. The centre of the area is written to
-    middle[n]. `work` (3, FINE) float32 is work space.
+    The pixel is divided into FINE rows, or into FINE columns if the area is thinner along y than
+    along x. The result is the mean of the exact widths of the area in these rows or columns. The
+    centre of the area is written to middle[n]. `work` (3, FINE) float32 is work space.
     """
     across = down = 0.0
     for k in range(lines):
@@ -158,7 +160,7 @@ def integrate_rows(own, lines, work, middle, n):
 def is_hidden(triangles, line, lines, counts, n, opaque_count, x, y):
     """Return whether one of the first `opaque_count` triangles hides triangle n at x, y.
 
-    Slivers do not hide other triangles.
+    Slivers, which have -1 in `counts`, do not hide other triangles.
     """
     k = triangles[n]
     depth = line[k, PLANE, 0] + line[k, PLANE, 1] * x + line[k, PLANE, 2] * y

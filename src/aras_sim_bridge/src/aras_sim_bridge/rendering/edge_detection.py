@@ -43,15 +43,16 @@ def find_edges(
         visible: visible triangles.
         samples: samples at the upper left corners of the pixels.
         uniform: (N,) packed colour of each visible triangle; 0 if its colour varies.
-        smooth, part: (N,) Triangles.smooth (or .facets) and Triangles.part of the visible
-            triangles.
+        smooth: (N,) Triangles.smooth of the visible triangles; Triangles.facets instead if there
+            are several lights.
+        part: (N,) Triangles.part of the visible triangles.
         sky: packed colour of the background.
         near, far: clip distances, m.
 
     Returns:
         Bit masks (tiles,) uint64, in which bit row * TILE + column is set if the pixel of the tile
-        contains an edge; and the numbers (P,) of these pixels, row * width + column in the padded
-        image, ordered by the cells of the tiles. The padded image consists of whole tiles.
+        contains an edge; and the numbers (P,) of these pixels, row * width + column in the image
+        enlarged to whole tiles, ordered by tile, and within a tile by cell (see Tiles).
     """
     t = tiles
     edges, mixed = _find_corner_edges(
@@ -121,7 +122,7 @@ def _compute_brightness(side, light, m, rx, ry, rz):
 
 @jit_inline
 def _find_triangle_at(tile, pixel, columns, v, u):
-    """Return the triangle that is visible at the sample v, u; NOTHING outside the image."""
+    """Return the triangle at the sample in row v and column u; NOTHING outside the image."""
     if v < 0 or u < 0 or v >= pixel.shape[0] or u >= pixel.shape[1]:
         return np.int64(NOTHING)
     whole = tile[(v // TILE) * columns + u // TILE]
@@ -257,16 +258,16 @@ def _find_thin_edges(
     near,
     far,
 ):
-    """Find the pixels with edges that lie between the pixel corners.
+    """Find edges inside pixels, which the samples at the pixel corners do not show.
 
-    A surface of another colour reaches into such a pixel in front of the surfaces at the corners.
-    If the corners show several visuals and no triangle is behind these, the background may be such
-    a surface. Return bit masks (tiles,) uint64.
+    A pixel has such an edge if a surface of another colour is in front of the surfaces at its
+    corners, or if the background may be visible through a gap between two visuals. Return bit masks
+    (tiles,) uint64.
     """
     size, one = TILE // cells, np.uint64(1)
     out = np.zeros(len(tile), np.uint64)
-    # Number that identifies each triangle's colour. Triangles of the same uniform colour have the
-    # same number, as do the triangles of a visual without texture.
+    # For each triangle, a number that identifies its colour. Triangles with the same number have
+    # the same colour, or belong to the same visual without texture.
     colour = np.empty(len(uniform))
     for m in range(len(uniform)):
         own = smooth[m] if smooth[m] >= 0 else len(uniform) + m
@@ -274,11 +275,11 @@ def _find_thin_edges(
     longest = 1
     for n in range(len(tile)):
         longest = max(longest, start[n + 1] - start[n])
-    # For each triangle of a tile: a, b and c of its inverse distance a + b x + c y, and the largest
-    # change of the inverse distance from a pixel's centre to a corner. `place` is the row of each
-    # triangle in `planes`.
+    # One row of `planes` for each triangle of a tile: the coefficients a, b, c of its inverse
+    # distance a + b x + c y, and the largest difference of the inverse distance between a pixel's
+    # centre and its corners. `place` is the row of each triangle.
     planes, place = np.empty((longest, 4)), np.empty(len(colour), np.int64)
-    # For each pixel of a cell: inverse distance of the visible surface, and number of its colour.
+    # For each pixel: inverse distance of the visible surface, and the number of its colour.
     work = np.empty((2, TILE, TILE))
     line = np.empty((3, 3))
     for n in range(len(tile)):
@@ -351,8 +352,9 @@ def _find_thin_edges(
                 if (one_colour and last == name
                         or a + (size - 1) * (max(b, 0.0) + max(c, 0.0)) <= nearest):
                     continue
-                # Sides of the triangle as lines relative to the cell's first pixel. The sides are
-                # moved outwards by half a pixel.
+                # Sides of the triangle as lines relative to the cell's first pixel. They are moved
+                # outwards by half a pixel, so that the centre of any pixel that the triangle
+                # touches is inside them.
                 for i in range(3):
                     for j in range(3):
                         line[i, j] = (side[m, i, 0] * M[0, j] + side[m, i, 1] * M[1, j]
@@ -417,7 +419,11 @@ def _find_thin_edges(
 
 @jit("u8[::1], i8, i8")
 def _list_pixels(edges, cells, columns):
-    """Return the numbers (P,) of the pixels with edges, row * width + column, cell by cell."""
+    """Return the numbers (P,) of the pixels that are set in the bit masks `edges`.
+
+    The number of a pixel is row * width + column. The numbers are ordered by tile, and within a
+    tile by cell, of which there are `cells` x `cells`.
+    """
     size, width = TILE // cells, TILE * columns
     one = np.uint64(1)
     found = 0

@@ -32,18 +32,17 @@ from .areas import (
 from .dense_coverage import FINE, compute_sample_mean, integrate_rows, is_hidden, sample_pixel
 from .tiles import TILE
 
-# A sliver is a triangle that is narrower than about 1 / SLIVER pixels. Slivers are not sampled, so
-# they hide no other triangle at a sample. Each of the FINE samples represents 1 / FINE of the
-# pixel's area, which is more than a sliver covers.
+# A sliver is a triangle that is thinner than about 1 / SLIVER px. Slivers are not sampled, because
+# a sample represents a larger area, 1 / FINE of the pixel, than a sliver covers. At a sample, a
+# sliver therefore hides no other triangle.
 SLIVER = 64.0
 # A triangle that covers no sample is ignored if its area is smaller than this part of a pixel. This
 # changes a grey level by at most 0.1.
 SMALLEST_SHARE = 4e-4
-CELL = TILE * TILE  # largest number of pixels in a cell of a tile
-# Rows of the array `work`, which has a column for each pixel of a cell. X and Y are the position of
-# the pixel. BEST is the index of the nearest triangle that fills the pixel, or -1 without such a
-# triangle. TOP is the inverse distance of this triangle; TOP_X and TOP_Y are the changes of TOP per
-# pixel.
+CELL = TILE * TILE  # largest number of pixels of a tile that have the same pinhole model (a cell)
+# Rows of the array `work`, which has one column for each pixel: position of the pixel (X, Y); index
+# of the nearest triangle that fills the pixel (BEST, -1 if there is none); inverse distance of this
+# triangle (TOP) and its change per pixel (TOP_X, TOP_Y).
 X, Y, TOP, TOP_X, TOP_Y, BEST = range(6)
 
 
@@ -86,18 +85,19 @@ def resolve_fragments(
     out_share,
     out_at,
 ):
-    """Write the fragments of the edge pixels to the arrays `out_...`; return their number.
+    """Compute the visible parts (fragments) of the triangles in pixels with edges.
 
-    The arrays are those of fragments.Fragments. Fragments beyond the capacity of the arrays are
-    counted but not stored. `hull` is Triangles.hull.
+    The result is written to out_start, out_member, out_share and out_at, the arrays of
+    fragments.Fragments. Return the number of fragments; those beyond the capacity of the arrays are
+    counted but not stored.
     """
     size = TILE // cells
     width = columns * TILE
     longest = 1
     for n in range(len(start) - 1):
         longest = max(longest, start[n + 1] - start[n])
-    # For each triangle of a cell: coefficients of its sides and inverse distance (see areas.LINES),
-    # relative to the cell's first pixel.
+    # For each triangle of a cell, which is a part of a tile with one pinhole model: coefficients of
+    # its sides and inverse distance (see areas.LINES), relative to the cell's first pixel.
     line, lines = np.empty((longest, LINES + 1, 3)), np.empty(longest, np.int64)
     inside, sliver = np.empty((longest, CELL)), np.empty(longest, np.bool_)
     # One array for all values of the pixels: the compiler knows that its rows do not overlap, and
@@ -109,8 +109,7 @@ def resolve_fragments(
     here_of, left_of = np.empty((CELL, longest + 1), np.int64), np.empty(CELL, np.int64)
     here = np.empty(longest + 1, np.int64)
     # For each triangle of a pixel: coefficients of its sides and inverse distance, relative to the
-    # pixel centre. `shape` contains the clipped triangles, pieces of them, and two polygons of work
-    # space.
+    # pixel centre.
     own, own_lines = np.empty((DENSE, LINES + 1, 3)), np.empty(DENSE, np.int64)
     shape = np.empty((DENSE + PIECES + 2, CORNERS, 2))
     sizes = np.empty(DENSE + PIECES + 2, np.int64)
@@ -149,7 +148,7 @@ def resolve_fragments(
                 m = member[first + k]
                 lines[k] = 0 if full[first + k] else 5 if cut[m] else 3
                 for j in range(3):
-                    # the columns of `line` are the constant and the factors of x and y
+                    # the columns of `line` are the constant, the factor of x and the factor of y
                     column = (j + 2) % 3
                     x, y = matrices[cell, 0, column], matrices[cell, 1, column]
                     z = matrices[cell, 2, column]
@@ -160,8 +159,8 @@ def resolve_fragments(
                         along = axis[tile, 0] * x + axis[tile, 1] * y + axis[tile, 2] * z
                         line[k, 3, j] = along - near * line[k, PLANE, j]
                         line[k, 4, j] = far * line[k, PLANE, j] - along
-                # Estimate the width of the triangle from the change of its coefficients per pixel
-                # (see binning.py) at its nearest corner.
+                # Find slivers: the faster the function of a side changes per pixel, the thinner is
+                # the triangle.
                 steep, nearest = 0.0, np.inf
                 for i in range(3):
                     steep = max(steep, abs(line[k, i, 1]) + abs(line[k, i, 2]))
@@ -172,9 +171,9 @@ def resolve_fragments(
                     inside[k, q] = np.inf
                 for i in range(lines[k]):
                     a, b, c = line[k, i, 0], line[k, i, 1], line[k, i, 2]
-                    # Scale the coefficients of the side, so that its value at the pixel centre
-                    # tells where the pixel is: outside the side if the value is <= -1, inside if
-                    # the value is >= 1.
+                    # Scale the coefficients of the side, so that its value at a pixel centre tells
+                    # where the whole pixel is: outside the side if the value is <= -1, inside if it
+                    # is >= 1.
                     scale = 2.0 / max(abs(b) + abs(c), 1e-300)
                     a, b, c = a * scale, b * scale, c * scale
                     for q in range(pixels):
@@ -250,8 +249,8 @@ def resolve_fragments(
                 b, c = line[k, PLANE, 1], line[k, PLANE, 2]
                 ahead = line[k, PLANE, 0] + b * xc + c * yc - top - 0.5 * (
                     abs(b - work[TOP_X, q]) + abs(c - work[TOP_Y, q]))
-                # Either the triangle's part in this pixel or the whole triangle must be in front of
-                # the triangle that fills the pixel.
+                # `last` is only valid if every other triangle is in front of the one that fills the
+                # pixel, in this pixel or as a whole.
                 if ahead < -COPLANAR_TOLERANCE * top and not _is_before(
                     corner, side, m, member[first + best]
                 ):
@@ -279,8 +278,8 @@ def resolve_fragments(
                 )
                 for n in range(solid):
                     visible_count += counts[n, 1] if n != last else 0.0
-            # If the triangles of one convex visual cover all samples, the numbers of samples give
-            # their areas.
+            # If the triangles of one convex visual cover all samples of the pixel, the area of a
+            # triangle is the fraction of the samples that show it.
             is_filled = one_part and visible_count == FINE
             for n in range(left):
                 if n == last:
@@ -302,9 +301,9 @@ def resolve_fragments(
                 elif crossing == 1:
                     a, b, c = own[0, 0, 0], own[0, 0, 1], own[0, 0, 2]
                     shares[n] = half_plane_area(a, b, c)
-                    # With a < 0, the fragment covers less than half of the pixel. The fragment's
-                    # centre is then midway between the line and that corner of the pixel which is
-                    # farthest from the line on its positive side.
+                    # With a < 0, the only side that crosses the pixel leaves less than half of it
+                    # inside the triangle. The fragment's centre is then midway between this side
+                    # and the pixel corner that is farthest inside.
                     if a < 0.0:
                         back = a / (b * b + c * c)
                         middle[n, 0] = 0.5 * ((0.5 if b > 0.0 else -0.5) - back * b)

@@ -15,15 +15,15 @@ from .triangles import Triangles
 
 @dataclass(frozen=True)
 class Fragments:
-    """Fragments of the pixels with edges.
+    """Visible parts of triangles (fragments) in the pixels with edges.
 
     Attributes:
-        pixel: (P,) number of each pixel, row * width + column in the padded image.
+        pixel: (P,) number of each pixel, row * width + column in the image enlarged to whole tiles.
         start: (P + 1,) start of each pixel's fragments in the following arrays.
         member: (F,) triangle of each fragment, as an index in VisibleTriangles. In each pixel,
             opaque triangles come first, then transparent ones from far to near.
         share: (F,) area of the fragment, as a fraction of the pixel's area.
-        at: (F, 2) centre of the fragment, x and y in its cell, px.
+        at: (F, 2) centre of the fragment, px from the first pixel of the pixel's cell (see Tiles).
     """
 
     pixel: np.ndarray
@@ -50,7 +50,7 @@ class EdgeResolver:
         near: float,
         far: float,
     ) -> Fragments:
-        """Return the fragments of the edge pixels.
+        """Return the visible parts of the triangles in the pixels `edge_pixels`.
 
         `uniform` is described in edge_detection.find_edges.
         """

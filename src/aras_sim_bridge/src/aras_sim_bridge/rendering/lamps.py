@@ -18,12 +18,11 @@ from aras_visual_servo_base.poses import rotation_from_rpy
 
 from ..description.types import Light
 
-# First columns of a light's values in its row. KIND is DIRECTIONAL, POINT or SPOT. PLACE is the
-# unit vector towards a directional light, or the position of a point or spot light (m). AXIS is the
-# direction of a spot light. FADE are the constant, linear and quadratic coefficients of the
-# attenuation; RANGE is the light's range (m). INNER and OUTER are the cosines of a spot light's
-# half angles. RADIUS is the light's angular radius (rad) if it is directional, and its radius (m)
-# if not.
+# First column of each value in the row of a light. PLACE: unit vector towards a directional light,
+# or position (m) of another light. AXIS: direction of the light. FADE: constant, linear and
+# quadratic coefficients of the attenuation. RANGE: largest distance (m). INNER, OUTER: cosines of a
+# spot light's half angles. RADIUS: angular radius (rad) of a directional light, radius (m) of
+# another light.
 KIND, PLACE, AXIS, COLOUR, FADE, RANGE, INNER, OUTER, FALLOFF, CASTS_SHADOWS, RADIUS = (
     0, 1, 4, 7, 10, 13, 14, 15, 16, 17, 18)
 WIDTH = 19
@@ -36,9 +35,10 @@ _KINDS = {"directional": DIRECTIONAL, "point": POINT, "spot": SPOT}
 
 def pack_lights(lights: Sequence[Light], optical_T_world: np.ndarray, scale: float, shadows: str
             ) -> np.ndarray:
-    """Return the rows (lights, WIDTH) of lights that are given in the world frame.
+    """Return the rows (lights, WIDTH) of lights, whose values are in the optical frame.
 
-    `shadows` is 'none', 'hard' or 'soft'.
+    `lights` are given in the world frame. `scale` multiplies their colours. `shadows` is 'none',
+    'hard' or 'soft'.
     """
     rows = np.zeros((len(lights), WIDTH))
     R, t = optical_T_world[:3, :3], optical_T_world[:3, 3]

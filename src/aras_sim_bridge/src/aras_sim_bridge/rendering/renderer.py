@@ -73,7 +73,11 @@ class Renderer:
     """
 
     def __init__(self, world: World, light: Lighting, cache_bytes: int) -> None:
-        """Create a renderer; `cache_bytes` is the size of the cache for data of views."""
+        """Create a renderer.
+
+        `cache_bytes` is the largest size of the cache for data that depend on a camera's image size
+        and lens.
+        """
         self.scene = Scene(world)
         self.light = light
         self._canvases: ByteLimitedCache[Hashable, _Canvas] = ByteLimitedCache(cache_bytes)
@@ -84,7 +88,7 @@ class Renderer:
         self._closed = False
 
     def snapshot(self) -> None:
-        """Store the present poses, from which later images with `blend` < 1 interpolate."""
+        """Store the present poses. Images with `blend` < 1 interpolate from these poses."""
         self.scene.snapshot()
 
     def close(self) -> None:
@@ -166,7 +170,8 @@ class Renderer:
         if self._closed:
             raise RenderingError("the renderer is closed; create another one")
         self.scene.refresh()
-        # Compare versions, because a snapshot may have refreshed the scene before this call.
+        # Compare version numbers, because `snapshot` also calls `refresh`: it may have read a
+        # change that the call above does not report again.
         if self.scene.version != self._scene_version:
             self._scene_version = self.scene.version
             self.triangles = Triangles.from_visuals(self.scene.visuals)
@@ -184,7 +189,7 @@ class Renderer:
 
     def resolve(self, sampled: SampledView, view: View, uniform: np.ndarray
                 ) -> tuple[np.ndarray, Fragments, np.ndarray]:
-        """Find the pixels with edges, and compute their fragments.
+        """Find the pixels with edges, and compute the visible parts (fragments) of their triangles.
 
         Args:
             sampled: samples of the view.
@@ -216,7 +221,10 @@ class Renderer:
         return edges, fragments, background
 
     def find_bodies_around(self, point: np.ndarray) -> list[str]:
-        """Return the names 'model::link' of visuals that contain a point (3,) of the world."""
+        """Return the names 'model::link' of the links with a visual that contains `point`.
+
+        `point` (3,) is in the world frame, m.
+        """
         return self.scene.find_bodies_around(point)
 
     def _get_canvas(self, view: View) -> _Canvas:

@@ -22,18 +22,18 @@ BACKGROUND, NOTHING, SEVERAL = -1, -2, -3
 
 @dataclass(frozen=True)
 class PixelSamples:
-    """Visible triangle at the sample of each pixel.
+    """Visible triangle at one point, the sample, of each pixel.
 
-    The content of a pixel is the index of a triangle in VisibleTriangles, BACKGROUND, or NOTHING if
-    the pixel is outside the lens.
+    A pixel has the index of a triangle in VisibleTriangles, BACKGROUND, or NOTHING if the pixel is
+    outside the image circle of the lens.
 
     Attributes:
-        tile: (tiles,) common content of all pixels of a tile; SEVERAL if they may differ.
-        pixel: (rows * TILE, columns * TILE) int32, content of each pixel. It is only set in tiles
-            with SEVERAL.
-        most: content of most tiles.
-        start, member, full: lists as in VisibleTriangles, of those triangles that touch pixels of
-            tiles with SEVERAL.
+        tile: (tiles,) value of all pixels of a tile; SEVERAL if they may have different values.
+        pixel: (rows * TILE, columns * TILE) int32, value of each pixel, in tiles with the value
+            SEVERAL.
+        most: value of most tiles.
+        start, member, full: triangles that touch each tile with the value SEVERAL; lists as in
+            VisibleTriangles.
         pixel_masks: (P,) uint64, bit mask of the pixels that each triangle in `member` may touch.
             The number of a bit is row * TILE + column.
     """
@@ -109,7 +109,10 @@ class PixelSampler:
 @jit("i8[::1], i8[::1], i8[::1], b1[::1], f8[:,:,::1], b1[::1], f8[:,:,::1], f8[:,::1], "
           "f8[:,::1], b1[::1], i8")
 def _cull_tiles(cover, start, member, full, side, opaque, matrices, axis, nodes, whole, cells):
-    """Remove hidden triangles; return tile, most, start, member, full (see PixelSamples)."""
+    """Remove triangles that are hidden in a whole tile.
+
+    Return the arrays tile, most, start, member and full of PixelSamples.
+    """
     tiles = len(whole)
     out = np.empty(tiles, np.int64)
     most_left = len(member) + tiles
@@ -124,7 +127,7 @@ def _cull_tiles(cover, start, member, full, side, opaque, matrices, axis, nodes,
         if nodes[n, 3] > 1.5:
             out[n] = NOTHING
         elif start[n] == start[n + 1] and (whole[n] or cover[n] < 0):
-            out[n] = cover[n]  # the index of one triangle, or BACKGROUND
+            out[n] = cover[n]  # the only triangle of the tile, or BACKGROUND
         else:
             end, pending_cover = left, cover[n]
             for k in range(start[n], start[n + 1] + 1):
@@ -188,7 +191,10 @@ def _cull_tiles(cover, start, member, full, side, opaque, matrices, axis, nodes,
 
 @jit_inline
 def _find_box(corner, m, inverse, n):
-    """Return left, right, top and bottom of triangle m, px from the first pixel of tile n."""
+    """Return the image bounding box of triangle m: left, right, top, bottom.
+
+    They are px from the first pixel of tile n. `inverse` is Tiles.inverse.
+    """
     left = top = np.inf
     right = bottom = -np.inf
     for j in range(3):
@@ -196,7 +202,8 @@ def _find_box(corner, m, inverse, n):
         u = inverse[n, 0, 0] * x + inverse[n, 0, 1] * y + inverse[n, 0, 2] * z
         v = inverse[n, 1, 0] * x + inverse[n, 1, 1] * y + inverse[n, 1, 2] * z
         w = inverse[n, 2, 0] * x + inverse[n, 2, 1] * y + inverse[n, 2, 2] * z
-        if w <= 1e-6 * (abs(u) + abs(v)):  # the triangle's corner is not in front of the camera
+        # A corner is not in front of the camera, so the box has no limits.
+        if w <= 1e-6 * (abs(u) + abs(v)):
             left = top = -np.inf
             right = bottom = np.inf
             break
@@ -212,15 +219,15 @@ def _find_box(corner, m, inverse, n):
           "u8[::1]")
 def _sample(tile, start, member, full, corner, side, cut, opaque, matrices, inverse, spread, axis,
             cells, is_uniform, columns, near, far, at, pixel, pixel_masks):
-    """Fill `pixel` and `pixel_masks` for tiles with SEVERAL.
+    """Find the visible triangle at the sample of each pixel, in tiles with the value SEVERAL.
 
-    Triangles that touch no pixel of a tile are removed from the tile's list in start, member and
-    full. Return the total length of the remaining lists.
+    Write it to `pixel`, and fill `pixel_masks`; see PixelSamples. Triangles that touch no pixel of
+    a tile are removed from the tile's list. Return the total length of the remaining lists.
     """
     size = TILE // cells
     # For each pixel of a tile: ray (3 rows), length of the ray along the tile's axis, inverse
-    # distance and index of the nearest triangle. The compiler knows that rows of one array do not
-    # overlap, and processes eight pixels at a time.
+    # distance and index of the nearest triangle. In a single array, the compiler knows that the
+    # rows do not overlap, and can use SIMD instructions.
     work = np.empty((6, TILE, TILE))
     one = np.uint64(1)
     box = np.empty((len(corner) if is_uniform else 0, 4))
@@ -262,7 +269,7 @@ def _sample(tile, start, member, full, corner, side, cut, opaque, matrices, inve
                 if u0 > u1 or v0 > v1:
                     continue
                 across = ((one << np.uint64(u1 - u0 + 1)) - one) << np.uint64(u0)
-                # The mask of the pixels inside the box has one byte for each row of pixels.
+                # Bit mask of the pixels inside the box; each byte is a row of pixels.
                 down = np.uint64(0x0101010101010101) >> np.uint64(8 * (TILE - 1 - v1 + v0))
                 pixels = across * (down << np.uint64(8 * v0))
                 # First and last row of pixels with samples inside the box.
@@ -275,8 +282,8 @@ def _sample(tile, start, member, full, corner, side, cut, opaque, matrices, inve
             x, y, z = side[m, 0, 0], side[m, 0, 1], side[m, 0, 2]
             x1, y1, z1 = side[m, 1, 0], side[m, 1, 1], side[m, 1, 2]
             x2, y2, z2 = side[m, 2, 0], side[m, 2, 1], side[m, 2, 2]
-            # A triangle that covers the whole tile is not tested by its sides: if the triangle
-            # represents a quad, a part of the tile is outside the triangle's own sides.
+            # If a triangle covers the whole tile, its sides are not tested: it may represent a
+            # quad, and a part of the tile is then outside the triangle itself.
             if all_over:
                 x, y, z = x + x1 + x2, y + y1 + y2, z + z1 + z2
                 x1 = y1 = z1 = x2 = y2 = z2 = 0.0

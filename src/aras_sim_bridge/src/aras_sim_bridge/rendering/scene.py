@@ -33,7 +33,11 @@ class VisualMesh:
 
 @dataclass(frozen=True)
 class _ModelRows:
-    """Rows of a model's poses: from `first` on, its root if `has_root`, then its `links`."""
+    """Rows of one model in the arrays of poses.
+
+    Row `first` belongs to the model's root if `has_root`; the next rows belong to `links`, in this
+    order.
+    """
 
     model: Model
     first: int
@@ -98,9 +102,9 @@ class Scene:
         return self._labels
 
     def find_bodies_around(self, point: np.ndarray) -> list[str]:
-        """Return the names 'model::link' of links with a visual around a point (3,) of the world.
+        """Return the names 'model::link' of links with a visual that contains a point of the world.
 
-        Only visuals with a closed surface are found reliably.
+        `point` (3,) is in m. Only visuals with a closed surface are found reliably.
         """
         self.refresh()
         poses = self.read_poses()

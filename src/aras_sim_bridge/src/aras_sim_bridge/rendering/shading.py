@@ -1,4 +1,4 @@
-"""Shading of samples and fragments: the albedo or texture times the light.
+"""Shading of pixels: the albedo or texture of the visible surface times the light.
 
 The light is either that of the sun, interpolated between the corners of a triangle, or the
 irradiance from several lights (shadows.Irradiance).
@@ -53,11 +53,13 @@ class Shader:
         Args:
             triangles: triangles of the scene.
             visible, samples: visible triangles, and the one that each pixel shows.
-            uniform, sky: as in edge_detection.find_edges. `uniform` is 0 if `light` is not empty.
+            uniform: (N,) packed colour of each visible triangle; 0 if its colour varies.
+            sky: packed colour of the background.
             edges: bit masks of the pixels with edges.
-            light: irradiance from several lights; empty if there is only the sun.
-            backdrop: packed colours of the background of the padded image. If it is empty, the
-                background has the colour `sky`.
+            light: irradiance from several lights; empty if there is only the sun. If it is not
+                empty, `uniform` must be 0.
+            backdrop: packed colour of the background at each pixel; if it is empty, the background
+                is `sky`.
         """
         t, g = self._tiles, triangles
         if samples.most == BACKGROUND:
@@ -99,9 +101,10 @@ class Shader:
         backdrop: np.ndarray,
         packed_image: np.ndarray,
     ) -> None:
-        """Shade the pixels with fragments and write them to `packed_image`.
+        """Compute the colours of the pixels with edges from their fragments.
 
-        If the backdrop is empty, the background has the colour `background` (3,), rgb 0..255.
+        The colours are written to `packed_image`. If the backdrop is empty, the background has the
+        colour `background` (3,), rgb 0..255.
         """
         g, t, f = triangles, self._tiles, fragments
         _blend_fragments(
@@ -150,7 +153,11 @@ def _compute_uniform_colours(triangle, light, albedo, layer):
 
 @jit_inline
 def _interpolate_light(matrices, c, side, light, m, x, y):
-    """Return the light on triangle m at the position x, y in cell c."""
+    """Return the light on triangle m where the ray of a pixel meets it.
+
+    The position x, y, px, is relative to the first pixel of cell c, whose pinhole model is
+    matrices[c].
+    """
     rx = matrices[c, 0, 0] * x + matrices[c, 0, 1] * y + matrices[c, 0, 2]
     ry = matrices[c, 1, 0] * x + matrices[c, 1, 1] * y + matrices[c, 1, 2]
     rz = matrices[c, 2, 0] * x + matrices[c, 2, 1] * y + matrices[c, 2, 2]

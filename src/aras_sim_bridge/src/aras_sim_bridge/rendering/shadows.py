@@ -1,15 +1,13 @@
 """Light of several lamps on each pixel, with shadows by ray casting.
 
-Only clusters of triangles (triangles.Clusters) that touch the beam between a tile and a lamp can
-cast shadows on the tile. For most tiles there are no such clusters. Otherwise, rays are cast from
-each corner of a pixel to the lamp. If the lamp has soft shadows, two rays per corner go to its rim,
-so that the four corners together reach eight points of the rim. If all rays give the same result,
-the whole pixel is lit or dark. If they do not, MANY_RAYS rays, distributed over the pixel and the
-lamp, give the fraction of the pixel that is lit. A shadow that is narrower than a pixel may be
-missed.
+Most tiles have no clusters of triangles between them and a lamp, so they are fully lit. In other
+tiles, rays are cast from the corners of each pixel to the lamp, or to points on its rim if its
+shadows are soft. If all rays of a pixel give the same result, the pixel is lit or dark. Otherwise,
+MANY_RAYS rays give the fraction of the pixel that is lit. A shadow that is narrower than a pixel
+may be missed.
 
 Both sides of a triangle cast shadows, unless it is transparent. A convex visual, such as a ball,
-casts no shadow on itself, so that its shading only depends on its normals.
+casts no shadow on itself.
 """
 
 from __future__ import annotations
@@ -37,13 +35,13 @@ OFF, OFF_FAR = 2e-5, 2e-6
 
 @dataclass(frozen=True)
 class Irradiance:
-    """Light (red, green, blue) on pixels and fragments; with 1, a white surface has level 255.
+    """Light (red, green, blue) on pixels and fragments. Light of 1 gives a white surface 255.
 
     Both arrays are empty if there is only the sun; VisibleTriangles.light is then used instead.
 
     Attributes:
-        pixels: (rows, columns, 3) float32, light on each pixel of the padded image that has no
-            edge.
+        pixels: (rows, columns, 3) float32, light on each pixel without an edge; the image is
+            enlarged to whole tiles.
         fragments: (F, 3) float32, light on each fragment.
     """
 
@@ -170,8 +168,8 @@ def _is_beam_in_box(T, r, centre, half, n, point, radius, d, far, growth):
     wide = 0.0
     middle = 0.0
     for k in range(3):
-        # Add up over three axes: distance of the box's centre from the point along d, and square of
-        # half the box's diagonal.
+        # Each pass of the loop adds one axis: `middle` becomes the distance along d from `point` to
+        # the centre of the box, and `wide` the square of half the box's diagonal.
         at = T[r, k, 0] * centre[n, 0] + T[r, k, 1] * centre[n, 1] + T[r, k, 2] * centre[n, 2]
         middle += (at + T[r, k, 3] - point[k]) * d[k]
         wide += half[n, k] * half[n, k]
@@ -272,10 +270,11 @@ def _is_blocked(
 
 @jit_inline
 def _find_surface_point(matrices, c, side, m, x, y, p, g):
-    """Find the point of triangle m's plane that is visible at the position x, y in cell c.
+    """Find the point where the ray of a pixel meets the plane of triangle m.
 
-    The point, shifted off the surface, is written to p (3,), and the unit normal of the plane to g
-    (3,). Return whether the ray through x, y meets the plane.
+    The position x, y, px, is relative to the first pixel of cell c, whose pinhole model is
+    matrices[c]. The point, shifted off the plane towards the camera, is written to p (3,), and the
+    unit normal of the plane to g (3,). Return whether the ray meets the plane.
     """
     rx = matrices[c, 0, 0] * x + matrices[c, 0, 1] * y + matrices[c, 0, 2]
     ry = matrices[c, 1, 0] * x + matrices[c, 1, 1] * y + matrices[c, 1, 2]
@@ -296,10 +295,11 @@ def _find_surface_point(matrices, c, side, m, x, y, p, g):
 
 @jit_inline
 def _aim_ray(lamps, n, p, d, far, e, a, b, ray):
-    """Write to ray (3,) the vector from p to the point a, b of the disc of lamp n.
+    """Write to ray (3,) the vector from p to a point of the disc that represents lamp n.
 
-    d is the normal of the disc, and the rows of e are its axes. Return the length of the ray in
-    units of this vector: 1, or inf for a directional lamp.
+    The point has the coordinates a, b along the rows of e, in units of the disc's radius. d is the
+    normal of the disc. Return the length of the ray in units of this vector: 1, or inf for a
+    directional lamp.
     """
     radius = lamps[n, RADIUS]
     directional = lamps[n, KIND] == 0.0
@@ -317,16 +317,15 @@ def _illuminate(tile, pixel, edges, valid, matrices, cells, columns, side, norma
                 hull, T, row_centre, row_half, order, bounds, cluster_part, cluster_row, first,
                 count, centre, half, corners, lamps, ambient, f_pixel, f_start, f_member, f_at,
                 out, f_out):
-    """Write the irradiance of the pixels to `out`, and that of the fragments to `f_out`.
+    """Compute the irradiance of the pixels without edges and of the fragments.
 
-    The irradiance is computed tile by tile, first for the pixels without edges, and then for the
-    fragments.
+    It is written to `out` and `f_out`, the arrays `pixels` and `fragments` of Irradiance.
     """
     size, one = TILE // cells, np.uint64(1)
     width = columns * TILE
     tiles = len(tile)
-    # Index in f_pixel of the first pixel of each tile that has fragments, or -1 without fragments.
-    # The pixels of a tile are consecutive in f_pixel.
+    # For each tile, the index in f_pixel of its first pixel with fragments, or -1 if it has none.
+    # Pixels of the same tile follow each other in f_pixel.
     f_first = np.full(tiles + 1, -1)
     for n in range(len(f_pixel)):
         at = (f_pixel[n] // width // TILE) * columns + f_pixel[n] % width // TILE
@@ -336,8 +335,8 @@ def _illuminate(tile, pixel, edges, valid, matrices, cells, columns, side, norma
     for n in range(len(f_pixel)):
         longest = max(longest, f_start[n + 1] - f_start[n])
     room = TILE * TILE * (1 + longest)
-    # For each point of a tile: index of its triangle (`members`), index of its cell, x and y in the
-    # cell (`at`), position, normals and light of the point.
+    # A point is a pixel or fragment of the current tile. These arrays contain, for each point, its
+    # triangle, its cell, and its position in the tile.
     members, cell, place = (
         np.empty(room, np.int64),
         np.empty(room, np.int64),
@@ -418,8 +417,8 @@ def _illuminate(tile, pixel, edges, valid, matrices, cells, columns, side, norma
         for j in range(3):
             middle[j] = 0.5 * (low[j] + high[j])
             radius += (high[j] - low[j])**2
-        # Enlarge the radius of the sphere around the tile's points, because a pixel on an inclined
-        # surface extends far beyond its centre.
+        # Radius of a sphere around the points of the tile. It is enlarged, because a pixel on an
+        # inclined surface extends far beyond its centre.
         radius = 0.65 * np.sqrt(radius) + 2.0 * step
         for lamp in range(len(lamps)):
             candidate_count = 0

@@ -17,7 +17,7 @@ NO_SKY = np.zeros((0, 0), np.uint32)
 
 
 def draw_sky(tiles: Tiles, world_T_optical: np.ndarray) -> np.ndarray:
-    """Return the packed colours of the sky for each pixel of the padded image, uint32."""
+    """Return the packed colours (uint32) of the sky; the image is enlarged to whole tiles."""
     out = np.empty((tiles.rows * TILE, tiles.columns * TILE), np.uint32)
     _fill(tiles.matrices, tiles.cells, tiles.columns, np.ascontiguousarray(world_T_optical[2, :3]),
           np.array([ZENITH, HORIZON, HAZE]), out)
@@ -37,8 +37,8 @@ def _fill(matrices, cells, columns, up, colours, out):
                 length += ray * ray
                 height += up[j] * ray
             height /= np.sqrt(max(length, 1e-300))
-            # Above the horizon, the colour of the sky changes to blue quickly. Below the horizon,
-            # the colour changes to haze within some degrees.
+            # `height` is the sine of the ray's elevation. Above the horizon, the colour changes
+            # quickly to that of the zenith; below it, to haze within ten degrees.
             share = np.sqrt(height) if height > 0.0 else min(-6.0 * height, 1.0)
             other = 0 if height > 0.0 else 2
             for j in range(3):

@@ -14,17 +14,16 @@ SMALLEST, LARGEST = 512, 1024
 # the sums of the three colours of several texels.
 CHANNEL_BITS = 21
 
-# A pixel is shaded with the mean of the texture at several sample points. A pixel has four points
-# if its longer axis on the texture is at most WIDE texels. With four points, the corners of a
-# marker that is 25 to 43 px wide have errors of 0.002-0.004 px. With one point, the errors are
-# 0.006-0.011 px; with 16 points, they are 0.002-0.003 px. Longer pixels, on inclined surfaces, have
-# DENSE points per texel, but at most PLACES. Their points are distributed along the nearest of
-# TURNS directions.
+# A pixel is shaded with the mean of the texture at several points. It has four points if the area
+# that it covers on the texture is at most WIDE texels long. Longer areas, as on inclined surfaces,
+# have DENSE points per texel, at most PLACES, along the nearest of TURNS directions. With four
+# points, the image corners of a marker that is 25 to 43 px wide have errors of 0.002-0.004 px; with
+# one point, the errors are 0.006-0.011 px.
 PLACES, DENSE, WIDE, TURNS = 20, 0.8, np.sqrt(8.0), 16
 
 
 def _make_directions() -> np.ndarray:
-    """Return unit vectors (TURNS, 2) over half a turn; _find_direction returns their indices."""
+    """Return TURNS unit vectors (TURNS, 2) whose directions are spread over half a turn."""
     part = 4.0 * np.arange(TURNS) / TURNS
     cosine = np.where(part < 2.0, 1.0 - part, part - 3.0)
     sine = np.where(part < 2.0, 1.0, -1.0) * (1.0 - abs(cosine))
@@ -35,16 +34,17 @@ def _make_directions() -> np.ndarray:
 def _make_sample_points() -> np.ndarray:
     """Return sample points (TURNS, PLACES + 1, PLACES, 2) in a pixel, px from its centre.
 
-    Element [k, n] contains n points of equal weight. Their two coordinates are measured along and
-    across DIRECTIONS[k]. Along this direction each point represents the same area; across it the
-    points are distributed by the golden ratio. Element [0, 0] contains four points in a square.
+    The first n points of element [k, n] have equal weights. Their two coordinates are measured
+    along and across DIRECTIONS[k]. They divide the pixel into n parts of equal area along this
+    direction; across it, they are spread by the golden ratio. Element [0, 0] contains four points
+    in a square.
     """
     spots = np.zeros((TURNS, PLACES + 1, PLACES, 2))
     fine = np.linspace(-0.75, 0.75, 6001)
     for k, (c, s) in enumerate(DIRECTIONS):
         c, s = (x if abs(x) > 1e-9 else 1e-9 for x in (c, s))
-        # Lower and upper limit of the pixel across the direction, and area of the pixel accumulated
-        # along the direction.
+        # For each position along the direction: lower and upper limit of the pixel across the
+        # direction. `before` is the area of the pixel up to this position.
         low, high = (pick(0.5 * turn / abs(s) + fine * c / s, 0.5 * turn / abs(c) - fine * s / c)
                      for turn, pick in ((-1.0, np.maximum), (1.0, np.minimum)))
         before = np.cumsum(np.maximum(high - low, 0.0))
@@ -67,11 +67,10 @@ class Textures:
     """Textures of a scene with their mipmaps.
 
     Attributes:
-        texels: (N,) uint64, one texture after another. The first element of a texture is its number
-            of texels per side. Its texels follow row by row, from v = 0 upwards as in OBJ files. A
+        texels: (N,) uint64, one texture after another. A texture consists of its number of texels
+            per side, its texels, row by row from v = 0 upwards as in OBJ files, and the texels of
+            its mipmap levels, each with half the size of the previous one, down to one texel. A
             texel contains red, green and blue from the lowest bit on, with CHANNEL_BITS bits each.
-            Then the mipmap levels follow in the same way, each with half the size of the previous
-            one, down to one texel.
     """
 
     def __init__(self, files: set[str]) -> None:
@@ -104,10 +103,10 @@ class Textures:
 
 @jit_inline
 def _find_direction(cosine, sine):
-    """Return the number of the nearest direction from the cosine and sine of its doubled angle.
+    """Return the index in DIRECTIONS of the direction whose angle from x is nearest to t.
 
-    The angle is measured from x. The cosine and sine may have a common factor. Instead of the
-    angle, the position on the outline of a square around the origin is computed.
+    `cosine` and `sine` are those of 2 t, times any positive factor. Opposite directions count as
+    equal.
     """
     share = cosine / max(abs(cosine) + abs(sine), 1e-300)
     part = 1.0 - share if sine >= 0.0 else 3.0 + share
@@ -116,10 +115,11 @@ def _find_direction(cosine, sine):
 
 @jit_inline
 def _sum_texels(texels, at, size, x, y, one, shift):
-    """Return the colour of a mipmap level at x, y, packed as in Textures.texels.
+    """Return the colour of a mipmap level at one point, packed as in Textures.texels.
 
-    x and y are in units of 2**-15 texels. Colours are interpolated linearly between texel centres
-    and multiplied by 2**(30 - shift). The texture is repeated beyond its borders.
+    The point x, y is in units of 2**-15 texels. Colours are interpolated linearly between texel
+    centres. The result is the colour times 2**(30 - shift). The texture is repeated beyond its
+    borders.
     """
     half, mask = np.int64(1) << (shift - np.int64(1)), size - one
     column, row, right, down = x >> 15, y >> 15, x & 32767, y & 32767
@@ -140,12 +140,12 @@ def _sum_texels(texels, at, size, x, y, one, shift):
 
 @jit_inline
 def map_texture(matrices, c, side, m, uv, t, planes):
-    """Write to `planes` (3, 3) the coefficients of a triangle's texture coordinates in a cell.
+    """Compute how the texture coordinates of a triangle depend on the pixel position in cell c.
 
-    The texture coordinates of a pixel are U / W and V / W, where U, V and W are linear functions of
-    its position x, y in cell c. The rows of `planes` belong to U, V and W. The columns contain the
-    changes along x and y, and the value at the cell's first pixel. `m` is the index of the triangle
-    in VisibleTriangles, and `t` its index in Triangles.
+    The texture coordinates at x, y (px from the first pixel of the cell) are U / W and V / W, where
+    U, V and W are linear functions of x and y. Each is written to a row of `planes` (3, 3): its
+    change along x, its change along y, and its value at x = y = 0. `m` is the triangle's index in
+    VisibleTriangles, and `t` its index in Triangles.
     """
     for j in range(3):
         U = V = W = 0.0
@@ -158,16 +158,18 @@ def map_texture(matrices, c, side, m, uv, t, planes):
 
 @jit_inline
 def apply_texture(planes, layer, texels, x, y, rgb):
-    """Multiply the colour rgb (3,) by the mean of a texture over the pixel at x, y in a cell.
+    """Multiply the colour rgb (3,) by the mean of a texture over one pixel.
 
-    `planes` is the result of map_texture. The mipmap level depends on the shorter axis of
-    the pixel on the texture.
+    `planes` is the result of map_texture for a cell, and x, y is the pixel's position relative to
+    the first pixel of this cell. The area of the pixel on the texture is treated as an ellipse,
+    whose shorter axis determines the mipmap level.
     """
     Ux, Uy, Vx, Vy, Wx, Wy = (planes[0, 0], planes[0, 1], planes[1, 0], planes[1, 1], planes[2, 0],
                               planes[2, 1])
     W = planes[2, 2] + Wx * x + Wy * y
     U, V = planes[0, 2] + Ux * x + Uy * y, planes[1, 2] + Vx * x + Vy * y
-    # Sides of the pixel on the texture (u and v along the pixel's x and y), in texels.
+    # Derivatives of the texture position (u, v), in texels, with respect to the pixel position (x,
+    # y).
     size, at, one = np.int64(texels[layer]), layer + np.int64(1), np.int64(1)
     scale = size / W
     u, v = U / W, V / W
@@ -188,8 +190,9 @@ def apply_texture(planes, layer, texels, x, y, rgb):
         turn, kind = _find_direction(ux * ux + vx * vx - uy * uy - vy * vy,
                                 2.0 * (ux * uy + vx * vy)), count
         c, s = DIRECTIONS[turn, 0], DIRECTIONS[turn, 1]
-        # Move the sample points closer together, because a mipmap level is blurred by half a texel
-        # on each side.
+        # Each texel of a mipmap level is an average of several texels of the texture. This widens
+        # the area from which the samples take their colour. Therefore move the samples closer
+        # together across the narrow side of this area.
         narrow = np.sqrt(max(1.0 - 3.0 * (1.0 - level * level) * longer * longer
                              / max(area * area, 1e-300), 0.0))
         ux, uy = ux * c + uy * s, narrow * (uy * c - ux * s)

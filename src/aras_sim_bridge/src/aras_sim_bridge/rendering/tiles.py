@@ -1,9 +1,9 @@
 """Division of an image into tiles, each with its own pinhole model.
 
-For a pinhole camera the tiles are exact. For any other lens, the model of a tile is the projective
-map through the rays of its four corners. The map is then shifted by its mean error. If the
-remaining error exceeds LARGEST_MISFIT, the tile is divided into cells, and each cell gets a model
-of this kind.
+For a pinhole camera the models are exact. For any other lens, the model of a tile is the projective
+map through the rays of its four corners, shifted by its mean error over the tile. If an error is
+still larger than LARGEST_MISFIT pixels, all tiles are divided into 2 x 2, 4 x 4 or 8 x 8 cells, and
+each cell gets its own model.
 """
 
 from __future__ import annotations
@@ -18,49 +18,50 @@ from aras_visual_servo_base.memory import ByteLimitedCache
 from ..errors import RenderingError
 
 TILE = 8  # side of a tile, px
-# Largest distance between a pixel's approximated and correct positions, px. The errors at the
-# centre and at the corners of a cell have opposite signs. Therefore the mean error over the image
-# of a target is far smaller: see tests/benchmarks/render.py.
+# Largest distance between the approximated and the exact position of a pixel, px. The errors at the
+# centre and at the corners of a cell have opposite signs, so that they largely cancel in a mean
+# over many pixels (measured in tests/benchmarks/render.py).
 LARGEST_MISFIT = 0.05
-# Largest focal length (px), and largest distance of a pixel from the optical axis (focal lengths).
-# Within these limits, the rays of neighbouring pixels differ by far more than the rounding error.
+# Largest focal length, px. Also the largest ratio of a pixel's distance from the principal point to
+# the focal length. Within these limits, the rays of neighbouring pixels differ by far more than the
+# rounding error.
 FARTHEST = 1e8
-# Largest angle between a ray and the optical axis at which depth is measured along this axis in all
-# tiles, rad.
+# If all rays are within this angle of the optical axis, rad, depth is measured along the optical
+# axis; otherwise each tile has its own axis.
 SIDEWAYS_ANGLE = np.radians(89.9)
 
 Unproject = Callable[[np.ndarray], np.ndarray]
-# Size of the cache for tiles (bytes), and largest image whose tiles are cached (px). A study
-# renders ten thousand images with the same camera.
+# Size of the cache for tiles, bytes, and largest image whose tiles are cached, px. The cache is
+# worthwhile because a study renders thousands of images with the same camera.
 CACHE_BYTES, LARGEST_CACHED_IMAGE = 3 << 21, 640 * 480
 
 
 class Tiles:
     """Rays of the pixels of an image that is divided into tiles.
 
-    The tiles form a tree: each node above the tiles joins 4 x 4 nodes of the level below.
+    The tiles are the leaves of a tree, in which each other node has up to 4 x 4 children.
 
     Attributes:
         width, height: size of the image, px.
         is_uniform: whether the rays of all tiles differ only by a shift, as for a pinhole camera.
         columns, rows: numbers of columns and rows of tiles.
         cells: number of cells along each side of a tile.
-        matrices: (rows * columns * cells**2, 3, 3) pinhole model of each cell. The ray of the pixel
-            x, y is matrix @ (x, y, 1), where x and y are relative to the centre of the cell's first
-            pixel. The ray has an arbitrary length. Tiles are stored row by row, as are the cells of
-            a tile.
-        inverse: (rows * columns, 3, 3) inverse pinhole model of each whole tile. It maps a ray to a
-            positive multiple of (x, y, 1), where x and y are relative to the tile's first pixel.
-        spread: (rows * columns,) largest error of `inverse`, px; inf if it is unknown.
+        matrices: (rows * columns * cells**2, 3, 3) pinhole model of each cell. A pixel that is x
+            columns and y rows away from the cell's first pixel has the ray matrix @ (x, y, 1), of
+            any length. Tiles are stored row by row, as are the cells of a tile.
+        inverse: (rows * columns, 3, 3) map from rays to pixels, one matrix per tile. A ray is
+            mapped to a positive multiple of (x, y, 1), where x and y count from the tile's first
+            pixel.
+        spread: (rows * columns,) largest error of the pixels from `inverse`, px; inf if unknown.
         axis: (rows * columns, 3) axis along which near, far and depth are measured in each tile.
         forward: whether `axis` is the optical axis in all tiles.
         valid: (rows * TILE, columns * TILE) bool, whether a pixel is in the image and in the lens.
         whole: (rows * columns,) bool, whether a tile has only valid pixels.
         nodes: (M, 5) for each node of the tree, the cone around its rays: axis, cosine and sine of
-            the angle. A cosine of 2 marks a node without valid pixels. The first nodes are the
-            tiles.
-        levels: (L, 4) for each level of the tree: index of its first node, its numbers of rows and
-            columns, and its first index in `children`. Level 0 consists of the tiles.
+            the half angle. A cosine of 2 marks a node without valid pixels. The tiles are the first
+            nodes.
+        levels: (L, 4) for each level of the tree, starting with the tiles: index of its first node
+            in `nodes`, its numbers of rows and columns, and index of its first node in `children`.
         children: (M - tiles, 5, 16) for each node above the tiles, the cones of its children.
         widest: 1 / cosine of the widest angle between a ray and the axis of its tile.
     """
@@ -75,7 +76,8 @@ class Tiles:
         blocks = valid.reshape(self.rows, TILE, self.columns, TILE)
         has_valid = blocks.any(axis=(1, 3)).reshape(-1)
         self.whole = blocks.all(axis=(1, 3)).reshape(-1)
-        # Compute the rays of the four corners of each cell.
+        # Compute the unit rays `around` of the four corners of each cell. The corners are half a
+        # pixel outside the centres of the outer pixels.
         end = TILE // cells - 0.5
         square = np.array([[-0.5, end, -0.5, end], [-0.5, -0.5, end, end], np.ones(4)])
         around = (matrices @ square).reshape(-1, cells, cells, 3, 4).transpose(1, 2, 4, 0, 3)
@@ -99,7 +101,7 @@ class Tiles:
         """Return the tiles of a pinhole image with the camera matrix K (3, 3), which has no skew.
 
         Raises:
-            RenderingError: the focal lengths or the principal point exceed FARTHEST.
+            RenderingError: the focal lengths are too large, or the principal point is too far away.
         """
         fx, fy, cx, cy = K[0, 0], K[1, 1], K[0, 2], K[1, 2]
         if not (max(fx, fy) <= FARTHEST and max(abs(cx), abs(cy), width, height)
@@ -135,8 +137,8 @@ class Tiles:
         coarse = np.stack(np.meshgrid(u, v), axis=2).reshape(-1, 2).astype(float)
         forward = np.nan_to_num(unproject(coarse)[:, 2], nan=-2.0)
         best, centre = forward.max(), coarse[forward.argmax()]
-        # The image circle is a disc, so a tile can contain pixels outside the circle only if a
-        # corner of the tile is outside.
+        # -2 marks a tile corner outside the image circle. The circle is a disc, so if all corners
+        # of a tile are inside, all its pixels are inside, too.
         if forward.min() == -2.0:
             best = -2.0
             for row in range(height):  # one row at a time, to limit the memory for large images
@@ -151,18 +153,19 @@ class Tiles:
         lens = _ExtrapolatedLens(unproject, centre)
         for cells in (1, 2, 4, 8):
             size = TILE // cells
-            # Fit all cells of each tile that has a valid pixel, because the tile's cone must
-            # contain all its cells.
+            # Compute the models of all cells of a tile that has a valid pixel, because the cone
+            # around the tile's rays must contain all its cells.
             tiles = valid.reshape(rows, TILE, columns, TILE).any(axis=(1, 3))
             corners = lens.corner_rays(np.kron(tiles, np.ones((cells, cells))) > 0, size)
             a, b, c, d = corners[:-1, :-1], corners[:-1, 1:], corners[1:, :-1], corners[1:, 1:]
             matrices = _fit_matrices(a, b, c, d, size)
-            # Measure the error only in cells inside the lens: cells at the rim of the lens have
-            # corners outside.
+            # Measure the error only in cells that are completely inside the lens, because the
+            # corners of other cells are extrapolated.
             inner = valid.reshape(rows * cells, size, columns * cells, size).all(axis=(1, 3))
             at = np.linalg.solve(matrices[inner], lens.centre_rays(inner, size)[..., None])[..., 0]
             errors = at[:, :2] / at[:, 2:] - (size - 1) / 2
-            # Shift each cell by its mean error: two thirds of the error at the cell's centre.
+            # Shift each cell by its mean error. This is two thirds of the error at the cell's
+            # centre, because the error grows quadratically from 0 at the corners.
             matrices[inner, :, 2] += (matrices[inner, :, :2] @ (errors[..., None] * 2 / 3))[..., 0]
             if (
                 cells == 8
@@ -177,8 +180,8 @@ class Tiles:
     def exact(self) -> np.ndarray:
         """Exact unit rays (height, width, 3) of the pixel centres, float32; NaN outside the lens.
 
-        They are computed with the lens model, not with the cells. The array is empty for a pinhole,
-        because its cells are exact.
+        They are computed with the lens model. For a pinhole camera the array is empty, because the
+        rays of `compute_rays` are already exact.
         """
         if self._unproject is None:
             return np.empty((0, self.width, 3), np.float32)
@@ -189,7 +192,10 @@ class Tiles:
         return out
 
     def compute_rays(self) -> np.ndarray:
-        """Return the unit rays (height, width, 3) of the pixel centres; NaN outside the lens."""
+        """Return the unit rays (height, width, 3) of the pixel centres; NaN outside the lens.
+
+        They are computed with the pinhole models of the cells.
+        """
         n, size = self.cells, TILE // self.cells
         x, y = np.meshgrid(np.arange(size), np.arange(size))
         pixels = np.stack([x, y, np.ones_like(x)], axis=2).astype(float)
@@ -201,9 +207,13 @@ class Tiles:
         return rays[:self.height, :self.width]
 
     def _fit_one_cell(self, outer: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the attributes `inverse` and `spread` of all tiles.
+        """Compute the map from rays to pixels of each tile, and the largest error of this map.
 
-        `outer` (4, tiles, 3) are unit rays of the tiles' corners.
+        Args:
+            outer: (4, tiles, 3) unit rays of the tiles' corners.
+
+        Returns:
+            The attributes `inverse` (tiles, 3, 3) and `spread` (tiles,), px.
         """
         n, size = self.cells, TILE // self.cells
         one = self.matrices if n == 1 else _fit_matrices(*outer, TILE)
@@ -227,15 +237,16 @@ class Tiles:
 
     @property
     def nbytes(self) -> int:
-        """Memory of the arrays, bytes."""
+        """Memory that the arrays of this object use, bytes."""
         return sum(one.nbytes for one in (self.matrices, self.axis, self.inverse, self.valid,
                                          self.nodes, self.children))
 
 
 class _ExtrapolatedLens:
-    """Rays of a lens, extrapolated linearly beyond its rim.
+    """Rays of a lens, extrapolated linearly for pixels outside the image circle.
 
-    `centre` (2,) is a pixel inside the lens; every straight line from it crosses the rim only once.
+    `centre` (2,) is a pixel inside the image circle. Every straight line from this pixel leaves the
+    circle once and does not enter it again.
     """
 
     def __init__(self, unproject: Unproject, centre: np.ndarray) -> None:
@@ -244,8 +255,8 @@ class _ExtrapolatedLens:
     def corner_rays(self, visible: np.ndarray, size: int) -> np.ndarray:
         """Return unit rays (rows + 1, columns + 1, 3) of the corners of cells of `size` px.
 
-        Only corners of the cells that `visible` (rows, columns) selects are computed; the others
-        get the ray (0, 0, 1).
+        Corners are computed only for the cells where `visible` (rows, columns) is True; the other
+        corners get the ray (0, 0, 1).
         """
         needed = np.zeros((visible.shape[0] + 1, visible.shape[1] + 1), bool)
         for down, across in ((0, 0), (0, 1), (1, 0), (1, 1)):
@@ -255,11 +266,14 @@ class _ExtrapolatedLens:
         return out
 
     def centre_rays(self, visible: np.ndarray, size: int) -> np.ndarray:
-        """Return unit rays (N, 3) of the centres of the cells that `visible` selects."""
+        """Return unit rays (N, 3) of the centres of cells of `size` px.
+
+        `visible` (rows, columns) is True for the N cells whose rays are returned.
+        """
         return self.compute_rays((np.argwhere(visible)[:, ::-1] + 0.5) * size - 0.5)
 
     def compute_rays(self, points: np.ndarray) -> np.ndarray:
-        """Return unit rays (N, 3) of pixels (N, 2)."""
+        """Return unit rays (N, 3) of pixels (N, 2), extrapolated outside the image circle."""
         rays = self._unproject(points)
         beyond = ~np.isfinite(rays[:, 0])
         if not beyond.any():
@@ -277,8 +291,8 @@ class _ExtrapolatedLens:
         rim, inner = (self._unproject(self._centre + share[:, None] * direction)
                       for share in (near, back))
         rate = (rim - inner) / np.maximum(near - back, 1e-12)[:, None]
-        # Do not extrapolate beyond two tiles from the rim: if a corner is farther from the rim, its
-        # tile has no pixel inside the lens.
+        # Do not extrapolate farther than two tiles beyond the image circle: a tile with a more
+        # distant corner has no pixel inside the circle.
         share = np.minimum(1.0 - near, 2 * TILE / np.maximum(length, 1e-9))
         extrapolated = rim + share[:, None] * rate
         rays[beyond] = extrapolated / np.linalg.norm(extrapolated, axis=1, keepdims=True)
@@ -286,9 +300,10 @@ class _ExtrapolatedLens:
 
 
 def get_shared_tiles(width: int, height: int, key: Hashable, make: Callable[[], Tiles]) -> Tiles:
-    """Return tiles from a cache that all renderers of the process share.
+    """Return the tiles of an image of this size, from a cache that all renderers share.
 
-    If they are not in the cache, `make` creates them. `key` identifies the rays of the image.
+    If the cache does not contain them, `make` creates them. Images with the same `key` and size
+    have the same rays.
     """
     if width * height > LARGEST_CACHED_IMAGE:
         return make()
@@ -307,13 +322,16 @@ def _mark_inside(width: int, height: int, rows: int, columns: int) -> np.ndarray
 def _fit_matrices(
     a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray, size: int
 ) -> np.ndarray:
-    """Return the matrices (..., 3, 3) of cells of `size` px from the rays of their corners.
+    """Return the pinhole models (..., 3, 3) of cells of `size` px from the rays of their corners.
 
-    a, b, c and d (..., 3) are the rays of the upper left, upper right, lower left and lower right
-    corner. The function scales them such that d = b + c - a.
+    A model maps a pixel (x, y, 1) of the cell to its ray.
+
+    Args:
+        a, b, c, d: (..., 3) rays of the upper left, upper right, lower left and lower right corner.
+        size: side of a cell, px.
     """
     sides = np.stack([-a, b, c], axis=-1)
-    # The corners of a cell that has no valid pixel may coincide.
+    # A cell without valid pixels may have coinciding corner rays, from which no model follows.
     flat = np.abs(np.linalg.det(sides)) < 1e-18
     sides[flat] = np.eye(3)
     weight = np.linalg.solve(sides, d[..., None])[..., 0]
@@ -325,13 +343,24 @@ def _fit_matrices(
 
 def _build_tree(axis: np.ndarray, angle: np.ndarray, visible: np.ndarray, rows: int, columns: int
           ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return nodes, levels and children of Tiles from the axes and angles of the tiles' cones."""
+    """Build the tree of an image with rows x columns tiles.
+
+    Args:
+        axis: (tiles, 3) axis of the cone around the rays of each tile.
+        angle: (tiles,) half angle of this cone, rad.
+        visible: (tiles,) bool, whether a tile has a valid pixel.
+        rows, columns: numbers of rows and columns of tiles.
+
+    Returns:
+        The attributes `nodes`, `levels` and `children` of Tiles.
+    """
     nodes, levels, children = [], [], [np.zeros((0, 5, 16))]
     first = joined = 0
     axis, angle = axis.reshape(rows, columns, 3), angle.reshape(rows, columns)
     visible = visible.reshape(rows, columns)
-    # `tile`, `wide` and `shown` are the axes, angles and validity of the tiles. The axis of a tile
-    # without valid pixels is 0. `span` is the number of tiles along a side of a node.
+    # `tile`, `wide` and `shown` are the axes, half angles and validity of the tiles; `axis`,
+    # `angle` and `visible` are those of the nodes of the present level. A node spans `span` x
+    # `span` tiles.
     tile, wide, shown, span = axis * visible[..., None], angle, visible, 1
     while True:
         limit = np.minimum(angle + 1e-9, np.pi)
@@ -359,7 +388,7 @@ def _build_tree(axis: np.ndarray, angle: np.ndarray, visible: np.ndarray, rows: 
 
 
 def _group_by_fours(x: np.ndarray, rows: int, columns: int) -> np.ndarray:
-    """Return x in groups of 4 x 4, (rows, columns, 16, ...), padded with zeros."""
+    """Return x (a, b, ...) in groups of 4 x 4 as (rows, columns, 16, ...), padded with zeros."""
     pad = [(0, 4 * rows - x.shape[0]), (0, 4 * columns - x.shape[1])]
     x = np.pad(x, pad + [(0, 0)] * (x.ndim - 2)).reshape(rows, 4, columns, 4, *x.shape[2:])
     return x.swapaxes(1, 2).reshape(rows, columns, 16, *x.shape[4:])

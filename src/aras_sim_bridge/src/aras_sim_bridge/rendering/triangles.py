@@ -15,7 +15,8 @@ from . import clustering
 from .scene import VisualMesh
 from .textures import Textures
 
-# Size of the cache for scenes, bytes. A study renders the same scene ten thousand times.
+# Size of the cache for scenes, bytes. The cache is worthwhile because a study renders the same
+# scene thousands of times.
 CACHE_BYTES = 1 << 24
 # A visual is tested for convexity if its number of vertices times its number of triangles is at
 # most MOST_CONVEX_TESTS. FLAT is the tolerance of the test, relative to the size of the visual; it
@@ -27,20 +28,22 @@ MOST_CONVEX_TESTS, FLAT = 1 << 22, 1e-6
 class Clusters:
     """C clusters of neighbouring triangles with similar normals.
 
-    Most clusters are found to be invisible without a test of their triangles. Clusters with large
-    triangles come first, because these hide others.
+    The renderer skips invisible clusters without testing their triangles one by one. Clusters with
+    large triangles come first, because these hide others.
 
     Attributes:
-        first, count: (C,) first triangle, and number of triangles, of each cluster.
+        first, count: (C,) index of the first triangle and number of triangles of each cluster.
         row: (C,) row of the cluster's link in the poses of the scene.
         centre, half: (C, 3) centre and half sides of the bounding box in the link frame, m.
         radius: (C,) radius of the bounding sphere around the centre, m.
-        axis, cosine: (C, 3), (C,) axis of the cone around the normals, and cosine of its angle.
-        height: (C,) smallest distance of a triangle's plane from the centre along the triangle's
-            normal, m.
+        axis, cosine: (C, 3), (C,) axis of the cone that contains all normals of the cluster, and
+            cosine of its half angle.
+        height: (C,) smallest value of n . (p - centre) among the cluster's triangles, m, where n is
+            the normal and p a point of a triangle.
         opaque: (C,) bool, whether the triangles are opaque.
-        quad: (C,) bool, whether the cluster is a flat convex quad of one colour. If so, the first
-            corner of each of its two triangles is the one opposite to the common side.
+        quad: (C,) bool, whether the cluster is a flat convex quadrilateral of one colour, made of
+            two triangles. The first corner of each triangle is then the one that the other triangle
+            lacks.
     """
 
     first: np.ndarray
@@ -60,6 +63,8 @@ class Clusters:
 class Triangles:
     """T triangles of all visuals, cluster by cluster.
 
+    The visuals are numbered in the order in which they were given.
+
     Attributes:
         clusters: clusters of the triangles.
         row_centre, row_half: (rows, 3) centre and half sides of each link's bounding box, m. The
@@ -68,11 +73,11 @@ class Triangles:
         normals: (T, 3, 3) normals at the corners in the link frame.
         plane: (T, 4) normal n and distance d of the plane, whose points x fulfil n . x = d.
         row: (T,) row of the triangle's link in the poses of the scene.
-        part: (T,) number of the triangle's visual.
-        smooth: (T,) number of the triangle's visual, or -1 if the visual has a texture. The colours
-            of a visual without texture differ only by the light.
-        hull: (T,) number of the triangle's visual, or -1 if the visual is not convex. The triangles
-            of a convex visual do not hide each other.
+        part: (T,) number of the visual to which a triangle belongs.
+        smooth: (T,) this number if the visual has no texture, -1 otherwise. The colour of a visual
+            without texture varies only with the light.
+        hull: (T,) this number if the visual is convex, -1 otherwise. The triangles of a convex
+            visual do not hide each other.
         albedo: (T, 4) red, green and blue, 0..255, and opacity, 0..1.
         uv: (T, 3, 2) texture coordinates at the corners.
         layer: (T,) start of the texture in Textures.texels; -1 if there is no texture.
@@ -96,7 +101,11 @@ class Triangles:
 
     @cached_property
     def facets(self) -> np.ndarray:
-        """Numbers like `smooth` (T,), but different for flat triangles with different normals."""
+        """Number (T,) that flat triangles of the same visual with the same normal have in common.
+
+        All triangles of a visual that are not flat-shaded share one number. The number is -1 if the
+        visual has a texture.
+        """
         flat = (self.normals == self.normals[:, :1]).all(axis=(1, 2))
         turned = np.where(flat[:, None], np.rint(1e4 * self.normals[:, 0]), 2e4).astype(np.int64)
         key = ((self.part * 40001 + turned[:, 0]) * 40001 + turned[:, 1]) * 40001 + turned[:, 2]
@@ -105,7 +114,7 @@ class Triangles:
 
     @property
     def nbytes(self) -> int:
-        """Memory of the arrays, bytes."""
+        """Memory that the arrays of triangles, clusters and textures use, bytes."""
         arrays = [getattr(self, f.name) for f in fields(self)]
         arrays += [getattr(self.clusters, f.name) for f in fields(self.clusters)]
         return sum(a.nbytes for a in arrays if isinstance(a, np.ndarray)) + (
@@ -113,7 +122,7 @@ class Triangles:
 
     @classmethod
     def from_visuals(cls, visuals: list[VisualMesh]) -> Triangles:
-        """Return the triangles of these visuals. All renderers share a cache of them."""
+        """Return the triangles of these visuals, from a cache that all renderers share."""
         return _cache.get(_make_key(visuals), lambda: cls._build(visuals))
 
     @classmethod
@@ -189,7 +198,14 @@ def _is_convex(part: VisualMesh) -> bool:
 
 
 def _compute_boxes(corners: np.ndarray, row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the attributes row_centre and row_half of Triangles."""
+    """Return the bounding box of each link's triangles as (centres, half sides), (rows, 3) each.
+
+    The box is in the link frame, m. Its half sides are -1 if the link has no triangles.
+
+    Args:
+        corners: (T, 3, 3) corners of the triangles in the link frame, m.
+        row: (T,) row of each triangle's link.
+    """
     rows = row.max(initial=-1) + 1
     low, high = np.full((rows, 3), np.inf), np.full((rows, 3), -np.inf)
     np.minimum.at(low, row, corners.min(axis=1))
@@ -203,7 +219,10 @@ _cache: ByteLimitedCache[bytes, Triangles] = ByteLimitedCache(CACHE_BYTES)
 
 
 def _make_key(parts: list[VisualMesh]) -> bytes:
-    """Return a checksum of the visuals and of the modification times of their texture files."""
+    """Return a checksum of the visuals, the key of the cache.
+
+    It includes the modification times of the texture files.
+    """
     key = hashlib.blake2b(digest_size=16)
     for part in parts:
         mesh = part.mesh
@@ -237,9 +256,9 @@ def _find_quad(corners: np.ndarray) -> tuple[int, int] | None:
     side = np.roll(outline, -1, axis=0) - outline
     turn = np.cross(side, np.roll(side, -1, axis=0))
     normal = turn.sum(axis=0)
-    # By construction, the normal is perpendicular to both diagonals. The quad is flat if one side
-    # is perpendicular to the normal, too. The tolerance allows for mesh coordinates with seven
-    # digits.
+    # The normal is perpendicular to both diagonals of the quadrilateral by construction. The
+    # quadrilateral is flat if one side is perpendicular to the normal, too, up to the rounding of
+    # mesh coordinates with seven digits.
     near = 1e-6 * np.abs(side).max() + 2e-7 * np.abs(outline).max()
     flat = abs(side[0] @ normal) <= near * np.linalg.norm(normal)
     return (i, j) if flat and (turn @ normal > 0.0).all() else None

@@ -26,8 +26,9 @@ class View:
             so the centre of the image is ((width - 1) / 2, (height - 1) / 2).
         near, far: clip distances along the optical axis, m. Surfaces nearer than `near` or farther
             than `far` are not drawn.
-        lens: tiles of an image through a lens, which are used instead of K; None for a pinhole. If
-            rays point sideways or backwards, near and far are measured along the axis of each tile.
+        lens: rays of the pixels for a camera with a lens, which replace K; None for a pinhole. The
+            image is divided into tiles. If rays point sideways or backwards, near and far are
+            measured along the middle ray of each tile.
     """
 
     width: int
@@ -59,34 +60,34 @@ class View:
         return self.lens or (self.width, self.height, self.K.tobytes())
 
     def get_tiles(self) -> Tiles:
-        """Return the tiles of the image."""
+        """Return the tiles into which the image is divided, with the rays of its pixels."""
         return self.lens or get_shared_tiles(self.width, self.height, self.K.tobytes(), lambda: (
             Tiles.of_pinhole(self.width, self.height, self.K)))
 
 
 @dataclass(frozen=True)
 class Lighting:
-    """Lighting: ambient light, and either a white sun without shadows or `lights`.
+    """Light of a scene: ambient light, and either a white sun without shadows or `lights`.
 
     With the sun, a surface of albedo a and normal n reflects a * (ambient + diffuse * max(0, n .
-    -direction)). The image shows this value times `scale`. The defaults are those of Gazebo.
+    -direction)). The grey level is 255 times this value times `scale`. The defaults are those of
+    Gazebo.
 
     Attributes:
         direction: direction of the sunlight in the world frame, from the sun to the ground.
         ambient: intensity of the ambient light.
         diffuse: intensity of the sunlight.
         background: colour of the background.
-        exposure: 'unclipped' scales the light such that the brightest possible surface, which is
-            white and faces the sun, has a grey level of at most 255; images with less light are not
-            changed. 'gazebo' does not scale the light. Grey levels above 255 are then clipped,
-            which moves the edges of textures towards the dark side by hundredths of a pixel.
+        exposure: 'gazebo' does not scale the light, and clips grey levels above 255. This moves the
+            edges of textures towards the dark side by hundredths of a pixel. 'unclipped' scales the
+            light down if a white surface that faces the sun would be brighter than 255.
         lights: lights of any kind and colour (see lamps.py), which replace the sun.
         shadows: kind of shadows, one of SHADOWS. It applies to all lights that cast shadows.
         tint: colour of the ambient light (red, green, blue), by which `ambient` is multiplied.
         sky: whether a sky replaces the background.
-        reference_white_level: white level that the exposure 'unclipped' uses; None for
-            `white_level`. It is set for lights that vary, so that the exposure of the camera is
-            constant.
+        reference_white_level: intensity that 'unclipped' scales to the grey level 255. If None, it
+            is the intensity of the brightest white surface. A fixed value keeps the exposure
+            constant while lights vary.
     """
 
     direction: tuple[float, float, float] = (-0.5, 0.1, -0.9)
@@ -102,7 +103,7 @@ class Lighting:
 
     @property
     def white_level(self) -> float:
-        """Largest intensity that a white surface reflects."""
+        """Largest intensity that a white surface can reflect under these lights."""
         if self.lights:
             diffuse = np.sum([light.diffuse[:3] for light in self.lights], axis=0)
             return float((diffuse + self.ambient * np.array(self.tint)).max())
@@ -110,7 +111,7 @@ class Lighting:
 
     @property
     def scale(self) -> float:
-        """Factor that converts reflected light to grey levels, where 1 is the grey level 255."""
+        """Fraction of the grey level 255 per unit of reflected light intensity."""
         if self.exposure == "gazebo":
             return 1.0
         return 1.0 / max(
@@ -120,7 +121,7 @@ class Lighting:
 
     @property
     def ambient_levels(self) -> np.ndarray:
-        """Ambient light (3,) after scaling, where 1 is the grey level 255."""
+        """Ambient light (red, green, blue) as a fraction of the grey level 255."""
         return self.scale * self.ambient * np.array(self.tint)
 
     @cached_property

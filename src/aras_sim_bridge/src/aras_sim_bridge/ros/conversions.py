@@ -1,6 +1,6 @@
 """Conversions between ROS messages and the simulation's own types.
 
-Times are integer nanoseconds of simulated time. Poses and twists are those of
+Times are integer nanoseconds of simulated time. The types Pose and Twist are defined in
 aras_visual_servo_base.poses.
 """
 
@@ -17,8 +17,8 @@ from aras_visual_servo_base.poses import Pose, Twist, check_pose, check_vector
 # Largest requested position of a model or joint, m or rad. At this distance, double precision still
 # resolves 1e-10.
 FARTHEST = 1e6
-# Largest magnitude of other requested values, in SI units (m, m/s, rad/s, N, …), so that the
-# squares of the values do not overflow.
+# Largest magnitude of requested velocities, forces and all other values except positions, in SI
+# units (m/s, rad/s, N, …). The squares of such values do not overflow.
 LARGEST = 1e9
 
 

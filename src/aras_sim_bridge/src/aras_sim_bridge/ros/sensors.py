@@ -116,7 +116,7 @@ class SensorTopic(StateTopic):
 
     @staticmethod
     def _find_frame(sensor: RateSensor) -> str:
-        """Return the link in whose axes the readings are given if the plug-in names no frame."""
+        """Return the link whose axes the readings use if the plug-in specifies no frame."""
         description = sensor.description
         if description.wrench_frame == "parent":
             return sensor.model.description.joints[description.joint].parent

@@ -13,8 +13,8 @@ from aras_sim_bridge.world import Model, World
 from aras_visual_servo_base.poses import Vector3
 
 State = TypeVar("State")
-# Parts of the random seeds of a sensor: _BIAS for the bias of a run, _NOISE for the noise of a
-# reading.
+# Added to the seed of a sensor, these numbers give two independent random sequences: _BIAS for the
+# constant bias of the sensor, _NOISE for the noise of each reading.
 _BIAS, _NOISE = 0, 1
 
 
@@ -22,12 +22,12 @@ class RateSensor(ABC, Generic[State]):
     """Sensor that measures at a fixed rate of simulated time.
 
     The k-th reading is taken after the first step that ends at or after the time k / rate. With a
-    rate of 0, a reading is taken after every step. A reading may need an earlier state of the
-    model. This state is stored `_span_ns` before the reading, or one step before it if `_span_ns`
-    is 0.
+    rate of 0, a reading is taken after every step. A sensor that measures a rate of change needs an
+    earlier state of the model. This state is stored `_span_ns` before the reading, or one step
+    before it if `_span_ns` is 0.
 
     The simulation calls `before_step` and `after_step` around each step while the sensor is
-    `enabled`; steps that end at or before `idle_until_ns` need no such calls.
+    `enabled`. It may leave out the calls for steps that end at or before `idle_until_ns`.
 
     Attributes:
         description: settings of the sensor.
@@ -83,9 +83,9 @@ class RateSensor(ABC, Generic[State]):
         self._is_new = True
 
     def before_step(self, time_ns: int, after_ns: int) -> None:
-        """Store the state that the next reading needs.
+        """Store the state of the model if the next reading needs the state before this step.
 
-        Call this before the step from `time_ns` to `after_ns`.
+        The step goes from `time_ns` to `after_ns`.
         """
         if self._is_new:
             self._is_new, self._previous_state = False, None
@@ -127,14 +127,14 @@ class RateSensor(ABC, Generic[State]):
 
     @abstractmethod
     def _read_state(self) -> State:
-        """Return the state of the model that a later reading needs."""
+        """Return the state before a step from which a later reading is computed."""
 
     @abstractmethod
     def _measure(self, before: State, time_ns: int, seconds: float) -> object:
         """Return the reading at `time_ns`; `before` is the state `seconds` earlier."""
 
     def _add_noise(self, first: Vector3, second: Vector3, stamp_ns: int) -> tuple[Vector3, Vector3]:
-        """Return the two vectors of a reading with the noise of their six channels added."""
+        """Return the two vectors of a reading after adding noise to their six components."""
         if not (self._mean.any() or self._stddev.any()):
             return first, second
         random = np.random.default_rng([self._seed, stamp_ns, _NOISE])

@@ -86,8 +86,8 @@ class ContactSensor(RateSensor[None]):
         position = np.array(numbers[:3])
         forces = [numbers[i] * np.array(numbers[i + 1:i + 4]) for i in (3, 7, 11)]
         force = sum(forces)
-        # Bullet reports the direction of the force on its first body. A negative normal force
-        # reverses this direction.
+        # Direction of the normal force on `link`: numbers[4:7], or its opposite if the force
+        # numbers[3] is negative.
         normal = np.copysign(1.0, numbers[3]) * np.array(numbers[4:7])
         inertial = self.model.description.links[link].inertial
         pose = self.model.link_pose(link)

@@ -11,7 +11,7 @@ from aras_sim_bridge.world import Model, World
 
 @dataclass(frozen=True)
 class JointStateReading:
-    """Positions (rad or m) and velocities (per s) of the joints, in the plug-in's order."""
+    """Positions (rad or m) and velocities (rad/s or m/s) of the joints in the plug-in's list."""
 
     stamp_ns: int
     names: tuple[str, ...]

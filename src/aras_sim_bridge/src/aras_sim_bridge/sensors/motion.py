@@ -64,8 +64,8 @@ class PoseSensor(RateSensor[None]):
             frame, frame_twist = self.model.link_state(description.frame)
             lever = subtract(pose.xyz, frame.xyz)
             inverse = conjugate(frame.quat)
-            # Subtract the velocity that the link's origin would have if it were fixed in the
-            # reference frame, because the reference frame may move.
+            # Velocity that the link's origin would have if the link were fixed in the moving
+            # reference frame.
             transport = add(frame_twist.linear, cross(frame_twist.angular, lever))
             twist = Twist(rotate(inverse, subtract(twist.linear, transport)),
                           rotate(inverse, subtract(twist.angular, frame_twist.angular)))
@@ -80,8 +80,8 @@ class PoseSensor(RateSensor[None]):
 class Imu(RateSensor[Vector3]):
     """IMU of libgazebo_ros_imu_sensor.so; at rest it measures g upwards, like a real IMU.
 
-    The acceleration is averaged over one period of the sensor's sampling rate, which may differ
-    from the rate of its readings. With a sampling rate of 0 it is averaged over one physics step.
+    The acceleration is an average over 1 / (sampling rate). The sampling rate may differ from the
+    rate at which readings are published. If it is 0, the average is over one physics step.
     """
 
     def __init__(self, description: SensorDescription, model: Model, world: World, seed: int

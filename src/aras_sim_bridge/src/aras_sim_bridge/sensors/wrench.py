@@ -1,6 +1,7 @@
 """Force/torque sensors in joints.
 
-Such a sensor uses the momentum balance of the links that its joint carries.
+The wrench in a joint is computed from the momentum of all links beyond the joint, that is, its
+child link and the descendants of this link.
 """
 
 from __future__ import annotations
@@ -32,13 +33,13 @@ class WrenchReading:
 class WrenchSensor(RateSensor[np.ndarray]):
     """Force/torque sensor of libgazebo_ros_ft_sensor.so.
 
-    It measures the wrench that the child link exerts on the parent link through the joint, or the
-    opposite wrench if the description says so. The carried links are the child link and all its
-    descendants; at rest the sensor measures their weight.
+    It measures the wrench that the child link exerts on the parent link through the joint, or, if
+    the description says so, the opposite wrench. The carried links are the child link and all its
+    descendants. At rest, the sensor measures their weight.
 
-    Over one step, the momentum of the carried links changes by the impulses of gravity, contacts,
-    externally applied wrenches and the joint. The impulse of the joint is the unknown; it includes
-    the effort of the joint's drive.
+    During a step, the momentum of the carried links changes through gravity, contacts, applied
+    wrenches and the joint. All except the wrench of the joint are known, so that this wrench
+    follows. It includes the effort of the joint's drive.
     """
 
     def __init__(self, description: SensorDescription, model: Model, world: World, seed: int
@@ -60,7 +61,10 @@ class WrenchSensor(RateSensor[np.ndarray]):
             ]
 
     def _read_state(self) -> np.ndarray:
-        """Return the linear momentum and the angular momentum about the world origin, (6,)."""
+        """Return the linear and angular momentum (6,) of the carried links.
+
+        The angular momentum is about the world origin.
+        """
         total = np.zeros(6)
         for mass, centre, velocity, spin in self._list_masses():
             total[:3] += mass * velocity
@@ -86,7 +90,7 @@ class WrenchSensor(RateSensor[np.ndarray]):
             yield inertial.mass, centre, velocity, spin
 
     def _list_forces(self) -> Iterator[Force]:
-        """Yield all forces on the carried links except that of the joint."""
+        """Yield all forces on the carried links except the force that the joint transmits."""
         links = self.model.description.links
         states = self.model.link_states()
         for name in self._carried_links:

@@ -20,8 +20,8 @@ from aras_visual_servo_base.poses import IDENTITY, Pose
 
 UPPER_TRIANGLE = np.triu_indices(3)
 _BODY = 50  # number of columns of Articulation.bodies
-# Speed at which a joint without a velocity limit returns from beyond a position limit, rad/s or
-# m/s.
+# Largest speed at which a joint returns from beyond a position limit, if it has no velocity limit,
+# rad/s or m/s.
 _RETURN_SPEED = 1.0
 
 
@@ -29,20 +29,22 @@ class Articulation:
     """Rigid bodies of a model with a fixed base, one per moving joint.
 
     A body consists of the child link of a moving joint and all links that are fixed to it. The base
-    consists of the root link and all links that are fixed to it.
+    consists of the root link and all links that are fixed to it. The joint frame is the frame in
+    which the joint axis is given; it moves with the body.
 
     Attributes:
         names: names of the moving joints. Row k of each array belongs to the joint names[k].
-        bodies (n, 50): data of the bodies. q is the joint position. The columns are:
+        bodies (n, 50): data of the bodies, in the columns below. q is the joint position.
             0:27   rotation of the joint frame in the frame of the parent body,
                    A + B cos(q) + C sin(q): the (3, 3) matrices A, B and C
-            27:30  origin of the joint frame in the frame of the parent body, m
+            27:30  origin of the joint frame at q = 0 in the frame of the parent body, m
             30:33  joint axis in the joint frame
             33     mass, kg
-            34:37  first moments of mass about the joint frame's origin, in its axes, kg m
-            37:43  second moments of mass about the same point, in the same axes
+            34:37  mass times centre of mass in the joint frame, kg m
+            37:43  inertia tensor about the origin of the joint frame, in its axes
                    (xx xy xz yy yz zz), kg m²
-            43:47  mass and first moments of only those links that gravity acts on
+            43     mass of only those links that gravity acts on, kg
+            44:47  this mass times its centre of mass in the joint frame, kg m
             47:50  joint axis in the frame of the parent body
         base (50,): the same columns for the base, in the root frame.
         tree (n, 4): topology, described in joint_dynamics.py.
@@ -85,7 +87,10 @@ class Articulation:
         self.tree[:, 3] = range(count)
 
     def _set_frame(self, body: int, at: Pose, axis: Vector3) -> None:
-        """Write the joint axis, and the pose `at` of the joint frame in the parent frame."""
+        """Write the joint axis and the pose of the joint frame to row `body` of `bodies`.
+
+        `at` is the pose of the joint frame in the frame of the parent body, at joint position 0.
+        """
         rotation, u = at.matrix()[:3, :3], np.array(axis)
         along = np.outer(u, u)
         skew = np.array([[0.0, -u[2], u[1]], [u[2], 0.0, -u[0]], [-u[1], u[0], 0.0]])
@@ -98,7 +103,14 @@ class Articulation:
 
 
 def _add_mass(row: np.ndarray, inertial: Inertial, pose: Pose, gravity: bool) -> None:
-    """Add the inertia of a link to the row of its body; `pose` is joint_T_link."""
+    """Add the mass and the inertia of a link to the row of its body in Articulation.bodies.
+
+    Args:
+        row: (50,) row of the body.
+        inertial: inertial of the link.
+        pose: joint_T_link, pose of the link in the joint frame of its body.
+        gravity: whether gravity acts on the link.
+    """
     frame = pose @ inertial.pose
     rotation = frame.matrix()[:3, :3]
     centre = np.array(frame.xyz)
@@ -117,9 +129,10 @@ def _add_mass(row: np.ndarray, inertial: Inertial, pose: Pose, gravity: bool) ->
 def make_joint_rows(
     description: RobotDescription, names: Sequence[str], tree: np.ndarray
 ) -> np.ndarray:
-    """Return the (n, 11) array `joints` of joint_dynamics.py, without damping and friction.
+    """Return the joint parameters (n, 11) that joint_dynamics.py reads from its array `joints`.
 
-    For each mimicking joint, the index of its leader is written to tree[:, 3].
+    Damping and friction stay 0. If joint k mimics another joint, the index of that joint is written
+    to tree[k, 3].
     """
     rows = np.zeros((len(names), 11))
     rows[:, RATIO] = 1.0

@@ -13,8 +13,8 @@ DEFAULT_FRICTION = 1.0  # Gazebo's default friction coefficient of a link
 # rad/s.
 _UNBOUNDED_VELOCITY = 1e9
 # Bullet's collision margins, m: ROOT_MARGIN for a root link, LINK_MARGIN for all other links.
-# Bullet enlarges the convex hulls of meshes by the margin. A body at rest sinks into the ground by
-# ROOT_MARGIN, which is therefore small. PyBullet cannot change LINK_MARGIN.
+# Bullet enlarges the convex hulls of meshes by this margin. ROOT_MARGIN is small, because a body at
+# rest sinks into the ground by it. PyBullet cannot change LINK_MARGIN.
 LINK_MARGIN = 1e-3
 ROOT_MARGIN = 1e-5
 
@@ -26,7 +26,8 @@ class Body:
         body_id: Bullet's body id; it changes with each load.
         links: Bullet's link index by link name; -1 is the root.
         joint_indices: Bullet's joint index by joint name.
-        inertial_poses: link_T_principal by link name; the principal frame is Bullet's link frame.
+        inertial_poses: pose of the principal axes of inertia in the frame of each link, by link
+            name. Bullet uses the frame of the principal axes as its link frame.
         is_asleep: whether the body is asleep, so that Bullet's steps do not move it.
         weightless_link_masses: masses of the links that gravity does not act on, kg.
         friction: contact friction coefficient by Bullet's link index.
@@ -102,7 +103,9 @@ class Body:
         for index in range(pybullet.getNumJoints(self.body_id, physicsClientId=self.client)):
             info = pybullet.getJointInfo(self.body_id, index, physicsClientId=self.client)
             if info[1].decode() not in description.joints:
-                continue  # an empty link that bullet_files.py added to the URDF
+                # bullet_files.py may have added an empty link, which the description does not
+                # contain
+                continue
             joints[info[1].decode()] = index
             links[info[12].decode()] = index
         missing = set(description.links) - set(links)
@@ -115,7 +118,11 @@ class Body:
                          for index, mu in coefficients.items()}
 
     def _set_dynamics(self, bodies: RobotDescription) -> None:
-        """Disable Bullet's damping and velocity limit, and set contact parameters and inertias."""
+        """Set the dynamics parameters of the body in Bullet from its description.
+
+        Damping, the velocity limit, restitution and rolling friction are switched off; the
+        collision margin, friction anchors and principal moments of inertia are set.
+        """
         client, body = self.client, self.body_id
         # Set these values once, not for each link: PyBullet applies them to the body or its root,
         # whichever link is named.
@@ -130,8 +137,8 @@ class Body:
                 "restitution": 0.0, "rollingFriction": 0.0, "spinningFriction": 0.0,
             }
             if link.inertial is not None and not (index == -1 and self.fixed_base):
-                # Set the true principal moments, because Bullet replaces an inertia tensor that
-                # violates the triangle inequality by zero.
+                # Set the true principal moments. If an inertia tensor violates the triangle
+                # inequality, Bullet has set its moments to zero.
                 settings["localInertiaDiagonal"] = bullet_files.find_principal_frame(link.inertial)[
                     1
                 ]

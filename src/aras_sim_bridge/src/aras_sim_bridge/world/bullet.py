@@ -14,7 +14,7 @@ def silence_output() -> Iterator[None]:
 
     Exceptions are still raised.
     """
-    # C buffers its output to pipes and files, so flush this buffer
+    # C buffers its output to pipes and files; this function writes the buffered output now.
     flush = ctypes.CDLL(None).fflush
     for stream in (sys.stdout, sys.stderr):
         if stream is not None:
@@ -51,7 +51,7 @@ _idle_clients: list[int] = []
 # Program that tries to open Bullet's window in a process of its own, because Bullet ends the
 # process if this fails.
 _WINDOW_PROGRAM = "import pybullet; raise SystemExit(pybullet.connect(pybullet.GUI) < 0)"
-WINDOW_TIMEOUT = 30.0  # time to wait for the window, s
+WINDOW_TIMEOUT = 30.0  # time to wait until Bullet's window has opened, s
 
 
 def check_window() -> None:
@@ -90,7 +90,10 @@ def connect(window: bool) -> int:
 
 
 def release_client(client: int, is_unused: bool) -> None:
-    """Release a client; `is_unused` means that it has no window and has never made a step."""
+    """Release a Bullet client; keep it for reuse if `is_unused` is True and no other is kept.
+
+    `is_unused` means that the client has no window and has never made a step.
+    """
     if is_unused and not _idle_clients:
         pybullet.resetSimulation(physicsClientId=client)
         _idle_clients.append(client)
@@ -99,14 +102,16 @@ def release_client(client: int, is_unused: bool) -> None:
 
 
 def find_contacts(body: int, client: int) -> list[tuple[int, int, int, tuple[float, ...]]]:
-    """Return the contacts of a body, each as (link, other body, other link, sixteen numbers).
+    """Return the contacts of a body.
 
-    The numbers are the contact point in the world (m), three forces on the body and the penetration
-    depth (m). The forces are the normal force and two friction forces, each given as magnitude (N)
-    and unit direction.
+    PyBullet's own search for the contacts of one body returns wrong friction directions. Therefore
+    this function filters the list of all contacts.
 
-    If PyBullet is asked for the contacts of a single body, it reverses the normals where needed,
-    but not the friction directions. Therefore all contacts are read, and both are reversed here.
+    Returns:
+        For each contact, the tuple (link of the body, other body, link of the other body, numbers).
+        The sixteen numbers are the contact point in the world (m), the normal force and two
+        friction forces on the body, each as magnitude (N) and unit direction, and the penetration
+        depth (m).
     """
     found = []
     for c in pybullet.getContactPoints(physicsClientId=client):

@@ -152,6 +152,7 @@ class BulletFiles:
             meshes = mesh_files.read(filename)
             pieces = {mesh.piece for mesh in meshes}
             # Bullet builds one convex hull per STL file, and one per object of an OBJ file.
+            # Therefore several pieces need an OBJ file.
             write_file, kind = (write_obj, "obj") if len(pieces) > 1 else (write_stl, "stl")
             path = self._make_file(kind)
             write_file(meshes, path)
@@ -186,8 +187,8 @@ def _format_link(link: Link, concave: bool, colour: Rgba | None, files: BulletFi
     else:
         pose, moments = find_principal_frame(link.inertial)
         mass = link.inertial.mass
-    # Bullet replaces principal moments that violate the triangle inequality by zeros, so load valid
-    # moments. body.py sets the true ones after loading.
+    # Bullet sets principal moments that violate the triangle inequality to zero. Therefore load
+    # moments that fulfil it; body.py sets the true ones afterwards.
     largest = max(moments)
     ixx, iyy, izz = moments if 2.0 * largest <= sum(moments) else (largest,) * 3
     body = (
@@ -195,8 +196,8 @@ def _format_link(link: Link, concave: bool, colour: Rgba | None, files: BulletFi
         f'<inertia ixx="{ixx!r}" ixy="0" ixz="0" iyy="{iyy!r}" iyz="0" izz="{izz!r}"/></inertial>'
     )
     if colour is not None:
-        # Name the material after the link, because Bullet stores one material per name for the
-        # whole model.
+        # Name the material after the link: Bullet stores the materials of a whole model by name, so
+        # equal names would share one material.
         material = (
                 f"<material name={quoteattr(link.name)}><color rgba={_format_numbers(colour)}/>"
                 "</material>"
@@ -217,11 +218,10 @@ def _format_link(link: Link, concave: bool, colour: Rgba | None, files: BulletFi
 def _split_round_shape(collision: Collision) -> Iterator[Collision]:
     """Split a moving cylinder or capsule into a middle part and two rims, so that it rolls freely.
 
-    In each step, Bullet finds one contact point between two shapes, and it keeps the points of
-    earlier steps at their old positions. A rolling cylinder needs a contact point at each of its
-    two ends. The point that Bullet found a step earlier therefore lags behind, and the weight on it
-    accelerates the cylinder by some per cent. With two rims, each rim has one contact point of its
-    own; the middle part is slightly thinner and touches nothing.
+    A rolling cylinder needs a contact point at both ends, but Bullet finds only one point per pair
+    of shapes in each step. The point at the other end is from an earlier step and lags behind, so
+    that the weight on it accelerates the cylinder. Each rim has its own contact point; the middle
+    part is slightly thinner and touches nothing.
     """
     shape, half = collision.geometry, 0.5 * collision.geometry.length
     if shape.kind not in ("cylinder", "capsule"):
@@ -243,9 +243,9 @@ def _split_round_shape(collision: Collision) -> Iterator[Collision]:
 def _needs_empty_link(description: RobotDescription) -> bool:
     """Return whether an empty first link is needed so that moving links collide with static bodies.
 
-    Bullet treats a link as static if all joints above it are fixed, but it does not check the joint
-    of the first link. It therefore treats links that are fixed to a moving first link as static,
-    and never tests them against static bodies. An empty first link prevents this.
+    If the first link moves, Bullet wrongly treats the links that are fixed to it as static, and
+    does not test them against other static bodies. This does not happen if the first link is empty
+    and fixed.
     """
     joints = list(description.joints.values())
     first = next((joint for joint in joints if joint.parent == description.root), None)

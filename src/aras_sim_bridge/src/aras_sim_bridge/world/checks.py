@@ -28,7 +28,7 @@ def check_simulable(description: RobotDescription, name: str) -> None:
                          "other, or split the model")
     for link in description.links.values():
         for where, size in _list_sizes(link):
-            if not size <= LARGEST:  # `not <=` is also true for NaN
+            if not size <= LARGEST:  # this condition is also true if `size` is NaN
                 raise WorldError(f"model '{name}', link '{link.name}': {where} is {size:.4g} m, "
                                  f"must be at most {LARGEST:.0e} m; reduce it")
             if " size of " in where and size < SMALLEST:

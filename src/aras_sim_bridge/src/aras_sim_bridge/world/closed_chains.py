@@ -11,16 +11,17 @@ from aras_visual_servo_base.poses import Pose, Vector3, scale
 # Largest force of a constraint that closes a kinematic loop, N: large enough that the constraint
 # does not yield.
 _LARGEST_FORCE = 1e12
-# Smallest distance from a loop-closing revolute joint to each of the two points that define its
-# axis, m.
+# Smallest distance between the origin of a loop-closing revolute joint and the two points on its
+# axis that are constrained, m.
 _SMALLEST_LENGTH = 1e-3
 
 
 def close_loop(body: Body, loop: LoopJoint) -> list[int]:
-    """Constrain the two links of a loop-closing joint; return Bullet's constraint ids.
+    """Connect the two links of a loop-closing joint by constraints; return Bullet's ids of them.
 
-    A revolute joint becomes two point constraints on its axis. They are as far from the joint as
-    the farther of the two link frames, so that the constraints are well conditioned.
+    A revolute joint becomes two constraints. Each of them makes a point on the joint axis of one
+    link coincide with the same point of the other link. The two points are on both sides of the
+    joint, far enough apart for an accurate solution.
     """
     joint = loop.joint
     parent, child = (body.inertial_poses[name].inverse() @ pose for name, pose in (

@@ -1,10 +1,10 @@
 """Slow separation of bodies that overlap after a spawn or a jump, as in Gazebo.
 
-Bullet removes 8 % of the penetration depth in each step, so a robot that is spawned 5 cm inside the
-ground leaves it at 4 m/s. If the ground pushes a stretched arm along its links, no joint can yield,
-and the impulses grow without bound. Gazebo limits the separation speed (`<max_vel>`), and its
-contacts are slightly compliant. This module gives Bullet's contacts both properties while bodies
-overlap.
+Bullet removes 8 % of the penetration depth in each step of 1 ms, so a robot that is spawned 5 cm
+inside the ground leaves it at 4 m/s. If the ground pushes a stretched arm along its links, no joint
+can yield, and the impulses grow without bound. Gazebo limits the separation speed (`<max_vel>`),
+and its contacts are slightly compliant. This module gives Bullet's contacts both properties while
+bodies overlap.
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ _log = logging.getLogger(__name__)
 _SEPARATION_SPEED = 0.01
 # Fraction of the penetration depth of a contact that Bullet removes in each step by default.
 _DEFAULT_ERP = 0.08
-# If a model jumps again within this number of steps, a program is assumed to move the model.
+# If a model jumps again within this number of steps, a program is assumed to drive it. The
+# separation speed is then not limited.
 _DRIVEN_STEPS = 10
 # Number of steps between two checks of the penetration depths. With steps of 1 ms, the depths
 # change by at most 0.1 mm in this time while the separation speed is limited.
@@ -48,25 +49,25 @@ class DeepContacts:
     def __init__(self, client: int, models: Mapping[str, Model]) -> None:
         self._client, self._models = client, models
         self.is_active = False
-        # True from a jump of a model until the end of the next step
+        # True from a jump of a model until Bullet has made the next step
         self._has_unknown_depth = False
         self._steps_since_move = 0
         self._largest_depth = 0.0  # largest penetration depth of all contacts, m
         self._has_bounded_speed = False
-        # present values of Bullet's contactERP and globalCFM
+        # present values of Bullet's parameters contactERP and globalCFM
         self._parameters = (_DEFAULT_ERP, 0.0)
         self._reported_links: set[tuple[str, str]] = set()
 
     def start_watching(self) -> None:
-        """Start monitoring after models were spawned, loaded or reset."""
+        """Start to monitor penetration depths after models were spawned, loaded or reset."""
         self._has_unknown_depth = self.is_active = True
         self._steps_since_move = 0
 
     def continue_watching(self) -> None:
-        """Extend the monitoring after a model or its joints jumped to another position.
+        """Continue to monitor penetration depths after a model or its joints jumped.
 
-        Jumps in quick succession (see _DRIVEN_STEPS) come from a program that drives the model.
-        They do not start a new speed limit, so that the model may push other bodies at full speed.
+        If jumps follow each other within _DRIVEN_STEPS, a program drives the model. The separation
+        speed is then not limited, so that the model may push other bodies at full speed.
         """
         self._has_unknown_depth = (
             self._has_unknown_depth or not self.is_active or self._steps_since_move >= _DRIVEN_STEPS
@@ -74,13 +75,14 @@ class DeepContacts:
         self.is_active, self._steps_since_move = True, 0
 
     def clear(self) -> None:
-        """Forget all depths and reports; called after Bullet was reset."""
+        """Forget the penetration depths and the logged overlaps; called after Bullet was reset."""
         self._reported_links.clear()
         self._largest_depth, self._parameters = 0.0, (_DEFAULT_ERP, 0.0)
 
     def before_step(self, dt: float) -> None:
         """Limit the separation speed of overlapping bodies in the next step of `dt` s."""
-        # After a jump of a model, the penetration depth is unknown until Bullet has made the step.
+        # After a jump of a model, the penetration depth is unknown until Bullet has made a step;
+        # assume the worst.
         depth = math.inf if self._has_unknown_depth else self._largest_depth
         self._has_bounded_speed = depth * _DEFAULT_ERP > _SEPARATION_SPEED * dt
         parameters = (
@@ -94,7 +96,10 @@ class DeepContacts:
                                                physicsClientId=self._client)
 
     def after_step(self, dt: float) -> None:
-        """Update the largest penetration depth every _CHECK_EVERY steps, and after a jump."""
+        """Measure the largest penetration depth, every _CHECK_EVERY steps and after a jump.
+
+        Decide from it whether `is_active` stays True.
+        """
         self._steps_since_move += 1
         if not self._has_unknown_depth and self._steps_since_move % _CHECK_EVERY:
             return
@@ -105,8 +110,8 @@ class DeepContacts:
         if self._has_unknown_depth:
             self._warn_overlaps(contacts)
         self._has_unknown_depth = False
-        # Stay active for one step after the last step with a limited speed, so that before_step
-        # restores Bullet's default parameters.
+        # Stay active for one step after the last step with a limited separation speed. In this
+        # additional step, before_step restores Bullet's default parameters.
         self.is_active = (
             self._has_bounded_speed
             or self._largest_depth * _DEFAULT_ERP > _SEPARATION_SPEED * dt

@@ -17,10 +17,12 @@ from aras_visual_servo_base.urdf import JointLimits
 def change_link(description: RobotDescription, link: str, mass: float, com: Vector3,
               inertia: tuple[float, float, float, float, float, float],
               gravity: bool) -> RobotDescription:
-    """Return the description with another inertial in one link.
+    """Return the description with another mass, centre of mass and inertia of one link.
 
     Args:
-        mass: kg.
+        description: description of the model.
+        link: name of the link.
+        mass: mass, kg.
         com: centre of mass in the link frame, m.
         inertia: (ixx, ixy, ixz, iyy, iyz, izz) about the centre of mass in the link's axes, kg m².
         gravity: whether gravity acts on the link.
@@ -52,13 +54,15 @@ def change_joint(description: RobotDescription, joint: str, damping: float | Non
     A parameter that is None is not changed.
 
     Args:
-        damping: N m s/rad or N s/m.
-        friction: Coulomb friction, N m or N (ODE's fmax at velocity 0).
+        description: description of the model.
+        joint: name of the joint.
+        damping: viscous damping, N m s/rad or N s/m.
+        friction: Coulomb friction, N m or N.
         lower, upper: stops, rad or m. If both are given, a continuous joint becomes revolute.
 
     Raises:
-        WorldError: unknown or fixed joint, a number that is not finite, negative damping or
-            friction, crossed stops.
+        WorldError: the joint is unknown or fixed, a number is not finite, damping or friction is
+            negative, or the lower stop is above the upper stop.
     """
     present = description.joints.get(joint)
     if present is None or not present.is_movable:

@@ -35,7 +35,10 @@ class ContactFriction:
         self.is_active = False
 
     def set_models(self, models: Iterable[Model]) -> None:
-        """Read the coefficients of all models; called after spawns, deletions and reloads."""
+        """Read the friction coefficients of all models.
+
+        This is called after models were spawned, deleted or reloaded.
+        """
         self._coefficients, fixed = {}, set()
         for model in models:
             for name, index in model.link_indices.items():
@@ -59,7 +62,10 @@ class ContactFriction:
         self.is_active = any(v > 1.0 for v in values) or sum(v != 1.0 for v in values) > 1
 
     def before_step(self) -> None:
-        """Update the coefficients if contacts changed; call this in each step while `is_active`."""
+        """Update the coefficients in Bullet if links have touched or separated.
+
+        Call this in each step while `is_active`; it checks every CHECK_EVERY steps.
+        """
         self._countdown -= 1
         if self._countdown:
             return
@@ -74,7 +80,11 @@ class ContactFriction:
                     self._apply(*part, value)
 
     def _solve_coefficients(self, pairs: Iterable[tuple[_LinkId, _LinkId]]) -> dict[_LinkId, float]:
-        """Solve the equations of this module; return the coefficient of each touching link."""
+        """Return the coefficient of each touching link that gives all contacts the right friction.
+
+        The product of the coefficients of the two links of a pair shall be the smaller of their
+        original coefficients. The logarithms of the coefficients are computed by least squares.
+        """
         smooth = {part for pair in pairs for part in pair if self._coefficients[part] == 0.0}
         rough = [pair for pair in sorted(pairs) if not smooth.intersection(pair)]
         parts = sorted({part for pair in rough for part in pair})

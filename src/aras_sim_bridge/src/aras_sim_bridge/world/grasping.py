@@ -1,10 +1,11 @@
 """Counterpart of libgazebo_grasp_fix.so: a grasped object is attached to the palm of the gripper.
 
 Friction alone does not hold an object for long in a simulated gripper. Several times a second, the
-plug-in checks whether two fingers press an object with opposed forces. It counts up if they do, and
-down otherwise. If the count exceeds a threshold, the object is attached to the palm. The object is
-released when the count has fallen to the threshold and a finger has moved away from its contact
-point. This is the algorithm of GazeboGraspFix (JenniferBuehler/gazebo-pkgs).
+plug-in checks for each object whether two fingers press it with opposed forces. It increases a
+counter of the object if they do, and decreases it otherwise. If the counter exceeds a threshold,
+the object is attached to the palm. The object is released when its counter has fallen to the
+threshold and a finger has moved away from its contact point. This is the algorithm of
+GazeboGraspFix (JenniferBuehler/gazebo-pkgs).
 """
 
 from __future__ import annotations
@@ -36,13 +37,15 @@ LinkId = tuple[str, str]  # names of a model and of its link
 
 @dataclass
 class FingerContact:
-    """Contact of a finger with an object: values that are summed over steps with contact.
+    """Contact of a finger with an object, summed over all steps in which the finger pressed it.
+
+    Divide the sums by `steps` to get averages.
 
     Attributes:
-        steps: number of steps in which the finger pressed the object.
+        steps: number of these steps.
         force: sum of the forces on the object in world axes, N.
         point: sum of the contact points in the finger's frame, m.
-        origin: sum of the object's origins in the finger's frame, m.
+        origin: sum of the positions of the object's origin in the finger's frame, m.
     """
 
     steps: int = 0
@@ -115,7 +118,7 @@ class GraspFix:
 
     @property
     def idle_until_ns(self) -> int:
-        """Time in ns until which `after_step` need not be called.
+        """Simulated time, ns, until which `after_step` need not be called.
 
         A model that Bullet does not step touches nothing, so its fingers need no checks.
         """
@@ -124,11 +127,17 @@ class GraspFix:
         return self._due_ns - 1
 
     def reset(self) -> None:
-        """Reset all counts after the clock jumped and all objects were detached."""
+        """Reset the counters of all objects.
+
+        This is called after the clock jumped and all objects were detached.
+        """
         self._clear()
 
     def after_step(self, time_ns: int) -> None:
-        """Record the finger contacts of the step that ended at `time_ns`, and update the counts."""
+        """Record the finger contacts of the step that ended at `time_ns` (simulated time, ns).
+
+        If a check is due, update the counter of each object, and attach or release the object.
+        """
         if not self.model.joints.has_own_dynamics:
             self._collect_contacts()
         if time_ns >= self._due_ns:

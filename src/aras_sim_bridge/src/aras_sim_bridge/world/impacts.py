@@ -32,10 +32,10 @@ _SLOWEST = 0.05
 # Number of steps ahead for which impacts are predicted. It exceeds 1, because gravity may
 # accelerate a slow body during the step.
 _STEP_MARGIN = 1.25
-# The bodies that a free body may hit are searched for within the distance that the free body
-# travels in this number of steps.
+# A free body is checked against other bodies within the distance that it travels in this number of
+# steps.
 _SEARCH_MARGIN = 10
-# Number of steps for which the search is skipped after no other body was found.
+# After a search around a body has found no other body, it is not repeated for this number of steps.
 _CLEAR_STEPS = 6
 # Angle by which _find_corners tilts a body, rad: a third of the angle at which Bullet discards the
 # contact points of corners.
@@ -57,7 +57,7 @@ class Impacts:
         self._client = client
         # links with collision shapes, by the body id of each free body
         self._links: dict[int, list[int]] = {}
-        # Number of steps for which no other body can be near, by the body id of each free body.
+        # For each free body, by its body id: number of steps in which no other body can be near.
         self._steps_without_check: dict[int, int] = {}
         self._planes: set[int] = set()
         self._jointed: set[int] = set()
@@ -83,7 +83,10 @@ class Impacts:
         self.check_all()
 
     def check_all(self) -> None:
-        """Check all bodies in the next step; called after one of them was pushed or moved."""
+        """Check all free bodies for impacts in the next step.
+
+        This is called after a free body was pushed or moved.
+        """
         self._steps_without_check = dict.fromkeys(self._links, 0)
 
     def restore_restitution(self) -> None:
@@ -136,10 +139,17 @@ class Impacts:
                 ) -> tuple[float, int, _LinkId, float, Vector3, Vector3] | None:
         """Predict the impact of a body at one of Bullet's closest points.
 
+        Args:
+            body: Bullet's body id.
+            linear, angular: velocity of the body, m/s and rad/s.
+            point: entry of pybullet.getClosestPoints for the body and another body.
+            dt: time step, s.
+
         Returns:
-            Time to the impact (s), link of the body, body and link that it hits, coefficient of
-            restitution, contact normal, and velocity (m/s) of the contact point on the other body,
-            which is 0 if the other body has no joints. None if no impact is predicted.
+            Time to the impact (s), link of the body that hits, body and link that are hit,
+            coefficient of restitution, contact normal, and velocity (m/s) of the contact point on
+            the body that is hit. This velocity is given only if that body has joints, otherwise it
+            is 0. None if no impact is predicted.
         """
         other = point[2]
         speed, drift = (
@@ -183,7 +193,7 @@ class Impacts:
         return add(linear, cross(angular, subtract(point, centre)))
 
     def _advance(self, body: int, time: float, drift: Vector3 = (0.0, 0.0, 0.0)) -> None:
-        """Move a body along its twist for `time` s, relative to a frame with velocity `drift`."""
+        """Move a body for `time` s with its velocity minus `drift` (m/s)."""
         centre, quat = pybullet.getBasePositionAndOrientation(body, self._client)
         linear, angular = pybullet.getBaseVelocity(body, self._client)
         orientation = normalise(multiply((*scale(angular, 0.5 * time), 1.0), quat))

@@ -1,11 +1,10 @@
-"""Choice of the solver for each fixed-base model: its own joint dynamics, or Bullet.
+"""Choice of the solver for each model with a fixed base: joint_dynamics.py or Bullet.
 
 A step of joint_dynamics.py takes a tenth of the time of a step of Bullet and is exact. Its result
-does not depend on other models, not even in the last bit. However, it does not compute contacts.
-Therefore Bullet steps a model while another body may touch it. Whether this is possible is decided
-from bounding boxes, which are checked as rarely as the speeds allow. While joint_dynamics.py steps
-a model, its copy in Bullet sleeps at the pose of the last check, because no body can reach the
-model before the next check.
+does not depend on other models, not even in the last bit. However, it computes no contacts.
+Therefore Bullet steps a model while another body may touch it. This is decided from the distances
+between bounding boxes. The next check is due when the fastest bodies could have covered the
+distance. Until then, no body can touch the model, so the model need not move in Bullet.
 """
 
 from __future__ import annotations
@@ -19,23 +18,25 @@ from aras_sim_bridge.world.reach import MARGIN, Box, HalfSpace, can_meet, comput
 
 # Distance between the bounding boxes of two bodies below which they may touch in the next step, m.
 _CONTACT_DISTANCE = 0.02
-# Speed that forces may add to a body between two checks, m/s. It is added to all measured speeds.
+# Assumed largest increase of a body's speed between two checks, m/s. It is added to all measured
+# speeds.
 _SPEED_MARGIN = 5.0
-# A model returns from Bullet to joint_dynamics.py when no contact is possible within this number of
-# steps.
+# Bullet stops stepping a model, and joint_dynamics.py steps it again, only if no contact is
+# possible within this number of steps.
 _RETURN_STEPS = 8
-_FAR = 1e9  # gap between two models if one has no shapes, m
-# Assumed lever of another robot's joints, m. It converts joint speeds to m/s.
+_FAR = 1e9  # assumed gap between two models if one of them has no shapes, m
+# Assumed distance of a robot's links from its joint axes, m. Joint speeds times this length bound
+# the speeds of the links of a nearby robot.
 _ARM_LENGTH = 2.0
-# Numbers of steps between two checks of a model: _OFTEN while Bullet steps the model; at most
-# _WITHIN if another body may come within the model's reach; _SELDOM if no body is near; _NEVER if
-# there are neither free bodies nor models nearby.
+# Numbers of steps until the next check of a model: _OFTEN while Bullet steps the model; _WITHIN or
+# fewer if another body may come within the model's reach; _SELDOM if all bodies are far from this
+# reach; _NEVER if there are neither free bodies nor models nearby.
 _OFTEN, _WITHIN, _SELDOM, _NEVER = 10, 20, 100, 1 << 60
 
 
 @dataclass(eq=False)
 class IsolatedModel:
-    """Fixed-base model with joints.
+    """Fixed-base model that joint_dynamics.py may step.
 
     Attributes:
         model: the model.
@@ -73,7 +74,7 @@ class IsolatedModel:
         far = min(
             (_compute_steps(self.reach, solid, fastest, dt) for solid in loose), default=_SELDOM
         )
-        # No other body is near the space that the robot can reach.
+        # No free body is near the space that the robot can reach.
         if far >= _SELDOM and not self.nearby_models:
             return _SELDOM
         boxes, speed = self.compute_boxes_and_speed()
@@ -105,7 +106,7 @@ class IsolationMonitor:
         self.steps_until_update, self.is_base_touchable = 0, False
 
     def refresh(self) -> None:
-        """List the models; called after models were spawned, deleted, fixed or freed."""
+        """Find the models to monitor; called after models were spawned, deleted, fixed or freed."""
         models = self._models.values()
         fixed = [model for model in models if model.fixed_base]
         self._loose = [model for model in models if not model.fixed_base]
@@ -122,7 +123,7 @@ class IsolationMonitor:
         self.steps_until_update = 0
 
     def replace_model(self, model: Model) -> None:
-        """Update the neighbours after a fixed-base model was moved."""
+        """Update which models can touch the fixed-base model `model`, after it was moved."""
         if model.joint_names:
             self.refresh()
             return
@@ -135,7 +136,7 @@ class IsolationMonitor:
         self.steps_until_update = 0
 
     def update(self, dt: float) -> None:
-        """Choose the solver of each model for the following steps of `dt` s."""
+        """Choose, for each model, the solver of the following steps of `dt` s."""
         loose = [find_solids(model, model.link_indices.values()) for model in self._loose]
         # Highest speed of the free bodies, m/s. It is doubled, because a body that another one hits
         # may become faster.
@@ -172,7 +173,7 @@ def _compute_speed(model: Model) -> float:
 
 def _compute_steps(boxes: Iterable[Box], solids: Iterable[Box | HalfSpace], speed: float,
            dt: float) -> float:
-    """Return the number of steps of `dt` s after which one of the boxes may touch a solid.
+    """Return the number of steps of `dt` s after which a box may touch one of the `solids`.
 
     `speed` (m/s) is the speed at which they approach each other.
     """

@@ -47,8 +47,9 @@ class JointDamping:
     """Damping of the joints of one model. Each time the model is loaded, a new object is created.
 
     Attributes:
-        springs: stiffness of the springs by joint index. It is reduced such that an explicit step
-            of a spring equals an implicit step of its joint alone.
+        springs: stiffness of the springs by joint index, N m/rad or N/m. It is smaller than the
+            true stiffness: an explicit step with it equals an implicit step with the true
+            stiffness, if only this joint moves.
     """
 
     def __init__(self, joints: DampedJoints) -> None:
@@ -65,7 +66,7 @@ class JointDamping:
         self._countdown -= 1
 
     def invalidate(self) -> None:
-        """Choose the method again at the next step.
+        """Choose the damping method again at the next step.
 
         Call this after positions, inertia or time step have changed.
         """

@@ -13,11 +13,14 @@ damping, springs, friction and stops are implicit:
     q+ = q + dt v+
 
 The superscript + marks values after the step. D is the damping. K and q0 are the stiffness and the
-rest position of the springs. The friction of joint i is at most f_i. If a friction below f_i
-suffices, the joint moves at its target speed, which is 0 or that of a velocity motor; otherwise the
-friction is f_i and opposes the relative motion. The stops apply the efforts that keep q+ within the
-limits. This is a convex problem with one solution. Each joint has a mode: it sticks, slides or is
-at a stop. The modes are stored as the first guess for the next step, which is usually right.
+rest position of the springs. Joint i has a target speed, which is 0 without a motor, and a largest
+friction f_i. The joint moves at its target speed if this needs less friction than f_i. Otherwise
+the friction is f_i, against the motion relative to the target speed. The stops apply the efforts
+that keep q+ within the limits. These equations have exactly one solution.
+
+The mode of a joint states which of these cases applies: at the target speed, above it, below it, or
+at a stop or speed limit. If the modes are known, the equations are linear. The modes of the last
+step are the first guess for the next step.
 
 The functions use these arrays, with n joints:
 
@@ -27,9 +30,10 @@ The functions use these arrays, with n joints:
         and the joint that it mimics (j itself if none)
     joints (n, 11): parameters of the joints; constants below name the columns
     state (3, n): positions (rad or m), velocities (rad/s or m/s) and efforts (N m or N)
-    wrenches (n, 6): external torque and force on each body in the next step
+    wrenches (n, 6): external torque about the root's origin (N m) and force (N) on each body in
+        the next step
     gravity (3,): gravity vector, m/s²
-    frames (n, 46): work space, see _compute_kinematics
+    frames (n, 46): state of the bodies, see _compute_kinematics
     matrices (3, n, n): the mass matrix in matrices[0]; the others are work space
     rows (9, n): vectors and work space; constants below name the rows
     modes (n,): modes of the joints
@@ -39,28 +43,31 @@ from math import cos, inf, isfinite, sin, sqrt
 
 from aras_visual_servo_base.compiled import jit
 
-# Columns of the array `joints`. FORCE is the friction of the joint, TARGET its target speed, RETURN
-# the speed at which it returns from beyond a limit, FASTEST its velocity limit. RATIO and OFFSET
-# relate the joint to the joint that it mimics.
+# Columns of the array `joints`. FORCE is the largest friction of the joint, TARGET its target
+# speed. LOWER and UPPER are its stops, RETURN is the speed at which it returns from beyond a stop.
+# FASTEST is its velocity limit. RATIO and OFFSET relate it to the joint that it mimics. STIFFNESS
+# and REST are the stiffness and the rest position of its spring.
 (DAMPING, FORCE, TARGET, LOWER, UPPER, RETURN, FASTEST, RATIO, OFFSET, STIFFNESS,
  REST) = range(11)
 # Values of the array `modes`: the joint's speed is at the target speed, above or below the target
 # speed, at the lower bound, or at the upper bound.
 _AT, _ABOVE, _BELOW, _LOW, _HIGH = range(5)
-# Fraction of the position error that a joint corrects in each step if the joint is beyond a limit
-# or mimics another joint.
+# Fraction of the position error of a joint that is corrected in each step. The error is the
+# distance beyond a limit, or the difference to the position that a mimicking joint should have.
 _BACK = 0.2
 # Speed of a joint above which the simulation is reported as diverged, rad/s or m/s. With steps of 1
 # ms, the joint then makes 160 turns per step, so that no force can depend on its position.
 FASTEST_SPEED = 1e6
 NO_LIMIT_FORCE = 1e18
-# _GUESSES is the largest number of times that the joints' modes are guessed or corrected in a step.
-# If they are still wrong, up to _SWEEPS sweeps of the projected Gauss-Seidel method follow.
+# In a step, the modes of the joints are guessed or corrected at most _GUESSES times. If they are
+# still wrong, up to _SWEEPS sweeps of the projected Gauss-Seidel method follow.
 _GUESSES, _SWEEPS = 20, 4000
-_ROUNDING = 1e-12  # relative rounding error of speeds and pivots
+_ROUNDING = 1e-12  # assumed relative error of computed speeds, due to rounding
 
 # Rows of the array `rows`. BIAS are the bias efforts, PUSH the efforts of damping, springs and
-# stops. SPEED are the joint velocities after the step, BEFORE those before the step.
+# stops, SPEED the joint velocities after the step, BEFORE those before the step. The others belong
+# to the equations of the step: right side, lower and upper speed bound, largest friction and target
+# speed.
 BIAS, PUSH, SPEED, BEFORE, _RIGHT, _BOTTOM, _TOP, _HOLD, _GOAL = range(9)
 _TREE_TYPES = (
     "f8[:,::1], i8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[:,::1], f8[:,:,::1], f8[:,::1]"
@@ -71,19 +78,26 @@ _SOLVER_TYPES = "i8[:,::1], i8[::1], f8[:,:,::1], f8[:,::1]"
 
 @jit("f8[::1], f8[::1], f8[::1]", allocates=False)
 def _compute_inertia(b, f, gravity):
-    """Write the spatial inertia of body `b`, and the force that its motion requires, to `f`.
+    """Write the spatial inertia of a body, and the force for its motion, to `f`.
 
-    The force is that of inverse dynamics, with gravity and with joint accelerations of 0.
+    The force (torque first) is the one that the body needs for its present velocity if all joint
+    accelerations are 0, minus gravity.
+
+    Args:
+        b: (50,) row of the body in `bodies`.
+        f: (46,) row of the body in `frames`.
+        gravity: (3,) gravity vector, m/s².
     """
     px, py, pz = f[9], f[10], f[11]
     m = b[33]
-    # First moment of mass of the body, about the body's origin (g) and about the root's origin (h).
+    # Mass times the vector from the body's origin (g) and from the root's origin (h) to the centre
+    # of mass, in root axes.
     gx = f[0] * b[34] + f[1] * b[35] + f[2] * b[36]
     gy = f[3] * b[34] + f[4] * b[35] + f[5] * b[36]
     gz = f[6] * b[34] + f[7] * b[35] + f[8] * b[36]
     hx, hy, hz = gx + m * px, gy + m * py, gz + m * pz
-    # Second moments of mass of the body in the root's axes: R I R^T, with the rotation R of the
-    # body.
+    # Rotate the inertia tensor of the body to root axes: R I R^T, where R is the rotation of the
+    # body. Then move it to the root's origin.
     for i in range(3):
         x, y, z = f[3 * i], f[3 * i + 1], f[3 * i + 2]
         u = x * b[37] + y * b[38] + z * b[39]
@@ -120,7 +134,7 @@ def _compute_inertia(b, f, gravity):
     f[43] = m * ax + by * hz - bz * hy + wy * kz - wz * ky
     f[44] = m * ay + bz * hx - bx * hz + wz * kx - wx * kz
     f[45] = m * az + bx * hy - by * hx + wx * ky - wy * kx
-    # Gravity on those links of the body that have gravity enabled.
+    # Subtract the gravity on those links of the body that have gravity enabled.
     n = b[43]
     gx, gy, gz = (
         f[0] * b[44] + f[1] * b[45] + f[2] * b[46] + n * px,
@@ -139,16 +153,18 @@ def _compute_inertia(b, f, gravity):
 def _compute_kinematics(bodies, tree, state, gravity, frames):
     """Write poses, joint axes, velocities, inertias and forces of all bodies to `frames`.
 
-    The columns of `frames` are:
-        0:9    rotation
-        9:12   origin
+    Row j of `frames` belongs to the body that joint j moves. Its columns are in the axes of the
+    root frame and in SI units; all except the first two refer to the origin of the root frame:
+
+        0:9    rotation matrix of the body
+        9:12   origin of the body
         12:18  joint axis (angular, linear)
-        18:24  velocity
-        24:30  acceleration for joint accelerations of 0
+        18:24  velocity (angular, linear)
+        24:30  acceleration (angular, linear) for joint accelerations of 0
         30     mass
-        31:34  first moments of mass
-        34:40  second moments of mass (xx xy xz yy yz zz)
-        40:46  force, see _compute_inertia
+        31:34  mass times centre of mass
+        34:40  inertia tensor (xx xy xz yy yz zz)
+        40:46  torque and force, see _compute_inertia
     """
     for place in range(len(tree)):
         j = tree[place, 0]
@@ -210,7 +226,8 @@ def _compute_kinematics(bodies, tree, state, gravity, frames):
 def _compute_mass_matrix(tree, frames, mass, bias):
     """Compute the mass matrix and the bias efforts from the output of `_compute_kinematics`.
 
-    The bodies are visited from the tips to the root.
+    The bodies are visited from the tips to the root. On return, inertias and forces in `frames` are
+    those of whole subtrees.
     """
     n = len(tree)
     mass[:] = 0.0
@@ -246,7 +263,10 @@ def _compute_mass_matrix(tree, frames, mass, bias):
 
 @jit(_TREE_TYPES, allocates=False)
 def _compute_equations(bodies, tree, state, wrenches, gravity, frames, matrices, rows):
-    """Compute the mass matrix and the bias efforts."""
+    """Write the mass matrix to matrices[0] and the bias efforts to rows[BIAS].
+
+    The bias efforts include the effect of the external wrenches.
+    """
     _compute_kinematics(bodies, tree, state, gravity, frames)
     for j in range(len(tree)):
         for k in range(6):
@@ -267,7 +287,8 @@ def _start_step(state, wrenches, rows):
 def _reduce(tree, joints, state, dt, matrices, rows):
     """Set up the equations of a step for the joints that do not mimic another joint.
 
-    The matrix is written to matrices[1]; right side, bounds, friction and target speeds to `rows`.
+    The matrix of the equations is written to matrices[1]. Their right side, and the speed bounds,
+    largest friction and target speed of each joint, are written to `rows`.
     """
     n = len(tree)
     mass, a = matrices[0], matrices[1]
@@ -292,8 +313,8 @@ def _reduce(tree, joints, state, dt, matrices, rows):
         if joints[j, TARGET] != 0.0:
             rows[_GOAL, c] = joints[j, TARGET] / ratio
         q, lower, upper = state[0, j], joints[j, LOWER], joints[j, UPPER]
-        # If a joint is beyond a limit, these bounds keep it from moving farther out; `advance`
-        # moves it back.
+        # Bounds of the speed that keep the joint within its limits. If it is beyond a limit, they
+        # only prevent it from moving farther out; `advance` moves it back.
         low = max(min((lower - q) / dt, 0.0), -joints[j, FASTEST])
         high = min(max((upper - q) / dt, 0.0), joints[j, FASTEST])
         if ratio < 0.0:
@@ -306,7 +327,10 @@ def _reduce(tree, joints, state, dt, matrices, rows):
 
 @jit(_SOLVER_TYPES, allocates=False)
 def _solve_speeds(tree, modes, matrices, rows):
-    """Solve for the new speeds with the given modes, by a Cholesky factorisation."""
+    """Compute the speeds after the step if `modes` are the right modes of the joints.
+
+    The linear equations are solved by a Cholesky factorisation.
+    """
     n = len(tree)
     a, low = matrices[1], matrices[2]
     v = rows[SPEED]
@@ -338,7 +362,8 @@ def _solve_speeds(tree, modes, matrices, rows):
                 low[c, k] = value = value / low[k, k]
                 pivot -= value * value
                 rest -= value * v[k]
-        # A joint that moves no mass gets an infinite pivot, so that its speed is 0.
+        # The pivot of a joint that moves no mass is 0 up to rounding. Make it infinite, so that the
+        # speed is 0.
         low[c, c] = sqrt(pivot) if pivot > _ROUNDING * a[c, c] else inf
         v[c] = rest / low[c, c]
     for c in range(n - 1, -1, -1):
@@ -352,7 +377,10 @@ def _solve_speeds(tree, modes, matrices, rows):
 
 @jit(_SOLVER_TYPES, allocates=False)
 def _correct_modes(tree, modes, matrices, rows):
-    """Correct the modes that contradict the new speeds; return whether there were any."""
+    """Change the mode of each joint whose new speed or friction contradicts its mode.
+
+    Return whether a mode was changed.
+    """
     n = len(tree)
     a, v = matrices[1], rows[SPEED]
     changed = False
@@ -401,7 +429,10 @@ def _correct_modes(tree, modes, matrices, rows):
 
 @jit(_SOLVER_TYPES, allocates=False)
 def _sweep(tree, modes, matrices, rows):
-    """Solve for the new speeds by projected Gauss-Seidel, which is slow but always converges."""
+    """Compute the speeds after the step, and the modes, by projected Gauss-Seidel.
+
+    This method is slow but always converges.
+    """
     n = len(tree)
     a, v = matrices[1], rows[SPEED]
     for c in range(n):
@@ -433,15 +464,16 @@ def _sweep(tree, modes, matrices, rows):
 
 @jit("i8[:,::1], f8[:,::1], f8[:,::1], f8, f8[:,:,::1], f8[:,::1], i8[::1]", allocates=False)
 def _solve(tree, joints, state, dt, matrices, rows, modes):
-    """Compute the new speed of every joint into rows[SPEED].
+    """Compute the speed of every joint after the step and write it to rows[SPEED].
 
-    A mimicking joint has the speed of its leader times its ratio.
+    A joint that mimics another joint has the speed of that joint times its ratio.
     """
     _reduce(tree, joints, state, dt, matrices, rows)
     converged = False
     for c in range(len(tree)):
         bound = rows[_BOTTOM if modes[c] == _LOW else _TOP, c]
-        if modes[c] >= _LOW and not isfinite(bound):  # the joint's stop was removed
+        # the guess says "at a stop", but the joint has no such stop any more
+        if modes[c] >= _LOW and not isfinite(bound):
             modes[c] = _AT
     for _ in range(_GUESSES):
         _solve_speeds(tree, modes, matrices, rows)
@@ -450,7 +482,8 @@ def _solve(tree, joints, state, dt, matrices, rows, modes):
             break
     if not converged:
         _sweep(tree, modes, matrices, rows)
-    # Unless joint j mimics another joint, tree[j, 3] is j and the ratio is 1.
+    # This has no effect on a joint j that mimics no other joint: tree[j, 3] is j, and the ratio is
+    # 1.
     for j in range(len(tree)):
         rows[SPEED, j] = joints[j, RATIO] * rows[SPEED, tree[j, 3]]
 
@@ -504,9 +537,9 @@ def advance(
 def compute_reactions(
     bodies, tree, state, wrenches, gravity, frames, matrices, rows, joints, modes, dt
 ):
-    """Write the efforts of damping, springs and stops in the next step of `dt` s to rows[PUSH].
+    """Compute the efforts of damping, springs and stops in the next step of `dt` s.
 
-    Friction is not included; the solver that makes the step (Bullet) applies it.
+    They are written to rows[PUSH]. Bullet makes this step and adds the friction.
     """
     _compute_equations(bodies, tree, state, wrenches, gravity, frames, matrices, rows)
     _start_step(state, wrenches, rows)

@@ -89,19 +89,22 @@ class JointSpace:
         return origins.take(rows, axis=0), quaternions.take(rows, axis=0)
 
     def set_motor(self, slot: int, velocity: float, force: float) -> None:
-        """Drive a joint at `velocity` with at most `force`.
+        """Drive a joint at `velocity` (rad/s or m/s) with at most `force` (N m or N).
 
-        If `velocity` is 0, the motor acts like Coulomb friction.
+        If `velocity` is 0, the motor acts like Coulomb friction. `slot` is the index of the joint.
         """
         self._joints[slot, TARGET] = velocity
         self._joints[slot, FORCE] = force
 
     def read_motor(self, slot: int) -> tuple[float, float]:
-        """Return the velocity and force set by `set_motor`."""
+        """Return the velocity (rad/s or m/s) and the force (N m or N) set by `set_motor`."""
         return self._joints.item(slot, TARGET), self._joints.item(slot, FORCE)
 
     def bound_speed(self, slot: int, fastest: float) -> None:
-        """Limit the speed of a joint under any forces; inf removes the limit."""
+        """Limit the speed of the joint with the index `slot` to `fastest`, rad/s or m/s.
+
+        The speed stays below this limit under any force; inf removes the limit.
+        """
         self._joints[slot, FASTEST] = fastest
 
     def apply_force(self, link: str, force: Vector3, position: Vector3, torque: Vector3) -> None:
@@ -122,7 +125,10 @@ class JointSpace:
         return joint_dynamics.advance(*self.arrays, dt)
 
     def compute_reactions(self, dt: float) -> list[float]:
-        """Return the efforts of damping, springs and stops in Bullet's next step of `dt` s."""
+        """Return the efforts of damping, springs and stops that act in a step of `dt` s.
+
+        They are computed as in joint_dynamics.py. The step itself is made by Bullet.
+        """
         joint_dynamics.compute_reactions(*self.arrays, dt)
         return self._rows[PUSH].tolist()
 
@@ -132,14 +138,18 @@ class JointSpace:
         return self._rows[BIAS].tolist()
 
     def mass_matrix(self) -> np.ndarray:
-        """Return the joint-space inertia matrix (n, n), kg m² or kg, without mimic constraints."""
+        """Return the joint-space inertia matrix (n, n), kg m² or kg.
+
+        Joints that mimic others are treated as independent joints.
+        """
         joint_dynamics.compute_dynamics(*self._arrays)
         return self._matrices[0].copy()
 
     def free_mass_matrix(self) -> np.ndarray:
-        """Return the mass matrix (6 + n, 6 + n) of the model with a free base.
+        """Return the mass matrix (6 + n, 6 + n) that the model would have with a free base.
 
-        The first six coordinates are the twist of the root, angular part first, in its own frame.
+        The first six coordinates are the twist of the root, angular part first, in root axes. The
+        others are the joint velocities.
         """
         mass, base = self.mass_matrix(), self._base
         matrix = np.zeros((6 + len(mass), 6 + len(mass)))
@@ -155,7 +165,13 @@ class JointSpace:
 
 
 def _spatial_inertia(mass: float, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Return the spatial inertia (6, 6), angular part first, from mass and moments of mass."""
+    """Return the spatial inertia matrix (6, 6), angular part first.
+
+    Args:
+        mass: mass, kg.
+        first: (3,) mass times centre of mass, kg m.
+        second: (6,) inertia tensor about the origin (xx xy xz yy yz zz), kg m².
+    """
     x, y, z = first
     cross_first = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     inertia = np.diag([mass] * 6)

@@ -1,4 +1,4 @@
-"""Numbers that identify links in label images. They are those of Bullet's segmentation masks."""
+"""Numbers (labels) that identify links in label images, as in Bullet's segmentation masks."""
 
 from __future__ import annotations
 

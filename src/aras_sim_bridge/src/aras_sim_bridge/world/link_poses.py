@@ -89,8 +89,8 @@ def _compute_poses(tree, offsets, axes, positions):
         if joint >= 0:
             q, u, v, w = positions[joint], axes[n, 0], axes[n, 1], axes[n, 2]
             if tree[n, 2] == 1:
-                # Rotate the joint's axis from the joint's frame to that of its parent, and multiply
-                # the axis by the displacement of the joint.
+                # A prismatic joint shifts the link along the joint axis, rotated to the parent's
+                # axes, by the joint position.
                 s, t, r = 2.0 * (b * w - c * v), 2.0 * (c * u - a * w), 2.0 * (a * v - b * u)
                 x += q * (u + d * s + b * r - c * t)
                 y += q * (v + d * t + c * s - a * r)

@@ -26,13 +26,15 @@ from aras_visual_servo_base.poses import (
 class Model:
     """A model that was spawned by `World.spawn`. A reset of the world does not replace this object.
 
+    If no joint connects some links of a description to its root, they become a separate Model. The
+    Model with the root is then the main model.
+
     Attributes:
         client: Bullet's client id.
         name: name of the model in the world.
         description: description from which the model was loaded.
-        main_model: the model itself, or the model that it belongs to if it is a separate part (one
-            that no joint connects to the rest).
-        bodies: the model and its separate parts; only the model itself if it is a separate part.
+        main_model: the main model of a separate part; otherwise the model itself.
+        bodies: the model, followed by its separate parts if it is the main model.
         spawn_pose: world_T_root at the spawn.
         fixed_base: whether the root is fixed in the world.
         release: for a model that rests on the ground (see resting_base.py), function that must be
@@ -51,9 +53,10 @@ class Model:
                  main_model: Model | None = None) -> None:
         """Load the model.
 
-        `on_move(model, is_moved, has_new_positions)` is called after the whole model was moved to
-        another pose, its joints were set to other positions, its twist was set, or a free model was
-        pushed.
+        `on_move(model, is_moved, has_new_positions)` is called when the model is changed between
+        two steps. `is_moved` is True if the whole model was moved to another pose,
+        `has_new_positions` if its joints were set to other positions. Both are False if its twist
+        was set or a free model was pushed.
         """
         self.client = client
         self.name = name
@@ -85,7 +88,10 @@ class Model:
 
     @property
     def body_id(self) -> int:
-        """Bullet's body id, which changes with each load. Reading it updates Bullet's joints."""
+        """Bullet's body id, which changes with each load.
+
+        Reading this property also copies the joint states to Bullet, so that Bullet can be queried.
+        """
         self.joints.update_bullet()
         return self.body.body_id
 
@@ -147,7 +153,7 @@ class Model:
 
     @property
     def needs_steps(self) -> bool:
-        """True if `before_step` has any effect."""
+        """Whether `before_step` must be called before each step of Bullet."""
         return bool(self.joint_names or self.body.weightless_link_masses)
 
     def before_step(self, dt: float) -> None:
@@ -176,7 +182,9 @@ class Model:
         return self.link_twist(self.description.root)
 
     def link_pose(self, name: str) -> Pose:
-        """Return world_T_link, the pose of the link's URDF frame. It unpacks as (xyz, quat xyzw).
+        """Return world_T_link, the pose of the link's URDF frame.
+
+        A pose unpacks as position (x, y, z) and quaternion (x, y, z, w).
 
         Raises:
             WorldError: the model has no link of this name.
@@ -258,7 +266,10 @@ class Model:
         return Pose(state[0], state[1])
 
     def set_pose(self, pose: Pose) -> None:
-        """Move the whole model so that its root frame is at `pose`; joint positions stay."""
+        """Move the whole model so that its root frame is at `pose`.
+
+        The joint positions do not change.
+        """
         if len(self.bodies) > 1:
             moved = pose @ self.pose().inverse()
             for part in self.bodies[1:]:
@@ -292,7 +303,7 @@ class Model:
         self._on_move(self, False)
 
     def set_joint_positions(self, positions: dict[str, float]) -> None:
-        """Set joint positions, see ModelJoints.set_joint_positions."""
+        """Set the positions (rad or m) of some joints, see ModelJoints.set_joint_positions."""
         self.joints.set_joint_positions(positions)
         self._on_move(self, False, True)
 
@@ -329,7 +340,13 @@ class Model:
 def _compute_frame_state(
     com: Pose, linear: tuple, angular: tuple, inertial: Pose
 ) -> tuple[Pose, Twist]:
-    """Return pose and twist of a link frame from those of its centre of mass."""
+    """Return pose and twist of a link frame in the world.
+
+    Args:
+        com: pose of the principal axes at the link's centre of mass in the world.
+        linear, angular: velocity of the centre of mass, m/s, and angular velocity, rad/s.
+        inertial: pose of the principal axes in the link frame.
+    """
     pose = com @ inertial.inverse()
     lever = subtract(pose.xyz, com.xyz)
     return pose, Twist(add(linear, cross(angular, lever)), angular)

@@ -22,14 +22,14 @@ class ModelJoints:
 
     All sequences of joint values are in the order of `names`. Efforts act for one step.
 
-    Either joint_dynamics.py or Bullet steps the joints of a model with a fixed base. In the first
-    case, the state is in `space`, `advance` makes the steps, and `update_bullet` copies the state
-    to Bullet before Bullet is queried. In the second case, and for free models, Bullet makes the
-    steps, and the state is in Bullet.
+    Bullet steps the joints of a model with a free base, and keeps their state. The joints of a
+    model with a fixed base are stepped by joint_dynamics.py while `has_own_dynamics` is True, and
+    otherwise by Bullet. While joint_dynamics.py steps them, their state is in `space`;
+    `update_bullet` copies it to Bullet before Bullet is queried.
 
     Attributes:
         names: names of the joints in the order of the description.
-        has_own_dynamics: whether joint_dynamics.py steps the model instead of Bullet.
+        has_own_dynamics: whether joint_dynamics.py steps the joints instead of Bullet.
         applied_efforts: efforts of the last step, N m or N.
     """
 
@@ -233,7 +233,7 @@ class ModelJoints:
         self.finish_steps(self.space.advance(dt))
 
     def finish_steps(self, diverged_joint: int) -> None:
-        """Update efforts and caches after steps with joint_dynamics.py.
+        """Update the efforts and the cached states after steps with joint_dynamics.py.
 
         The efforts of these steps are in space.state[2].
 
@@ -334,9 +334,10 @@ class ModelJoints:
         self._cache = None
 
     def set_velocity_motor(self, joint: str, velocity: float, max_effort: float) -> None:
-        """Drive `joint` at `velocity` with at most `max_effort`, until this is called again.
+        """Drive `joint` at `velocity` (rad/s or m/s) with at most `max_effort` (N m or N).
 
-        The motor replaces the joint's Coulomb friction, as ODE's joint motor does in Gazebo.
+        The motor stays active until it is set again. It replaces the joint's Coulomb friction, as
+        ODE's joint motor does in Gazebo.
         """
         slot = self._find_slot(joint)
         if not (math.isfinite(velocity) and max_effort >= 0.0):
@@ -362,11 +363,17 @@ class ModelJoints:
         self.space.bound_speed(slot, fastest)
 
     def set_damping_motor(self, slot: int, share: float) -> None:
-        """Set a motor that removes the fraction `share` of the velocity in each step."""
+        """Set a motor that removes the fraction `share` of a joint's velocity in each step.
+
+        `slot` is the index of the joint in `names`.
+        """
         self._set_bullet_motor(slot, 0.0, NO_LIMIT_FORCE, share)
 
     def set_bullet_damping(self, slot: int, value: float) -> None:
-        """Set Bullet's explicit damping of a joint (see joint_damping.py)."""
+        """Set the explicit damping of a joint in Bullet to `value`, N m s/rad or N s/m.
+
+        `slot` is the index of the joint in `names`; see joint_damping.py.
+        """
         pybullet.changeDynamics(self.body.body_id, self._indices[slot], jointDamping=value,
                                 physicsClientId=self.body.client)
 
@@ -411,7 +418,10 @@ class ModelJoints:
         return gears
 
     def restore_friction(self, slot: int) -> None:
-        """Restore a joint's Coulomb friction: a motor with target speed 0 and limited effort."""
+        """Restore the Coulomb friction of the joint with the index `slot`.
+
+        In Bullet, the friction is a motor with target speed 0 and a limited effort.
+        """
         self._set_motor(slot, 0.0, self.friction[slot])
 
     def _set_motor(self, slot: int, velocity: float, force: float) -> None:

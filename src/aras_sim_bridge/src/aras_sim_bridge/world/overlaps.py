@@ -28,13 +28,13 @@ def find_overlaps(world: World, model: Model, before_step: bool = False) -> list
     Args:
         world: world that contains the model.
         model: model to check.
-        before_step: whether no step was made since the model was moved. If so, contacts are
-            computed here; otherwise those of the last step are used.
+        before_step: True if no step was made since the model was moved. Contacts are then computed
+            here; otherwise those of the last step are used.
     """
     if before_step:
         model.joints.update_bullet()
-        # While the bounding boxes of two links overlap, Bullet keeps contacts from earlier poses.
-        # Setting the collision filters removes these contacts.
+        # Bullet keeps old contacts of two links while their bounding boxes overlap. Setting the
+        # collision filters removes these contacts, so that only present ones are found.
         disable_distant_pairs(list(world.models.values()))
         pybullet.performCollisionDetection(physicsClientId=world.client)
     names = {index: name for name, index in model.link_indices.items()}

@@ -1,8 +1,8 @@
 """Collision filters, so that Bullet does not test pairs of links that can never touch.
 
-Bullet would test them because their bounding boxes may overlap nevertheless: adjacent links overlap
-each other, and a ground plane overlaps everything. For an arm above the ground, these tests take a
-tenth of the time of a step.
+Bullet tests all pairs of links whose bounding boxes overlap. Many of these pairs can never touch:
+the boxes of adjacent links overlap, and the box of a ground plane overlaps everything. For an arm
+above the ground, such tests take a tenth of the time of a step.
 """
 
 import math
@@ -42,9 +42,9 @@ class Box(NamedTuple):
         return Box((a - margin, b - margin, c - margin), (d + margin, e + margin, f + margin))
 
     def gap(self, other: "Box") -> float:
-        """Return the largest of the distances between two boxes along the axes, m.
+        """Return the largest of the distances between two boxes along x, y and z, m.
 
-        The result is negative if the boxes overlap.
+        A distance is negative if the boxes overlap along this axis.
         """
         return max([max(c - b, a - d) for a, b, c, d in zip(*self, *other, strict=True)])
 
@@ -88,7 +88,10 @@ def disable_distant_pairs(models: list[Model]) -> None:
 
 
 def _disable_own_contacts(part: Model) -> None:
-    """Disable collisions of a separate part with the rest of its model, as in Gazebo."""
+    """Disable collisions of a separate part with the rest of its model, as in Gazebo.
+
+    A separate part consists of links that no joint connects to the root of the model.
+    """
     for other in part.main_model.bodies:
         for a in part.link_indices.values() if other is not part else ():
             for b in other.link_indices.values():
@@ -151,7 +154,10 @@ def compute_reach(model: Model) -> dict[str, Box]:
 
 
 def _compute_travel(joint: Joint) -> tuple[float, float]:
-    """Return the range of displacements of a joint's child link along the axis, m."""
+    """Return the smallest and the largest displacement of a joint's child link, m.
+
+    It is measured along the joint axis, and is 0 unless the joint is prismatic.
+    """
     return joint.stops if joint.kind == "prismatic" else (0.0, 0.0)
 
 

@@ -1,12 +1,13 @@
 """Free bases at rest, which are simulated as fixed bases while the ground can support them.
 
-The original robot weighs 1.7 t and rests on the floor with twelve corners. Computing their contacts
-takes five times as long as computing the motion of the arm, only to find that the base does not
-move. Therefore a free model that rests on a static body is stepped as if its base were fixed,
-similar to ODE's sleeping bodies. After every step, the wrench that the base exerts on the ground is
-computed from the motion of the arm and from other contacts. The ground can support the base if the
-centre of pressure is inside the support polygon and friction suffices. If it cannot, or if the
-model is pushed, moved or changed, the base is freed.
+The robot of the original project weighs 1.7 t and rests on the floor with twelve corners. Computing
+their contacts takes five times as long as computing the motion of the arm, only to find that the
+base does not move. Therefore a free model that rests on a static body is stepped as if its base
+were fixed, similar to a sleeping body in ODE.
+
+After every step, the wrench that the base exerts on the ground is computed. The ground can support
+the base if the centre of pressure is inside the support polygon and the friction suffices. If not,
+or if the model is pushed, moved or changed, the base becomes free again.
 """
 
 from __future__ import annotations
@@ -25,30 +26,32 @@ from aras_visual_servo_base.compiled import jit
 from aras_visual_servo_base.poses import Pose, Twist, rotate
 
 CHECK_EVERY = 50  # number of steps between two checks whether free bases are at rest
-# Number of steps after which a base that the ground could not support is checked again.
+# After the ground could not support a base, free bases are checked for rest again after this number
+# of steps.
 RETRY_STEPS = 1000
 # A base is at rest if it moves by less than this between two checks, m and rad.
 _REST_TOLERANCE = 1e-6
 # Distance below which two bodies are in contact, m. In Bullet, a body at rest sinks into the ground
 # by a tenth of this distance.
 _CONTACT_DISTANCE = 1e-4
-# Safety factor of the ground's support. The ground supports a base if the tangential load is at
-# most this fraction of the friction limit. Also, the centre of pressure must be inside the support
-# polygon, scaled by this factor about its middle.
+# Safety factor of the support by the ground. The tangential load must not exceed this fraction of
+# the largest friction. The centre of pressure must be inside the support polygon after this polygon
+# is scaled by the factor.
 _LOAD_LIMIT = 0.9
-# A joint can move a contact point along the contact normal if the speed in this direction is at
-# least this fraction of a reference speed: the joint's speed if the joint is prismatic, otherwise
-# its speed times the distance of the contact point from its origin. See _is_blocked.
+# A joint counts as able to move a contact point along the contact normal if the velocity of the
+# point along the normal is at least this fraction of v. For a prismatic joint, v is the joint's
+# speed; for a revolute joint, it is this speed times the distance between the point and the joint's
+# origin.
 _SMALLEST_LEVER = 0.05
 # A resting base is treated as fixed only if its mass is at least this multiple of the mass of every
-# free body. In the step in which a free body hits the base, the body rebounds as from a wall; the
-# relative error is the inverse of this ratio.
+# free body. A free body that hits the base rebounds as from a wall in this step. The relative error
+# of its speed is then at most the inverse of this ratio.
 _LEAST_MASS_RATIO = 100.0
 
 
 BASE_TYPES = "f8[::1], f8[::1], f8[:,::1], f8[::1], f8[::1]"
-# Arguments ground, corners, contact_wrench and ground_wrench of `is_supported` for a base that is
-# really fixed.
+# The arguments ground, corners, contact_wrench and ground_wrench of `is_supported` for a model
+# whose base is not resting but fixed; they are not read.
 FIXED_BASE_ARRAYS = (np.zeros(11), np.zeros((1, 6)), np.zeros(6), np.zeros(6))
 
 
@@ -66,22 +69,23 @@ def is_supported(
     ground_wrench,
     dt,
 ):
-    """Return whether the ground supported the base during the last step.
+    """Return whether the ground supported a base at rest during the last step.
 
-    All vectors are in the axes of the root and refer to its origin.
+    All vectors are in the axes of the root, and positions are relative to its origin.
 
     Args:
         tree, frames, state: arrays of joint_dynamics.py after the step.
-        previous_speeds (n,): joint velocities before the step.
+        previous_speeds (n,): joint velocities before the step, rad/s or m/s.
         gravity (3,): gravity vector, m/s².
-        ground (11,): mass of the base, centre of mass of the base, normal of the ground, a point of
-            the ground, friction coefficient.
-        corners (m, 6): corners of the support polygon. A row is the corner relative to the point of
-            the ground, followed by the outward normal of the edge that starts at the corner.
-        contact_wrench (6,): torque and force on the model by all contacts except those with the
-            ground.
-        ground_wrench (6,): output, the torque and force that the ground and the base's weight
-            together must exert on the model.
+        ground (11,): mass of the base, kg (0); its centre of mass, m (1:4); normal of the ground
+            (4:7); a point of the ground, m (7:10); friction coefficient (10).
+        corners (m, 6): corners of the support polygon, m. A row is the vector from the point of the
+            ground to a corner, followed by the outward normal of the edge that starts at this
+            corner.
+        contact_wrench (6,): torque (N m) and force (N) on the model by all contacts except those of
+            the base with the ground.
+        ground_wrench (6,): output: the torque and force that the model needs for its motion from
+            the ground and the weight of the base together.
         dt: time step, s.
     """
     for k in range(6):
@@ -102,7 +106,7 @@ def is_supported(
                 ground_wrench[k] += f[40 + k]
     mass, friction = ground[0], ground[10]
     wx, wy, wz = mass * gravity[0], mass * gravity[1], mass * gravity[2]
-    # Reaction that the ground must provide: force f, and torque m about the point of the ground.
+    # Reaction of the ground: force f, and torque m about the point ground[7:10].
     fx, fy, fz = ground_wrench[3] - wx, ground_wrench[4] - wy, ground_wrench[5] - wz
     cx, cy, cz = ground[1] - ground[7], ground[2] - ground[8], ground[3] - ground[9]
     px, py, pz = ground[7], ground[8], ground[9]
@@ -113,7 +117,7 @@ def is_supported(
     pressure = fx * nx + fy * ny + fz * nz
     if pressure <= 0.0:
         return False
-    # Centre of pressure r, relative to the point of the ground.
+    # centre of pressure r, relative to the point ground[7:10]
     rx = (ny * mz - nz * my) / pressure
     ry = (nz * mx - nx * mz) / pressure
     rz = (nx * my - ny * mx) / pressure
@@ -137,9 +141,9 @@ def is_supported(
         + (my - (rz * sx - rx * sz)) * ny
         + (mz - (rx * sy - ry * sx)) * nz
     )
-    # Let a and b be the distances of the nearest and of the farthest corner from the centre of
-    # pressure; `nearest` is a² and `farthest` is b². The pressure can be distributed such that
-    # friction resists rotation with a lever of at least a² / b.
+    # Friction must also resist the torque `twist` about the normal. If the pressure is distributed
+    # suitably, friction has a lever of at least a² / b, where a and b are the smallest and the
+    # largest distance of a corner from the centre of pressure. `nearest` is a², `farthest` is b².
     return slide + twist * np.sqrt(farthest) / nearest <= _LOAD_LIMIT * friction * pressure
 
 
@@ -148,10 +152,10 @@ def _add_contact_wrenches(contacts, root, contact_wrench):
     """Add the torque and force of contacts to `contact_wrench`.
 
     Args:
-        contacts (m, 15 or more): contacts in world coordinates: the contact point, then three
-            forces, each as magnitude and direction.
+        contacts (m, 15 or more): contacts in world coordinates. A row starts with the contact
+            point, m, and three forces, each as magnitude (N) and direction.
         root (3, 4): world_T_root.
-        contact_wrench (6,): torque about the root's origin and force, in the root's axes.
+        contact_wrench (6,): torque about the root's origin (N m) and force (N), in the root's axes.
     """
     for push in contacts:
         fx = fy = fz = 0.0
@@ -208,7 +212,9 @@ class RestingBase:
                     and _is_blocked(model, contact)
                 ):
                     return None
-                continue  # `is_supported` considers the contacts of links that are not in the base
+                # only contacts of the base support the base; the others are part of
+                # `contact_wrench`
+                continue
             if not other.fixed_base:
                 continue
             if contact[4] != -1 or contact[8] < -_CONTACT_DISTANCE or other.release is not None:
@@ -249,8 +255,8 @@ class RestingBase:
     def is_supported(self, dt: float, is_touchable: bool) -> bool:
         """Return whether the ground supported the base in the last step of `dt` s.
 
-        `is_touchable`: whether a body may touch the base even while joint_dynamics.py steps the
-        model.
+        `is_touchable` states whether another body may touch the base. If it is False, Bullet's
+        contacts are only read if Bullet made the step.
         """
         if not self.model.joints.has_own_dynamics:
             self.model.joints.read_bullet_state()
@@ -259,10 +265,10 @@ class RestingBase:
         return is_supported(*self.arrays, dt)
 
     def _measure_contacts(self) -> None:
-        """Compute the wrench of the contacts with other bodies in Bullet's last step.
+        """Compute the wrench on the model by all contacts in Bullet's last step.
 
-        Contacts with the ground are skipped. Bullet does not compute them for a fixed root, but it
-        does for links that are fixed to the root.
+        Contacts of the base with the ground do not count, because the force of the ground is
+        computed by `is_supported`.
         """
         contacts = find_contacts(self.model.body_id, self.model.client)
         pushes = [numbers for link, other, _, numbers in contacts
@@ -272,7 +278,10 @@ class RestingBase:
             _add_contact_wrenches(np.array(pushes), self._root, self.contact_wrench)
 
     def apply_excess_load(self) -> None:
-        """Apply -ground_wrench, the load of the last step, to the base after it was freed."""
+        """Apply the load of the last step to the base after it was freed.
+
+        In that step the base was still fixed, although the ground could not support this load.
+        """
         root = self.model.pose()
         torque, force = (
             rotate(root.quat, tuple(-part)) for part in np.split(self._ground_wrench, 2)
@@ -281,17 +290,20 @@ class RestingBase:
 
 
 class RestingBases:
-    """Free models with joints, whose bases are treated as fixed while they are at rest.
+    """All bases of a world that are at rest and therefore treated as fixed.
 
     Attributes:
         is_new: whether `fix_at_start` must be called before the next step.
         is_active: whether `detect_rest` must be called after each step of Bullet.
-        fixed_bases: bases that are treated as fixed. After each step, `check_support` must be
-            called.
+        fixed_bases: bases that are treated as fixed. If there are any, `check_support` must be
+            called after each step.
     """
 
     def __init__(self, models: Mapping[str, Model], on_change: Callable[[], None]) -> None:
-        """Create the list without fixed bases; `on_change` is called after models were reloaded."""
+        """Create an object without fixed bases.
+
+        `on_change` is called after bases were fixed or freed.
+        """
         self._models, self._on_change = models, on_change
         self.fixed_bases: list[RestingBase] = []
         self.is_active = self.is_new = False
@@ -299,7 +311,10 @@ class RestingBases:
         self._countdown = CHECK_EVERY
 
     def refresh(self) -> None:
-        """Look for free models again; called after models were spawned, deleted or reloaded."""
+        """Look again for models whose base may come to rest.
+
+        This is called after models were spawned, deleted or reloaded.
+        """
         self.is_new = self.is_active = bool(self._list_free_models())
         self._last_poses = {}
 
@@ -348,11 +363,15 @@ class RestingBases:
         for model in free:
             model.is_disturbed = False
         if resting and not self._fix_resting(free):
-            # Check again soon, because Bullet may find further contacts of the base's corners.
+            # Check again after a few more steps, because Bullet may then have found more of the
+            # contacts on which the base rests.
             self._countdown = 4 * CHECK_EVERY
 
     def _fix_resting(self, free: list[Model]) -> bool:
-        """Fix the bases that are at rest; return False if there are none."""
+        """Find the models in `free` that rest on static bodies, and treat their bases as fixed.
+
+        Return False if there is no such model.
+        """
         others = {model.body_id: model for model in self._models.values()}
         found = [one for one in (RestingBase.from_contacts(model, others) for model in free) if one]
         resting = [one.model for one in found]
@@ -372,7 +391,7 @@ class RestingBases:
     def check_support(self, dt: float, is_touchable: bool) -> None:
         """Free all bases if the ground could not support one of them in the last step of `dt` s.
 
-        `is_touchable` is IsolationMonitor.is_base_touchable.
+        `is_touchable` states whether a free body may touch a base.
         """
         for base in self.fixed_bases:
             if not base.is_supported(dt, is_touchable):
@@ -380,7 +399,10 @@ class RestingBases:
                 return
 
     def release_overload(self) -> None:
-        """Free all bases after the ground could not support one, and apply their loads."""
+        """Free all bases because the ground could not support one of them.
+
+        The loads of the last step are applied to the bases.
+        """
         bases = self.fixed_bases
         self.release()
         self._countdown = RETRY_STEPS
@@ -388,14 +410,20 @@ class RestingBases:
             base.apply_excess_load()
 
     def release_for(self, model: Model) -> None:
-        """Free all bases if one of them is not much heavier than a new free model."""
+        """Free all bases if the new free model `model` is too heavy for one of them.
+
+        A base is only treated as fixed if it is much heavier than every free body.
+        """
         if not model.fixed_base and any(
             one.mass < _LEAST_MASS_RATIO * model.mass for one in self.fixed_bases
         ):
             self.release()
 
     def release_from(self, model: Model) -> None:
-        """Free all bases if `model` is or supports one of them, before it is moved or deleted."""
+        """Free all bases if one of them belongs to `model` or rests on it.
+
+        This must be called before `model` is moved or deleted.
+        """
         if any(model is one.model or model.body.body_id in one.grounds for one in self.fixed_bases):
             self.release()
 
@@ -437,8 +465,8 @@ def _compute_base_mass(model: Model, root: Pose) -> tuple[float, np.ndarray]:
 def _is_blocked(model: Model, contact: tuple) -> bool:
     """Return whether no joint can move the contact point along the contact normal.
 
-    For example, the axle of a wheel cannot move the contact point below it vertically. If the root
-    were fixed, the contact force at such a point would be unbounded.
+    An example is the point below the axle of a wheel, which no rotation of the wheel moves up or
+    down. If the root were fixed, the contact force at such a point could grow without bound.
     """
     point, normal = np.array(contact[5]), np.array(contact[7])
     names = {index: name for name, index in model.link_indices.items()}
@@ -495,9 +523,11 @@ def _list_corners(geometry: Geometry) -> Iterator[np.ndarray]:
 
 
 def _make_polygon(points: np.ndarray, normal: np.ndarray) -> np.ndarray | None:
-    """Return the convex hull (m, 6) of points in a plane: its corners and outward edge normals.
+    """Return the convex hull of points (k, 3) in a plane with this normal.
 
-    Return None if the points are on a line.
+    Returns:
+        (m, 6) for each corner of the hull, its position, followed by the outward normal of the edge
+        that starts there. None if the points are on a line.
     """
     aside = np.cross(normal, (1.0, 0.0, 0.0) if abs(normal[0]) < 0.7 else (0.0, 1.0, 0.0))
     aside /= np.linalg.norm(aside)

@@ -1,10 +1,9 @@
 """Correction of Bullet's friction on free bodies, so that it opposes the sliding direction.
 
-Bullet's friction has the correct magnitude, but its direction depends on the body's inertia at each
-corner. A box of 0.6 x 0.1 m that slides at an angle to its edges is decelerated by a fifth too
-little and turns by 20 degrees. The correct friction has the same magnitude and opposes the sliding
-direction. The difference between the correct friction and Bullet's friction in the last step is
-applied in the next step. The remaining error is 1 %.
+The friction force that Bullet computes at a contact has the right magnitude, but not exactly the
+right direction. A box of 0.6 x 0.1 m that slides at an angle to its edges is decelerated by a fifth
+too little and turns by 20 degrees. Therefore the difference between the right force and Bullet's
+force in the last step is applied in the next step. The remaining error is 1 %.
 """
 
 from __future__ import annotations
@@ -17,13 +16,13 @@ from aras_sim_bridge.world.impacts import Impacts
 from aras_sim_bridge.world.model import Model
 from aras_visual_servo_base.poses import Vector3, add, cross, scale, subtract
 
-# Smallest speeds of a body whose sliding friction is corrected, m/s and rad/s. Bullet brings slower
-# bodies to rest.
+# The friction on a free body is not corrected if its speed is below _SLOWEST_SLIDING (m/s) and its
+# angular velocity is below _SLOWEST_TURNING (rad/s). Bullet brings such a body to rest.
 _SLOWEST_SLIDING = 5e-3
 _SLOWEST_TURNING = 5e-2
-# Number of steps between two checks while no free body moves.
+# While no free body moves, number of steps between two checks whether one has started to move.
 _PAUSE = 5
-# A contact point is sliding if friction needs more than this number of steps to stop the point.
+# A contact point is regarded as sliding if friction cannot stop it within this number of steps.
 _STEPS = 4
 
 
@@ -42,7 +41,10 @@ class SlidingFriction:
         self._pause = 0  # number of steps until the next check of the free bodies
 
     def check_all(self) -> None:
-        """Check all bodies in the next step; called after one of them was pushed or moved."""
+        """Check all free bodies for sliding and impacts in the next step.
+
+        This is called after a free body was pushed or moved.
+        """
         self._pause = 0
         self._impacts.check_all()
 
@@ -55,7 +57,10 @@ class SlidingFriction:
         self._fixed = frozenset(model.body.body_id for model in models if model.fixed_base)
 
     def before_step(self, dt: float) -> None:
-        """Apply the correction for the last step in the next step of `dt` s, and detect impacts."""
+        """Correct the friction of the last step, and detect impacts in the next step.
+
+        `dt` is the time step, s.
+        """
         self._impacts.restore_restitution()
         if self._pause:
             self._pause -= 1

@@ -1,4 +1,4 @@
-"""The World: models that are simulated together, by Bullet or by their own joint dynamics."""
+"""The World: models that are simulated together, by Bullet or by joint_dynamics.py."""
 
 import logging
 import math
@@ -37,7 +37,8 @@ from aras_visual_servo_base.poses import IDENTITY, Pose, Twist, check_pose, chec
 
 logger = logging.getLogger(__name__)
 
-# Smallest time step of the physics, s; simulated time is counted in whole nanoseconds.
+# Smallest time step of the physics, s. Simulated time is counted in whole nanoseconds, so a step
+# must be much longer than 1 ns.
 SMALLEST_STEP = 1e-6
 # Largest time step of the physics, s. With longer steps, neither PID controllers nor contacts are
 # stable.
@@ -123,10 +124,11 @@ class World:
             solverResidualThreshold=SOLVER_RESIDUAL, deterministicOverlappingPairs=True,
             # Read meshes and other files again for each model, because they may have changed.
             enableFileCaching=False,
-            # With split impulses, a joint may remain more than 4 cm beyond its limit
-            # (bullet3#2944).
+            # With split impulses, a joint may remain more than 4 cm beyond its limit (bullet3 issue
+            # 2944).
             useSplitImpulse=False,
-            restitutionVelocityThreshold=0.0,  # impacts.py sets the restitution of each impact
+            # Apply restitution at any speed; impacts.py sets the coefficient for each impact.
+            restitutionVelocityThreshold=0.0,
             # With mode 0, a pair of links is tested if the collision filters of both links accept
             # the pair. By default, one accepting filter suffices.
             collisionFilterMode=0,
@@ -134,14 +136,13 @@ class World:
         pybullet.setGravity(*self._gravity, physicsClientId=self.client)
 
     def _choose_solver(self) -> None:
-        """Use a direct solver for friction, stops and motors if all bases are fixed.
+        """Choose the direct solver for friction, stops and motors if all bases are fixed.
 
-        Joints that are coupled as tightly as those of the ARAS arm need hundreds of sweeps of the
-        iterative solver. With 50 sweeps, the joint J5 of the arm at rest still moves at 2e-5 rad/s,
-        and the sweeps take twice as long as Dantzig's direct solver. However, Bullet itself changes
-        to the iterative solver in steps with contacts, and a body on the ground would shake at each
-        change. Therefore only the iterative solver is used if there are free models, closed chains
-        or attachments.
+        For an arm with strongly coupled joints, such as the ARAS arm, the iterative solver needs
+        hundreds of sweeps per step, and Dantzig's direct solver is faster. However, Bullet itself
+        changes to the iterative solver in steps with contacts, and a body on the ground would shake
+        at each change. Therefore the iterative solver is used throughout if there are free models,
+        closed chains or attachments.
         """
         direct = not self.attachments and all(model.fixed_base and not model.description.loops
                                               for model in self.models.values())
@@ -269,7 +270,11 @@ class World:
 
     @property
     def main_models(self) -> dict[str, Model]:
-        """Models by name, without the separate parts of models."""
+        """Models by name, one per spawned description.
+
+        Parts of a description that no joint connects to its root are models of their own in
+        `models`; they are left out here.
+        """
         return {name: model for name, model in self.models.items() if model.main_model is model}
 
     def model(self, name: str) -> Model:
@@ -310,12 +315,15 @@ class World:
         self._update_models()
 
     def _update_attachments(self) -> None:
-        """Free all resting bases and update the models, after an attachment changed."""
+        """Free all resting bases and update the world, after an attachment was added or removed."""
         self.resting_bases.release()
         self._update_models()
 
     def _update_models(self) -> None:
-        """Update everything that depends on the models, after their list or one of them changed."""
+        """Update everything that depends on the models.
+
+        This is called after a model was added, removed or changed.
+        """
         self.revision += 1
         self.attachments.renew()
         self.friction.set_models(self.models.values())
@@ -328,7 +336,14 @@ class World:
         self.resting_bases.refresh()
 
     def _on_model_move(self, model: Model, is_moved: bool, has_new_positions: bool = False) -> None:
-        """React to a model that was moved, whose joints were moved, or that was pushed."""
+        """Update the world after a model was changed between two steps.
+
+        Args:
+            model: the model.
+            is_moved: whether the whole model was moved to another pose.
+            has_new_positions: whether its joints were set to other positions. If both are False,
+                the model was pushed or its twist was set.
+        """
         if is_moved or has_new_positions:
             self._deep.continue_watching()
         if is_moved and model.fixed_base:
@@ -358,7 +373,9 @@ class World:
             self.attachments.disable_contacts()
 
     def step(self) -> None:
-        """Advance the physics by one time step, with all efforts and forces set before it.
+        """Advance the physics by one time step.
+
+        All efforts and forces act that were set since the last step.
 
         Raises:
             WorldError: an effort is not finite (then no model has moved), or the simulation
@@ -383,7 +400,7 @@ class World:
             self.resting_bases.detect_rest()
 
     def _step_bullet(self, dt: float) -> None:
-        """Make one step of Bullet, which moves all models without own dynamics."""
+        """Make one step of Bullet, which moves all models that joint_dynamics.py does not step."""
         for model in self._bullet_models:
             model.before_step(dt)
         if self.friction.is_active:
@@ -401,18 +418,14 @@ class World:
 
     @property
     def steps_until_contact(self) -> int:
-        """Number of steps that one compiled call may compute before a contact becomes possible."""
+        """Number of steps that can be made before a contact with the models becomes possible."""
         return self.isolation.steps_until_update
 
     def get_compiled_step(self, model: Model) -> tuple[np.ndarray | float, ...] | None:
-        """Return the arguments with which cycle.py makes compiled steps of a model.
+        """Return the arguments of cycle.run_cycles from `bodies` on, to make steps of `model`.
 
-        They are JointSpace.arrays, the time step, whether the model has a resting base, and the
-        arguments of resting_base.is_supported. Free bodies are stepped later, in
-        `finish_compiled_steps`.
-
-        Return None if the model cannot be stepped alone, because another model has joints or may
-        touch it, or an effort is pending.
+        Return None if these compiled steps are impossible: another model has joints or may touch
+        `model`, or an effort is pending.
         """
         if self.isolation.steps_until_update <= 0:
             self._update_isolation()
@@ -434,7 +447,7 @@ class World:
     def finish_compiled_steps(
         self, model: Model, count: int, diverged_joint: int = -1, is_base_supported: bool = True
     ) -> None:
-        """Update the world after compiled steps of a model.
+        """Update the world after compiled steps of a model, and make these steps for free bodies.
 
         Args:
             model: model that made the steps.
@@ -453,7 +466,10 @@ class World:
             self.resting_bases.release_overload()
 
     def reset_world(self) -> None:
-        """Move all models to their spawn poses, at rest. As in Gazebo, joint positions stay."""
+        """Move all models to their spawn poses, at rest.
+
+        As in Gazebo, the joint positions do not change.
+        """
         for model in self.models.values():
             model.set_pose(model.spawn_pose)
             model.set_twist(Twist())
@@ -523,7 +539,10 @@ def _check_iterations(value: int) -> int:
 def _compute_start_positions(
     descriptions: Sequence[RobotDescription], name: str, positions: Mapping[str, float]
 ) -> list[dict[str, float]]:
-    """Return, for each of a model's descriptions, the start positions by joint name."""
+    """Return the start positions of the joints (rad or m), one mapping per description.
+
+    A model consists of several descriptions if joints do not connect all its links.
+    """
     every = tuple(joint for one in descriptions for joint in one.list_moving_joints())
     for joint, value in positions.items():
         if joint not in every:

@@ -20,7 +20,8 @@ def main(argv: list[str] | None = None) -> int:
     overrides = [word for word in remaining if "=" in word and not word.startswith("-")]
     if len(overrides) < len(remaining) or (remaining and "overrides" not in options):
         parser.error(f"unknown argument {remaining[0]}")
-    if remaining:  # argparse leaves positional arguments that follow an option in `remaining`
+    # argparse puts positional arguments into `remaining` if they follow an option
+    if remaining:
         options.overrides += overrides
     try:
         return options.carry_out(options)
@@ -30,6 +31,7 @@ def main(argv: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print(f"{find_program_name()}: interrupted", file=sys.stderr)
         return 130
-    except BrokenPipeError:  # the reading program has ended, as in `bench table DIR | head`
+    # The program that reads this output, such as `head` in `bench table DIR | head`, has ended.
+    except BrokenPipeError:
         sys.stderr.close()
         return 1

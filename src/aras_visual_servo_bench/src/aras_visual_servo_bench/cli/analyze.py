@@ -21,13 +21,14 @@ def analyze(options: argparse.Namespace) -> int:
     from ..plots.style import FILE_FORMATS
 
     kinds = [kind.strip() for kind in options.formats.split(",") if kind.strip()]
-    # A wrong format is reported before the runs are read, which may take a minute.
+    # A wrong file format is reported before the runs are read, because reading can take a minute.
     check_formats(kinds, FILE_FORMATS)
     names = [name.strip() for name in options.names.split(",") if name.strip()]
     if names and len(names) != len(options.runs):
         raise BenchError(f"--names has {len(names)} names for {len(options.runs)} runs: give as "
                          "many names as runs")
-    compilation.prepare_simulation()  # reading a run of a study simulates the run again
+    # A run of a study is read by simulating it again, which needs Numba.
+    compilation.prepare_simulation()
     bar = ProgressBar(sys.stderr)
     try:
         runs = []

@@ -42,7 +42,8 @@ AXIS_OPTIONS = {"case": "scheme", "condition": "condition", "start": "start"}  #
 def make_parser() -> argparse.ArgumentParser:
     """Create the parser of all commands.
 
-    The parsed arguments include `carry_out`, the function that runs the command with them.
+    The attribute `carry_out` of the parsed arguments is the function that runs the selected
+    command.
     """
     program = find_program_name()
     parser = argparse.ArgumentParser(prog=program, description=DESCRIPTION)
@@ -68,7 +69,8 @@ def _set_function(parser: argparse.ArgumentParser, module: str, function: str) -
         try:
             with fast_imports():
                 imported = import_module(f"..{module}", __name__)
-        except ModuleNotFoundError as error:  # a library that only some commands need is missing
+        # the module of this command needs a library that is not installed
+        except ModuleNotFoundError as error:
             raise make_missing_library_error(error.name) from None
         run: Callable[[argparse.Namespace], int] = getattr(imported, function)
         return run(options)
@@ -109,7 +111,8 @@ def _add_workers(one: argparse.ArgumentParser) -> None:
                      help="address of a Dask scheduler with workers")
     one.add_argument("--cluster", default="", metavar="FILE",
                      help="YAML file with a Dask cluster class, its arguments and its workers")
-    # without a default value, commands notice --renew where it would have no effect
+    # --renew has no default value, so a command can see whether the user has set it. If it would
+    # have no effect, the command reports an error.
     one.add_argument("--renew", type=int, metavar="N",
                      help=f"restart workers every N chunks (default {CHUNKS_BEFORE_RESTART})")
 

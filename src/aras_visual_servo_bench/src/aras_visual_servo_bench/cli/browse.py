@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def browse(options: argparse.Namespace) -> int:
-    """Serve the page until Ctrl-C."""
+    """Serve the web page with the runs of studies until Ctrl-C."""
     try:
         from ..web.browse.server import serve
     except ModuleNotFoundError as error:
@@ -51,7 +51,8 @@ def _print_start(server: BrowseServer, is_quiet: bool) -> None:
 
 
 def _open_browser(address: str) -> bool:
-    """Open the page in a graphical browser, not in a text browser; return whether this worked."""
+    """Open the web page in a graphical browser, not in a text browser; return whether this worked.
+    """
     if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         return False
     try:

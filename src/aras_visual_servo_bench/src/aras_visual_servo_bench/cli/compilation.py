@@ -17,15 +17,16 @@ COMPILED_PACKAGES = ("aras_visual_servo_base", "aras_sim_bridge", "aras_visual_s
 
 
 def prepare_simulation() -> None:
-    """Import Numba; if pip installed this package, also compile the functions that are not cached.
+    """Import Numba, and compile the package's functions if pip installed the package.
 
-    Commands call this before they simulate. In a workspace, the set-up has already compiled all
-    functions.
+    Commands call this before they simulate. Functions with a compiled version in Numba's cache are
+    not compiled again. If catkin built the package, they were already compiled when it was built.
 
     Raises:
         CompilerError: Numba cannot be imported.
     """
-    # Garbage collection while Numba is imported would take a tenth of the time of a short run.
+    # `fast_imports` suspends garbage collection, which would otherwise take a tenth of the time of
+    # a short run.
     with fast_imports():
         import_numba()
     if find_program_name() != "bench":
@@ -33,9 +34,9 @@ def prepare_simulation() -> None:
 
 
 def _compile_missing() -> None:
-    """Compile all functions that are not in the cache, on all cores and with a progress bar.
+    """Compile all Numba functions that are not in Numba's cache, on all cores, with a progress bar.
 
-    If this fails, the simulation compiles the functions that it calls.
+    If this fails, Numba compiles each function when the simulation first calls it.
     """
     from aras_visual_servo_base import compile_packages  # imports multiprocessing
 

@@ -14,7 +14,7 @@ from . import run
 
 
 def make_dataset(options: argparse.Namespace) -> int:
-    """Run a study that stores images."""
+    """Run a study, and store its images as a data set; return the exit status."""
     path = run.find_study_file(options.study)
     changed = {
         **parse_overrides(options.overrides),

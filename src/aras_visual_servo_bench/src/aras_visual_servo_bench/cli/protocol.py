@@ -1,4 +1,4 @@
-"""`bench protocol NAME --out DIR` runs a published protocol, which is one of the shipped studies.
+"""`bench protocol NAME --out DIR` runs a published protocol, which is a study of this package.
 
 In addition to the files of the study, it writes table.csv with a row for each run.
 """
@@ -35,7 +35,7 @@ def run_protocol(options: argparse.Namespace) -> int:
 
 
 def _select_cases(study: Study, options: argparse.Namespace) -> Study:
-    """Return the study with the cases that the options select.
+    """Return a copy of the study with only those cases that the options select.
 
     Raises:
         StudyError: an option names an unknown case.

@@ -10,9 +10,8 @@ from ..errors import StudyError, catch_write_errors, check_formats
 from ..studies import captions, compare, tables
 from ..studies.results import Results
 
-# If pandas is installed, pyarrow imports it, which takes 0.7 s, to recognise pandas objects. The
-# commands of this module convert none, so the import is suppressed. In a user's program, such
-# objects are possible, so the module `results` does not suppress the import.
+# pyarrow imports pandas, if it is installed, only to recognise pandas objects. The import takes 0.7
+# s and is suppressed here, because the commands of this module use no such objects.
 import_without("pandas", "pyarrow.dataset")
 
 

@@ -50,7 +50,7 @@ def find_study_file(name: Path) -> Path:
 
 
 def run_study(options: argparse.Namespace, changes: dict[str, Any]) -> int:
-    """Run a study with changed settings."""
+    """Run a study with changed settings, or only estimate its duration (--dry-run)."""
     options.study = find_study_file(options.study)
     study = Study.from_yaml(options.study, changes)
     engine.check_study(study)
@@ -80,7 +80,10 @@ def resume(options: argparse.Namespace) -> int:
 
 
 def carry_out(folder: StudyFolder, options: argparse.Namespace) -> int:
-    """Carry out the missing runs of a study, write its report, and return the exit status."""
+    """Carry out the runs of a study that have no result yet, and write its report.
+
+    Return the exit status.
+    """
     if not options.mix:
         folder.check_code()
     with folder.lock():
@@ -117,7 +120,7 @@ def carry_out(folder: StudyFolder, options: argparse.Namespace) -> int:
 
 
 def _write_report(path: Path) -> None:
-    """Write the table and figures into the study's folder, and print a short table."""
+    """Write a table and figures of the results into the study's folder, and print a short table."""
     from ..plots import study_figures  # this import takes 0.5 s, and workers do not need it
 
     found = [Results.read(path)]
@@ -144,7 +147,7 @@ def _read_workers(options: argparse.Namespace) -> int:
 
 
 def make_pool(options: argparse.Namespace) -> Pool:
-    """Create the workers that the options select, and compile functions if necessary.
+    """Create the worker processes that the options select; first compile functions if necessary.
 
     Raises:
         StudyError: the options are invalid or contradict each other.

@@ -29,7 +29,7 @@ def run_file(options: argparse.Namespace) -> int:
     experiment = _read_experiment(options.study, changes)
     if experiment is not None:
         return _run_experiment(experiment, options)
-    # this import takes 0.3 s, and an experiment, unlike a study, does not need it
+    # this import takes 0.3 s and is needed only for studies
     from . import run
 
     return run.run_study(options, changes)

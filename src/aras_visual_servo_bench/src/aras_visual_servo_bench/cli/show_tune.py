@@ -55,7 +55,8 @@ def _write_traceback(error: BaseException, out: Path) -> Path:
 
 
 def _show_bag(options: argparse.Namespace) -> int:
-    """Print the experiment of a bag, and write it and the files it needs into the folder --out."""
+    """Print the experiment of a bag; write it, and the files that it needs, into the folder --out.
+    """
     from ..ros.bag import read_recorded_experiment
 
     if options.run is not None:
@@ -82,8 +83,8 @@ def tune(options: argparse.Namespace) -> int:
         run.find_study_file(options.study), overrides.parse_overrides(options.overrides)
     )
     ranges = [SearchRange.parse(text) for text in options.over]
-    # The search sets the keys of the ranges, so the study's own variations of these keys are
-    # removed.
+    # The search sets the keys of the tuned settings, so the study's own variations of these keys
+    # are removed.
     keys = {r.key for r in ranges}
     study = dataclasses.replace(
         study, vary={key: values for key, values in study.vary.items() if key not in keys}

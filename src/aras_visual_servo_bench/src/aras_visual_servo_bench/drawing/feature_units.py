@@ -14,8 +14,8 @@ from aras_visual_servo_controller.settings import Settings
 def find_feature_units(scheme: str, count: int) -> tuple[str, ...]:
     """Return the unit of each feature of a scheme; '' for a feature without unit.
 
-    The result is empty if the units are unknown: for a user's own scheme, which is not imported,
-    and for a shipped scheme whose number of features is not `count`.
+    The result is empty if the units are unknown. This is so for schemes that are not part of the
+    project, and for a scheme of the project whose number of features is not `count`.
     """
     return _read_attribute(scheme, count, "units")
 
@@ -25,8 +25,8 @@ def find_feature_tolerances(
 ) -> tuple[float | None, ...]:
     """Return the tolerance of each feature of a scheme, below which its error has converged.
 
-    If `depth` is None, a tolerance relative to the target's depth is None, too. As for
-    `find_feature_units`, the result is empty if the tolerances are unknown.
+    The result is empty if the tolerances are unknown. A tolerance that is proportional to the depth
+    of the target is None if `depth` is None.
 
     depth: depth of the target at the goal, m; None if it is unknown.
     """
@@ -38,7 +38,7 @@ def find_feature_tolerances(
 
 @lru_cache(maxsize=64)
 def _read_attribute(scheme: str, count: int, attribute: str) -> tuple[Any, ...]:
-    """Return `attribute` of each of the `count` features of a scheme; () if unknown."""
+    """Return `attribute` of each of a scheme's `count` features; return () if it is unknown."""
     if ":" in scheme or not scheme:
         return ()
     try:
@@ -47,8 +47,8 @@ def _read_attribute(scheme: str, count: int, attribute: str) -> tuple[Any, ...]:
         )
     except (ServoError, ValueError, TypeError):
         return ()
-    # If all features have the same value, this value holds for any `count`, the number of features,
-    # which can depend on the target.
+    # If all features have the same value, this value is repeated `count` times, because the number
+    # of features of such a scheme can depend on the target.
     if len(set(values)) == 1:
         return tuple(values[:1]) * count
     return tuple(values) if len(values) == count else ()

@@ -30,8 +30,8 @@ class ModelDrawing:
     All points are in the frame of this link, m.
 
     Attributes:
-        edges: (2 n, 3) both ends of each of n edges.
-        faces: for each colour, the corners (3 m, 3) of its m triangles.
+        edges: array (2 * n, 3), both ends of each of n edges.
+        faces: for each colour, an array (3 * m, 3), the three corners of each of its m triangles.
     """
 
     edges: np.ndarray
@@ -40,7 +40,7 @@ class ModelDrawing:
     def make_shapes(self, base_T_link: np.ndarray | None) -> tuple[Shape, ...]:
         """Return the shapes of a target whose link has the pose base_T_link (4, 4).
 
-        If the pose is None, the result is one shape without points, so nothing is drawn.
+        If the pose is None, return a single shape without points, which draws nothing.
         """
         if base_T_link is None:
             return (Shape("target", LINES, EMPTY_DRAWING.edges, EDGE_COLOUR, EDGE_WIDTH),)
@@ -78,10 +78,10 @@ def draw_model(urdf: str, resolve: ResolvePackage = find_package) -> ModelDrawin
 
 
 def find_mesh_edges(mesh: Mesh) -> np.ndarray:
-    """Return the ends (2 n, 3) of the n edges that are drawn for a mesh.
+    """Return the ends (2 * n, 3) of the n edges that are drawn for a mesh.
 
-    These are the edges at the border of the surface, and those between faces whose normals
-    differ by more than the angle of CREASE_COSINE.
+    An edge is drawn if it is at the border of the surface, or if the normals of its two faces
+    differ by at least 30 degrees.
     """
     places, number = np.unique(mesh.positions.round(6), axis=0, return_inverse=True)
     corners = number.ravel()[mesh.triangles]

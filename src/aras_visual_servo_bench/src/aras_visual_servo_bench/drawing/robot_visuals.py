@@ -51,7 +51,7 @@ def _compute_mean_colour(texture: str) -> Colour | None:
 
 def _load_meshes(geometry: Geometry) -> tuple[Mesh, ...]:
     if geometry.kind == "mesh" and not Path(geometry.filename).is_file():
-        return ()  # no error here, because the simulator has already reported the missing file
+        return ()  # raise no error, because the simulator has already reported the missing file
     return make_meshes(geometry)
 
 

@@ -42,19 +42,21 @@ GOAL, NOW, PATH, IDEAL, FEATURE = (
     to_rgb(LIVE[name]) for name in ("goal", "now", "path", "ideal", "feature")
 )
 
-FRUSTUM_SIZE = 0.16  # distance from the optical centre to a corner of the drawn image, m
+FRUSTUM_SIZE = 0.16  # distance from the optical centre to the farthest corner of the drawn image, m
 AXIS_LENGTH = 0.05  # length of the axes of a drawn frame, m
-# Length of the arrow of a linear velocity, divided by this velocity, s.
+# The length of a linear velocity's arrow is the speed, m/s, multiplied by this time, s.
 ARROW_SECONDS = 2.0
-TURN_LENGTH = 0.1  # length of the arrow of an angular velocity, divided by this velocity, m s/rad
+# The length of an angular velocity's arrow, m, is the angular speed, rad/s, multiplied by this
+# factor, m s/rad.
+TURN_LENGTH = 0.1
 MAX_ARROW = 0.3  # largest length of an arrow, m
 MIN_ARROW = 2e-3  # smallest length of an arrow that is drawn, m
 IDEAL_PATH_POINTS = 24
 MIN_SPACING = 5e-4  # smallest distance between two points of the camera's path, m
 # Smallest distance between two points of a feature's trajectory, normalised coordinates.
 MIN_IMAGE_SPACING = 2e-3
-# Offset of the text from the camera in the base frame, m. In the view of the rviz configuration,
-# the text is left of the arm, in front of the floor; on the right it would cover the gantry.
+# Offset of the text from the camera in the base frame, m. In the rviz view of the project, the text
+# is then left of the arm; on the right, it would cover the robot.
 TEXT_OFFSET = (0.24, -0.2, 0.19)
 MAX_ERRORS = 6  # largest number of feature errors that the text lists
 LETTER_HEIGHT, LINE_HEIGHT = 0.023, 0.028  # height of letters and distance between lines of text, m
@@ -77,10 +79,12 @@ class RunTrace:
         arm: kinematics of the robot.
         camera: calibration of the camera; None until it is known.
         goal: (4, 4) base_T_camera at the goal; None until it is known.
-        outline: (n, 2) desired outline of the target, normalised; empty until it is known.
+        outline: (n, 2) desired outline of the target, in normalised image coordinates; empty until
+            it is known.
         state: latest state of the controller.
         factor: real-time factor of the simulation; None until it is known.
-        target: shapes of the target in the frame of the arm's base; empty if the target is unknown.
+        target: shapes that draw the target in the frame of the arm's base; empty if the target is
+            unknown.
     """
 
     def __init__(self, arm: Arm) -> None:
@@ -138,7 +142,7 @@ class RunTrace:
             self.add_image_point(f"point {number}", features[x], features[y])
 
     def add_image_point(self, name: str, x: float, y: float) -> None:
-        """Add a point (x, y), normalised, to the trajectory `name` in the image."""
+        """Add a point (x, y), in normalised image coordinates, to the trajectory `name`."""
         if self.state.phase not in (SERVOING, CONVERGED):
             return
         if name not in self._trajectories:
@@ -154,7 +158,7 @@ class RunTrace:
         return start + along * (end - start)
 
     def compute_target_depth(self) -> float | None:
-        """Return the mean depth, m, of the target's corners in the camera at the goal.
+        """Return the mean depth, m, of the target's corners, for a camera at the goal pose.
 
         Return None if the goal or the target is unknown, or the target is behind the camera.
         """
@@ -166,7 +170,7 @@ class RunTrace:
         return depth if depth > 0.0 else None
 
     def make_text_lines(self) -> list[str]:
-        """Return the lines of the text next to the robot."""
+        """Return the lines of the text next to the camera."""
         state = self.state
         if not state.phase:
             return ["no controller yet"]
@@ -210,7 +214,7 @@ class RunTrace:
         return shapes + self._make_texts()
 
     def _make_texts(self) -> list[Shape]:
-        """Return the text next to the camera, and the legend of the colours above this text."""
+        """Return the text next to the camera, and above it the legend of the colours."""
         words, place = "\n".join(self.make_text_lines()), (self._pose[:3, 3] + TEXT_OFFSET)[None]
         shapes = [Shape("words", TEXT, place, (1.0, 1.0, 1.0, 1.0), LETTER_HEIGHT, words)]
         # A text is centred on its position, so half of the text's lines are above this position.
@@ -230,7 +234,7 @@ class RunTrace:
         return self._image_border[1]
 
     def _make_image_shapes(self, border: np.ndarray) -> list[Shape]:
-        """Return the features' trajectories and the desired outline, drawn in the camera's image.
+        """Return the features' trajectories and the desired outline, drawn on the image plane.
 
         border: (n, 2) border of the image, from `compute_image_border`.
         """

@@ -12,12 +12,14 @@ from aras_visual_servo_camera.undistortion import CameraModel
 Rgba = tuple[float, float, float, float]
 
 LINES, STRIP, ARROW, TEXT, FACES = "lines", "strip", "arrow", "text", "faces"
-# Largest half angle of view of a drawn camera, rad. With a larger angle, such as that of a fisheye
-# lens, the sides of the camera's pyramid would be flat or point backwards.
+# Largest half angle of view of a drawn camera, rad. For a larger angle, such as that of a fisheye
+# lens, the camera could not be drawn as a pyramid.
 MAX_VIEW_ANGLE = np.radians(70.0)
-# number of decimals of lengths in m that are sent to the page, where a pixel is about 1 mm
+# Number of decimals of lengths in m that are sent to the web page with the 3-D view, where a pixel
+# is about 1 mm.
 DIGITS = 5
-# Number of points on each side of the border of an image; lens distortion can bend the border.
+# Number of points on each side of the border of an image. There are several, because lens
+# distortion can bend the border.
 POINTS_PER_SIDE = 8
 
 
@@ -43,7 +45,7 @@ class Shape:
     text: str = ""
 
     def to_json(self) -> dict[str, Any]:
-        """Return the shape as a JSON object for the script scene.js.
+        """Return the shape as a JSON object for the script scene.js, which draws it.
 
         Coordinates are rounded to 10 um.
         """
@@ -73,9 +75,10 @@ def make_axes(
 
 
 def compute_image_border(camera: CameraModel) -> np.ndarray:
-    """Return points (n, 2) on the border of the camera's image, normalised.
+    """Return points (n, 2) on the border of the camera's image, in normalised coordinates.
 
-    Their angle to the optical axis is limited to MAX_VIEW_ANGLE.
+    Points at a larger angle to the optical axis than MAX_VIEW_ANGLE are replaced by points at this
+    angle.
     """
     right, low = camera.width - 0.5, camera.height - 0.5
     corners = np.array([[-0.5, -0.5], [right, -0.5], [right, low], [-0.5, low]])
@@ -96,7 +99,7 @@ def place_on_image_plane(border: np.ndarray, points: np.ndarray, size: float) ->
 
     Args:
         border: (m, 2) border of the image, from `compute_image_border`.
-        points: (n, 2) points, normalised.
+        points: (n, 2) points in normalised image coordinates.
         size: distance from the optical centre to the farthest corner of the drawn image, m.
 
     Returns:
@@ -108,10 +111,10 @@ def place_on_image_plane(border: np.ndarray, points: np.ndarray, size: float) ->
 
 
 def compute_image_depth(border: np.ndarray, size: float) -> float:
-    """Return the depth, m, of the drawn image.
+    """Return the distance, m, of the drawn image plane from the optical centre.
 
-    The distance of its farthest corner from the optical centre is `size`, m. `border` is the border
-    of the image, from `compute_image_border`.
+    border: (n, 2) border of the image, from `compute_image_border`.
+    size: distance of the farthest corner of the drawn image from the optical centre, m.
     """
     return size / float(np.sqrt(1.0 + (border**2).sum(axis=1).max()))
 

@@ -6,7 +6,8 @@ from collections import deque
 
 import numpy as np
 
-MAX_POINTS = 600  # largest number of points; if there are more, every second point is removed
+# Largest number of points of a track. When a track has more, every second point is removed.
+MAX_POINTS = 600
 
 
 class Track:
@@ -47,10 +48,11 @@ class Track:
 
 
 class RealTimeFactor:
-    """Ratio of simulated time to wall time, measured over the last seconds."""
+    """Ratio of simulated time to wall time, measured over the last WINDOW seconds of wall time."""
 
-    WINDOW = 2.0  # length of the interval over which the factor is measured, s of wall time
-    MIN_TIME = 0.3  # shortest interval from which the factor is computed, s of wall time
+    # Length of the interval over which the real-time factor is measured, s of wall time.
+    WINDOW = 2.0
+    MIN_TIME = 0.3  # shortest interval from which the real-time factor is computed, s of wall time
 
     def __init__(self) -> None:
         self._samples: deque[tuple[float, float]] = deque()

@@ -1,4 +1,4 @@
-"""Links that an experiment adds to a robot description: camera frames and targets."""
+"""Links that an experiment adds to a robot description: for camera frames and for targets."""
 
 from __future__ import annotations
 

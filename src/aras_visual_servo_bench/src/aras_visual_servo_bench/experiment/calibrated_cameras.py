@@ -21,8 +21,8 @@ def with_fixed_cameras(experiment: Experiment, packages: PackagePath) -> Experim
     """Return the experiment with the hand-eye calibrations of fixed cameras replaced by poses.
 
     Raises:
-        ExperimentError: a file cannot be used, or a file is for a camera in the hand and the plant
-            has no arm.
+        ExperimentError: a file cannot be used. Or a calibration is for a camera on an arm, but the
+            plant has no arm.
     """
     cameras = dict(experiment.cameras)
     for name, spec in experiment.cameras.items():
@@ -41,13 +41,13 @@ def with_fixed_cameras(experiment: Experiment, packages: PackagePath) -> Experim
 
 
 def with_calibration_offsets(experiment: Experiment, robot: Robot) -> Experiment:
-    """Return the experiment with every calibration offset given by `xyz` and `rpy`.
+    """Return the experiment with each `calibration_offset.hand_eye` replaced by `xyz` and `rpy`.
 
-    If `calibration_offset.hand_eye` names a file with the calibrated pose of a camera, `hand_eye`
-    is replaced by the offset of the calibrated pose from the true pose.
+    `hand_eye` names a file with the calibrated pose of a camera; `xyz` and `rpy` are the offset of
+    this pose from the camera's true pose.
 
     Raises:
-        ExperimentError: a file cannot be used, or a link does not carry the camera.
+        ExperimentError: a file cannot be used, or its link does not carry the camera.
     """
     if experiment.cameras:
         return replace(
@@ -82,7 +82,7 @@ def _read_calibration_offset(
 ) -> CalibrationOffset:
     """Return the calibration offset of camera `name`, with `hand_eye` replaced by `xyz` and `rpy`.
 
-    where: dotted key of the hand-eye file, for error messages.
+    where: dotted key of the setting that names the hand-eye file, for error messages.
     """
     file = offset.hand_eye
     if file is None:

@@ -31,7 +31,8 @@ from .polygon_drawing import draw_polygon
 if TYPE_CHECKING:
     from aras_visual_servo_base.hand_eye import HandEyeCalibration
 
-# half a turn, rad; slightly more than pi, because files often contain rounded values
+# Limit of angles in settings: half a turn, rad, rounded up, because a file may contain 3.142
+# instead of pi.
 HALF_TURN = 3.142
 MAX_DELAY = 10.0  # s
 PRESET_FOLDER = "config/cameras"
@@ -39,7 +40,7 @@ PRESET_KEY = "preset"  # key of a camera's settings that names a preset
 DEFAULT_PRESET = "original"
 NO_SETTINGS: Mapping[str, Any] = MappingProxyType({})
 WORLD = "world"  # value of HandEyeSpec.link for a camera that is fixed in the world
-# grey levels of the table and of the target; rendered images have the same levels
+# grey levels of the table and of the target in drawn images, equal to those in rendered images
 WHITE_LEVEL, DARK_LEVEL = 255, 0
 
 
@@ -62,7 +63,7 @@ class HandEyeSpec:
         check(self, ExperimentError, "hand_eye")
 
     def read(self, packages: PackagePath) -> HandEyeCalibration:
-        """Read the file.
+        """Read the calibration from the file.
 
         Raises:
             HandEyeError: the file does not contain a calibration.
@@ -81,10 +82,10 @@ class CalibrationOffset:
     centre: offset of the assumed principal point from the true one, px (right, down).
     distortion: distortion coefficients that the controller uses; None: the true coefficients.
     xyz, rpy: offset of the assumed camera pose from the true one, m and rad, in the true optical
-        frame (z forward, x right, y down), on every plant.
+        frame (z forward, x right, y down).
     hand_eye: file of a hand-eye calibration that gives the assumed camera pose, instead of xyz and
         rpy.
-    depth: depth that the controller assumes, divided by the true depth.
+    depth: depth of the target that the controller assumes, divided by the true depth.
     """
 
     focal: float = parameter(1.0, ", the ratio of the calibrated to the true focal "
@@ -137,9 +138,9 @@ class CameraSpec:
     """One of several cameras of an experiment.
 
     model: the true camera: name of a preset, path of a YAML file or of a calibration, or settings.
-    rate: number of images per second; None: the rate in the settings of the model.
-    xyz, rpy: pose of a camera in the hand relative to the robot's own camera, in camera_link
-        (x forward, y left, z up), m and rad.
+    rate: number of images per second; None: the rate that `model` gives.
+    xyz, rpy: pose of a camera in the hand relative to the robot's own camera, in camera_link (x
+        forward, y left, z up), m and rad.
     pose: pose of the optical frame of a fixed camera in the world (the arm's base): x, y, z (m),
         roll, pitch, yaw (rad).
     frame: optical frame of a camera that the robot description contains.
@@ -147,9 +148,9 @@ class CameraSpec:
         the world; see HandEyeSpec.
     delay: time from an exposure until the control loop receives the image, s.
     calibration_offset: errors of the controller's calibration; see CalibrationOffset.
-    target: target that this camera observes instead of the experiment's: shape, size, pose, motion.
-    target_frame: link that carries the target of this camera, if the arm moves this target; the
-        poses of target and camera are then in the frame of this link. '': robot.target_frame.
+    target: target that this camera observes; by default, the target of the experiment.
+    target_frame: link of the arm that carries the target of this camera. The poses of target and
+        camera are then in the frame of this link. '': the link in robot.target_frame.
     """
 
     renamed_keys = {"believed": "calibration_offset"}
@@ -200,8 +201,8 @@ class CameraSpec:
 class CameraSetup:
     """Camera of an experiment, after its files have been read.
 
-    overrides: settings that the experiment or its preset gives.
-    settings: settings in the robot description, with `overrides` applied.
+    overrides: settings of the camera that the experiment gives, itself or by a preset.
+    settings: settings of the camera in the robot description, with `overrides` applied.
     config: configuration of the simulated camera, made from `settings`.
     true_camera: intrinsics of the simulated camera.
     calibrated_camera: intrinsics that the controller uses.
@@ -233,8 +234,8 @@ class CameraSetup:
         settings = merge(description_settings, overrides)
         config = make_camera_config(settings)
         published = true = read_camera_model(config.make_intrinsics())
-        # with this setting, the published intrinsics follow Gazebo's formulas, not the true
-        # intrinsics
+        # with legacy_camera_info, the published intrinsics differ from the true ones: they follow
+        # Gazebo's formulas
         if config.legacy_camera_info:
             true = make_camera_model({**settings, "legacy_camera_info": False})
         return cls(
@@ -392,8 +393,8 @@ def is_in_view(outline: np.ndarray, camera: CameraModel, margin: float = 2.0) ->
 def draw_outline(outline: np.ndarray | None, camera: CameraModel) -> np.ndarray:
     """Draw a dark polygon on a white background.
 
-    The grey level of a pixel is proportional to the fraction of its area that the polygon
-    covers. The distortion of the lens bends the edges.
+    The grey level of a pixel is proportional to the fraction of its area that the polygon covers.
+    If the camera has lens distortion, the edges are curved.
 
     Args:
         outline: corners (n, 2) of the polygon in normalised coordinates; None: no polygon.
@@ -411,6 +412,6 @@ def draw_outline(outline: np.ndarray | None, camera: CameraModel) -> np.ndarray:
 def _project_outline(outline: np.ndarray, camera: CameraModel) -> np.ndarray:
     """Return the vertices (m, 2) of an outline (n, 2) in the image, px.
 
-    Lens distortion bends edges, so edges are subdivided if there is any.
+    If the lens has distortion, straight edges become curves, so points are added on each edge.
     """
     return camera.project_points(subdivide(outline) if camera.is_distorted else outline)

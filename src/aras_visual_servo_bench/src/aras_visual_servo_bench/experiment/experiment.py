@@ -45,7 +45,7 @@ class SunSpec:
     diffuse: brightness that the sun gives to a white face perpendicular to its light, 0 to 1;
         ambient light adds 0.4.
     exposure: 'unclipped' scales both lights so that their sum is at most 1; 'gazebo' clips
-        brightness above 1 to white, which shifts edges.
+        brightness above 1 to white, which shifts edges in the image.
     shines: intervals (start, end) in which the sun shines, s of simulated time; None: always.
         Ambient light is always on. The goal is taught in the light at the start.
     """
@@ -99,13 +99,14 @@ class Experiment(KeywordSettings):
     suggests a correct one. Lengths are in m, angles in rad, times in s. A plant in brackets means
     that the setting acts only on this plant.
 
-    plant: 'bullet' (simulated arm), 'chain' (arm without dynamics), 'free' (free-flying camera
-        with the control loop's rate, limits and delay) or 'ideal' (camera that executes the
-        scheme's twist exactly, one motion per image, as simulations in papers do).
+    plant: 'bullet' (simulated arm), 'chain' (arm without dynamics), 'free' (free-flying camera with
+        the control loop's rate, limits and delay) or 'ideal' (camera that executes the scheme's
+        twist exactly, one motion per image, as simulations in papers do).
     ideal: settings of the plant 'ideal'; see IdealSpec.
     robot: settings of the robot; see RobotSpec.
     friction: whether the joints of the robot have friction (bullet).
-    lag: time constant of each joint, s (chain, free).
+    lag: time constant with which each joint, or the free camera, follows its command, s (chain,
+        free).
     target: settings of the target; see TargetSpec. The target 'aras' is part of the shipped robot
         description; another target is placed in the world instead.
     sun: settings of the sun; see SunSpec (bullet).
@@ -125,12 +126,11 @@ class Experiment(KeywordSettings):
         without image, tracker and noise; 'auto' is 'images' on the Bullet arm, otherwise 'exact'.
     noise: standard deviation of the image noise, grey levels.
     jitter: standard deviation of the noise of exact features, px.
-    delay: time from an exposure until the resulting command takes effect, including computing
-        time, s.
-    commands: 'joint_states' sends a command with each joint state, as a ROS graph does in real
-        time; 'images' sends one command per image, as a ROS graph does in lockstep: a command takes
-        effect at the first image after the delay, so the delay is rounded up to whole image
-        periods.
+    delay: time from an exposure until the resulting command takes effect, including computing time,
+        s.
+    commands: when the controller sends commands. 'joint_states': with each joint state, as a ROS
+        graph in real time. 'images': one command per image, as a ROS graph in lockstep; the delay
+        is then rounded up to whole image periods.
     start: name of a pose, joints (rad, m), a CameraPose, a Sampler, or a RelativeStart.
     goal: name or path of a goal file; or joints or a CameraPose at which the goal is taught.
     scheme: name, class, or 'package.module:Class' of the scheme.
@@ -141,7 +141,8 @@ class Experiment(KeywordSettings):
     time_after_convergence: time for which the run continues after it has converged, s; None: until
         `duration` is over.
     reached: maximum distance (m) and angle (rad) at which the goal is reached; None: 0.15 % of the
-        target's depth at the goal and 0.3 degrees, the accuracy of the outcome 'converged'.
+        target's depth at the goal and 0.3 degrees, which are the tolerances of the outcome
+        'converged'.
     seed: seed of all random numbers.
     renderer: accepted for compatibility; all names select the same renderer.
     record_peak_speeds: whether to record the maximum speed of each joint over all physics steps
@@ -258,7 +259,7 @@ class Experiment(KeywordSettings):
         )
 
     def _check_size(self) -> None:
-        """Check that the target fits on the table of the shipped robot.
+        """Check that the target fits on the table of the ARAS robot.
 
         Raises:
             ExperimentError: the target is larger than the table.
@@ -292,10 +293,10 @@ class Experiment(KeywordSettings):
                 self._check_own_target(name, camera)
 
     def _check_own_target(self, name: str, camera: CameraSpec) -> None:
-        """Check the target that one of the cameras observes instead of the experiment's.
+        """Check the target that one of the cameras observes instead of the experiment's target.
 
         Raises:
-            ExperimentError: the plant or the settings do not allow this target.
+            ExperimentError: the plant does not support such targets, or other settings exclude it.
         """
         target = camera.target
         require(

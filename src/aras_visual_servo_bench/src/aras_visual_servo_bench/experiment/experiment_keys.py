@@ -18,14 +18,15 @@ from .experiment import Experiment
 def find_unit(key: str) -> str:
     """Return the unit of the value of a dotted key, such as `start.side`.
 
-    Return '' if the value has no unit, if the key does not exist, or if the unit depends on other
-    keys: start.turn is in rad for a random start, in degrees for a relative one.
+    Return '' if the value has no unit or the key does not exist. Also return '' if the unit depends
+    on other settings: `start.turn` is in rad or in degrees, depending on the type of the start.
     """
     head, _, rest = key.partition(".")
     kind, path = (Settings, rest) if head == "controller_parameters" and rest else (Experiment, key)
     try:
         found = _find_fields(path, kind)
-    except StudyError:  # `key` may be the name of a study's axis of cases, which is not a setting
+    # A study can give its list of cases any name, so `key` may be this name and not a setting.
+    except StudyError:
         return ""
     units = {field.metadata.get("unit", "") for field in found}
     return units.pop().partition(", the")[0].replace(", ", " or ") if len(units) == 1 else ""
@@ -43,8 +44,8 @@ def check_key(key: str) -> None:
 def _find_fields(key: str, kind: type) -> list[dataclasses.Field]:
     """Return the fields of dataclass `kind` that a dotted key can refer to.
 
-    The list is empty if a part of the key names a mapping that accepts any keys, such as
-    `controller_parameters`.
+    There are several if a value on the path can have several types, such as types of starts. There
+    are none if the key is below a mapping that accepts any keys, such as `controller_parameters`.
     """
     kinds: tuple[type, ...] = (kind,)
     so_far = ""
@@ -64,7 +65,8 @@ def _find_fields(key: str, kind: type) -> list[dataclasses.Field]:
         hint = next(h[part] for h in hints if part in h)
         options = _split_union(hint)
         if any(_has_free_keys(option) for option in options):
-            # This mapping accepts any keys; the code that reads the mapping checks them.
+            # A key below this mapping is not checked here; the code that reads the mapping checks
+            # it.
             return found if so_far == f"{key}." else []
         kinds = tuple(option for option in options if dataclasses.is_dataclass(option))
         if not kinds and so_far != f"{key}.":

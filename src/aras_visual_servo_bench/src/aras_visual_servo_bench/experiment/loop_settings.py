@@ -22,8 +22,8 @@ from .robots import ROBOT, Robot
 
 # A camera without an arm has no joint limits to avoid, and its command is a velocity.
 FREE_CAMERA_SETTINGS: dict[str, Any] = {"limit_avoidance": False, "output": "velocity"}
-# The ideal camera executes each command without delay. The parameter `lead` limits how far commands
-# may be ahead of the measured coordinates; 1e6 switches the limit off.
+# The ideal camera executes each command without delay. The parameter `lead` limits the distance
+# between commanded and measured coordinates; 1e6 switches the limit off.
 IDEAL_CAMERA_SETTINGS: dict[str, Any] = {
     "delay": 0.0,
     "lockstep": False,
@@ -87,7 +87,8 @@ def _check_tracker(name: str, target: TargetSpec, other: TargetSpec) -> None:
     """Check that one tracker can track both a camera's own target and the experiment's.
 
     Raises:
-        ExperimentError: the targets need different trackers, markers or models.
+        ExperimentError: the two targets need different trackers, or one tracker with different
+            settings.
     """
     own_tracker, tracker = find_tracker(other.shape), find_tracker(target.shape)
     require(own_tracker == tracker,
@@ -107,8 +108,8 @@ def _make_tracker_settings(target: TargetSpec) -> dict[str, Any]:
     """Return the tracker settings for a solid target: its mesh and its initial pose."""
     if not is_solid(target.shape):
         return {}
-    # The tracker starts its search at the target's true pose, unless `controller_parameters` set
-    # another pose.
+    # The tracker starts its search at the pose in `model_start`, here the target's true pose;
+    # `controller_parameters` can set another pose.
     mesh = str(target.placed_target.shape.path)
     return {"model": mesh, "model_start": {"pose": list(target.pose)}}
 

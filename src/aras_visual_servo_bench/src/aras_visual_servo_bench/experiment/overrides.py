@@ -14,7 +14,8 @@ from .cameras import DEFAULT_PRESET, PRESET_KEY
 from .starts import CameraPose, RelativeStart, Sampler
 
 CAMERAS_KEY = "cameras"
-PLACE_KEYS = ("start", "goal")  # keys of an experiment whose values have one of PLACE_TYPES
+# Keys of an experiment whose values are objects of the classes in PLACE_TYPES.
+PLACE_KEYS = ("start", "goal")
 PLACE_TYPES = (CameraPose, Sampler, RelativeStart)
 
 
@@ -36,13 +37,13 @@ def parse_overrides(arguments: Iterable[str]) -> dict[str, Any]:
 def with_override(values: Mapping[str, Any], key: str, value: Any) -> dict[str, Any]:
     """Return a copy of an experiment's keys with the value of one dotted key changed.
 
-    If the new value is a mapping, its keys are merged into the current value. A key below `camera`
-    or below a camera's `model` changes the preset that is named there. There are two exceptions:
-    a `start` or `goal` of another type replaces the current one, and `cameras` replaces all
-    cameras.
+    If the new value is a mapping, its keys are merged into the current value. A mapping for a
+    camera that is given by the name of a preset changes settings of this preset. Two new values
+    replace the current value instead: a `start` or `goal` of another type, and the mapping
+    `cameras`.
 
     Raises:
-        StudyError: a value on the path of the dotted key has no keys.
+        StudyError: a value on the path of the dotted key is not a mapping.
     """
     changes, base, path = value, dict(values), key.split(".")
     for part in reversed(path):
@@ -67,14 +68,14 @@ def with_overrides(values: Mapping[str, Any], settings: Mapping[str, Any]) -> di
 def _expand_presets(
     base: Mapping[str, Any], changes: Mapping[str, Any], key: str, above: str = ""
 ) -> dict[str, Any]:
-    """Return `base` with camera presets in a form into which `changes` can be merged.
+    """Return `base` with the names of camera presets replaced by {'preset': name} where necessary.
 
-    If `changes` sets keys of a camera that `base` gives by the name of a preset, the name is
-    replaced by {'preset': name}.
+    This is necessary for a camera whose settings `changes` contains, because settings can be merged
+    into a mapping but not into a name.
 
     Args:
         base: keys and values of the experiment, or of a mapping in it.
-        changes: keys and values to be merged into `base` later.
+        changes: keys and values that the caller merges into the result.
         key: the dotted key that is changed, for the error message.
         above: dotted path of `base` in the experiment, with a final dot; '' for the experiment.
     """
@@ -103,7 +104,11 @@ def is_camera_key(key: str) -> bool:
 
 
 def _is_same_kind(current: Any, value: Any) -> bool:
-    """Return True if the keys and `kind` of a new start or goal fit those of the current one."""
+    """Return True if a new start or goal has the same type as the current one.
+
+    It has the same type if the keys of both mappings belong to one class of PLACE_TYPES, and `kind`
+    is not changed.
+    """
     if not (isinstance(current, Mapping) and isinstance(value, Mapping)):
         return False
     if "kind" in value and value["kind"] != current.get("kind"):

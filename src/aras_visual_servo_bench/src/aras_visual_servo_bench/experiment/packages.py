@@ -20,7 +20,7 @@ _SHARE = Path(os.sys.prefix) / "share"
 class PackagePath:
     """Search path for ROS packages: given folders, the folder of this package, then ROS's own path.
 
-    search: folders that contain packages, or folders of packages.
+    search: folders that are searched first. Each is a package, or contains packages.
     """
 
     def __init__(self, search: Sequence[str | Path] = ()) -> None:

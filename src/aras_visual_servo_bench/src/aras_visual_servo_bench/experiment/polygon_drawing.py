@@ -1,4 +1,4 @@
-"""Draw a polygon as a grey image, from the exact area of each pixel that the polygon covers."""
+"""Draw a polygon as a grey image; the grey of a pixel follows from the area that is covered."""
 
 from __future__ import annotations
 
@@ -19,10 +19,9 @@ def draw_polygon(polygon, outside, inside, image):
     """Draw a polygon.
 
     The grey level of a pixel changes from `outside` to `inside` with the fraction of its area that
-    the polygon covers. This area is a sum over the edges: each edge adds the area of the pixel on
-    one side of the edge, with a sign that depends on whether the edge goes up or down. Within a row
-    of pixels, the added area is the integral of a width that changes linearly along the edge,
-    limited to 0 to 1.
+    the polygon covers. The covered area is a sum over the edges: each edge adds the part of the
+    pixel's area that is on the left of the edge, with a sign that depends on whether the edge goes
+    up or down.
 
     Args:
         polygon: corners (n, 2), px; pixel centres have integer coordinates.
@@ -43,8 +42,9 @@ def draw_polygon(polygon, outside, inside, image):
     first_row = int(np.floor(max(top, 0.0) + 0.5))
     end_column = min(int(np.floor(min(right, float(columns)) + 0.5)) + 1, columns)
     end_row = min(int(np.floor(min(bottom, float(rows)) + 0.5)) + 1, rows)
-    # Signed areas of the pixels of a row: `crossed` from the edges that cross the pixel itself, and
-    # `beyond`, which an edge adds to a pixel and to all pixels on the left of it.
+    # Contributions of the edges to the covered areas of the pixels in a row. `crossed[j]`: from
+    # edges that cross pixel j. `beyond[j]`: from edges on the right of pixel j, for pixel j and all
+    # pixels on its left.
     crossed, beyond = np.zeros(columns + 1), np.zeros(columns + 1)
     for row in range(first_row, end_row):
         for n in range(count):

@@ -40,17 +40,21 @@ if TYPE_CHECKING:
     from .added_links import MountedTarget
 
 ROBOT = "robot"  # name of the robot's model in the simulated world
-# Prefix of the optical frame of a camera that the robot description does not contain.
+# Prefix of the name of an optical frame that is added for a camera without a frame in the robot
+# description.
 CAMERA_FRAME_PREFIX = "camera_frame_of_"
-# Prefix of the optical frame of the robot's camera after camera_xyz and camera_rpy displaced it.
+# Prefix of the name of the optical frame of the robot's camera after camera_xyz and camera_rpy
+# displaced it.
 MOVED_FRAME_PREFIX = "moved_"
-# Prefix of the optical frame of a camera at its calibrated pose.
+# prefix of the name of an optical frame at the calibrated pose of a camera
 CALIBRATED_FRAME_PREFIX = "believed_"
 # link of the robot's own camera, which camera_xyz and camera_rpy displace
 CAMERA_LINK = "camera_link"
-TARGET_LINK_PREFIX = "target_of_"  # prefix of the link of a target that belongs to one camera
+# Prefix of the name of the link for the target of a single camera.
+TARGET_LINK_PREFIX = "target_of_"
 NO_CAMERAS: Mapping[str, CameraSpec] = {}
-# Settings of a camera in a robot description that affect its images, not its pose or its topics.
+# Settings of a camera in a robot description that affect its images. Settings of its pose and of
+# its topics are not included.
 IMAGING_SETTINGS = frozenset((
     "width", "height", "horizontal_fov", "update_rate", "format", "near", "far", "lens",
     "camera_matrix", "cutoff_angle", "distortion_model", "distortion_coefficients", "effects",
@@ -60,11 +64,12 @@ NO_TARGETS: Mapping[str, MountedTarget] = {}
 
 @dataclass(frozen=True)
 class RobotSpec:
-    """Settings of the robot; the defaults describe the shipped one.
+    """Settings of the robot; the defaults describe the ARAS robot.
 
     urdf: path or package:// URL of the robot description.
     config: path or package:// URL of the YAML file with the controllers.
-    namespace: namespace of the robot; the YAML file may contain the controllers below it.
+    namespace: namespace of the robot. The YAML file may contain the controllers at the top level or
+        as keys below this namespace.
     camera_frame: optical frame of the robot's camera.
     camera: name of this camera in the robot description; '': the first camera.
     target_frame: link that carries the target (eye-to-hand); the poses of target and goal are then
@@ -73,7 +78,7 @@ class RobotSpec:
         joint.
     joint_states: name of the controller that publishes the joint states.
     cameras: package whose folder config/cameras contains the camera presets.
-    search: folders that contain packages, for package:// URLs.
+    search: folders in which the packages of package:// URLs are searched.
     """
 
     urdf: str = parameter(
@@ -206,9 +211,9 @@ class Robot:
         return self.spec.find_carrier(self._cameras.get(camera))
 
     def find_fixed_pose(self, camera: str) -> np.ndarray | None:
-        """Return the pose (4, 4) of a fixed camera in the world.
+        """Return the pose (4, 4) of a camera in the world if this pose is fixed.
 
-        Return None if a joint moves the camera or its target.
+        Return None if a joint moves the camera or the target of the camera.
         """
         if self.find_target_frame(camera):
             return None
@@ -253,8 +258,8 @@ class Robot:
                 calibration offset; False returns the true kinematics.
 
         Raises:
-            ConfigurationError: one scheme cannot use both cameras, because different joints move
-                them; see `camera_rig.make_camera_kinematics`.
+            ConfigurationError: different joints move the two cameras, so one scheme cannot use
+                both.
         """
         offset, pose = self._cameras[camera].calibration_offset, self.find_fixed_pose(camera)
         if pose is not None:
@@ -395,7 +400,7 @@ class Robot:
         return link, calibration.link_T_camera
 
     def _apply_hand_eye(self, spec: HandEyeSpec) -> str:
-        """Return the description with the robot's camera at the pose of a hand-eye file."""
+        """Return the description with the robot's camera at the pose that a hand-eye file gives."""
         from aras_visual_servo_base.urdf_changes import mount_camera
 
         try:
@@ -409,7 +414,7 @@ class Robot:
     def _move_camera(self, link_T_link: np.ndarray) -> str:
         """Return the description with the robot's camera displaced in its link.
 
-        If camera_link carries the optical frame, camera_link is displaced, as the launch files do;
+        If camera_link carries the optical frame, camera_link is displaced, as in the launch files;
         otherwise a new optical frame is added.
         """
         if np.array_equal(link_T_link, np.eye(4)):
@@ -436,7 +441,8 @@ def _find_joint_path(urdf: str, camera_frame: str, name: str) -> list[Joint]:
     """Return the joints from the root link to an optical frame.
 
     Raises:
-        ExperimentError: there is no such frame; the message starts with the description's `name`.
+        ExperimentError: there is no such frame. The message starts with `name`, the name of the
+            description.
     """
     try:
         return find_camera_path(parse_tree(urdf), "", camera_frame)
@@ -451,7 +457,7 @@ def read_arm(urdf: str, camera_frame: str, target_frame: str) -> Arm:
 
 
 def find_camera_name(camera: CameraDescription) -> str:
-    """Return the name of a camera in the robot description; the name is its topics' namespace."""
+    """Return the name of a camera in the robot description, the namespace of its topics."""
     plugin_name = camera.plugin.camera_name if camera.plugin is not None else ""
     return (plugin_name or camera.name).strip("/")
 

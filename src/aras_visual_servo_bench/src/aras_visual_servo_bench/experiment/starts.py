@@ -27,7 +27,7 @@ class Sampler:
     turn: maximum rotation about the vertical, from the camera's orientation at the goal, rad.
     tilt: maximum tilt from the camera's orientation at the goal, rad.
     margin: minimum distance of the target from the image border, px.
-    attempts: maximum number of draws; without a valid start among them, an error is raised.
+    attempts: maximum number of draws; if none of them gives a valid start, an error is raised.
     """
 
     height: Vector2 = parameter((0.15, 0.5), "m")
@@ -78,9 +78,9 @@ class RelativeStart:
     box: maximum offset of the camera along each axis of the camera frame, for 'looking'.
     radii: radii of circles around the target, for 'looking'; the optical axis goes through a random
         point on one of them.
-    turn: maximum rotation about the optical axis, for 'looking'; the rotation increases linearly
-        from -turn to turn over `of` consecutive seeds.
-    of: number of seeds over which the rotation goes from -turn to turn, for 'looking'.
+    turn: maximum rotation about the optical axis, for 'looking'. Over consecutive seeds, the
+        rotation increases linearly from -turn to turn.
+    of: number of consecutive seeds in which the rotation goes from -turn to turn, for 'looking'.
     scatter: maximum additional random offset (m) and rotation (degrees), along and about each axis.
     """
 

@@ -14,8 +14,8 @@ from ..errors import ExperimentError, require
 from .cameras import CameraSetup
 from .experiment import FREE_CAMERA_PLANTS, Experiment, IdealSpec
 
-# Keys that act only on some plants. Each tuple contains the key, the plants on which the key acts,
-# the value that other plants accept, and the reason for the error message.
+# Keys that act only on some plants. Each tuple contains the key, the plants on which it acts, the
+# value that is accepted on other plants, and why it does not act on them, for the error message.
 PLANT_SETTINGS = (
     ("friction", ("bullet",), True, "friction acts only on a simulation with physics"),
     ("lag", ("chain", "free"), 0.0, "lag acts only on joints without dynamics"),
@@ -31,8 +31,8 @@ PLANT_SETTINGS = (
 )  # fmt: skip
 # Settings that change images, but not features that are computed from the geometry.
 IMAGE_SETTINGS = ("target.perturbed", "target.occluder", "target.marker", "sun")
-# Camera effects that also act on features that are computed from the geometry: exposure times of
-# the rows, and lost images. All other effects only change grey levels.
+# Camera effects that also act on features that are computed from the geometry: the exposure times
+# of image rows and the loss of images. All other effects change only grey levels.
 FEATURE_EFFECTS = {"row_time", "rows_together", "drop_probability"}
 # Keys of a robot that only say where files are, so that they are accepted on every plant.
 FILE_SETTINGS = ("cameras", "search")
@@ -47,7 +47,8 @@ def check_settings(experiment: Experiment) -> None:
     """Check that every setting of an experiment has an effect.
 
     Raises:
-        ExperimentError: a setting has no effect on this plant or on exact features.
+        ExperimentError: a setting has no effect, because of the plant or because features are
+            computed from true poses instead of images.
     """
     plain = Experiment()
     for key, plants, neutral, reason in PLANT_SETTINGS:
@@ -85,7 +86,8 @@ def check_camera(camera: CameraSetup, experiment: Experiment) -> None:
     """Check that every setting of a camera has an effect in an experiment.
 
     Raises:
-        ExperimentError: a setting has no effect on this plant or on exact features.
+        ExperimentError: a setting has no effect, because of the plant or because features are
+            computed from true poses instead of images.
     """
     plant, where = experiment.plant, f"camera '{camera.name}': "
     changed = _find_changed_keys(camera.overrides)
@@ -141,8 +143,8 @@ def _find_changed_keys(overrides: Mapping[str, Any]) -> set[str]:
     found = {f.name for f in fields(CameraConfig)
              if f.name != "effects" and f.name in overrides
              and _to_plain(overrides[f.name]) != _to_plain(f.default)}  # fmt: skip
-    # `exposure_samples` is always accepted: it only divides `exposure_time`, which is checked
-    # itself.
+    # `exposure_samples` is always accepted: it only says into how many parts `exposure_time` is
+    # divided, and `exposure_time` is checked itself.
     return found | {f"effects.{f.name}" for f in fields(Effects)
                     if f.name in effects and effects[f.name] != get_default(f)
                     and f.name != "exposure_samples"}  # fmt: skip

@@ -26,7 +26,7 @@ from .packages import PackagePath
 
 log = logging.getLogger(__name__)
 
-# End of the first physics step, s. Lights that are on at this time are on while a goal is taught.
+# End of the first physics step, s. A goal is taught with the lights that are on at this time.
 FIRST_STEP = 1e-3
 WORLD_FILE = "package://aras_visual_servo_gazebo/world/{}.world"
 
@@ -76,7 +76,7 @@ def _warn(path: str, text: str) -> None:
 
 
 def with_target_link(experiment: Experiment, packages: PackagePath) -> Experiment:
-    """Return an experiment whose target is a link, with the target's shape and pose set.
+    """Return an experiment whose target is a link, with the shape and pose of the target added.
 
     The shape is a mesh of the link's visuals, and the pose is the initial pose of the link.
 

@@ -2,13 +2,14 @@
 
     python3 -m aras_visual_servo_bench.learning.learned [--pictures 4000] [--out FILE]
 
-A small network predicts the pose of the goal from the moments of an image: its position in the
-camera's frame and its rotation about the optical axis. The scheme moves the camera to this pose.
-The network's prediction for the image at the goal is subtracted, so there is no bias at the goal.
+A small network predicts the pose of the goal from the moments of an image. This pose consists of
+the goal's position in the camera's frame and of the rotation about the optical axis. The scheme
+moves the camera to this pose. The network's prediction for the image at the goal is subtracted, so
+there is no bias at the goal.
 
 The idea is from A. Saxena and others, Exploring convolutional networks for end-to-end visual
-servoing, IEEE ICRA 2017. Their network uses images. This network uses moments and is trained in a
-minute.
+servoing, IEEE ICRA 2017. Their network uses images instead of moments. Training this network takes
+a minute.
 """
 
 from __future__ import annotations
@@ -83,7 +84,11 @@ class LearnedScheme(Scheme):
         self._goal: Goal | None = None
 
     def predict(self, observation: Observation) -> np.ndarray:
-        """Return the network's prediction (4,) of the goal's pose for an observation.
+        """Return the network's prediction of the goal's pose for an observation.
+
+        Returns:
+            (4,): the goal's position x, y, z in the camera's frame, m, and its rotation about the
+            optical axis, rad.
 
         Raises:
             MeasurementError: the target is not visible.
@@ -93,7 +98,7 @@ class LearnedScheme(Scheme):
         return self._network(make_inputs(observation.moments))
 
     def predict_goal(self, goal: Goal) -> np.ndarray:
-        """Return the network's prediction (4,) for the image at the goal.
+        """Return the network's prediction for the image at the goal, in the form of `predict`.
 
         Raises:
             ConfigurationError: the goal has no moments.
@@ -103,16 +108,16 @@ class LearnedScheme(Scheme):
         return self._network(make_inputs(goal.moments))
 
     def check(self, goal: Goal) -> None:
-        """Check a goal and store the prediction for its image, as `Scheme.check` requires."""
+        """Check a goal and store the prediction for its image, as required by `Scheme.check`."""
         self._goal, self._goal_prediction = goal, self.predict_goal(goal)
 
     def compute(self, observation: Observation, goal: Goal, t: float) -> SchemeOutput:
-        """Compute features, error and twist of an image, as `Scheme.compute` requires."""
+        """Compute features, error and twist for an observation, as `Scheme.compute` requires."""
         if self._goal is not goal:
             self.check(goal)
         prediction = self.predict(observation)
-        # The prediction is the goal's pose in the camera frame, so the error of the camera's pose
-        # has the opposite sign.
+        # The error is the pose of the camera relative to the goal, while the prediction is the pose
+        # of the goal relative to the camera, so the sign is opposite.
         error = self._goal_prediction - prediction
         error[3] = wrap(error[3])
         L = np.eye(6)[[0, 1, 2, 5]]

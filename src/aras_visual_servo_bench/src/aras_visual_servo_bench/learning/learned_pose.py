@@ -3,15 +3,15 @@
     python3 -m aras_visual_servo_bench.learning.learned_pose [--pictures 24000] [--out FILE]
 
 The image is reduced in size, and its brightness and contrast are normalised. A small network
-predicts the camera's pose from it. The feature is the pose of the current image relative to that of
-the image at the goal, both as predicted by the network, so there is no bias at the goal. The
+predicts the camera's pose from it. The feature is the pose predicted for the current image,
+relative to the pose predicted for the image at the goal, so there is no bias at the goal. The
 network is trained on simulated images of the poster of the study convergence_domain, with and
-without the perturbations of this study.
+without changes of the poster.
 
 References: Q. Bateux and others, Training deep neural networks for visual servoing, IEEE ICRA 2018;
-S. Felton and others, Siame-se(3), IEEE ICRA 2021. The training uses the start poses with which the
-second paper measures the convergence domain. This network is a thousand times smaller than theirs,
-and is trained in minutes without a graphics card.
+S. Felton and others, Siame-se(3), IEEE ICRA 2021. The training uses the start poses of the second
+paper. This network is a thousand times smaller than the networks of the papers, and is trained in
+minutes without a graphics card.
 """
 
 from __future__ import annotations
@@ -45,10 +45,10 @@ from .regressor import Regressor, fit_network, run_training
 COLUMNS, ROWS = 28, 21  # size of the network's input image, px
 HIDDEN_LAYERS = (160, 96)
 PROTOCOL, EPOCHS = "convergence_domain", 60
-TEXTURE_COUNT = 120  # number of perturbed posters in the training images
+TEXTURE_COUNT = 120  # number of changed versions of the poster in the training images
 PLACES_BETWEEN = 3  # number of training poses near the path from each start to the goal
-# Standard deviation of the training poses from the straight path to the goal, at the start of the
-# path, m and degrees. It decreases linearly to 0 at the goal.
+# Training poses deviate at random from the straight path to the goal. These are the standard
+# deviations at the start of the path, m and degrees; they decrease linearly to 0 at the goal.
 PATH_DEVIATION = (0.02, 2.0)
 
 
@@ -89,9 +89,9 @@ class PoseNetwork(Regressor):
 class LearnedPose(Feature):
     """Pose of the camera in the goal's frame, which a network predicts from the image.
 
-    The feature is s = (g_t_c, theta u), the translation, m, and the rotation vector, rad. Its
-    interaction matrix is L = diag(g_R_c, J), as in position-based servoing, where J maps the
-    angular velocity to the rate of theta u.
+    The feature is s = (g_t_c, theta u): the position of the camera in the goal's frame, m, and the
+    rotation vector, rad. Its interaction matrix is L = diag(g_R_c, J), where J maps the angular
+    velocity of the camera to the time derivative of theta u.
     """
 
     name, is_geometric = "learned_pose", False
@@ -118,7 +118,7 @@ class LearnedPose(Feature):
         self._goal, self._goal_T_reference = goal, inverse(exponential(prediction))
 
     def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
-        """Compute s and L of an image, as `Feature.measure` requires."""
+        """Compute the feature s and its interaction matrix L, as `Feature.measure` requires."""
         if self._goal is not goal:
             self.check(goal)
         reference_T_c = exponential(self._network(make_inputs(get_grey_image(observation))))
@@ -133,11 +133,11 @@ def make_training_data(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarra
     """Make training data from images of the poster of the study convergence_domain.
 
     The poses of the camera are random starts with the distribution of this study, and poses near
-    the straight paths from these starts to the goal. Every other image shows a perturbed poster.
+    the straight paths from these starts to the goal. In every other image, the poster is changed.
 
     Args:
         count: number n of images.
-        seed: seed of the poses and of the perturbations.
+        seed: seed of the poses and of the changes of the poster.
 
     Returns:
         Inputs (n, ROWS * COLUMNS), and outputs (n, 6): the logarithm of the camera's pose relative

@@ -40,7 +40,7 @@ from .regressor import fit_network
 COLUMNS, ROWS = 40, 30  # size of the network's input image, px
 HIDDEN_LAYERS = (192, 96)
 TRAINING_STARTS = Sampler(height=(0.15, 0.4), side=0.1, turn=np.radians(45.0))
-# training episodes: the simulated arm in front of the demo's target, up to 4 s each
+# Experiment of a training episode: the simulated arm in front of the demo's target, for up to 4 s.
 TRAINING_EXPERIMENT = Experiment(
     plant="bullet", start=TRAINING_STARTS, duration=4.0, time_after_convergence=None, delay=0.0
 )
@@ -49,9 +49,10 @@ GAIN = 1.5  # gain of the expert and of the policy, 1/s
 # Standard deviation of the noise added to the actions, whose range is -1 to 1. The noise moves the
 # camera away from good paths to the goal, so that the network also learns from images there.
 PERTURBATION = 0.3
-MAX_PERTURBATION_STEPS = 30  # the noise changes after a random number of steps below this bound
+# Upper bound of the random number of steps after which the noise is drawn again.
+MAX_PERTURBATION_STEPS = 30
 EPOCHS = 30  # number of training epochs at a learning rate of 1e-3
-# learning rate and number of epochs of each later training phase
+# Learning rate and number of epochs of each phase after the first training phase.
 REFINEMENTS = ((1e-4, 15), (1e-5, 5))
 
 
@@ -76,7 +77,11 @@ class Policy(LearnedScheme):
     network = PolicyNetwork
 
     def predict(self, observation: Observation) -> np.ndarray:
-        """Return the network's prediction (4,) of the goal's pose for an observation.
+        """Return the network's prediction of the goal's pose for an observation.
+
+        Returns:
+            (4,): the goal's position x, y, z in the camera's frame, m, and its rotation about the
+            optical axis, rad.
 
         Raises:
             MeasurementError: the observation is not valid.
@@ -90,7 +95,9 @@ class Policy(LearnedScheme):
         return {PolicyNetwork.module: {"told": self.predict(observation).tolist()}}
 
     def predict_goal(self, goal: Goal) -> np.ndarray:
-        """Return the prediction (4,) for the image at the goal, which is stored in the goal.
+        """Return the prediction for the image at the goal, which is stored in the goal.
+
+        It has the form of the result of `predict`.
 
         Raises:
             ConfigurationError: the goal was not taught with the policy.

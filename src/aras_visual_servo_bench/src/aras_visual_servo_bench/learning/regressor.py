@@ -48,15 +48,15 @@ class Regressor:
 
     @classmethod
     def find_weights(cls) -> Path:
-        """Return the path of the weights that are part of this package."""
+        """Return the path of the file with the weights that this package contains."""
         return Path(PackagePath().find("aras_visual_servo_bench")) / "config" / f"{cls.module}.npz"
 
     @classmethod
     def load(cls, path: Path | None = None) -> Self:
         """Load a network from a file.
 
-        By default, it is the file in the environment variable ARAS_<MODULE>_WEIGHTS. If this
-        variable is not set, it is the file of this package.
+        By default, it is the file whose path is in the environment variable ARAS_<MODULE>_WEIGHTS.
+        If this variable is not set, it is the file that this package contains.
 
         Raises:
             ConfigurationError: the file does not exist, or does not contain a network.
@@ -150,7 +150,7 @@ def fit_network(
         y: (n, m) outputs.
         min_scale: smallest scale of an input; inputs are divided by their scale.
         dtype: data type of the stored weights.
-        refinements: learning rate and number of epochs of each further training.
+        refinements: learning rate and number of epochs of each phase after the first training.
         options: options of scikit-learn's MLPRegressor.
 
     Raises:

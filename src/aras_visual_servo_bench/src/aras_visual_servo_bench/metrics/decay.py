@@ -23,7 +23,7 @@ from ..experiment.experiment import Experiment
 
 IMAGE_PERIOD = 1.0 / 30.0  # time between two images, s
 TICK = 0.01  # time between two joint states, s
-ROUNDING = 0.003  # delay of a simulated joint because the bridge smooths its set points, s
+ROUNDING = 0.003  # delay that the smoothing of a simulated joint's set points adds, s
 
 
 def compute_delay(experiment: Experiment) -> float:

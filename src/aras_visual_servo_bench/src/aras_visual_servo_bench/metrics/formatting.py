@@ -8,21 +8,21 @@ from collections.abc import Callable, Iterable, Mapping
 
 NO_NUMBER = "–"  # text for NaN
 DIGITS = 3
-MAX_LINE = 120  # maximum number of characters in a line of a description
-# A group of numbers is printed without powers of ten if its largest number is between MIN_PLAIN and
-# MAX_PLAIN, and its smallest number is at least MIN_FIXED_POINT.
+MAX_LINE = 120  # maximum number of characters of a text in `format_rows`
+# Numbers are printed without powers of ten if the largest of them is between MIN_PLAIN and
+# MAX_PLAIN, and the smallest is at least MIN_FIXED_POINT.
 MIN_PLAIN, MAX_PLAIN = 1e-3, 1e5
 MIN_FIXED_POINT = 1e-5
 NEARLY_ZERO = "≈0"  # text of a number that is negligible compared with the largest of its group
 # A number is negligible if it is this many decades smaller than the largest number of its group.
 NEGLIGIBLE_DECADES = 6
 
-# Prefixes of units, largest first, with their factors. A quantity is shown with the first prefix
-# for which its number is at least MIN_IN_UNIT.
+# Prefixes of units, largest first, with their factors. A quantity is shown with the largest prefix
+# with which its number is at least MIN_IN_UNIT.
 PREFIXES = (("", 1.0), ("m", 1e-3), ("µ", 1e-6))
 MIN_IN_UNIT = 0.1
 SCALABLE_UNITS = {"m": ("m", 1.0), "m/s": ("m/s", 1.0), "s": ("s", 1.0), "ms": ("s", 1e-3)}
-# Unit in which an angle is shown, by its SI unit. Tolerances are set in degrees, too.
+# unit in which an angle or an angular velocity is shown, by its SI unit
 ANGLE_UNITS = {"rad": "°", "rad/s": "°/s"}
 
 
@@ -80,10 +80,10 @@ def format_value(value: object) -> str:
 def choose_unit(unit: str, values: Iterable[float]) -> tuple[str, float]:
     """Choose the unit in which values are shown.
 
-    The magnitude of the values is the geometric mean of the largest and the smallest of them,
-    without zeros and negligible values. For lengths, the unit is the largest of m, mm and µm in
-    which the magnitude is at least 0.1; times and speeds have the same prefixes. The unit of angles
-    is the degree. Other units do not change.
+    Angles are shown in degrees. A length is shown in m, mm or µm, and a time or speed in units with
+    the same prefixes. The largest unit is chosen in which a typical value is at least 0.1. The
+    typical value is the geometric mean of the largest and the smallest value; negligible values are
+    ignored. Other units do not change.
 
     Args:
         unit: unit of the values.
@@ -114,12 +114,12 @@ def format_in_unit(value: float, unit: str) -> str:
 
 
 def format_heading(name: str, unit: str) -> str:
-    """Return the heading of a column or the label of an axis."""
+    """Return the heading of a column or the label of an axis: the name and the unit."""
     return f"{name} ({unit})" if unit else name
 
 
 def format_quantity(value: object, unit: str) -> str:
-    """Return a value with its unit."""
+    """Return a value with its unit, as text."""
     return f"{value}{'' if unit.startswith('°') else ' '}{unit}" if unit else str(value)
 
 
@@ -129,7 +129,7 @@ def format_count(number: int, what: str) -> str:
 
 
 def format_rows(rows: Mapping[str, str]) -> str:
-    """Return one line for each title and its text; shorten long texts, and omit empty ones."""
+    """Return one line 'title: text' for each title; shorten long texts, and omit empty ones."""
     return "\n".join(
         f"{'  ' if i else ''}{title}: {textwrap.shorten(text, MAX_LINE, placeholder=' …')}"
         for i, (title, text) in enumerate(rows.items()) if text

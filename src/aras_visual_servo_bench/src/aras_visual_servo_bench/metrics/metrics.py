@@ -1,7 +1,7 @@
 """All metrics; a metric describes a run by one number, with a unit and a formula.
 
 Studies, protocols, reports and the analysis of bags use these metrics. A metric of your own is a
-function with the same decorator, and its name is 'package.module:function':
+function with the decorator `metric`, and its name is 'package.module:function':
 
     @metric(unit="m", better="smaller", source="this paper, equation 3")
     def closest(run: Run) -> float: ...
@@ -27,7 +27,8 @@ LIMIT_MARGIN = 1e-3
 # Metric `overshoot` ignores a feature whose initial error is at most this fraction of the largest
 # initial error.
 SETTLING_BAND = 0.02
-# Metric `decay_rate`: the error is fitted while it is between these fractions of its first value.
+# Metric `decay_rate`: the norm of the errors is fitted while it is between these fractions of its
+# initial value.
 DECAY_START, DECAY_END = 0.80, 0.15
 # metric `reduced` is 1 if final distance and angle are at most this fraction of the initial ones
 REDUCTION = 0.1
@@ -46,9 +47,10 @@ class Metric:
     measure: function that computes the number from a run.
     is_feature_based: True if the number depends on the features of the scheme, so that it cannot be
         compared between schemes.
-    default: True if studies without a list of metrics compute this metric.
+    default: True if this metric is computed in studies that do not choose their metrics.
     is_binary: True if the number is 0 or 1, so that runs are summarised by the rate of 1.
-    has_tolerance: True if the number depends on the tolerance within which a camera is at its goal.
+    has_tolerance: True if the number depends on how near to its goal a camera must be to have
+        reached it.
     """
 
     name: str
@@ -67,9 +69,9 @@ class Metric:
         return (self.measure.__doc__ or "").strip().splitlines()[0]
 
     def complete_values(self, values: np.ndarray) -> np.ndarray:
-        """Return the values (n,) of n runs with 0 for unknown values that count as 0.
+        """Return the values (n,) of n runs; in a binary metric, an unknown value may become 0.
 
-        An unknown value (NaN) of a binary metric counts as 0 if 1 is better: a run that was refused
+        An unknown value (NaN) of a binary metric becomes 0 if 1 is better: a run that did not start
         or raised an error has not reached its goal. Other unknown values remain NaN.
 
         Raises:
@@ -102,10 +104,10 @@ def metric(
         source: formula, or reference of the formula.
         is_feature_based: True if the number depends on the features of the scheme, so that it
             cannot be compared between schemes.
-        default: True if studies without a list of metrics compute this metric.
+        default: True if this metric is computed in studies that do not choose their metrics.
         is_binary: True if the number is 0 or 1; tables and figures then show the rate of 1.
-        has_tolerance: True if the number depends on the tolerance within which a camera is at its
-            goal; captions of tables and figures then state this tolerance.
+        has_tolerance: True if the number depends on how near to its goal a camera must be to have
+            reached it; captions of tables and figures then state this tolerance.
 
     Raises:
         StudyError: `better` has another value, or a binary metric has a unit.
@@ -164,7 +166,7 @@ def reached(run: Run) -> float:
     is_binary=True,
 )  # fmt: skip
 def reduced(run: Run) -> float:
-    """1 if both the distance and the angle are at most a tenth of those at the start."""
+    """1 if the final distance and angle to the goal are at most a tenth of the initial ones."""
     distance, angle = _compute_initial_pose_error(run)
     near = run.verdict.distance <= REDUCTION * distance and run.verdict.angle <= REDUCTION * angle
     return _score_verdict(run, near)
@@ -177,7 +179,7 @@ def reduced(run: Run) -> float:
 def contradicts(run: Run) -> float:
     """1 if the loop reports convergence away from the goal, or no convergence at the goal.
 
-    The result is 0 if the loop has converged up to an undetermined motion, because it then does not
+    The result is 0 if the outcome starts with 'converged up to', because the loop then does not
     state whether the camera is at its goal.
     """
     up_to = run.outcome.startswith("converged up to ")
@@ -186,7 +188,7 @@ def contradicts(run: Run) -> float:
 
 @metric("", NEITHER, "number of processed images, without the image that ended the run")
 def iterations(run: Run) -> float:
-    """Number of camera motions up to the last image."""
+    """Number of camera motions from the first to the last processed image."""
     return float(max(len(run.stamp) - 1, 0))
 
 
@@ -195,7 +197,7 @@ def iterations(run: Run) -> float:
     default=True,
 )  # fmt: skip
 def settled(run: Run) -> float:
-    """Time after which distance and angle to the goal stay below 2 % of their first values."""
+    """Time after which distance and angle to the goal stay below 2 % of their initial values."""
     return _to_finite(run.compute_settling_time())
 
 
@@ -207,7 +209,7 @@ def settled(run: Run) -> float:
     default=True,
 )
 def overshoot(run: Run) -> float:
-    """Largest overshoot of a feature beyond its goal, relative to its first error."""
+    """Largest overshoot of a feature beyond its goal, relative to its initial error."""
     error = run.error[_find_measured_images(run)]
     if not error.size:
         return np.nan
@@ -229,7 +231,7 @@ def final_distance(run: Run) -> float:
 
 @metric("rad", SMALLER, "computed from the true camera pose in the simulation", default=True)
 def final_angle(run: Run) -> float:
-    """Angle between the camera and its goal at the end."""
+    """Angle between the orientations of the camera and of its goal at the end."""
     return run.verdict.angle
 
 
@@ -237,7 +239,7 @@ def final_angle(run: Run) -> float:
     "m", SMALLER, "99.7 % bound that the loop computes; NaN if the loop has not converged"
 )  # fmt: skip
 def open_distance(run: Run) -> float:
-    """Largest distance from the goal that the loop cannot exclude."""
+    """Upper bound that the loop computes for the final distance from the goal."""
     left = run.states[-1].arrival_status.pose_uncertainty if run.states else None
     return np.nan if left is None else left.distance
 
@@ -246,7 +248,7 @@ def open_distance(run: Run) -> float:
     "rad", SMALLER, "99.7 % bound that the loop computes; NaN if the loop has not converged"
 )  # fmt: skip
 def open_angle(run: Run) -> float:
-    """Largest angle to the goal that the loop cannot exclude."""
+    """Upper bound that the loop computes for the final angle to the goal."""
     left = run.states[-1].arrival_status.pose_uncertainty if run.states else None
     return np.nan if left is None else left.angle
 
@@ -263,7 +265,7 @@ def start_distance(run: Run) -> float:
     "rad", NEITHER, "computed from the true camera pose at the first joint state while servoing"
 )  # fmt: skip
 def start_angle(run: Run) -> float:
-    """Angle between the camera and its goal at the first image."""
+    """Angle between the orientations of the camera and of its goal at the first image."""
     return _compute_initial_pose_error(run)[1]
 
 
@@ -333,9 +335,9 @@ def limit_time(run: Run) -> float:
     default=True,
 )  # fmt: skip
 def image_excursion(run: Run) -> float:
-    """Largest offset of a target corner from the image centre, in half image widths or heights.
+    """Largest offset of a target corner from the image centre; it is 1 at the border of the image.
 
-    A value above 1 means that a corner was outside the image.
+    Horizontal offsets are divided by half the image width, vertical ones by half the height.
     """
     target, camera = run.target, run.camera
     if target is None or camera is None:
@@ -357,7 +359,7 @@ def image_excursion(run: Run) -> float:
     "norm is between 80 and 15 % of its first value", is_feature_based=True, default=True,
 )  # fmt: skip
 def decay_rate(run: Run) -> float:
-    """Decay rate of the norm of the errors, each divided by its value at the first image."""
+    """Decay rate of the norm of the errors; each error is divided by its initial value."""
     known = _find_measured_images(run)
     stamp, error = run.stamp[known], run.error[known]
     if not len(stamp):
@@ -407,7 +409,7 @@ def servoing_time(run: Run) -> float:
 
 @metric("m/s", NEITHER, "linear part of the camera twist at the commanded joint velocities")
 def top_speed(run: Run) -> float:
-    """Largest linear speed of the camera at the commanded joint velocities."""
+    """Largest linear speed of the camera that the commanded joint velocities produce."""
     return float(np.nanmax(np.linalg.norm(run.achieved_twist[:, :3], axis=1), initial=0.0))
 
 
@@ -425,7 +427,10 @@ def smallest_singular_value(run: Run) -> float:
     is_feature_based=True,
 )  # fmt: skip
 def condition_L(run: Run) -> float:
-    """Largest condition number of L over all images, without uncontrolled twist components."""
+    """Largest condition number of the interaction matrix L over all images.
+
+    Components of the camera twist that the scheme does not control are left out of L.
+    """
     found = condition_number(run.singular_L)
     return float(np.nanmax(found)) if not np.isnan(found).all() else np.nan
 
@@ -461,7 +466,7 @@ def image_rate(run: Run) -> float:
     "", SMALLER, "n - 1 missing images in each gap of n periods, plus images later than 1.5 periods"
 )  # fmt: skip
 def images_late(run: Run) -> float:
-    """Number of images that are missing or arrived more than 1.5 periods after their exposure."""
+    """Number of images that are missing or arrived more than 1.5 image periods after exposure."""
     gaps = np.diff(run.control_record.stamp)
     if not gaps.size:
         return 0.0
@@ -514,13 +519,16 @@ def condition_number(singular: np.ndarray) -> np.ndarray:
 
 
 def _compute_initial_pose_error(run: Run) -> tuple[float, float]:
-    """Compute distance (m) and angle (rad) between the camera at the first image and its goal."""
+    """Compute distance (m) and rotation angle (rad) from the first camera pose to the goal pose."""
     poses = run.true_pose[run.servoing]
     return pose_difference(run.goal_pose, poses[0]) if len(poses) else (np.nan, np.nan)
 
 
 def _score_verdict(run: Run, is_true: bool) -> float:
-    """Return 1 if `is_true`, else 0; return NaN if the run has no verdict."""
+    """Return 1 if the statement `is_true` about a run holds, else 0.
+
+    Return NaN if it is unknown whether the camera has reached its goal.
+    """
     return float(is_true) if run.verdict.name else np.nan
 
 

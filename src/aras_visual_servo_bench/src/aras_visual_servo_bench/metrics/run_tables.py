@@ -61,7 +61,7 @@ def make_joint_columns(run: Run) -> dict[str, TableColumn]:
 
 
 def _make_position_columns(poses: np.ndarray) -> dict[str, TableColumn]:
-    """Return the columns of the camera position in poses (n, 4, 4)."""
+    """Return columns with the camera position x, y, z of each of the poses (n, 4, 4)."""
     return {f"camera {axis}": TableColumn(poses[:, i, 3], "m") for i, axis in enumerate("xyz")}
 
 
@@ -75,7 +75,7 @@ def make_frame(run: Run) -> pandas.DataFrame:
 
 
 def import_pandas() -> Any:
-    """Import pandas, which takes half a second, when a table is requested.
+    """Import pandas, which takes 0.5 s and is therefore done only for a table.
 
     Raises:
         BenchError: pandas is not installed.

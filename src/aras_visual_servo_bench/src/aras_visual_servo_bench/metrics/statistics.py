@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from statistics import NormalDist
 
 import numpy as np
-import scipy  # scipy loads scipy.stats, which takes 0.5 s, only when it is used
+import scipy  # `import scipy` does not load scipy.stats, which takes 0.5 s, until it is used
 
 CONFIDENCE = 0.95
 # Number of resamples of the bootstrap, and number of resamples that are computed together.
@@ -17,7 +17,8 @@ RESAMPLES, BATCH = 2000, 200
 # test of 50 values takes 8 ms. In 200 normal samples with p from 0.01 to 0.1, the normal
 # approximation differed from the exact p by at most 7 %.
 MAX_EXACT = 50
-# two differences are ties if their binary mantissas agree to this number of decimals
+# The mantissas of differences are rounded to this number of decimals, so that differences that are
+# equal up to rounding errors count as ties.
 TIE_DIGITS = 9
 
 
@@ -75,7 +76,7 @@ def median(values: Sequence[float]) -> Estimate:
 
 
 def rate(values: Sequence[float]) -> Estimate:
-    """Estimate the rate of 1 among the known values, 0 or 1, with Wilson's interval."""
+    """Estimate the rate of 1 in samples of 0 and 1, with Wilson's interval; ignore NaN."""
     known = _select_finite(values)
     return proportion(int(known.sum()), known.size)
 
@@ -109,16 +110,15 @@ class Comparison:
 
     @property
     def count(self) -> int:
-        """Number of pairs; without pairs, number of runs of the smaller sample."""
+        """Number of pairs; for samples that are not paired, size of the smaller sample."""
         return min(self.counts)
 
     @property
     def least_p(self) -> float:
         """Lower bound of the p-values of the exact tests for samples of these sizes.
 
-        It is 2 / 2^n for n pairs, 2 / binomial(2n, n) for two samples of n runs, and
-        1 / binomial(n + m, n) for samples of different sizes n and m. If the sizes differ, binary
-        or equal values can make the distribution asymmetric, so that a single case is extreme.
+        It is 2 / 2^n for n pairs, 2 / binomial(2n, n) for two samples of equal size n, and 1 /
+        binomial(n + m, n) for samples of different sizes n and m.
         """
         n, m = self.counts
         if self.paired:
@@ -149,8 +149,8 @@ def compare_values(before: Sequence[float], after: Sequence[float], paired: bool
     """Compare the values of a metric in two samples.
 
     The test is the Wilcoxon signed-rank test if the samples are paired, and otherwise the
-    Mann-Whitney U test. Both are exact for small samples, also with ties, and otherwise use the
-    normal approximation. Pairs without a difference are omitted.
+    Mann-Whitney U test. Both are exact for small samples, even if values are equal; for large
+    samples, they use the normal approximation. Pairs with equal values are omitted.
     """
     a, b = np.asarray(before, float), np.asarray(after, float)
     if paired:
@@ -166,8 +166,9 @@ def compare_values(before: Sequence[float], after: Sequence[float], paired: bool
 def _test_signed_ranks(differences: np.ndarray) -> float:
     """Return the two-sided p-value of Wilcoxon's signed-rank test.
 
-    The exact p-value is computed from all assignments of signs to the ranks: it is the fraction of
-    them with a sum of positive ranks that is at least as far from the mean sum as the observed sum.
+    The test statistic is the sum of the ranks of the positive differences. The exact p-value is the
+    fraction of all assignments of signs to the ranks for which this sum is at least as far from its
+    mean as the observed sum.
     """
     mantissas, exponents = np.frexp(differences[differences != 0.0])
     nonzero = np.ldexp(np.round(mantissas, TIE_DIGITS), exponents)
@@ -185,9 +186,9 @@ def _test_signed_ranks(differences: np.ndarray) -> float:
 def _test_rank_sum(first: np.ndarray, second: np.ndarray) -> float:
     """Return the two-sided p-value of the Mann-Whitney U test.
 
-    The exact p-value is computed from all divisions of the values into two samples of these sizes:
-    it is the fraction of them in which the rank sum of the first sample is at least as far from the
-    mean sum as the observed sum.
+    The test statistic is the rank sum of the first sample. The exact p-value is the fraction of all
+    divisions of the values into two samples of these sizes for which this sum is at least as far
+    from its mean as the observed sum.
     """
     values, count = np.concatenate([first, second]), len(first)
     if values.size > MAX_EXACT:
@@ -203,13 +204,16 @@ def _test_rank_sum(first: np.ndarray, second: np.ndarray) -> float:
 
 
 def _rank(values: np.ndarray) -> np.ndarray:
-    """Return twice the rank of each value: an integer even if equal values have a mean rank."""
+    """Return twice the rank of each value.
+
+    Equal values share their mean rank, which can be a half-integer; twice this rank is an integer.
+    """
     _, index, counts = np.unique(values, return_inverse=True, return_counts=True)
     return (2 * np.cumsum(counts) - counts + 1)[index]
 
 
 def _sum_tails(fractions: np.ndarray, observed: int, mean: float) -> float:
-    """Add the fractions of all rank sums that are at least as far from `mean` as `observed`."""
+    """Add fractions[s] of all rank sums s that are at least as far from `mean` as `observed`."""
     distance = np.abs(np.arange(fractions.size) - mean)
     is_extreme = distance >= abs(observed - mean) * (1.0 - 1e-12)
     return min(float(fractions[is_extreme].sum()), 1.0)

@@ -15,7 +15,8 @@ from .formatting import NO_NUMBER, choose_unit, make_number_format
 COUNT_METRICS = ("iterations", "images", "images_late")
 # length of the interval at the end of a run over which the mean error is computed, s
 FINAL_WINDOW = 1.0
-LAST = 2.0  # length of the interval at the end of a run in which the largest error is found, s
+# Length of the interval at the end of a run over which the largest error is determined, s.
+LAST = 2.0
 DIGITS = 4  # number of significant digits of the numbers in a summary
 
 
@@ -75,7 +76,7 @@ def format_quantities(quantities: Sequence[Quantity | None]) -> list[str]:
 
 
 def summarise(run: Run) -> list[Quantity]:
-    """Return all quantities of a run: outcome, verdict, metrics and final errors."""
+    """Return the outcome, the true result, the metrics and the final errors of a run."""
     found = [
         Quantity("outcome", run.outcome, "", "result of the run according to the servo loop"),
         Quantity(
@@ -172,9 +173,9 @@ def find_best_runs(
 ) -> set[int]:
     """Return the indices of the successful runs with the best value of a quantity.
 
-    Values that are printed with the same digits count as equal. The result is empty if too few
-    runs succeeded, if all values are equal, or if the quantity depends on features that differ
-    between the runs.
+    Values that are printed with the same digits count as equal. The result is empty if no run
+    succeeded, if all values are equal, or if the quantity depends on features that differ between
+    the runs.
     """
     quantities = [{q.key: q for q in column}.get(key) for column in columns]
     comparable = {i: q for i, q in enumerate(quantities)

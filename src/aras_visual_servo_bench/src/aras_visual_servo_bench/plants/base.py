@@ -61,14 +61,15 @@ Reading = JointReading | Frame
 class CameraPlacement:
     """Placement of another camera relative to the control camera.
 
-    The target frame of a camera is the link that carries its target, or the world.
+    Each camera observes a target. Its target frame is the link that carries this target, or the
+    world.
 
-    pose: pose (4, 4) of this camera's optical frame. If both cameras move together, it is given in
-        the control camera's optical frame, else in the control camera's target frame.
-    is_fixed: whether this camera is fixed in the control camera's target frame.
-    target_T_control: pose (4, 4) of the control camera in this camera's target frame, if this
-        camera's target moves with the control camera; None: both cameras have the same target
-        frame.
+    pose: pose (4, 4) of this camera's optical frame, in the optical frame of the control camera if
+        both cameras move together, otherwise in the target frame of the control camera.
+    is_fixed: whether this camera is at rest in the control camera's target frame.
+    target_T_control: None if both cameras have the same target frame. Otherwise, the target of this
+        camera moves with the control camera, and this is the pose (4, 4) of the control camera in
+        the target frame of this camera.
     """
 
     pose: np.ndarray
@@ -83,7 +84,7 @@ class CameraPlacement:
 
 
 class JointListener(Protocol):
-    """Receiver of the joint states with which a plant has updated the loop."""
+    """Receiver of the joint states for which a plant itself has updated the control loop."""
 
     def on_updates(self, stamps: Sequence[float], samples: np.ndarray) -> None:
         """Receive m joint states.
@@ -155,7 +156,7 @@ class Plant(ABC):
         positions: joint positions (m, n)."""
 
     def apply_vibration(self, pose: np.ndarray, time_ns: int, camera: str = "") -> np.ndarray:
-        """Return the pose (4, 4) of a camera with its vibration.
+        """Add the vibration of a camera to its pose (4, 4), and return the result.
 
         Args:
             pose: pose (4, 4) of the camera without vibration.

@@ -61,7 +61,7 @@ def run_cycles_with_loop(
         last_ns: end of the run, after which the loop is not updated, ns.
         due: (m,) times of the joint states, ns.
         taken: number of joint states that have been processed.
-        measured: (2, n) indices of the joints' positions and velocities in the flat `handles`.
+        measured: (2, n) indices of the joints' positions and velocities in the flattened `handles`.
         columns: (k,) for each row of `loops`, the index of its joint among the loop's joints; n if
             the loop does not have this joint.
         commands: (k,) output, the latest commands of the rows of `loops`; NaN for none.
@@ -71,9 +71,9 @@ def run_cycles_with_loop(
         loop: see `process_joint_state`.
 
     Returns:
-        The time, ns; the number of processed joint states; the second and the third result of
-        `run_cycles`; whether a command exceeds the limits; whether the last command must still be
-        set, because no cycle has followed it.
+        Six values: the time, ns; the number of processed joint states; why `run_cycles` stopped and
+        where (its second and third result); whether a command exceeds the limits; whether the
+        caller must still set the last command.
     """
     flat, n = handles.reshape(handles.size), samples.shape[2]
     while time_ns < ends_ns:

@@ -55,9 +55,9 @@ NO_CAMERAS: Mapping[str, Mapping[str, Any]] = {}
 
 @dataclass(frozen=True, eq=False)
 class TargetModel:
-    """Model in the simulated world for a target, or for an occluder on a target.
+    """Model in the simulated world that shows a target, or an occluder on a target.
 
-    target: the target with its motion.
+    target: the target with its motion; an occluder moves with it.
     urdf: file with the visuals of the model.
     offset: position x, y, z (m) of the model's origin in the target frame.
     visible_times: intervals (start, end) in which the model is visible, s; None: always.
@@ -93,7 +93,7 @@ class TrackedLink:
 
 
 class DynamicArm(Plant):
-    """Robot arm in the bridge's Simulation, with 1 000 physics steps per second."""
+    """Robot arm that is simulated with Bullet, with 1 000 physics steps per second."""
 
     def __init__(
         self,
@@ -308,7 +308,7 @@ class DynamicArm(Plant):
         return np.array(positions)[self._rows], np.array(velocities)[self._rows]
 
     def find_collision(self) -> tuple[str, str] | None:
-        """Return a link that was in collision at the last step, and the model that it hit."""
+        """Return a link that collided in the last simulation step, and the model that it hit."""
         for overlap in find_overlaps(self._simulation.world, self._model):
             return overlap.link, overlap.model
         return None
@@ -344,7 +344,7 @@ class DynamicArm(Plant):
         step(time_ns)
 
     def _step_exposing(self, step: Callable[[int], None], until_ns: int) -> None:
-        """Make a step and the exposures that are due in it, at interpolated camera poses."""
+        """Make a step; make the exposures that are due in it, at interpolated camera poses."""
         due, simulation = min(e.due_ns for e in self._exposures), self._simulation
         start = simulation.time_ns
         end = start + simulation.step_ns
@@ -382,8 +382,9 @@ def _parse_target(urdf: Path) -> RobotDescription:
 
 
 def _rename_camera(camera: CameraDescription, name: str, robot: Robot) -> CameraDescription:
-    """Copy the robot's camera; give the copy the name and the optical frame of another camera."""
-    plugin = replace(  # if the camera has no plug-in, a new one gives it a name
+    """Copy the description of the robot's camera, with another camera's name and optical frame."""
+    # A camera without a plug-in gets one, because the plug-in stores the camera's name.
+    plugin = replace(
         camera.plugin or CameraPlugin(), camera_name=name, robot_namespace="", trigger_topic=""
     )
     renamed = replace(camera, name=name, plugin=plugin, shutter="")

@@ -16,13 +16,11 @@ COORDINATE_NAMES = ("x", "y", "z", "rx", "ry", "rz")
 
 
 class FreeBody:
-    """Kinematics of a free camera, with the interface of `Arm`.
+    """Kinematics of a free camera, with the methods and attributes of `Arm`.
 
     The coordinates q (6,) are the logarithm of the pose of a body relative to an origin. They are
     unique if the rotation from the origin is less than pi. The body is the camera itself, or a
-    frame to which a camera with a calibration error is fixed.
-
-    The attributes are those of `Arm`.
+    frame in which the camera has a fixed pose.
     """
 
     names = COORDINATE_NAMES
@@ -34,8 +32,8 @@ class FreeBody:
 
         Args:
             origin: world_T_body (4, 4) at q = 0.
-            mounting: body_T_camera (4, 4) of a camera with a calibration error; None: the body is
-                the camera.
+            mounting: body_T_camera (4, 4), the fixed pose of the camera in the body; None: the body
+                is the camera.
         """
         self.origin, self.mounting = np.array(origin, float), mounting
         self.chain = Chain.from_free_body(self.origin, mounting)
@@ -55,7 +53,7 @@ class FreeBody:
 
     @property
     def is_compiled(self) -> bool:
-        """Return whether compiled code may replace the methods: True unless this is a subclass."""
+        """Return whether compiled code may replace the methods: False for a subclass."""
         return type(self) is FreeBody
 
     def pose(self, q: np.ndarray) -> np.ndarray:
@@ -98,9 +96,10 @@ class FreeBody:
         return self.coordinates(world_T_camera)
 
     def joint_frames(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the coordinates as joints: their origins (6, 3) and axes (6, 3).
+        """Return origins (6, 3) and axes (6, 3) of six joints that correspond to the coordinates.
 
-        The first three joints are prismatic, the last three are revolute."""
+        The first three joints are prismatic, the last three are revolute.
+        """
         return np.zeros((6, 3)), np.vstack([np.eye(3), np.eye(3)])
 
     def check(self, q: np.ndarray, velocities: np.ndarray | None = None) -> None:

@@ -25,9 +25,10 @@ ZERO_TWIST = np.zeros(6)
 
 
 class IdealCamera(FreeCamera):
-    """Free camera whose command is the twist (6,) of the camera at its calibrated pose.
+    """Free camera that is commanded by its twist (6,), in the camera frame.
 
-    The first image is taken at 0 s.
+    If the controller's calibration is wrong, the twist is that of the camera at its calibrated
+    pose. The first image is taken at 0 s.
     """
 
     outputs = frozenset(("twist",))

@@ -24,7 +24,7 @@ from ..experiment import cameras
 from ..targets.geometry import PlacedTarget, Target, project
 from .base import CAMERA, CameraPlacement
 
-OCCLUSION_LEVEL = 128  # grey level below which a pixel belongs to a dark shape
+OCCLUSION_LEVEL = 128  # grey level below which a pixel is regarded as covered by the dark polygon
 # maximum number of noise draws until the edges of a noisy outline do not cross each other
 MAX_TRIES = 100
 
@@ -52,10 +52,10 @@ class ImagingSettings:
     name: name of the camera.
     placement: pose relative to the control camera; None: this is the control camera.
     row_bands: exposures of an image with a rolling shutter or motion blur, in the order of time;
-        empty: all rows are exposed at the stamp of the image.
+        each exposes a band of rows. Empty: all rows are exposed once, at the stamp of the image.
     vibration: vibration of the camera about its pose; None: the camera does not shake.
-    blind_mask: array (rows, columns), True outside the image circle of the lens; None: the image
-        circle covers the image.
+    blind_mask: array (rows, columns), True for the black pixels outside a fisheye lens's image
+        circle; None: there are none.
     depth_range: minimum and maximum depth, m, at which the target is visible; None: no limits.
     """
 
@@ -86,7 +86,7 @@ class ImagingSettings:
 
     @cached_property
     def band_settings(self) -> tuple[ImagingSettings, ...]:
-        """One copy of these settings for each exposure, its camera cropped to the exposed rows."""
+        """One copy of these settings for each exposure, with a camera of the exposed rows only."""
         return tuple(self.crop_rows(part) for part in self.exposure_bands)
 
     def make_pipeline(self) -> ImagePipeline:
@@ -95,7 +95,7 @@ class ImagingSettings:
         return ImagePipeline(self.effects, shape, self.seed, self.exposure_bands)
 
     def crop_rows(self, band: RowBand) -> ImagingSettings:
-        """Return a copy of these settings with a camera that is cropped to the rows of a band."""
+        """Return a copy of these settings with a camera that has only the rows of `band`."""
         if band.last - band.first == self.camera.height:
             return self
         K = np.reshape(self.camera.K, (3, 3)) - [[0, 0, 0], [0, 0, band.first], [0, 0, 0]]
@@ -177,8 +177,8 @@ class ImagingSettings:
     ) -> np.ndarray | None:
         """Add noise to points (n, 2), px.
 
-        is_closed: whether the points are a closed outline. If edges of the noisy outline cross, the
-            noise is drawn again, because the edges of outlines detected in images never cross.
+        is_closed: whether the points are a closed outline. If edges of an outline with noise cross
+            each other, the noise is drawn again, because edges of real outlines never cross.
         """
         if pixels is None:
             return None
@@ -270,7 +270,7 @@ def capture(
             image.
 
     Returns:
-        The frame; exact features are missing if the target is not in view.
+        The frame. If features are exact and the target is not in view, the frame has no features.
     """
     bands = imaging.exposure_bands
     poses = world_T_camera
@@ -431,8 +431,8 @@ def _project_outlines(
 ) -> list[np.ndarray]:
     """Project the outline of a target at several camera poses.
 
-    The outline of a solid can have different corners at different poses. Therefore the corners that
-    are visible at `poses[middle]` are regarded as points in the plane of the target, and these
+    The outline of a solid can have different corners at different poses. Therefore, the corners of
+    the outline at `poses[middle]` are converted to points in the plane of the target, and these
     points are projected at all poses.
 
     Args:
@@ -456,8 +456,8 @@ def _project_outlines(
 def _interpolate_rolling_shutter(pixels: np.ndarray, bands: Sequence[RowBand]) -> np.ndarray:
     """Compute the pixel of each point at the time when the row of this pixel is exposed.
 
-    Between two exposures, a point moves at constant velocity. A point above the image is computed
-    for the time of the first exposure, a point below it for the time of the last exposure.
+    Between two exposures, a point moves at constant velocity. A point above the image has its pixel
+    at the first exposure, a point below the image its pixel at the last exposure.
 
     Args:
         pixels: pixels (b, n, 2) of n points at the times of b exposures.

@@ -1,6 +1,6 @@
 """Plants without physics: an arm whose joints lag behind their commands, and a free camera.
 
-The motion between two measurements is computed exactly, in a single step.
+The motion between two measurements is computed in a single step, without numerical integration.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ if TYPE_CHECKING:
 
     from .base import JointListener
 
-# Time from the start of a joint state period to the stamp of its joint state, ns, as on the plant
-# with physics.
+# Time from the start of each joint state period to the stamp of its joint state, ns; equal to that
+# of the plant 'bullet'.
 JOINT_PHASE_NS = 1_000_000
 
 
@@ -165,7 +165,7 @@ class KinematicPlant(Plant):
         self._has_velocity_commands = kind == "velocity"
 
     def _count_samples(self, count: int) -> None:
-        """Add `count` to the number of measured joint states, and compute the next stamp."""
+        """Count `count` more measured joint states, and compute the stamp of the next one."""
         self._samples += count
         self._joints_ns = JOINT_PHASE_NS + round(self._samples * self._joint_period)
 

@@ -15,9 +15,9 @@ from aras_visual_servo_controller.runner.compiled_updates import (
     process_joint_state,
 )
 
-# Rows of the state of a plant, each (n,): coordinates, velocities, commanded coordinates, lower
-# limits, upper limits, velocity of the motion, commanded velocity. The last two are used with
-# velocity commands: joint velocities, or the twist of a free camera.
+# Row indices of the state (7, n) of a plant: coordinates, their velocities, commanded coordinates,
+# lower limits, upper limits, velocity of the motion, and its command. With velocity commands, the
+# last two rows contain joint velocities, or the twist of a free camera.
 Q, V, COMMAND, LOWER, UPPER, MOTION, MOTION_COMMAND = range(7)
 CHAIN = f"Tuple(({CHAIN_SIGNATURE}))"
 
@@ -39,7 +39,10 @@ def follow_position(state, lag, dt):
 
 @jit(f"{CHAIN}, f8[:,::1], f8[::1], f8[::1]")
 def convert_to_motion(chain, state, rates, motion):
-    """Convert rates (n,) of the coordinates to a velocity of the motion; write it into `motion`."""
+    """Convert rates (n,) of the coordinates to a velocity (n,), and write it into `motion`.
+
+    For an arm, the velocity is that of the joints; for a free camera, it is the camera's twist.
+    """
     n = state.shape[1]
     if len(chain[0]) > 0:
         for i in range(n):
@@ -56,9 +59,10 @@ def convert_to_motion(chain, state, rates, motion):
 
 @jit(f"{CHAIN}, f8[:,::1], f8, f8")
 def follow_velocity(chain, state, lag, dt):
-    """Move for dt (s) with the commanded velocity, which the motion follows with the lag `lag` (s).
+    """Move for dt (s) with the commanded velocity.
 
-    A free camera moves along the exponential of its twist; a joint stays within its limits.
+    The velocity follows its command with the time constant `lag` (s). A free camera moves along the
+    exponential of its twist; a joint stays within its limits.
     """
     decay = np.exp(-dt / lag) if lag > 0.0 else 0.0
     n = state.shape[1]
@@ -104,15 +108,15 @@ def update_loop(
         time_ns: present time, ns.
         lag: time constant of the coordinates, s.
         has_velocity_commands: whether velocities are commanded.
-        plant_chain: fields of the Chain of the plant.
+        plant_chain: kinematics of the plant, as the fields of a Chain.
         state: (7, n) state of the plant; modified.
         stamps: (m,) output, stamps of the joint states, s.
         samples: (m, 3, n) output, their positions and velocities, and the resulting commands.
         loop: see `process_joint_state`.
 
     Returns:
-        The number of joint states that the loop has processed, and the number to which the plant
-        has moved.
+        The number of joint states that the loop has processed, and the number of joint states that
+        the plant has reached.
     """
     for k in range(len(due_ns)):
         dt = (due_ns[k] - time_ns) / NANOSECONDS

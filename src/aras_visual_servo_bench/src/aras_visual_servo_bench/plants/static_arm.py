@@ -1,4 +1,4 @@
-"""Arm at a given posture: occlusion of the target and collisions."""
+"""Check an arm at a given posture: occlusion of the target by the arm, and collisions."""
 
 from __future__ import annotations
 
@@ -20,11 +20,12 @@ from ..errors import ViewError
 from ..targets.geometry import PlacedTarget, Target
 
 VIEW_SIZE = 32  # side of the square image in which hidden pixels of the target are counted, px
-# Distance in front of the target's face up to which a surface is part of the target, m.
+# A surface counts as part of the target if it is at most this distance in front of the target's
+# face, m.
 FACE_MARGIN = 5e-3
 DEFAULT_NEAR = 0.1  # near clipping distance if the robot description has no camera, m
-# Smallest penetration of two bodies that is reported as a collision, m: the margin of Bullet's
-# shapes.
+# Smallest penetration of two bodies that is reported as a collision, m. It is equal to the margin
+# of Bullet's collision shapes.
 MIN_PENETRATION = 1e-3
 PLATE_THICKNESS = 1e-3  # minimum thickness of the collision shape of a flat target, m
 

@@ -18,21 +18,22 @@ from .palette import BLUE, COLOURS, INK, PALE_BLUE, SOFT_INK, VERMILION
 from .run_groups import MAX_CURVES, RunGroup, find_distance_tolerance, group_runs, label_groups
 from .style import escape_math, is_paper, make_axes
 
-# The name of a group has one line up to MAX_NAME letters (in a paper: up to MAX_LINE letters). A
-# longer name has several lines of at most MAX_LINE letters.
+# Largest number of letters of a group's name that is written on one line: MAX_NAME in a figure for
+# the screen, MAX_LINE in a figure for a paper. Each line of a longer name has at most MAX_LINE
+# letters.
 MAX_NAME, MAX_LINE = 40, 24
-# largest length of a name, in letters, with which the legend of a figure for a paper has two
-# columns
+# Largest number of letters of a name with which the legend of a figure for a paper has two columns.
 MAX_PAPER_LEGEND = 18
 # largest number of panels side by side, and width of a panel, inches
 MAX_COLUMNS, PANEL_WIDTH = 3, 3.8
-# Height of a row of a legend in a paper and on the screen, inches, and number of rows for which a
-# figure for the screen has space.
+# Height of a row of a legend, inches: LEGEND_ROW in a figure for a paper, SCREEN_ROW in a figure
+# for the screen. A figure for the screen becomes higher if its legend has more than MAX_SCREEN_ROWS
+# rows.
 LEGEND_ROW, SCREEN_ROW, MAX_SCREEN_ROWS = 0.15, 0.2, 4
 # width of a letter of a legend, and of the coloured line of an entry, inches
 LETTER, LEGEND_HANDLE = 0.075, 0.45
-# Height of a box or bar, of a line of its name if the name has several lines, and of the axis below
-# all boxes, inches. Papers reduce these heights to 66 %.
+# Heights in figures for a paper, inches, which `make_axes` reduces to 66 %: row of a box or bar
+# whose name has one line; each line of a name with several lines; horizontal axis with its labels.
 PAPER_ROW, PAPER_LINE, PAPER_AXIS = 0.3, 0.2, 0.9
 
 
@@ -106,7 +107,8 @@ def draw_cumulative(axis: Axes, metric: Metric, groups: Sequence[RunGroup]) -> N
         if not known.size:
             axis.plot([], [], label=f"{name} (no value)", **style)
             continue
-        # Runs without a value (such as a settling time) count, so the curve can end below 100 %.
+        # Runs without a value, such as a settling time, are included, so the curve can end below
+        # 100 %.
         fraction = np.arange(known.size + 1) / values.size
         axis.step(np.append(known[0], known), 100.0 * fraction, where="post", label=name, **style)
     set_scale(axis, "x", scaled)
@@ -140,8 +142,8 @@ def _scale_values(
     """Express the values of a metric in a unit that suits their magnitude.
 
     Returns:
-        The label of the metric with this unit; the size of this unit in the metric's own unit; and
-        the values of each group of runs in this unit.
+        The metric's name with the chosen unit; the chosen unit, as a multiple of the metric's own
+        unit; and the values of each group of runs in the chosen unit.
     """
     values = [results.read_values(metric)[rows] for _, results, rows in groups]
     unit, size = choose_unit(metric.unit, np.concatenate(values))
@@ -182,9 +184,10 @@ def find_height(names: Sequence[str]) -> float:
 
 
 def split_lines(name: str) -> str:
-    """Write a long name of a group on several lines; a list [...] is not divided.
+    """Write the long name of a group of runs on several lines; do not divide a list [...].
 
-    On the screen, each setting has its own line. In a paper, the lines are as few as possible.
+    In figures for the screen, each setting in the name has its own line. In figures for a paper,
+    the name has as few lines as possible.
     """
     limit = MAX_LINE if is_paper() else MAX_NAME
     if len(name) <= limit:

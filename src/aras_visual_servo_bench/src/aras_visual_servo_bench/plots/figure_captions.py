@@ -21,7 +21,7 @@ def make_caption(
 ) -> list[str]:
     """Return the sentences of the caption of a figure.
 
-    name: name of the figure: its kind, or 'kind_metric'.
+    name: name of the figure, such as 'boxes', or with a metric, such as 'boxes_path_length'.
     """
     kind = name.partition("_")[0]
     names = ", ".join(m.name.replace("_", " ") for m in shown)

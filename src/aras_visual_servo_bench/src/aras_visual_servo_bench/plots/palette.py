@@ -7,7 +7,7 @@ between text and its background is at least 4.5 to 1.
 BLUE, VERMILION, GREEN, PURPLE = "#0072b2", "#d55e00", "#009e73", "#cc79a7"
 ORANGE, SKY, YELLOW = "#e69f00", "#56b4e9", "#f0e442"
 
-# Colours on a white background; COLOURS contains the colours of the first, second, ... curve.
+# Colours for a white background. COLOURS contains the colours of the curves in their order.
 COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
 START, GOAL, PALE_BLUE = VERMILION, GREEN, "#cfe3f1"
 INK, SOFT_INK, GOOD, BAD, WARN = "#202124", "#5f6368", "#00734f", "#b3261e", "#8a5a00"  # of text
@@ -25,7 +25,7 @@ REPORT = {
     "colour-map": ", ".join(COLOUR_MAP),
 }  # fmt: skip
 
-# Colours on the dark background of the live page and of rviz.
+# Colours of curves on the dark background of the live page and of rviz.
 LIVE_CURVES = (SKY, ORANGE, "#00bf8c", PURPLE, YELLOW, "#ff7b5a", "#b4a7ff", "#c8d0dc")
 LIVE = {
     # colours of the 3-D drawing; the goal is blue, as in the overlay of the camera image
@@ -37,7 +37,7 @@ LIVE = {
     # backgrounds
     "back": "#14181f", "box": "#1c222c", "well": "#11151b", "button": "#2a3341", "over": "#344054",
     "active": "#2558cc", "bad": "#8d2f27",
-    # colours of marks: a good state, and one that needs attention
+    # colours of status marks: a good state, and one that needs attention
     "ok": "#4cd6a8", "caution": "#e6b450",
     # lines
     "line": "#2d3644", "edge": "#66748b", "zero": "#56627a",

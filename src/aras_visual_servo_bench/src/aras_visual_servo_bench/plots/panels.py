@@ -1,4 +1,4 @@
-"""Panels of curves over time, for the page and the figures of a report."""
+"""Panels of curves over time, for the report page and for the figures of a report."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from ..metrics.metrics import condition_number, error_settled, settled
 from ..recording.run import Run, normalize_errors
 
 MAX_CURVES = 24  # largest number of curves in a panel that a reader can distinguish
-# Largest number of features for which panels that compare runs show the error of each feature, not
-# only the norm of the errors.
+# If runs have more features than this number, panels that compare them show only the norm of the
+# errors; otherwise, they show the error of each feature.
 MAX_FEATURES = 6
 SETTLING_BAND = 0.02
 FLOOR = 1e-6  # lower end of the logarithmic axis of the error norm, relative to the initial norm
 UNLIMITED = 100.0  # joint limit above which a joint counts as unlimited, rad or m
-# A curve is interrupted at a gap longer than MAX_GAP_TIME (s) and longer than MAX_GAP_PERIODS times
-# the median time step.
+# A curve is interrupted between two points if the time between them is longer than MAX_GAP_TIME
+# (s), and longer than MAX_GAP_PERIODS times the median time between points.
 MAX_GAP_TIME, MAX_GAP_PERIODS = 0.3, 5.0
 MIN_POSE_ERROR = 1e-4  # lower end of the logarithmic axes of the pose error, mm and degrees
-# Start of the curves of the joints, relative to the start of servoing, s.
+# time at which the curves of the joints start, relative to the start of servoing, s
 TIME_BEFORE_START = -0.1
 
 
@@ -78,12 +78,13 @@ class Panel:
         curves: curves of the panel.
         is_logarithmic: True for a logarithmic axis of the values.
         is_dotted: True if the values are drawn as dots that are not connected.
-        dashed: meaning of the dashed curves.
-        band: tolerance of the values about 0, which is drawn as a band; None for no band.
-        levels: values for comparison, with their labels.
-        limits: limits of the values, with their labels.
+        dashed: text that says what dashed curves mean.
+        band: tolerance of the values; a band from -band to band is drawn. None for no band.
+        levels: values at which a horizontal line is drawn, with their labels.
+        limits: limits of the values, such as joint limits, with their labels.
         marks: times that are marked, s, with their labels.
-        span: lower and upper value that the axis must contain; None if the curves determine it.
+        span: lower and upper value that the axis must contain; either is None if the curves
+            determine this end of the axis.
         omitted_curves: number of curves that are not shown because there are too many.
     """
 
@@ -108,7 +109,7 @@ def make_panel(
     """Return a list with one panel; return an empty list if no curve has values.
 
     The panel contains the curves that have values. If there are more than MAX_CURVES, it contains
-    those with the largest range of values. `more` are further attributes of the panel.
+    those with the largest range of values. `more` are other attributes of Panel.
     """
     known = [curve for curve in curves if np.isfinite(curve.values).any()]
     if not known:
@@ -138,9 +139,9 @@ def _make_curves(
         run: run whose images define the times.
         names: names of the columns.
         table: (n, k) values at the run's n images.
-        members: indices of the columns.
-        more: text that is appended to the name of each curve.
-        look: further attributes of the curves.
+        members: indices of the selected columns.
+        more: text that is appended to each name.
+        look: other attributes of Curve, such as `dashed`.
     """
     return [Curve(names[i] + more, run.time, table[:, i], colour_index=shade, **look)
             for shade, i in enumerate(members)]  # fmt: skip
@@ -195,10 +196,10 @@ def make_error_panels(runs: Sequence[Run]) -> list[Panel]:
 
 
 def _compute_error_norm(run: Run) -> np.ndarray:
-    """Compute the norm (n,) of the errors at each image, relative to the first image.
+    """Compute the norm (n,) of the errors at each image, relative to its initial value.
 
-    The error of each feature is first divided by its maximum over all images. The norm of these
-    errors is then divided by its value at the first image with a measurement.
+    The error of each feature is divided by the maximum of its absolute value over all images. The
+    initial value is the norm at the first image with a measurement.
     """
     size = np.linalg.norm(normalize_errors(run.error), axis=1)
     known = size[np.isfinite(size)]
@@ -234,7 +235,7 @@ def make_pose_panels(runs: Sequence[Run]) -> list[Panel]:
 
 
 def make_feature_panels(runs: Sequence[Run]) -> list[Panel]:
-    """Return panels of the features s and s* of a single run, one for each unit.
+    """Return panels of the measured and the desired features of a single run, one for each unit.
 
     For several runs, the result is empty.
     """
@@ -321,8 +322,8 @@ def _select_limits(lines: Iterable[tuple[float, str]]) -> tuple[tuple[float, str
 def make_conditioning_panels(runs: Sequence[Run]) -> list[Panel]:
     """Return panels of the condition numbers of L and L J, the manipulability and the scale factor.
 
-    The scale factor, 0 to 1, is the factor by which speed and acceleration limits of the joints
-    reduce the desired twist.
+    The scale factor, 0 to 1, is the factor by which the loop reduces the desired twist because of
+    speed and acceleration limits.
     """
     ratios = [
         _make_run_curves(runs, name, lambda run, key=key: condition_number(getattr(run, key)))
@@ -352,7 +353,8 @@ def make_conditioning_panels(runs: Sequence[Run]) -> list[Panel]:
 def make_timing_panels(runs: Sequence[Run]) -> list[Panel]:
     """Return panels of the intervals between images, the delays and the real-time factor.
 
-    Quantities that were not recorded are omitted. For several runs, each delay has its own panel.
+    A quantity that was not recorded has no panel. For several runs, each kind of delay has its own
+    panel.
     """
     found: list[Panel] = []
     end = find_last_time(runs)

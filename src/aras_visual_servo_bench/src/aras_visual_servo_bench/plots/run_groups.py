@@ -1,4 +1,4 @@
-"""Groups of runs in the figures of studies; each group has a curve, a box, a bar or a map."""
+"""Groups of runs for figures of studies: a figure has one curve, box, bar or map per group."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .style import escape_math, is_paper
 
 MAX_GROUPS = 24  # largest number of boxes in a panel for which their labels are legible
 MAX_CURVES = 8
-# largest number of success maps in a figure: on the screen, and in a paper
+# largest number of success maps in a figure for the screen, and in a figure for a paper
 MAX_MAPS, MAX_PAPER_MAPS = 12, 6
 
 
@@ -24,7 +24,7 @@ class RunGroup(NamedTuple):
 
     name: label of the group.
     results: results of the study.
-    rows: (n,) indices of the rows of its runs.
+    rows: (n,) indices of the rows of the group's runs in the results.
     """
 
     name: str
@@ -33,12 +33,12 @@ class RunGroup(NamedTuple):
 
 
 def find_values(all_results: Iterable[Results], key: str) -> list:
-    """Return the distinct values of a column, in the order in which they first appear."""
+    """Return the distinct values of a column of the results, in the order in which they appear."""
     return list(dict.fromkeys(v for r in all_results for v in r.read_column(key)))
 
 
 def find_varied_keys(all_results: Sequence[Results]) -> list[str]:
-    """Return the keys, of the grid or of the cases, that have several values."""
+    """Return the settings of the studies that have several values."""
     return [
         k for k in all_results[0].parameters if len(set(map(str, find_values(all_results, k)))) > 1
     ]
@@ -47,7 +47,10 @@ def find_varied_keys(all_results: Sequence[Results]) -> list[str]:
 def limit_groups(
     all_results: Sequence[Results], keys: Sequence[str], max_groups: int
 ) -> Sequence[str]:
-    """Return the first of `keys`: as many as give at most `max_groups` groups of runs."""
+    """Return as many of the first keys as possible without too many groups of runs.
+
+    Grouping the runs by the values of the returned keys gives at most `max_groups` groups.
+    """
     while keys and sum(len(r.group_rows(keys)) for r in all_results) > max_groups:
         keys = keys[:-1]
     return keys
@@ -59,7 +62,13 @@ def find_map_limit() -> int:
 
 
 def find_pooled_keys(kind: str, all_results: Sequence[Results]) -> list[str]:
-    """Return the varied keys by which a kind of figure does not divide the runs into groups."""
+    """Return the settings with several values by which a figure does not group the runs.
+
+    Runs that differ only in these settings are in the same group of the figure, because there would
+    otherwise be too many groups.
+
+    kind: kind of the figure, such as 'boxes'.
+    """
     keys = find_varied_keys(all_results)
     if kind == "success":
         keys, limit = keys[:-2], find_map_limit()
@@ -93,15 +102,18 @@ def list_groups(
 def group_runs(all_results: Sequence[Results], max_groups: int = MAX_GROUPS) -> list[RunGroup]:
     """Group the runs of each study by the settings with several values.
 
-    If there would be more than `max_groups` groups, the last settings are not used. In a paper, the
-    names of the groups are short: see `label_groups`.
+    If there would be more than `max_groups` groups, the last of these settings are ignored. In a
+    figure for a paper, the name of a group contains only values; `label_groups` gives the settings.
     """
     keys = limit_groups(all_results, find_varied_keys(all_results), max_groups)
     return list_groups(all_results, keys, is_long=not is_paper())
 
 
 def label_groups(all_results: Sequence[Results], max_groups: int = MAX_GROUPS) -> str:
-    """Return the settings whose values name the groups of `group_runs` in figures for a paper."""
+    """Return the settings by whose values `group_runs` names the groups in figures for a paper.
+
+    In figures for the screen, return '', because the names contain the settings.
+    """
     keys = limit_groups(all_results, find_varied_keys(all_results), max_groups)
     return ", ".join(map(label_setting, keys)) if is_paper() else ""
 

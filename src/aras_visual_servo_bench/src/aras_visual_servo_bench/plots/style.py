@@ -94,7 +94,7 @@ def is_paper() -> bool:
 
 
 def find_figure_width(is_wide: bool = False) -> float:
-    """Return the width of a figure, inches; in a paper, wide figures have the usual width."""
+    """Return the width of a figure, inches; `is_wide` has no effect in figures for a paper."""
     return WIDE_FIGURE if is_wide and not is_paper() else plt.rcParams["figure.figsize"][0]
 
 
@@ -109,7 +109,7 @@ class ReportFigure(Figure):
         FigureCanvasAgg(self)
 
     def make_png(self) -> bytes:
-        """Return the figure as PNG, in its size on the screen."""
+        """Return the figure as PNG, with the resolution of the screen."""
         stream = io.BytesIO()
         self.savefig(stream, format="png", dpi=self.dpi)
         return stream.getvalue()
@@ -118,7 +118,8 @@ class ReportFigure(Figure):
 
 
 class Margins(NamedTuple):
-    """Margins around and between axes for the screen, inches. In a paper, they are smaller."""
+    """Margins around and between the axes of figures for the screen, inches; smaller for a paper.
+    """
 
     left: float = 0.0
     right: float = 0.0
@@ -142,17 +143,17 @@ def make_axes(
 ) -> tuple[Figure, list[Axes]]:
     """Make a figure with `count` axes of equal size, row by row.
 
-    By default, the figure has the width of the style and fixed margins. If `width` is given,
-    Matplotlib computes the layout, so that labels of any length fit. This takes as long as drawing
-    the figure, and the positions of the axes differ between reports.
+    By default, the figure has the width from `find_figure_width` and fixed margins. If `width` is
+    given, Matplotlib computes the layout, so that labels of any length fit. Computing the layout
+    takes as long as drawing the figure, and the positions of the axes depend on the labels.
 
     Args:
         count: number of axes.
         panel_height: height of a row, inches.
         columns: number of columns.
         is_wide: True for a figure that extends over the whole page.
-        width: width of each column with its labels, inches; None for fixed margins. In a paper, the
-            figure has the width of the style instead.
+        width: width of each column with its labels, inches; None for fixed margins. A figure for a
+            paper ignores this value and has the width of a column of the paper.
         margins: margins around and between the axes. With TIME_MARGINS, the axes also share their
             time axis, and the labels are aligned.
         options: options of Figure.subplots.

@@ -38,19 +38,21 @@ from .run_groups import (
 )
 from .style import add_title, escape_math, is_paper, make_axes
 
-# Sizes in a column of a paper, inches: width of all success maps; width of a cell with a number
-# such as 10/10; width of the space beside a map; height of a cell; height of the axis below a map.
-# Papers reduce the heights to 66 %.
+# Sizes in figures for a paper, inches: width of all success maps in a row; width of a cell of a
+# map, with a number such as 10/10; width of the space between maps; height of a cell; height of the
+# horizontal axis with its labels. `make_axes` reduces the heights to 66 %.
 PAPER_WIDTH, PAPER_CELL, PAPER_GAP, PAPER_LINE, PAPER_AXIS = 3.2, 0.3, 0.1, 0.3, 0.85
-DISTANCE_RATIO = 1.4  # height of the panel of the final distance, relative to a row of success maps
+# Height of the panel of the final distance, relative to the height of a success map.
+DISTANCE_RATIO = 1.4
 
 
 def draw_success(all_results: Sequence[Results]) -> Figure | None:
     """Draw the success rate, and the distribution of the final distance next to it.
 
-    If at least two settings have several values, the rates are drawn as maps. The axes of a map are
-    the last two of these settings, and each combination of values of the other settings has its own
-    map. Otherwise, there is a bar for each value of the setting, or for each study.
+    If at most one setting has several values, the success rates are drawn as a bar for each value
+    of this setting, or for each study. Otherwise, they are drawn as maps: the last two settings
+    with several values are the axes of a map, and each combination of values of the other settings
+    has its own map.
     """
     keys = find_varied_keys(all_results)
     if len(keys) >= 2:
@@ -68,7 +70,7 @@ def _draw_success_bars(all_results: Sequence[Results], keys: Sequence[str]) -> F
         height, columns = find_height(names), 1
     figure, axes = make_axes(1 + has_distance, height, columns, width=4.4 if has_distance else 6.5)
     draw_bars(axes[0], rates, names)
-    # in a paper, the caption describes the interval
+    # in a figure for a paper, the caption describes the interval
     interval = "" if is_paper() else ", Wilson's 95 % interval"
     axes[0].set_xlabel(f"runs with success (%){interval}")
     add_title(axes[0], f"Success by {label_setting(keys[0])}" if keys else "Success")
@@ -101,7 +103,8 @@ def _draw_success_maps(all_results: Sequence[Results], keys: Sequence[str]) -> F
             axis.set_title((name if len(panels) > 1 else "Success") + escape_math(pool))
         else:
             add_title(axis, "Success")
-    if not is_paper():  # in a paper, the numbers in the cells replace the colour bar
+    # a figure for a paper needs no colour bar, because its cells contain the numbers
+    if not is_paper():
         figure.colorbar(image, ax=axes, label="runs with success (%)", shrink=0.9)
     if distance_axis is not None:
         curve_keys = find_curve_keys(all_results)
@@ -126,8 +129,9 @@ def _make_map_axes(
 ) -> tuple[Figure, list[Axes], Axes | None]:
     """Make a figure with the axes of success maps and, if it is known, of the final distance.
 
-    In a paper, a row contains as many maps as fit without hiding the numbers in their cells. The
-    axes of the final distance are below the maps and have the width of the figure.
+    In a figure for a paper, each cell of a map must be wide enough for a number, which limits the
+    number of maps in a row. The axes of the final distance are below the maps and have the width of
+    the figure.
 
     Args:
         all_results: results of one or several studies.
@@ -166,7 +170,7 @@ def _draw_map(
     Args:
         axis: axes of the map.
         results: results of the study.
-        rows: (n,) indices of the rows of the runs.
+        rows: (n,) indices of the rows of these runs in the results.
         down: key of the vertical axis and its values.
         across: key of the horizontal axis and its values.
     """
@@ -194,9 +198,10 @@ def _draw_map(
 
 
 def find_curve_keys(all_results: Sequence[Results]) -> Sequence[str]:
-    """Return the keys that distinguish the curves of final distances next to success maps.
+    """Return the settings whose values distinguish the curves of the final distance.
 
-    If there are several maps, each map has a curve. A single map has a curve for each of its rows.
+    These curves are drawn next to success maps. If there are several maps, there is one curve for
+    the runs of each map. If there is a single map, there is one curve for each of its rows.
     """
     keys = find_varied_keys(all_results)
     pooled = find_pooled_keys("success", all_results)
@@ -205,7 +210,7 @@ def find_curve_keys(all_results: Sequence[Results]) -> Sequence[str]:
 
 
 def _describe_tolerance(axis: Axes, all_results: Sequence[Results]) -> None:
-    """Write the tolerance below an axis of final distances; a paper has it in the caption."""
+    """Write the tolerance of the final distance below its axis, except in figures for a paper."""
     if not is_paper():
         text = textwrap.fill(captions.describe_tolerances(all_results), MAX_NAME)
         axis.set_xlabel(f"{axis.get_xlabel()}\n{escape_math(text)}")

@@ -25,22 +25,24 @@ SYMBOLS = {
     **{f"v{axis}": f"$v_{axis}$" for axis in "xyz"},
     **{f"ω{axis}": rf"$\omega_{axis}$" for axis in "xyz"},
 }  # fmt: skip
-# names of axes that are labelled "no unit" if their values have no unit
+# Names of axes that are labelled 'no unit' if the quantity has no unit.
 UNITLESS = ("error", "feature")
 MAX_NAMES = 12  # largest number of names in a legend
 NARROW_LEGEND = {"handlelength": 1.2, "columnspacing": 0.8}
 # smallest range of an axis of joint positions (rad, m) or joint velocities (rad/s, m/s)
 MIN_AXIS_RANGE = 0.004
-# Space above the curves, relative to the height of the axis, if the panel sets the axis's lower
-# end.
+# Space above the curves, relative to the height of the axis, in panels whose `span` gives the lower
+# end of the axis.
 HEADROOM = 0.15
 MIN_LINE_POINTS = 3  # smallest number of points of a curve that is drawn as a line, not as dots
 DASHES = ("-", (0, (4, 1.5)), (0, (1, 1.2)))
 MARKERS = ("o", "s", "^", "D", "v", "P")  # markers on the curves of the first, second, ... run
 MARKER_SPACING = 0.125  # distance between markers on a curve, relative to the size of the axes
-# extra width of the first curve compared with the last, so that equal curves remain visible
+# Extra line width of the first run's curves, relative to the width of the last run's, so that
+# curves that coincide remain visible.
 EXTRA_WIDTH = 0.7
-# Fraction of the time axis after which the text of a time mark is to the left of its line.
+# The text of a time mark is to the left of its line if the line is beyond this fraction of the time
+# axis.
 TEXT_SIDE_SWITCH = 0.75
 
 
@@ -73,9 +75,9 @@ def find_symbol(name: str) -> str:
 def make_curve_styles(count: int) -> list[dict[str, object]]:
     """Return the style of the curves of each of `count` runs.
 
-    Markers distinguish the runs in print without colours. Curves of earlier runs are wider, and
-    different curves have markers at different positions, so that all curves are visible if they
-    coincide. The curves of a single run need no markers.
+    The curves of a single run need no markers. The markers of several runs differ, so that their
+    curves can be distinguished in print without colours. To keep curves that coincide visible, the
+    curves of earlier runs are wider, and the markers of different runs are at different positions.
     """
     if count == 1:
         return [{"color": INK}]
@@ -111,7 +113,8 @@ def draw_panels(
         _draw_panel(axis, panel, styles, columns > 1)
     if is_single:
         add_title(axes[0], title + _make_hints(panels))
-    else:  # only the left panel has a title; the space on the right is for the runs' names
+    # only the left panel has a title, because the names of the runs need the space on the right
+    else:
         add_title(
             axes[0],
             f"{title} and {layout.second_column.lower()}" if layout.second_column else title,
@@ -153,7 +156,7 @@ def _draw_panel(
         axis: axes of the panel.
         panel: panel to draw.
         styles: style of the curves of each run; empty for a single run.
-        all_named: True if the legend contains dashed curves, too.
+        all_named: True if dashed curves have an entry in the legend, too.
     """
     if panel.is_logarithmic:
         axis.set_yscale("log")
@@ -233,7 +236,8 @@ def _draw_limits(axis: Axes, limits: Texts) -> None:
             far_limits.append(f"{bound:.3g}")
     axis.set_ylim(low, high)
     if len(far_limits) == len(limits) and not is_paper():
-        # Place the text on the side of the curve's second half where there is more space.
+        # Place the text above or below the curves, where the second half of the curves leaves more
+        # space.
         last_half = np.concatenate([y[len(y) // 2 :] for line in axis.lines
                                     if len(y := line.get_ydata()) > 2] or [[low]])  # fmt: skip
         below = np.nanmean(last_half) > 0.5 * (low + high)

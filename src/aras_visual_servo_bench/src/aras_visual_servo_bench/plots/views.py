@@ -1,4 +1,4 @@
-"""Figures of the image plane, of images at some times, and of the camera's path in space."""
+"""Figures of the image plane, of images at selected times, and of the camera's path in space."""
 
 from __future__ import annotations
 
@@ -28,11 +28,12 @@ from .style import (
 )
 from .time_plots import make_curve_styles
 
-IMAGE_CONTRAST = 0.35  # factor of the contrast of an image on which curves are drawn
-MIN_AXIS_RATIO = 0.35  # smallest length of an axis, relative to the longest side of the scene
-# A scene is tall if its height, divided by its larger horizontal side, is above this value.
+# the contrast of an image is multiplied by this factor, so that curves on it are more visible
+IMAGE_CONTRAST = 0.35
+MIN_AXIS_RATIO = 0.35  # smallest length of an axis of a 3-D view, relative to the longest axis
+# A 3-D view is tall if its height, divided by its larger horizontal side, is above this value.
 MAX_HEIGHT_RATIO = 1.5
-FRUSTUM_SIZE = 0.12  # length of a drawn camera, relative to the longest side of the scene
+FRUSTUM_SIZE = 0.12  # length of a drawn camera, relative to the longest axis of the 3-D view
 LEGEND_HEIGHT = 0.5  # height of the legend of the camera's path, inches
 # Size of the drawn camera at the goal relative to the drawn camera at the end of the path. If both
 # had one size, the camera at the end would hide the camera at the goal.
@@ -93,7 +94,8 @@ def draw_image_trajectory(runs: Sequence[Run]) -> Figure | None:
 def _choose_colour(tracks: ImageTracks, i: int) -> str:
     """Return the colour of the path of the point with the index i.
 
-    If the points are the target's corners and centre, only the path of the centre is coloured.
+    Points that a scheme measures have different colours. If the points are the target's corners and
+    centre instead, only the path of the centre is coloured.
     """
     if not tracks.is_measured:
         return COLOURS[0] if tracks.names[i].startswith("centre") else FAINT
@@ -124,7 +126,7 @@ def _draw_tracks(
 
 
 def draw_filmstrip(runs: Sequence[Run]) -> Figure | None:
-    """Draw images at which the error has decreased to certain fractions, with the desired outline.
+    """Draw the images that `find_milestones` selects, with the desired outline of the target.
 
     Return None if no run has images.
     """
@@ -216,9 +218,9 @@ def draw_camera_path(runs: Sequence[Run]) -> Figure | None:
     axis.set(xlabel="x (m)", ylabel="y (m)", zlabel="z (m)",
              xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))  # fmt: skip
     extent = high - low
-    # A tall scene is drawn smaller, because it would otherwise overlap the legend below the axes.
+    # A tall view is drawn smaller, because it would otherwise overlap the legend below the axes.
     is_tall = extent[2] > MAX_HEIGHT_RATIO * extent[:2].max()
-    # zoom that leaves space for the larger letters of a paper
+    # zoom of the 3-D view that leaves space for the larger letters of a figure for a paper
     paper_scale = 0.82 if is_paper() else 1.0
     axis.set_box_aspect(extent, zoom=paper_scale * (0.82 if is_tall else 0.97))
     axis.view_init(elev=20, azim=-58)

@@ -16,10 +16,10 @@ from ..experiment import cameras
 from .run import Film, Run
 
 MAX_FRAMES = 600
-# maximum size of all frames of a film, bytes; base64 increases this size by a third
+# maximum size of all frames of a film, bytes; base64 makes them a third larger on a report page
 MAX_BYTES = 8_000_000
-# Pairs of the longest side of a frame (px) and its JPEG quality, largest first. The first pair with
-# which the film is small enough is used.
+# Pairs of the longest side of a frame (px) and its JPEG quality, largest first. When a frame would
+# make the film too large, the next pair is used for this and all later frames.
 SIZES_AND_QUALITIES = ((640, 85), (480, 75), (400, 65), (320, 50), (240, 40), (160, 30))
 SMALL_SIZE_AND_QUALITY = (320, 65)
 
@@ -45,7 +45,10 @@ def select_frames(
 
 
 def encode_film(images: Iterable[tuple[float, np.ndarray]], count: int) -> Film:
-    """Encode images as JPEG, with the best size and quality for a film of at most MAX_BYTES.
+    """Encode images as JPEG for a film of at most MAX_BYTES.
+
+    Size and quality are reduced, as listed in SIZES_AND_QUALITIES, when an image would make the
+    film too large.
 
     Args:
         images: stamp (s) and rgb image of each frame.
@@ -53,12 +56,13 @@ def encode_film(images: Iterable[tuple[float, np.ndarray]], count: int) -> Film:
     """
     remaining, level, frames = MAX_BYTES, 0, []
     for number, (stamp, image) in enumerate(images):
-        share = remaining / max(count - number, 1)  # largest allowed size of this image, bytes
+        # Largest size of this image, bytes, if all remaining images of the film have the same size.
+        share = remaining / max(count - number, 1)
         while (
             len(frame := _encode_jpeg(image, *SIZES_AND_QUALITIES[level])) > share
             and level < len(SIZES_AND_QUALITIES) - 1
         ):
-            # the smaller size and quality apply to this image and to all images after it
+            # this image and all later ones are encoded with the next smaller size and quality
             level += 1
         remaining -= len(frame)
         frames.append((stamp, frame))

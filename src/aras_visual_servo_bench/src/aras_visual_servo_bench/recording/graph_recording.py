@@ -16,7 +16,7 @@ class GraphRecording:
         path: path of the bag, for error messages.
         states: state messages of the loop.
         joints: joint state messages.
-        reports: reports of the loop, by stamp (ns).
+        reports: messages with a report of the loop, by stamp (ns).
         moments: measured moments, by stamp (ns).
         info: last CameraInfo message; None if there was none.
         real_time_factors: pairs of stamp (s) and real-time factor.
@@ -24,7 +24,7 @@ class GraphRecording:
             message in the bag.
         poses: pairs of stamp (s) and base_T_optical (4, 4), from tf.
         experiment_text: description of the experiment, as JSON text.
-        notes: problems of the recording.
+        notes: texts that describe problems of the recording, for the report.
     """
 
     def __init__(self, path: Path) -> None:

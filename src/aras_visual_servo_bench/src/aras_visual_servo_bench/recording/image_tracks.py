@@ -15,11 +15,11 @@ from ..targets.geometry import PlacedTarget
 from .run import Run, normalize_errors
 
 POINT_NAME = re.compile(r"([xy])_?(\d+)$")
-# Largest number of corners of a target whose corner trajectories are drawn. The polygon that
-# approximates a disc has more corners.
+# Largest number of corners of a target whose corner trajectories are drawn. Discs are approximated
+# by polygons with more corners, so their corners are not drawn.
 MAX_CORNERS = 16
-# For each of these fractions, a report shows the first image in which the error is at most this
-# fraction of its initial value.
+# For each of these fractions, a report shows the first image in which the norm of the errors is at
+# most this fraction of its initial value.
 MILESTONES = (1.0, 0.7, 0.4, 0.2, 0.08)
 
 
@@ -147,9 +147,9 @@ def _to_pixels(camera: CameraModel, points: np.ndarray) -> np.ndarray:
 def find_milestones(run: Run) -> list[float]:
     """Return the stamps (s) of the images that a report shows.
 
-    They are the first image, the last image, and for each of MILESTONES the first image in which
-    the norm of the normalised errors is at most this fraction of its initial value. Images are not
-    selected by their time, because little changes during most of a run.
+    They are the first image, the last image, and one image for each fraction in MILESTONES: the
+    first image in which the norm of the errors is at most this fraction of its initial value.
+    Images are not selected by their time, because little changes during most of a run.
     """
     known = np.isfinite(run.error).all(axis=1)
     if not run.names or not known.any():

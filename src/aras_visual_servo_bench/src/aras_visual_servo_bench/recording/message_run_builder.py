@@ -103,7 +103,7 @@ class MessageRunBuilder:
         return self._with_images(run, exposed)
 
     def _with_images(self, run: Run, exposure_stamps: np.ndarray) -> Run:
-        """Return a copy of the run with its milestone images and its film.
+        """Return a copy of the run with the images that a report shows, and with its film.
 
         Both are read in one pass over the bag.
 
@@ -146,7 +146,8 @@ class MessageRunBuilder:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Read the joint states that contain all joints in `names`.
 
-        Those with impossible positions are left out, as by the controller, with a note.
+        Joint states with impossible positions are omitted, and a note with their number is added to
+        `notes`.
 
         Returns:
             Stamps (m,), s; positions (m, j), rad or m; velocities (m, j), rad/s or m/s.
@@ -154,7 +155,7 @@ class MessageRunBuilder:
         stamps, positions, velocities, faults = [], [], [], []
         has_limits = arm is not None and arm.names == names
         for message in self._recording.joints:
-            # with stamp 0, the publisher did not know the simulated time yet
+            # a stamp of 0 means that the publisher did not know the simulated time yet
             if not message.header.stamp:
                 continue
             indices = {name: i for i, name in enumerate(message.name)}
@@ -220,8 +221,8 @@ class MessageRunBuilder:
 def _split_runs(states: Sequence[ServoState]) -> list[list[ServoState]]:
     """Split the states of the loop into runs.
 
-    A run starts with the first measured error. It ends when the arm moves to a start or when the
-    features change. States outside the runs are omitted.
+    A run starts with the first state that has a measured error. It ends before a state in which the
+    arm moves to a start or the scheme has other features. States outside the runs are omitted.
     """
     runs: list[list[ServoState]] = [[]]
     for state in states:
@@ -235,9 +236,12 @@ def _split_runs(states: Sequence[ServoState]) -> list[list[ServoState]]:
 
 
 def _find_commands(states: Sequence[ServoState], stamps: np.ndarray, joints: int) -> np.ndarray:
-    """Return the latest joint command (m, joints) at each stamp; NaN before the first command.
+    """Return the joint command (m, joints) at the time of each of m joint states.
 
-    stamps: stamps (m,) of the joint states, s."""
+    It is the latest command at this time; NaN before the first command.
+
+    stamps: stamps (m,) of the joint states, s.
+    """
     none = np.full(joints, np.nan)
     commands = np.array([none if s.command is None else s.command for s in states])
     latest = np.searchsorted([state.stamp for state in states], stamps, "right") - 1

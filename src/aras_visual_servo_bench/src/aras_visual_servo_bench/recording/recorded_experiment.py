@@ -1,4 +1,4 @@
-"""Description of a recorded run in a bag: settings, goal, limits, and the experiment."""
+"""Recorded run in a bag: settings, goal, joint limits, and an experiment that repeats the run."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ DEFAULT_DURATION = 8.0  # duration of an experiment if the controller node had n
 
 
 def find_preset(settings: Mapping[str, Any]) -> str | dict[str, Any]:
-    """Return the name of the camera preset with these settings; if there is none, the settings."""
+    """Return the name of the camera preset with these settings, or else the settings themselves."""
     folder = Path(PackagePath().find(RobotSpec().cameras)) / "config" / "cameras"
     for file in sorted(folder.glob("*.yaml")):
         if read_yaml(file, ExperimentError) == dict(settings):
@@ -90,7 +90,7 @@ class RecordedExperiment:
         parameters = find_branch(
             self.content.get("parameters", {}), self.content.get("controller", "")
         )
-        # dynamic_reconfigure adds this parameter; the node has no parameter `gains`
+        # The node has no parameter `gains`; dynamic_reconfigure adds it to the node's parameters.
         parameters.pop("gains", None)
         return parameters
 
@@ -124,7 +124,8 @@ class RecordedExperiment:
 
     @cached_property
     def goal(self) -> Goal | None:
-        """Goal of the control loop; missing joints or pose are computed with the kinematics."""
+        """Goal of the control loop; missing joints, or a missing pose, are computed from the other.
+        """
         if self.settings is None:
             return None
         name = self.settings.find_goal_file().name
@@ -199,7 +200,7 @@ class RecordedExperiment:
             ) from error
 
     def make_mapping(self) -> dict[str, Any]:
-        """Return the checked keys of the experiment.
+        """Return the keys and values of the experiment, after checking that they are valid.
 
         Raises:
             BenchError: the bag has no description, or the run cannot be repeated.

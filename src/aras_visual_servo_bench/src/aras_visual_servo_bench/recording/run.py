@@ -57,7 +57,8 @@ class Verdict:
         Args:
             depth: depth of the target at the goal, m.
             tolerance: maximum distance (m) and angle (rad) at which the goal is reached; None: the
-                accuracy of the outcome 'converged', whose distance is proportional to the depth.
+                tolerances of the outcome 'converged', of which the distance is proportional to the
+                depth.
         """
         distance, angle = pose_difference(goal, pose)
         limits = (
@@ -113,7 +114,7 @@ class Run(RunPresentation):
     are world_T_camera (4, 4); lengths are in m, angles in rad, times in s.
 
     Attributes:
-        states: state of the loop after each of the n images.
+        states: state of the control loop after each of the n images.
         pose: (n, 4, 4) true world_T_camera at the time when the loop has processed each image, with
             vibration.
         joint_names: names of the j joints.
@@ -126,9 +127,9 @@ class Run(RunPresentation):
         joint_origins: (m, l, 3) origins of the arm's l joint frames in the world at each joint
             state, m; l = 0 without an arm, or if they were not computed.
         goal_pose: (4, 4) desired pose of the camera at the end.
-        outcome: outcome of the run, as the loop reports it.
+        outcome: outcome of the run, as the loop reports it, such as 'converged'.
         reason: reason of the outcome.
-        remedy: remedy for a failure.
+        remedy: what to change after a failure.
         verdict: result according to the true pose at the end, without vibration; for a run from a
             bag, according to the last `true_pose`.
         peak_speed: (j,) maximum speed of each joint over all physics steps; None if it was not
@@ -229,12 +230,12 @@ class Run(RunPresentation):
 
     @cached_property
     def error(self) -> np.ndarray:
-        """Measured errors s - s* (n, k), with angles wrapped."""
+        """Measured errors s - s* (n, k); errors of angles are wrapped to -pi to pi."""
         return self._collect_outputs("error")
 
     @cached_property
     def filtered_error(self) -> np.ndarray:
-        """Errors (n, k) after the filter of the scheme; without a filter, the measured errors."""
+        """Errors (n, k) after the scheme's filter; measured errors if the scheme has no filter."""
         filtered = self._collect_outputs("filtered_error")
         return np.where(np.isnan(filtered), self.error, filtered)
 
@@ -256,7 +257,7 @@ class Run(RunPresentation):
 
     @property
     def phases(self) -> tuple[str, ...]:
-        """Phase of the loop at each of the n images."""
+        """Phase of the loop at each of the n images, such as 'servoing' or 'converged'."""
         return tuple(state.phase for state in self.states)
 
     @property
@@ -279,15 +280,20 @@ class Run(RunPresentation):
 
     @cached_property
     def singular_L(self) -> np.ndarray:
-        """Singular values (n, p) of the interaction matrix L, largest first.
+        """Singular values (n, p) of the interaction matrix L in each of n images, largest first.
 
-        Components of the camera twist that the scheme does not control are left out of L.
+        p is the largest number of singular values in an image; missing values are NaN. Components
+        of the camera twist that the scheme does not control are left out of L.
         """
         return pad_rows(state.singular_values_L for state in self.states)
 
     @cached_property
     def singular_LJ(self) -> np.ndarray:
-        """Singular values (n, q) of the task Jacobian L J; J is the Jacobian of the camera."""
+        """Singular values (n, q) of the task Jacobian L J in each of n images.
+
+        J is the Jacobian of the camera. q is the largest number of singular values in an image;
+        missing values are NaN.
+        """
         return pad_rows(
             None if s.ik_solution is None else s.ik_solution.singular_values for s in self.states
         )
@@ -341,7 +347,7 @@ class Run(RunPresentation):
 
     @property
     def servoing(self) -> np.ndarray:
-        """Mask (m,) of the joint states since the first image."""
+        """Mask (m,), True for the joint states since the first image."""
         return self.joint_stamp >= (self.stamp[0] if len(self.stamp) else np.inf)
 
     @property
@@ -376,8 +382,9 @@ class Run(RunPresentation):
     def compute_settling_time(self, floor: tuple[float, float] = (1e-4, 1.745e-3)) -> float:
         """Compute the time after which the pose error stays below 2 % of its initial value, s.
 
-        Both distance and angle must be below. The time starts at the first joint state after the
-        first image. Return inf if the error does not stay below.
+        Both the distance and the angle of the pose error must stay below 2 % of their initial
+        values. The time starts at the first joint state after the first image. Return inf if they
+        do not.
 
         floor: distance (m) and angle (rad); smaller errors are regarded as settled, even if they
             are above 2 % of the initial error. Default: 0.1 mm and 0.1 degrees.

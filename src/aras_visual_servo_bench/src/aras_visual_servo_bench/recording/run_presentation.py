@@ -1,4 +1,5 @@
-"""Presentation of a run in notebooks and scripts: text, card, figures, report and table."""
+"""Presentation of a run in notebooks and scripts: text, notebook card, figures, report and table.
+"""
 
 from __future__ import annotations
 
@@ -19,8 +20,7 @@ PACKAGE = "aras_visual_servo_bench"
 class RunPresentation:
     """Presentation of a run; base class of `Run`.
 
-    The code for figures, pages and tables belongs to higher layers, which are imported only when it
-    is used.
+    The modules that make figures, pages and tables are imported only when a method needs them.
     """
 
     def __repr__(self) -> str:
@@ -118,7 +118,7 @@ def describe_experiment(run: Any) -> str:
 
 
 def describe_verdict(verdict: Any) -> str:
-    """Describe the verdict of a run with distance and angle of the camera from its goal."""
+    """Return as text whether the camera has reached its goal, with its distance and angle."""
     if not verdict.name:
         return "unknown, because the true poses are unknown"
     if not math.isfinite(verdict.distance):

@@ -24,7 +24,8 @@ class RunRecorder:
     """Recorder of the loop's states, the joint states and the images of a run.
 
     Attributes:
-        records: records for the diagnosis: one for each image, and events between images.
+        records: input of the diagnosis of the run: one record for each image, and one for each
+            event between images.
     """
 
     def __init__(self, joint_count: int, records_films: bool = False) -> None:

@@ -1,4 +1,4 @@
-"""Reading of recorded runs from bags, including unclosed bags and older message versions.
+"""Reading of recorded runs from bags, even if a bag was not closed or has older messages.
 
 Topics are found by their types, so bags with any namespaces, cameras and robots can be read.
 """
@@ -48,7 +48,7 @@ USED_FIELDS = {
     MOMENTS: ("header", "valid", "order", "m", "mu"),
     METRICS: ("header", "real_time_factor"),
 }  # fmt: skip
-# Names of renamed fields in earlier versions of the messages, by their present names.
+# names of message fields in earlier versions of the messages, by the present name of the field
 OLD_FIELDS = {
     "remedy": "mend", "desired_twist": "asked", "achieved_twist": "achieved",
     "infeasible_twist": "lost", "computation_time": "computing",
@@ -143,8 +143,8 @@ def _reindex(path: Path) -> rosbag.Bag:
     # The connection records at the end of the file may be incomplete, so they are not read. The
     # chunks contain the same records.
     bag._reader._read_terminal_connection_records = lambda: None
-    # `reindex` finally tries to truncate the file, which fails because the file is open for
-    # reading.
+    # At its end, `reindex` tries to truncate the file. This fails, because the file is open for
+    # reading only, and the error is ignored.
     with contextlib.suppress(io.UnsupportedOperation):
         for _ in bag.reindex():
             pass
@@ -196,13 +196,15 @@ class BagReader(GraphRecording):
             )
         self._counts = {topic: one.message_count for topic, one in info.items()}
         self._transforms: dict[str, tuple[str, np.ndarray]] = {}
-        # the clock of the recording: /clock, otherwise the stamps of the states
+        # topic that gives the time of the recording: /clock, or the states of the controller if it
+        # is missing
         self._clock_topic = CLOCK
         self._clock = RecordedClock(self._read_stamps(CLOCK), CLOCK_TOLERANCE_NS)
         if not self._clock:
             self._clock_topic = self._topics.state
             self._clock = RecordedClock(self._read_stamps(self._clock_topic), STATES_TOLERANCE_NS)
-        # for each topic: distances (ns) of the stamps of another clock
+        # For each topic, differences (ns) between the time of the recording and the stamps of
+        # messages that were left out because another clock has stamped them.
         self._foreign: dict[str, list[int]] = {}
 
     def read(self, progress: Callable[[float], None]) -> None:
@@ -216,11 +218,11 @@ class BagReader(GraphRecording):
             t.moments: self.add_moments, t.joints: self.joints.append,
             t.info: self._add_info, t.metrics: self._add_metrics,
             t.experiment: self._add_experiment, TF: self._add_tf,
-            # If the bag contains /tf, only its messages add camera poses, because a message of
-            # /tf_static can have an older stamp than earlier messages.
+            # If the bag contains /tf, messages of /tf_static add no camera poses, because their
+            # stamps can be older than those of earlier messages.
             TF_STATIC: self._add_transforms if TF in self._counts else self._add_tf,
         }  # fmt: skip
-        # Messages on these topics remain valid after a reset of the clock.
+        # The last message on each of these topics remains valid after a reset of the clock.
         always = (t.info, t.experiment, TF_STATIC)
         start = self._find_start()
         topics = [topic for topic in (*handlers, t.image) if topic in self._counts]
@@ -271,7 +273,7 @@ class BagReader(GraphRecording):
         return False
 
     def _read_stamps(self, topic: str) -> list[tuple[tuple, int]]:
-        """Return position and stamp (ns) of each message on a topic; none if there is no topic."""
+        """Return file position and stamp (ns) of each message on a topic; none without a topic."""
         if topic not in self._counts:
             return []
         return [
@@ -283,7 +285,8 @@ class BagReader(GraphRecording):
         """Return the file position of the last clock reset; return None if there is none."""
         resets = self._clock.resets
         if self._clock_topic != CLOCK and self._topics.joints:
-            # joint states are more frequent than states
+            # Without /clock, resets are found in the stamps of joint states, which are more
+            # frequent than states of the controller.
             entries = self._read_stamps(self._topics.joints)
             own = [one for one in entries if not self._clock.find_difference(*one)]
             resets = RecordedClock(own, STATES_TOLERANCE_NS).resets
@@ -297,7 +300,7 @@ class BagReader(GraphRecording):
         return resets[-1]
 
     def _note_foreign_stamps(self) -> None:
-        """Note which messages were left out, because they are stamped by another clock."""
+        """Add a note about messages that were left out because another clock has stamped them."""
         for topic, distances in self._foreign.items():
             count = "1 message is" if len(distances) == 1 else f"{len(distances)} messages are"
             self.notes.append(
@@ -375,7 +378,7 @@ def _read_stamp(data: bytes, topic: str) -> int:
     """
     offset = {CLOCK: 0, TF: 8}.get(topic, 4)
     if len(data) < offset + 8:
-        return 0  # an empty list of transforms
+        return 0  # the message is an empty list of transforms
     secs, nsecs = struct.unpack_from("<II", data, offset)
     return secs * 1_000_000_000 + nsecs
 

@@ -30,7 +30,9 @@ class RunProgress:
 
 
 class ControllerWatch:
-    """Subscribers of the demo process, which update a RunProgress; they do not use simulated time.
+    """Subscribers of the demo process, which update a RunProgress.
+
+    The process uses wall time, not simulated time.
     """
 
     def __init__(self) -> None:

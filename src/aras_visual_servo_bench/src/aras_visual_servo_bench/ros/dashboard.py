@@ -30,7 +30,7 @@ PERIOD = 0.5
 
 @dataclass(frozen=True)
 class PageSettings:
-    """Parameters of the live page. The node also has the parameters of the controller."""
+    """Parameters of the live page; the node also has the parameters of the controller node."""
 
     host: str = "127.0.0.1"
     port: int = parameter(8080, least=1, most=65535)
@@ -110,9 +110,9 @@ class Dashboard:
             return self.page.make_update(trace, joints, velocities, listener.stamp)
 
     def make_robot_model(self) -> dict[str, Any] | None:
-        """Return the robot model, or None if there is no robot.
+        """Return the robot model for the live page's 3-D view, or None if there is no robot.
 
-        If the robot cannot be drawn, a warning is logged, and the result is an empty model.
+        If the robot cannot be drawn, a warning is logged, and the result is a model without links.
         """
         from ..web.live.robot_model import make_robot_model
 
@@ -138,7 +138,7 @@ class Dashboard:
         self._images.set_viewer_count(viewers)
 
     def execute(self, request: Request) -> str:
-        """Execute a request of the page, and return the answer.
+        """Execute a request of the live page, and return the answer.
 
         Raises:
             RefusedError: the request cannot be executed.
@@ -218,18 +218,18 @@ class Dashboard:
         }  # fmt: skip
 
     def close(self) -> None:
-        """Stop the nodes and the recorder that were started from the page."""
+        """Stop the nodes and the recorder that were started from the live page."""
         self._commands.close()
         self._session_files.close()
 
 
 def split_parameters(parameters: dict[str, Any]) -> tuple[PageSettings, dict[str, Any]]:
-    """Split the node's parameters into those of the page and those of the controller.
+    """Split the node's parameters into those of the live page and those of the controller.
 
-    Only the parameters of the page are checked.
+    Only the parameters of the live page are checked.
 
     Raises:
-        ServoError: a parameter of the page has the wrong type or is out of range.
+        ServoError: a parameter of the live page has the wrong type or is out of range.
     """
     names = list_defaults(PageSettings)
     of_page = {name: parameters[name] for name in names if name in parameters}

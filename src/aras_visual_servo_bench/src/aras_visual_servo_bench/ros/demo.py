@@ -25,9 +25,10 @@ from .ros_launch import RosLaunch, find_free_port
 STARTUP_TIMEOUT = 300.0  # longest duration of each step of the startup, s of wall time
 # Duration of a step of the startup after which a message names this step, s of wall time.
 SLOW_START_NOTICE = 20.0
-# A run is ended when its wall time exceeds this many times its limit of simulated time.
+# A run is ended when its duration in wall time exceeds its time limit (simulated time) by this
+# factor.
 MAX_WALL_TIME_FACTOR = 6.0
-# Longest time for which the controller may hold the arm before servoing starts, s of wall time.
+# Longest time for which the controller may stop the arm before servoing starts, s of wall time.
 HOLDING_TIMEOUT = 5.0
 # time for which the recording continues after convergence, simulated s
 TIME_AFTER_CONVERGENCE = 0.5
@@ -88,8 +89,8 @@ class Demo:
             STARTUP_TIMEOUT,
             "the simulated robot and the recorder",
         )
-        # rosbag subscribes to a new topic only after 1 s. With the parameter `listeners`, the
-        # controller first waits for two subscribers: the recorder and this process.
+        # rosbag subscribes to a new topic only after 1 s. The parameter `listeners` makes the
+        # controller wait until two nodes have subscribed: the recorder and this process.
         node = "/aras_visual_servo_controller"
         rospy.set_param(f"{node}/listeners", 2)
         for name in ("law", "gain", "tracker"):

@@ -46,9 +46,9 @@ def parse(argv: list[str] | None) -> argparse.Namespace:
     """Parse and check the command line.
 
     Returns:
-        The options, and in addition
+        The options, with three more attributes:
             further: the further arguments of each launch file,
-            taught: goal that is computed for a target other than the plates, otherwise None,
+            taught: goal that was computed for the selected target; None if a stored goal is used,
             tracker: name of the tracker of the target.
     """
     parser = argparse.ArgumentParser(

@@ -27,7 +27,8 @@ FORMAT_VERSION = 1
 TOPIC = "/aras_visual_servo/experiment"
 CONTROLLER = "/aras_visual_servo_controller"
 PERIOD = 0.2  # time between two queries of the target's pose, s of wall time
-PARAMETER_INTERVAL = 5  # number of queries of the target's pose per query of the parameters
+# The parameters are queried once per this number of queries of the target's pose.
+PARAMETER_INTERVAL = 5
 MAX_GOAL_BYTES = 200_000  # largest size of a goal file that is included in the description, bytes
 
 

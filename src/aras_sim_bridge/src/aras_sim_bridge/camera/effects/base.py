@@ -18,14 +18,14 @@ from ...errors import CameraError
 class Effect(ABC):
     """Effect on the light of an image before the sensor converts it, such as blur, glare or dust.
 
-    A subclass implements `apply`. Users select it as 'package.module:Class'. Every subclass becomes
-    a dataclass; its fields are the parameters of the effect, and `settings.parameter` declares
-    their units and bounds.
+    A subclass implements `apply` and is selected as 'package.module:Class'. It becomes a dataclass;
+    its fields are the parameters of the effect. Their units and bounds are declared with
+    `parameter` of aras_visual_servo_base.settings.
 
     Attributes:
         name: short name, for messages.
         is_random: whether `apply` uses its argument `random`. Random effects are not applied to the
-            image of the goal.
+            image that shows the desired view of visual servoing.
     """
 
     name: ClassVar[str] = ""

@@ -16,14 +16,14 @@ from aras_visual_servo_base.settings import check, parameter
 from ...errors import CameraError
 from .base import EFFECTS, Effect
 
-# Coefficients of an odd polynomial that converts the sum of four uniform deviates to a normal
-# deviate. They were fitted to the quantiles of both distributions by least squares. The error of a
-# deviate is below 0.008 up to 3 standard deviations, and below 0.025 up to 4. The normal deviates
-# have a variance of 1.00003, a kurtosis of 3.0005, and a largest value of 4.7. The polynomial needs
-# neither branches nor tables, so the processor computes eight deviates at a time.
+# Coefficients of an odd polynomial that converts the sum of four uniform random numbers to a
+# standard normal random number, fitted by least squares to the quantiles of both distributions. The
+# error of the result is below 0.008 for results up to 3, and below 0.025 up to 4; the largest
+# result is 4.7. The polynomial needs neither branches nor tables, so the compiler can use SIMD
+# instructions.
 _C1, _C3, _C5, _C7 = (np.float32(c) for c in (1.65999598, 0.09039413, -0.03567146, 0.01594779))
-# Numbers of the independent random sequences of an image: for the loss of the frame, for the noise
-# of the image, and, from _FURTHER on, one for each registered effect.
+# Numbers of the independent random sequences of an image: _DROP decides whether the frame is lost,
+# _NOISE gives the noise, and there is one for each effect of `Effects.further`, from _FURTHER on.
 _DROP, _NOISE, _FURTHER = 0, 1, 16
 
 
@@ -67,12 +67,13 @@ class SensorModel:
 
 @dataclass(frozen=True)
 class AutoExposure:
-    """Auto exposure: a factor for the light that brings the mean grey level to `target`.
+    """Auto exposure: a factor for the light that brings an image's mean grey level to `target`.
 
     Attributes:
         target: desired mean grey level.
-        speed: fraction of the logarithmic error that is corrected in each image.
-        least, most: bounds of the factor. The factor is 1 in the first image.
+        speed: exponent, above 0 and at most 1. After each image, the factor is multiplied by
+            (target / mean grey level) ** speed.
+        least, most: smallest and largest factor. The factor of the first image is 1.
     """
 
     target: float = parameter(160.0, "grey levels", above=0.0, below=255.0)
@@ -101,21 +102,22 @@ class Effects:
     Attributes:
         noise_mean, noise_stddev: mean and standard deviation of Gaussian noise, in grey levels from
             0 to 255. The noise is independent in every channel.
-        shot_noise: variance of the shot noise per grey level. It is 255 / N for a sensor with a
-            full-well capacity of N electrons.
+        shot_noise: variance of the shot noise divided by the grey level. It is 255 / N for a sensor
+            with a full-well capacity of N electrons.
         exposure: factor by which the light is multiplied before the sensor.
-        gain: factor by which the signal of the sensor is multiplied, including its shot noise.
+        gain: factor by which the signal of the sensor and its shot noise are multiplied.
         vignetting: fraction of the light that is lost in the corners of the image, 0..1.
         exposure_time: time for which the shutter is open, s. The stamp is the middle of this time.
         exposure_samples: number of rendered images that are averaged over the exposure time.
         drop_probability: probability that a frame is lost.
-        sensor: calibrated model of the sensor, instead of shot_noise.
+        sensor: calibrated model of the sensor, which replaces shot_noise; None for no model.
         auto_exposure: auto exposure; None for a constant exposure.
         row_time: time between the exposures of two successive rows, from top to bottom, s; 0 for a
             global shutter.
         rows_together: number of rows that are rendered for the same instant.
-        further: parameters of further effects, by their registered names or 'package.module:Class'.
-            These effects act on the light before the exposure, in this order.
+        further: subclasses of Effect that change the light before the exposure, in this order. The
+            keys are registered names or 'package.module:Class', and the values are mappings of the
+            effects' parameters.
     """
 
     noise_mean: float = parameter(0.0, least=-255.0, most=255.0)
@@ -152,7 +154,7 @@ class Effects:
             )
 
     def make_further(self) -> list[Effect]:
-        """Create the effects of `further`.
+        """Create the effects that the field `further` names.
 
         Raises:
             CameraError: the name or a parameter of an effect is wrong.
@@ -172,8 +174,8 @@ class EffectChain:
         self.effects = e = effects
         self._seed = seed
         self._shade = _compute_vignette(shape, e.vignetting, e.exposure)
-        # Values before the gain, grey levels: variance of the shot noise per level, dark signal,
-        # saturation level, and standard deviation of the read noise.
+        # Properties of the sensor before the gain: shot-noise variance divided by the grey level,
+        # and, in grey levels, dark signal, saturation and standard deviation of the read noise.
         self._shot, self._dark, self._full, self._read_noise = e.shot_noise, 0.0, 255.0, 0.0
         if (model := e.sensor) is not None:
             self._shot, self._read_noise = model.gain, model.gain * model.read_noise
@@ -190,8 +192,9 @@ class EffectChain:
     def _compute_curve(self, factor: float) -> np.ndarray | None:
         """Return the output level (256,) uint8 of each grey level of the light.
 
-        The light is multiplied by `factor` and the exposure, and clipped to 255. The result is
-        multiplied by the gain, and clipped again. Return None if this changes no level.
+        The light is multiplied by `factor` and by the setting `exposure`, and clipped to 255. The
+        result is multiplied by the setting `gain`, and clipped again. Return None if every level
+        remains the same.
         """
         exposure, gain = factor * self.effects.exposure, self.effects.gain
         if exposure == gain == 1.0:
@@ -225,7 +228,7 @@ class EffectChain:
             image = np.ascontiguousarray(image)
             out = np.empty_like(image)
             # Rounding to grey levels adds a variance of 1/12, so 1/12 is subtracted from the
-            # variance of the added noise.
+            # variance of the added noise. At least half the standard deviation remains.
             stddev = math.sqrt(max(e.noise_stddev**2 - 1 / 12, (e.noise_stddev / 2)**2))
             _add_noise(image.reshape(-1), e.noise_mean, stddev, self._derive_key(stamp_ns),
                        out.reshape(-1))
@@ -235,9 +238,9 @@ class EffectChain:
     def _apply_shot_noise(self, image: np.ndarray, stamp_ns: int, factor: float) -> np.ndarray:
         """Add shot noise, read noise and Gaussian noise, and clip to 0..255.
 
-        The variance of the whole noise is gain² (shot * light + read²) + noise_stddev². `shot` is
-        the variance of the shot noise per grey level, and `read` is the standard deviation of the
-        read noise.
+        The variance of the whole noise is gain² (shot * light + read²) + noise_stddev², where
+        `shot` is the variance of the shot noise divided by the grey level, and `read` is the
+        standard deviation of the read noise, in grey levels.
         """
         e = self.effects
         if self._shade is not None:
@@ -267,9 +270,10 @@ class EffectChain:
 
 @jit_inline
 def _draw_normal(key, n):
-    """Return the n-th normal deviate of a key, float32.
+    """Return number n of a sequence of standard normal random numbers, float32.
 
-    It is computed from uniform deviates of splitmix64 (Steele, Lea and Flood 2014).
+    `key` (uint64) selects the sequence. The numbers are computed from uniform random numbers of
+    splitmix64 (Steele, Lea and Flood 2014).
     """
     z = key + np.uint64(n) * np.uint64(0x9E3779B97F4A7C15)
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)

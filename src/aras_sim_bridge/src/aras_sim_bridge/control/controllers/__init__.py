@@ -1,7 +1,7 @@
 """The controllers of ros_control, without ROS; each is declared in a file here with `register`.
 
-base.py documents the ports that the ROS layer connects to topics, and registry.py how the
-controller manager finds a controller class of a user.
+base.py describes how controllers are connected to ROS topics. registry.py describes how to add a
+controller class of your own.
 """
 
 from aras_sim_bridge.control.controllers.base import (

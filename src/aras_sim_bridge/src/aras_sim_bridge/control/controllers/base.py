@@ -1,8 +1,7 @@
-"""Base class of the controllers, and the ports that connect a controller to ROS (or to a test).
+"""Base class of the controllers, and their connections to topics and actions.
 
-A controller runs in the simulation thread. It uses joint handles and simulated time, but not ROS.
-It declares its ports, and the ROS layer creates the topics. `C` stands for
-<robot namespace>/<controller name>:
+A controller uses joint handles and simulated time, but not ROS. Its class attributes declare which
+topics and actions the ROS layer creates. `C` stands for <robot namespace>/<controller name>:
 
 | class attribute | value | connection made by the ROS layer |
 |---|---|---|
@@ -16,18 +15,18 @@ It declares its ports, and the ROS layer creates the topics. `C` stands for
 | | 'gripper_command' | C/gripper_cmd |
 | pids (instance) | {path below C: Pid} | dynamic_reconfigure server and PidState at C/<path> |
 
-None means that the port does not exist. The paths in pids are 'pid', '<joint>/pid' (groups) or
-'gains/<joint>' (trajectories, grippers). The types of commands, states and goals are defined in
-this module, in trajectory_types.py and in gripper.py. Actions use submit_goal, cancel_goal and the
-handles of goals.py. update() calls on_state synchronously, with an object that the controller does
-not modify afterwards; if on_state is None, no object is created.
+An attribute that is None creates no connection. The paths in pids are 'pid', '<joint>/pid' (groups)
+or 'gains/<joint>' (trajectories, grippers). The types of commands, states and goals are defined in
+this module, in trajectory_types.py and in gripper.py. Actions call submit_goal and cancel_goal, and
+use the handles of goals.py. update() calls on_state, if it is not None, with an object that the
+controller does not modify afterwards.
 
-set_command may be called from any thread: it checks the command and stores it in the controller's
-slot, and the next update() uses the latest one. starting() and reset() clear the slot. All other
-methods, and set_command of trajectory controllers, may only be called in the simulation thread.
+set_command checks a command and stores it; the next update() uses the last stored command.
+starting() and reset() discard it. set_command may be called from any thread, except for trajectory
+controllers. All other methods may only be called in the simulation thread.
 
-A user's controller derives from Controller, sets these attributes and is named by a parameter (see
-registry.py). Its topics are created automatically.
+A controller of your own derives from Controller and sets these attributes; registry.py describes
+how to select it.
 """
 
 from collections import deque
@@ -43,7 +42,7 @@ from aras_sim_bridge.description.types import RobotDescription
 from aras_sim_bridge.errors import ControllerError
 from aras_visual_servo_base.settings import read
 
-# number of updates of a controller for each state that it publishes, as in ros_controllers
+# a controller publishes its state in every tenth update, as in ros_controllers
 STATE_EVERY = 10
 
 
@@ -71,7 +70,7 @@ class Context:
 
     @property
     def where(self) -> str:
-        """Full name of the controller's namespace."""
+        """Absolute ROS name of the controller, such as /arm/J1_controller."""
         return f"{self.namespace}/{self.name}"
 
 
@@ -119,9 +118,9 @@ class Controller:
 
     Attributes:
         interface: ros_control interface through which the controller claims its joints.
-        slot: holds the last checked command that no update has used yet.
-        is_compilable: whether this is a CommandedController whose loops may be computed by the
-            compiled control cycle instead of `update`.
+        slot: the last command of `set_command`, until an update uses it; otherwise empty.
+        is_compilable: whether compiled code may do the work of `update`; only for a
+            CommandedController.
         is_read_only: whether `update` only reads the joints.
     """
 
@@ -165,10 +164,10 @@ class Controller:
         """Run one control cycle."""
 
     def idle_until(self, time_ns: int) -> float:
-        """Return the time, ns, until which updates from `time_ns` on have no effect.
+        """Return the last time, ns, at which `update` would still do nothing.
 
-        If the returned time is before `time_ns`, the next update has an effect. The method is not
-        called for controllers with `is_compilable`.
+        Updates from `time_ns` to this time may be skipped. A result before `time_ns` means that no
+        update may be skipped. The method is not called for controllers with `is_compilable`.
         """
         return -inf
 
@@ -177,7 +176,7 @@ class Controller:
         self.slot.clear()
 
     def restart(self, time_ns: int) -> None:
-        """Restart with the simulation: keep the set point, reset PID integrals and last errors."""
+        """Restart together with the simulation: keep the set point, and reset the PIDs."""
         for pid in self.pids.values():
             pid.reset()
 
@@ -196,7 +195,7 @@ class Controller:
         )
 
     def take_handle(self, hardware: RobotHardware, joint: str) -> JointHandle:
-        """Return the handle of `joint` through `interface`.
+        """Return the handle of a joint that the controller's `interface` offers.
 
         Raises:
             ControllerError: the interface has no such joint; the message lists its joints.

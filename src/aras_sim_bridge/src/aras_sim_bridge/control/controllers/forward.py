@@ -42,12 +42,11 @@ COMMAND_OF = {EFFORT: TAU_COMMAND, POSITION: Q_COMMAND, VELOCITY: V_COMMAND}
 class CommandedController(Controller):
     """Controller with one commanded number for each joint, in the interface's unit.
 
-    The joints are those of the parameter `joint`, or `joints` for a group. A command in the slot
-    is a list in the order of `joints`.
+    The parameter `joint` names the joint; for a group, the parameter `joints` lists several.
 
     Attributes:
         loops: one loop for each joint.
-        rows: (m, 39) state of the m loops, one row for each.
+        rows: (m, 39) array; each row stores the state of one of the m loops.
     """
 
     command_kind = "float64"
@@ -84,7 +83,7 @@ class CommandedController(Controller):
         return {}
 
     def bind(self, rows: np.ndarray) -> None:
-        """Copy the state of the loops to `rows` (m, 39), and use `rows` from now on."""
+        """Copy the state of the m loops to `rows` (m, 39), and store it there from now on."""
         self.rows = rows
         for loop, row in zip(self.loops, rows, strict=True):
             loop.bind(row)
@@ -118,13 +117,14 @@ class CommandedController(Controller):
         ])  # fmt: skip
 
     def starting(self, time_ns: int) -> None:
-        """Hold the current positions, or command 0 to effort and velocity joints."""
+        """Hold the current positions; if commands are efforts or velocities, command 0."""
         super().starting(time_ns)
         for loop in self.loops:
             loop.start()
 
     def apply_pending_command(self, time_ns: int) -> None:
-        """Apply the command in the slot, in the cycle at `time_ns`."""
+        """Pass the last command of `set_command` to the loops, in the control cycle at `time_ns`.
+        """
         for loop, command in zip(self.loops, self.slot.pop(), strict=True):
             loop.set_command(command, time_ns)
 

@@ -19,9 +19,9 @@ class GoalHandle(Generic[Goal, Result]):
     """An action goal, its status and its result; used only in the simulation thread.
 
     `status` is 'active', 'rejected', 'succeeded', 'aborted' or 'preempted'; `result` is set unless
-    the goal is active. If the controller publishes feedback, `on_feedback` is called with its
-    states, at its action_monitor_rate. `on_done(GoalHandle)` is called once, when the goal ends. If
-    `on_done` is set after the end of the goal, it is called immediately.
+    the goal is active. `on_feedback` is called with the states of a trajectory controller while it
+    follows the goal. `on_done(GoalHandle)` is called once, when the goal ends, or immediately if it
+    is set after the end.
     """
 
     def __init__(self, goal: Goal) -> None:
@@ -48,7 +48,7 @@ class GoalHandle(Generic[Goal, Result]):
         self.announce()
 
     def finish(self, status: str, result: Result) -> None:
-        """End the goal without calling on_done (see announce). Only the controller calls this."""
+        """Call on_done if the goal has ended, unless on_done has already been called."""
         if not self.is_done:
             self.result = result
             self.status = status

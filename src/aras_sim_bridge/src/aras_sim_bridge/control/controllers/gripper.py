@@ -66,8 +66,8 @@ class GripperActionController(Controller):
         stall_velocity_threshold: 0.001 rad/s or m/s.
         stall_timeout: 1 s.
 
-    All methods must be called in the simulation thread. A method calls listeners as its last
-    action.
+    All methods must be called in the simulation thread. The functions `on_done` and `on_state` may
+    call the controller, because a method calls them only when it has finished its own work.
     """
 
     action_kind = "gripper_command"
@@ -119,13 +119,14 @@ class GripperActionController(Controller):
         self._last_motion_ns = None
 
     def update(self, time_ns: int, period: float) -> None:
-        """Check the goal and write the command."""
+        """End the goal if it is reached or the joint has stalled, and write the command."""
         ended = self._check_goal(time_ns) if self._goal is not None else None
         self._effort = self._command(period)
         _announce(ended)
 
     def _check_goal(self, time_ns: int) -> GoalHandle | None:
-        """Check the active goal and return it if it has ended."""
+        """End the active goal if it is reached or the joint has stalled; return it if it has ended.
+        """
         position, speed = self._handle.position, abs(self._handle.velocity)
         if abs(self._desired.position - position) < self._tolerance:
             return self._end_goal(SUCCEEDED, GripperResult(position, self._effort, False, True))
@@ -178,7 +179,8 @@ class GripperActionController(Controller):
 
 @register("position_controllers/GripperActionController", interface=POSITION)
 class PositionGripperController(GripperActionController):
-    """Command the position of the goal, and report the goal's effort, as in ros_controllers."""
+    """Command the goal's position; as in ros_controllers, the result repeats the goal's max_effort.
+    """
 
     def _start_output(self) -> None:
         self._handle.position_command = self._handle.position
@@ -190,9 +192,9 @@ class PositionGripperController(GripperActionController):
 
 @register("effort_controllers/GripperActionController", interface=EFFORT)
 class EffortGripperController(GripperActionController):
-    """Command effort = PID(position error, -velocity), limited to the effort of the goal.
+    """Command effort = PID(position error), limited to the effort of the goal.
 
-    The gains are in `gains/<joint>`.
+    The derivative of the error is minus the joint velocity. The gains are in `gains/<joint>`.
     """
 
     def _init_output(self, parameters: Mapping) -> None:

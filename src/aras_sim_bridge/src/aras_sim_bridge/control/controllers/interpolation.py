@@ -16,30 +16,30 @@ from aras_visual_servo_base.compiled import column, jit
 # Interval between commands that is assumed until two commands have arrived, s: the period of a 30
 # Hz camera.
 USUAL_INTERVAL = 1.0 / 30.0
-# Shortest interval between commands, s. In the mean interval, shorter ones count as this one.
+# Shortest interval between commands, s. A shorter interval counts as this one in the mean interval.
 SHORTEST_INTERVAL = 0.002
-# Longest interval between commands, s. Longer ones are pauses, which the mean interval leaves out.
+# Longest interval between commands, s. A longer interval is a pause and is left out of the mean
+# interval.
 LONGEST_INTERVAL = 0.1
 # Weight of the newest interval in the running mean of the interval between commands. If one command
 # of a 100 Hz stream arrives 1 ms early or late, joint J5 of the ARAS arm reaches 1.3 times the
 # commanded speed. With a weight of 1, J5 would reach 1.6 times.
 NEWEST_SHARE = 0.2
 # Time constant of the first-order lag that smooths the change of speed at each command, s. On the
-# ARAS arm, the lag reduces the largest speed of J5 from 1.55 to 1.05 times the commanded speed, and
-# that of J3 from 1.4 to 1.3 times. J5 oscillates with a period of 6 ms.
+# ARAS arm, it reduces the largest speed of joint J5 from 1.55 to 1.05 times the commanded speed,
+# and that of J3 from 1.4 to 1.3 times.
 LAG_TIME = 0.003
-# The set point takes longer than the mean interval to reach a command, so that the set point still
-# moves if the next command is late. The additional time is this factor times the mean change from
-# one interval between commands to the next. Changes are limited to half an interval, because longer
-# changes are pauses. If commands at 100 Hz arrive up to 2 ms early or late, J3 of the ARAS arm
-# reaches less than 1.5 times the commanded speed. Without the additional time, J3 reaches 1.7
-# times. In a regular stream, the additional time is zero from the second interval on.
+# If commands arrive irregularly, the set point takes longer than the mean interval to reach a
+# command, so that it still moves when the next command is late. The additional time is this factor
+# times the mean absolute difference of successive intervals. With commands at 100 Hz that arrive up
+# to 2 ms early or late, joint J3 of the ARAS arm reaches less than 1.5 times the commanded speed;
+# without the additional time, it reaches 1.7 times.
 JITTER_FACTOR = 2.2
 # Distance from the set point to the command at which the set point jumps to the command and stops,
 # rad or m.
 ARRIVAL_TOLERANCE = 1e-9
 
-# Columns of a CommandInterpolator's row.
+# Columns of the array that stores the state of a CommandInterpolator.
 (
     (
         IS_MOVING,  # whether the set point is moving
@@ -68,11 +68,9 @@ class CommandInterpolator:
     limit. A first-order lag smooths the change from one line to the next. An angular joint rotates
     in the shorter direction that its limits allow.
 
-    If commands arrive regularly, the set point lags them by one interval and 3 ms. On average, this
-    is half an interval more than without interpolation. Extrapolating the commands would reduce the
-    lag but make the joint oscillate. With extrapolation over a full interval, the joint would
-    oscillate as much as without interpolation. With extrapolation over half an interval, it would
-    reach up to 2.5 times the commanded speed.
+    If commands arrive regularly, the set point lags them by one interval and 3 ms. Extrapolating
+    the commands would reduce this lag, but the joint would oscillate at up to 2.5 times the
+    commanded speed or more.
     """
 
     __slots__ = ("row",)

@@ -1,4 +1,4 @@
-"""Control loop of one joint of a commanded controller."""
+"""Control loop of one joint of a CommandedController (see forward.py)."""
 
 from collections.abc import Callable
 from math import inf
@@ -25,8 +25,8 @@ from aras_sim_bridge.control.joints import (
 from aras_sim_bridge.control.pid import PID_COLUMNS, Pid, compute_pid
 from aras_visual_servo_base.compiled import column, jit
 
-# Angular difference, rad, below which the shorter direction is always allowed. Below it, the
-# position limits need not be checked.
+# A position error of an angular joint below this value, rad, is used as it is: the direct rotation
+# is then the shorter one, and it stays within the position limits.
 LARGEST_PLAIN_DIFFERENCE = 3.14
 
 # Kinds of joint loops:
@@ -34,7 +34,7 @@ FORWARD = 0  # the command of the controller is the output of the loop
 POSITION_PID = 1  # the command of the controller is the set point of a position PID
 SPEED_PID = 2  # the command of the controller is the set point of a velocity PID
 
-# Columns of a JointLoop's row, after the columns of its Pid.
+# Columns of the array that stores the state of a JointLoop, after the columns of its Pid.
 (
     _HANDLE,  # index of the joint's handle among the robot's handles
     _TARGET,  # column of the handle's row that receives the output of the loop
@@ -109,7 +109,11 @@ class JointLoop:
 
     @property
     def gains(self) -> tuple[float, float]:
-        """Stiffness and damping: output decrease per unit of joint position, and of velocity."""
+        """Stiffness and damping of the loop.
+
+        They are the decrease of the output per unit of joint position and per unit of joint
+        velocity.
+        """
         gains = self.pid.gains
         return (0.0, gains.p) if self._kind == SPEED_PID else (gains.p, gains.d)
 
@@ -122,7 +126,7 @@ class JointLoop:
             self.pid.row = row[:PID_COLUMNS]
 
     def start(self) -> None:
-        """Reset the PID. Hold the current position, or command 0 if commands are not positions."""
+        """Reset the PID. Hold the current position, or command 0 if commands are no positions."""
         row, stays = self.row, 0.0
         if self._kind == POSITION_PID or self._kind == FORWARD and row[_TARGET] == Q_COMMAND:
             stays = min(max(self.handle.position, row[_LOWER]), row[_UPPER])
@@ -144,7 +148,7 @@ class JointLoop:
         self.warn_beyond_limits(command, time_ns)
 
     def warn_beyond_limits(self, command: float, time_ns: int) -> None:
-        """Log a warning if a command exceeded the position limits."""
+        """Log a warning if `command`, which was set before, is beyond the position limits."""
         reachable = self.row.item(_COMMAND)
         if abs(reachable - command) > COMMAND_ROUNDING and self._limit_event.record(time_ns):
             self._warn(
@@ -154,7 +158,11 @@ class JointLoop:
             )
 
     def make_state(self, time_ns: int, period: float) -> JointControllerState:
-        """Return the state of this cycle; process_value_dot of a velocity loop is 0."""
+        """Return the state of the loop in this cycle, as in control_msgs/JointControllerState.
+
+        The process value is the joint's position, or its velocity for a velocity PID. For a
+        velocity PID, process_value_dot is 0, because accelerations are not measured.
+        """
         handle, gains = self.handle, self.pid.gains
         process = handle.position, handle.velocity
         if self._kind == SPEED_PID:
@@ -167,7 +175,7 @@ class JointLoop:
 
 @jit("f8[::1], f8, f8", allocates=False)
 def set_loop_command(row, command, time_ns):
-    """Set a loop's command in the cycle at `time_ns`; return the limited command."""
+    """Set the command of a loop in the cycle at `time_ns`; return the command within the limits."""
     row[_COMMAND] = command = min(max(command, row[_LOWER]), row[_UPPER])
     if row[_INTERPOLATES] != 0.0:
         set_interpolation_target(row[_INTERPOLATION:], command, time_ns)
@@ -178,7 +186,10 @@ def set_loop_command(row, command, time_ns):
 
 @jit("f8[:,::1], f8[::1], f8", allocates=False)
 def set_loop_commands(rows, commands, time_ns):
-    """Set the commands of loops (NaN: no command); return whether a command exceeds limits."""
+    """Set the commands of the loops whose states are `rows`; a command of NaN is left out.
+
+    Return whether a command was outside the position limits.
+    """
     beyond = False
     for k in range(len(rows)):
         if commands[k] == commands[k]:
@@ -188,7 +199,11 @@ def set_loop_commands(rows, commands, time_ns):
 
 @jit("f8[:,::1], f8[:,::1], f8", allocates=False)
 def update_loops(rows, handles, period):
-    """Update loops, `period` s after the last cycle, and write the outputs to `handles` (h, 6)."""
+    """Compute the outputs of the loops whose states are `rows`, and write them to `handles`.
+
+    `handles` (h, 6) contains the rows of the robot's h joint handles. `period` is the time since
+    the last update, s.
+    """
     for k in range(len(rows)):
         row = rows[k]
         handle = handles[int(row[_HANDLE])]

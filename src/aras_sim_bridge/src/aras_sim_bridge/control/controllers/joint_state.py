@@ -24,11 +24,11 @@ class JointStateController(Controller):
     """Publish positions, velocities and efforts at `publish_rate` in simulated time.
 
     The joints have the order of the parameter `joints`, or are sorted by name (byte order) if it is
-    not set; `extra_joints` follow. The first cycle publishes a sample; the average rate is exact.
-    With a rate of 0 or less nothing is published.
+    not set; `extra_joints` follow. The first sample is published in the first control cycle. With a
+    `publish_rate` of 0 or less nothing is published.
 
-    As in Gazebo, the stamp of a sample is the end of the next physics step, although the joints
-    are measured before that step. With the parameter `true_stamps` the stamp is the time of the
+    As in Gazebo, the stamp of a sample is the end of the next physics step, although the joints are
+    measured before that step. With the parameter `true_stamps` the stamp is the time of the
     measurement.
     """
 
@@ -67,7 +67,8 @@ class JointStateController(Controller):
         return (ClaimedResources(f"hardware_interface::{self.interface}", ()),)
 
     def starting(self, time_ns: int) -> None:
-        """Publish a sample in the first cycle; a restart does not change the sampling times."""
+        """Make the first cycle publish a sample; a later start does not change the sampling times.
+        """
         super().starting(time_ns)
         if self._start_ns is None:
             self._start_ns = time_ns - 1.001 * self._step_ns
@@ -79,7 +80,7 @@ class JointStateController(Controller):
 
     @property
     def is_read_only(self) -> bool:
-        """Whether the class inherits `update` from this class; it then only reads the joints."""
+        """Whether `update` only reads the joints: true unless a subclass overrides `update`."""
         return type(self).update is JointStateController.update
 
     def idle_until(self, time_ns: int) -> float:
@@ -122,7 +123,7 @@ class JointStateController(Controller):
         return found
 
     def count_samples(self, count: int) -> None:
-        """Record that the caller has taken `count` samples from `handle_rows`."""
+        """Record that `count` samples were published without calling `update`."""
         self._periods += count
 
     def sample_joints(self, time_ns: int) -> JointStates:
@@ -139,7 +140,7 @@ class JointStateController(Controller):
 
 
 def _find_next_cycle(due_ns: float, time_ns: int, step_ns: int) -> int:
-    """Return the first of the times time_ns + k step_ns (k is an integer) after `due_ns`."""
+    """Return the first time after `due_ns` among time_ns + k step_ns, where k is any integer."""
     return time_ns + (int(due_ns - time_ns) // step_ns + 1) * step_ns
 
 

@@ -28,8 +28,8 @@ BUILT_IN = Registry(
 def register(type_name: str, **attributes: str) -> Callable[[type[Controller]], type[Controller]]:
     """Return a class decorator that registers a class as `type_name`.
 
-    A class can be registered under several names. `attributes` are set as class attributes for
-    this name only. One class can thus be registered for several values of `interface`.
+    `attributes` are class attributes of the registered type. The same class can be registered under
+    several names with different attributes, such as `interface`.
 
     Raises:
         ControllerError: another class is already registered under this name.
@@ -44,7 +44,7 @@ def register(type_name: str, **attributes: str) -> Callable[[type[Controller]], 
 
 
 class ControllerTypes:
-    """Controller types of one manager: built-in types, and types that parameters name."""
+    """Types that one controller manager can load: the built-in ones and users' classes."""
 
     def __init__(self) -> None:
         self._imported: set[str] = set()

@@ -27,9 +27,9 @@ class PositionTrajectoryController(JointTrajectoryController):
 @register("effort_controllers/JointTrajectoryController", interface=EFFORT)
 @register("velocity_controllers/JointTrajectoryController", interface=VELOCITY)
 class ClosedLoopTrajectoryController(JointTrajectoryController):
-    """Command velocity_ff · desired velocity + PID(position error, velocity error).
+    """Command velocity_ff · desired velocity + PID(position error, velocity error) to each joint.
 
-    The command is an effort or a velocity, depending on the interface.
+    The command is an effort or a velocity, depending on the interface. velocity_ff is a parameter.
     """
 
     def _init_output(self, parameters: Mapping, where: str) -> None:

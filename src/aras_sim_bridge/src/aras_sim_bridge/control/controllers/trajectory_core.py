@@ -63,9 +63,9 @@ class _Timer:
 class JointTrajectoryController(Controller):
     """Base class of the trajectory controllers for the position, velocity and effort interfaces.
 
-    All methods must be called in the simulation thread, so a trajectory is used immediately instead
-    of being stored in the slot. A method calls listeners as its last action, so a listener may call
-    the controller.
+    All methods must be called in the simulation thread; `set_command` therefore uses a trajectory
+    immediately. The functions `on_done`, `on_feedback` and `on_state` may call the controller,
+    because a method calls them only when it has finished its own work.
     """
 
     command_kind = "joint_trajectory"
@@ -169,7 +169,8 @@ class JointTrajectoryController(Controller):
         return self._segments[0][present[0]]
 
     def _check_goal(self, now_ns: int) -> GoalHandle | None:
-        """Check the active goal's tolerances and return the goal if it has ended."""
+        """End the active goal if it is reached or violates a tolerance; return it if it has ended.
+        """
         errors = self._errors
         for k in range(len(self.joints)):
             segments, index = self._segments[k], self._segment_indices[k]
@@ -177,8 +178,8 @@ class JointTrajectoryController(Controller):
             if segment.goal is not self._goal:
                 continue
             name, error = self.joints[k], errors[0][k]
-            # Check the goal only after the end time of the last segment: a straight line still has
-            # a velocity at its end.
+            # Check the goal only after the end of the last segment. Before, the desired velocity
+            # may not be 0 yet, as on a straight line.
             if now_ns <= segment.end_ns:
                 if not segment.path_tolerance.is_met(error, errors[1][k]):
                     code = ErrorCode.PATH_TOLERANCE_VIOLATED

@@ -27,7 +27,8 @@ JointSegments = list[Segment]
 
 @dataclass(frozen=True, slots=True)
 class Tolerances:
-    """Path and goal tolerances of each joint, in the controller's order; the goal time is in ns."""
+    """Path and goal tolerances of each joint, in the controller's order, and of the goal time (ns).
+    """
 
     path: tuple[Tolerance, ...]
     goal: tuple[Tolerance, ...]
@@ -175,9 +176,10 @@ def plan_segments(
 ) -> tuple[list[JointSegments], int]:
     """Plan the segments of all joints for a new trajectory.
 
-    The joints follow the current trajectory until `start_ns`, when the new one starts. A connecting
-    segment leads to the first new point that is not in the past. Joints that are not in the new
-    trajectory keep their current segments, which then belong to the new goal.
+    The joints follow the current trajectory until `start_ns`, or until `next_ns` if `start_ns` is
+    in the past. From then on, a connecting segment leads to the first new point that is not in the
+    past. Joints that are not in the new trajectory keep their current segments, which then belong
+    to the new goal.
 
     Args:
         trajectory: new trajectory.
@@ -186,8 +188,8 @@ def plan_segments(
         current: current segments of each joint.
         wraps: whether each joint is continuous; the new points of a continuous joint are shifted by
             full turns so that the connecting segment rotates in the shorter direction.
-        next_ns: time of the next control cycle, ns; the plan starts there.
-        start_ns: time, ns, from which the points' time_from_start counts; may be in the past.
+        next_ns: time of the next control cycle, ns. Points up to this time are in the past.
+        start_ns: time, ns, from which the new points' time_from_start counts.
         goal, tolerances: action goal of the new trajectory and its tolerances, or None.
 
     Returns:

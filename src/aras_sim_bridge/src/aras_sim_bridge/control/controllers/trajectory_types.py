@@ -60,8 +60,8 @@ class TrajectoryGoal:
     """A goal of follow_joint_trajectory.
 
     Attributes:
-        goal_time_tolerance: tolerance of the goal time, s; its sign has the same meaning as in
-            JointTolerance.
+        goal_time_tolerance: tolerance of the goal time, s; a negative value removes the tolerance,
+            and 0 keeps the default.
     """
 
     trajectory: Trajectory

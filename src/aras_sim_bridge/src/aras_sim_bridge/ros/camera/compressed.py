@@ -49,7 +49,7 @@ def encode(image: np.ndarray, encoding: str, settings: dict[str, Value]) -> tupl
             image = cv2.cvtColor(image, _COLOUR[encoding])
         target = "bgr8" if jpeg or image.dtype == np.uint8 else "bgr16"
     if jpeg:
-        # Convert 16 bits to the 8 bits of JPEG: 65535 / 257 is 255.
+        # JPEG has 8 bits per channel; 65535 / 257 is 255.
         if image.dtype == np.uint16:
             image = (image // 257).astype(np.uint8)
         options = [
@@ -78,7 +78,7 @@ class CompressedTopic:
     QUEUE = 30
 
     def __init__(self, image_topic: str, subscriber_watch: SubscriberWatch) -> None:
-        """Advertise `<image_topic>/compressed` and its settings.
+        """Advertise `<image_topic>/compressed` and the settings of this topic.
 
         `subscriber_watch` is called when subscribers connect or leave.
         """
@@ -103,7 +103,10 @@ class CompressedTopic:
         return len(list_connections(self._publisher))
 
     def publish(self, stamp: Time, frame_id: str, frame: SensorFrame) -> None:
-        """Publish one camera frame in the background; its arrays must not change afterwards."""
+        """Compress and publish a camera frame in the background.
+
+        The arrays of the frame must not change afterwards.
+        """
         self._worker.put((Header(stamp=stamp, frame_id=frame_id), frame))
 
     def unregister(self) -> None:
@@ -140,7 +143,7 @@ class BackgroundWorker:
         threading.Thread(target=self._run, name=name, daemon=True).start()
 
     def put(self, item: tuple[Header, SensorFrame]) -> None:
-        """Add an item without waiting."""
+        """Add an item to the queue without waiting; if the queue is full, drop its oldest item."""
         self._items.append(item)
         self._condition.set()
 
@@ -160,7 +163,10 @@ class BackgroundWorker:
 
 
 def _read_parameters(topic: str) -> dict[str, Value]:
-    """Return the valid settings on the parameter server; log an error for each invalid one."""
+    """Return the valid settings of `topic` on the parameter server.
+
+    An error is logged for each invalid setting.
+    """
     values = get_namespace(topic)
     settings: dict[str, Value] = {}
     for field in COMPRESSED_FIELDS:

@@ -1,8 +1,9 @@
 """Static transforms of camera frames that robot_state_publisher does not publish.
 
-A camera fixed in the world has no URDF, and a preset may specify an optical frame that the URDF
-does not contain. The bridge publishes such frames on /tf_static. One message contains all of these
-frames, because a latched topic only keeps the last message.
+robot_state_publisher only publishes frames that are links of a URDF. This is not the case for a
+camera that is fixed in the world, or if the settings of a camera name another optical frame. The
+bridge publishes such frames on /tf_static. One message contains all of them, because a latched
+topic only keeps the last message.
 """
 
 from __future__ import annotations

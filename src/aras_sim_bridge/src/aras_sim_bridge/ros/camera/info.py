@@ -1,4 +1,4 @@
-"""CameraInfo messages, frame names, and the calibration files that set_camera_info writes."""
+"""Create CameraInfo messages, and write the calibration files of the service set_camera_info."""
 
 from __future__ import annotations
 
@@ -63,7 +63,8 @@ def find_calibration_path(camera_name: str) -> Path:
 def save_calibration(info: CameraInfo, camera_name: str, config: CameraConfig) -> Path:
     """Write a calibration in the format of camera_calibration_parsers and return its path.
 
-    The sensor's parameters are written to NAME_sensor.yaml in the same folder.
+    Parameters of the image sensor that CameraInfo lacks are written to NAME_sensor.yaml in the same
+    folder.
 
     Raises:
         CameraError: the name of the camera is not a valid file name.
@@ -82,7 +83,7 @@ def save_calibration(info: CameraInfo, camera_name: str, config: CameraConfig) -
 
 
 def format_sensor_yaml(config: CameraConfig) -> str:
-    """Return the YAML text of a camera preset with the parameters that CameraInfo lacks."""
+    """Return camera settings as YAML text, limited to parameters that CameraInfo cannot contain."""
     return SENSOR_HEADER + yaml.safe_dump(config.sensor_settings(), sort_keys=False)
 
 

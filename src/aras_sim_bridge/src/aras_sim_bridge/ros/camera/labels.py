@@ -1,4 +1,4 @@
-"""Publisher of the link names that belong to the numbers in segmentation images."""
+"""Publisher of the names of the links that the numbers in segmentation images stand for."""
 
 from __future__ import annotations
 
@@ -13,7 +13,10 @@ from aras_sim_bridge.world.labels import list_links_by_label
 
 
 class LabelTopic(NonBlockingPublisher):
-    """Latched topic whose YAML text maps the numbers in the images to names `model::link`."""
+    """Latched topic that maps the numbers in segmentation images to names `model::link`.
+
+    The message is a YAML text.
+    """
 
     def __init__(self, topic: str, on_change: Callable[[], None]) -> None:
         """Advertise the topic.
@@ -24,7 +27,7 @@ class LabelTopic(NonBlockingPublisher):
         self._labels: tuple[tuple[str, int], ...] | None = None
 
     def update(self, simulation: Simulation) -> None:
-        """Publish the labels if the models have changed; call in the simulation thread."""
+        """Publish the map if the models have changed; call this in the simulation thread."""
         models = simulation.world.models
         labels = tuple((name, model.body_id) for name, model in models.items())
         if labels == self._labels:

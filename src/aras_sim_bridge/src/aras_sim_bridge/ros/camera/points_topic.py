@@ -29,7 +29,8 @@ class PointsTopic(NonBlockingPublisher):
 
         Args:
             topic: name of the topic.
-            rays: (H, W, 3) result of CameraSensor.compute_rays.
+            rays: (H, W, 3) ray of each pixel in the optical frame. The ray times the pixel's depth
+                is the visible point.
             settings: settings of the depth topics.
             on_change: called from any thread when subscribers connect or leave.
         """
@@ -51,5 +52,5 @@ class PointsTopic(NonBlockingPublisher):
         message.height, message.width = height, width
         message.row_step = message.point_step * width
         message.is_dense = bool(np.isfinite(points[..., 2]).all())
-        # the byte after the array is the field is_dense
+        # one byte follows the array in the message: the field is_dense
         self.publish_array(message, points, trailing_bytes=1)

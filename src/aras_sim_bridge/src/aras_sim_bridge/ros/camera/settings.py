@@ -1,4 +1,7 @@
-"""Camera settings in /gazebo/cameras: presets of robot cameras, and cameras of the world."""
+"""Camera settings below the parameter /gazebo/cameras.
+
+They change cameras of spawned robots, or define further cameras that are fixed in the world.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +32,10 @@ def read_cameras() -> Mapping[str, object]:
 
 
 def mount_world_cameras(thread: SimulationThread) -> None:
-    """Add all cameras with `parent: world`; log an error for a camera with invalid settings."""
+    """Add all cameras whose settings contain `parent: world`.
+
+    An error is logged for a camera with invalid settings.
+    """
     for name, settings in mounting.find_world_cameras(read_cameras()):
         try:
             thread.call(lambda n=name, s=settings: thread.simulation.add_camera(n, s), ADD_TIMEOUT)
@@ -41,9 +47,12 @@ def mount_world_cameras(thread: SimulationThread) -> None:
 def check_unused_names(
     settings: Mapping[str, object], thread: SimulationThread, new: RobotDescription
 ) -> None:
-    """Log a warning for settings whose camera does not exist, once for each name.
+    """Log a warning for camera settings whose camera does not exist, once for each camera name.
 
-    `new` is the description of the model that has just been spawned.
+    Args:
+        settings: settings of all cameras.
+        thread: simulation thread.
+        new: description of the model that has just been spawned.
     """
     if not new.cameras:
         return

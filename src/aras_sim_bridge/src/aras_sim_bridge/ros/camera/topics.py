@@ -46,10 +46,9 @@ class CameraTopics:
         thread: SimulationThread,
         before_frame: Callable[[], None] | None = None,
     ) -> None:
-        """Advertise the topics of the camera `mounted` and publish its frames.
+        """Advertise the topics of the camera `mounted`, and publish its frame on /tf_static.
 
-        before_frame: function that the simulation thread calls before a frame is published, or
-            None.
+        If given, the simulation thread calls `before_frame` before it publishes an image.
         """
         self._mounted = mounted
         self._thread = thread
@@ -185,11 +184,11 @@ class CameraTopics:
         self._thread.post(job)
 
     def _on_subscribers(self) -> None:
-        """Make the simulation thread update the outputs; any thread may call this."""
+        """Make the simulation thread call `_update_outputs`; any thread may call this."""
         self._thread.post(self._update_outputs)
 
     def _update_outputs(self) -> None:
-        """Enable the camera and its outputs according to the current subscribers."""
+        """Enable images, depth and segmentation only if their topics have subscribers."""
         mounted = self._mounted
         mounted.on_frame = self._on_frame if self._is_advertised else None
         mounted.enabled = self._is_advertised and any(map(_has_subscribers, self._topics))

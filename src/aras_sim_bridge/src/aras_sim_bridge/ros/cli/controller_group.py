@@ -1,4 +1,7 @@
-"""Program that lists, loads and switches the groups of the parameter controller_groups."""
+"""Program that lists, loads and switches groups of controllers.
+
+The parameter controller_groups defines the groups.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +38,7 @@ def list_groups(groups: dict[str, list[str]]) -> bool:
 
 
 def spawn(controllers: list[str]) -> bool:
-    """Load and start a group's controllers."""
+    """Load and start controllers; return whether all of them were loaded and started."""
     loaded = all([load_controller(name) for name in controllers])
     return loaded and all([start_controller(name) for name in controllers])
 
@@ -93,7 +96,7 @@ def main() -> int:
             return 0 if spawn(group) else 1
         others = {name for names in groups.values() for name in names} - set(group)
         switch(group, others)
-        # As in the original program, the exit status is 0 even if the switch failed. Scripts read
+        # Return 0 even if the switch failed, like the program of the same name in ROS; scripts read
         # the printed text.
         return 0
     except rospy.ROSInterruptException:

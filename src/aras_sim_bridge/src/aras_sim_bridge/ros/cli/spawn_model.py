@@ -166,10 +166,7 @@ def spawn(args: argparse.Namespace) -> None:
 
 
 def set_joint_positions(model: str, joints: list[tuple[str, float]], namespace: str) -> None:
-    """Set joint positions (rad or m) of a model.
-
-    The model exists when the call of the spawn service returns. gazebo_ros's spawn_model sleeps
-    here, which is not necessary.
+    """Set joint positions (rad or m) of a model that has been spawned.
 
     Raises:
         UsageError: the simulator rejects the positions.

@@ -46,8 +46,8 @@ def parse(argv: list[str]) -> argparse.Namespace:
 def wait_for_service(name: str, timeout: float | None) -> bool:
     """Wait for a service and return whether it is available within `timeout`, s of wall time.
 
-    There is no time limit if `timeout` is None. Nor is there one before the first message on
-    /clock, because the simulator is still starting.
+    If `timeout` is None, there is no time limit. If simulated time is used, the function also waits
+    without limit until the simulator publishes on /clock.
     """
     rospy.loginfo("Controller Spawner: Waiting for service %s", rospy.resolve_name(name))
     while not rospy.is_shutdown():
@@ -114,7 +114,10 @@ class Spawner:
         self._loaded: list[str] = []
 
     def wait(self, timeout: float | None) -> bool:
-        """Wait for the three services; return whether all are available within `timeout`, s."""
+        """Wait until controllers can be loaded, switched and unloaded by services.
+
+        Return False if one of the services is not available within `timeout`, s.
+        """
         return all(wait_for_service(name, timeout) for name in self._names.values())
 
     def load(self, names: list[str]) -> None:
@@ -150,8 +153,8 @@ class Spawner:
                 name for name in reversed(self._loaded)
                 if not self._proxies["unload_controller"](name).ok
             ]  # fmt: skip
-            # If no controller can be unloaded, the simulator is probably shutting down like this
-            # program, and no warning is needed.
+            # Log no warning if not a single controller could be unloaded: the simulator is then
+            # probably shutting down, too.
             if len(failed) < len(self._loaded):
                 for name in failed:
                     rospy.logwarn("Failed to unload %s; the simulator's log says why", name)

@@ -24,7 +24,10 @@ from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 
 
 class _SimTimeActionServer(ActionServer):
-    """Server of actionlib whose messages have simulated time stamps; its timer uses wall time."""
+    """Server of actionlib whose messages are stamped with simulated time.
+
+    The server itself decides by wall time when to remove old goals from its status messages.
+    """
 
     def __init__(self, *args: object, thread: SimulationThread) -> None:
         self._thread = thread
@@ -72,7 +75,8 @@ class ControllerAction(ABC):
                  namespace: str, thread: SimulationThread) -> None:
         """Start the action server `namespace`/`topic` for `controller`.
 
-        The class attribute `action` is its type, and `topic` the last part of its name.
+        A subclass defines the class attributes `action`, which is the message type of the action,
+        and `topic`, which is the last part of its name.
         """
         self._controller = controller
         # goals by their ids; used in the simulation thread only

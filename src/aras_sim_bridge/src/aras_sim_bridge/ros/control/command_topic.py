@@ -1,10 +1,9 @@
 """Subscription to a command topic whose messages the simulation thread reads between two steps.
 
-rospy has one thread for each connection, which decodes every message. This is too slow for a node
-of the original project that publishes in a loop without sleep, 6 000 messages per second. Here,
-rospy's thread passes its connection and the bytes that it has already read to the simulation
-thread, and then waits until the connection ends. See runtime/message_receiver.py for the processing
-of the messages.
+rospy decodes every message in a thread of the connection. This is too slow for a client that
+publishes thousands of messages per second. Here, the simulation thread takes over the socket of a
+new connection, together with the bytes that rospy has already read. The thread of rospy then only
+waits for the end of the connection.
 """
 
 from __future__ import annotations
@@ -26,7 +25,8 @@ COMPLAINT_PERIOD = 5.0  # shortest time between two log lines of one topic, s of
 CLOSED_PERIOD = 1.0  # interval of the checks whether rospy has closed a connection, s of wall time
 _lock = threading.Lock()
 _subscriptions: dict[str, _SharedSubscription] = {}
-# attribute `bodies`: message bodies that this thread of rospy has read
+# Data of each thread of rospy: its attribute `bodies` lists the undecoded messages that the thread
+# has read.
 _thread_data = threading.local()
 
 
@@ -81,14 +81,15 @@ class CommandTopic:
 
 
 class _SharedSubscription:
-    """The only subscription of this process to a topic, shared by its CommandTopic objects."""
+    """The only subscription of this process to a topic; several CommandTopic objects share it."""
 
     def __init__(self, topic: str, message: type[Message], thread: SimulationThread) -> None:
         self.command_topics: tuple[CommandTopic, ...] = ()
         self._topic = topic
         self._message = message
         self._thread = thread
-        self._streams: set[MessageStream] = set()  # used in the simulation thread only
+        # streams of the present connections; used in the simulation thread only
+        self._streams: set[MessageStream] = set()
         self._is_subscribed = threading.Event()
         if thread.lockstep is not None:
             thread.lockstep.claim(topic)
@@ -109,10 +110,10 @@ class _SharedSubscription:
             self._thread.lockstep.release(self._topic)
 
     def _adopt_connection(self, message: Message) -> None:
-        """Pass a new connection to the simulation thread; rospy calls this in its own thread.
+        """Make the simulation thread read the socket of a new connection, and wait for its end.
 
-        rospy calls this method for each message that it has read before the connection is passed
-        on. The first call blocks until the connection ends.
+        rospy calls this method, in a thread of the connection, for each message that it has already
+        read. The first call handles all of these messages; later calls return immediately.
         """
         bodies, _thread_data.bodies = _thread_data.bodies, []
         if not bodies:  # an earlier call has already taken this message

@@ -36,7 +36,7 @@ from aras_visual_servo_base.names import resolve_name
 from aras_visual_servo_ros.parameters import get_namespace
 
 T = TypeVar("T")
-SWITCH_TIMEOUT = 10.0  # timeout of a switch request that has a timeout of 0, s of wall time
+SWITCH_TIMEOUT = 10.0  # timeout of a switch request that specifies no timeout (0), s of wall time
 POLL_PERIOD = 0.1  # interval of the checks whether simulated time is paused, s of wall time
 
 
@@ -171,14 +171,20 @@ class ManagerServices:
         self._spawn_record.set_controllers(self._namespace, thread.call(self._manager.list))
 
     def _switch_without_update(self) -> None:
-        """If simulated time is stopped, carry out the switches that wait for a control update."""
+        """Carry out waiting switches now if simulated time is stopped.
+
+        Otherwise they would wait for the next control update.
+        """
         if self._thread.is_time_stopped:
             now = self._thread.simulation.time_ns
             self._robot.hardware.read()
             self._manager.carry_out_switches(now)
 
     def _call_with_parameters(self, job: Callable[[], T]) -> T:
-        """Run `job` between two steps, with the robot's current ROS parameters in the manager."""
+        """Update the manager's copy of the robot's ROS parameters, and run `job`.
+
+        Both are done in the simulation thread, between two steps.
+        """
         parameters = get_namespace(self._namespace or "/")
 
         def refresh_and_call() -> T:

@@ -12,7 +12,10 @@ from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 
 
 class StateSource(Protocol):
-    """Controller, PID or sensor that calls `on_state`, if it is set, with each state."""
+    """Controller, PID or sensor that passes each of its states to the function `on_state`.
+
+    If `on_state` is None, no states are computed.
+    """
 
     on_state: Callable[[object], None] | None
 

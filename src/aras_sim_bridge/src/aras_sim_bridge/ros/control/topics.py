@@ -1,6 +1,7 @@
-"""The topics of a controller, which depend on its command_kind, state_kind and action_kind.
+"""Topics of a controller.
 
-Only the simulation thread accesses the controller; rospy's threads only post jobs to it.
+Its attributes command_kind, state_kind and action_kind determine which topics it has. Only the
+simulation thread accesses the controller; rospy's threads only post jobs to it.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ class PidTopics:
     """Reconfigurable gains and state topic of one PID."""
 
     def __init__(self, namespace: str, pid: Pid, thread: SimulationThread) -> None:
-        """Advertise the gains of `pid` in `namespace`, and its state if `publish_state` is set."""
+        """Advertise the gains of `pid` in `namespace`, and its state if it is to be published."""
         self._pid = pid
         gains = pid.gains
         values = {
@@ -129,10 +130,10 @@ def fill_joint_states(message: JointState, states: base.JointStates) -> None:
 def _restamp(
     fill: Callable[[Message, object], None], thread: SimulationThread
 ) -> Callable[[Message, object], None]:
-    """Return a function that calls `fill` and sets the stamp to the current simulated time.
+    """Return a function that calls `fill` and stamps the message with the current simulated time.
 
-    Controllers are updated before the physics step. At that moment, the simulated time is still the
-    time of the measured joint states.
+    Controllers publish states before the physics step, when the current time is still the time at
+    which the joints were measured.
     """
 
     def fill_and_stamp(message: Message, state: object) -> None:

@@ -13,13 +13,16 @@ NAMESPACE = "/link_attacher_node"
 
 @service_handler(Attach)
 def attach(simulation: Simulation, request: AttachRequest) -> Fields:
-    """Fix the second link to the first link at its current relative pose."""
+    """Fix the second link of the request to the first one, at their current relative pose."""
     simulation.world.attachments.attach(_read_links(request))
 
 
 @service_handler(Attach)
 def detach(simulation: Simulation, request: AttachRequest) -> Fields:
-    """Release the second link; the request names the links in the same order as for `attach`."""
+    """Release the second link of the request from the first one.
+
+    The links must be in the same order as in the request for `attach`.
+    """
     simulation.world.attachments.detach(_read_links(request))
 
 

@@ -27,7 +27,7 @@ def parse_root(text: str) -> Element:
 
 
 def describe_root(root: Element) -> str:
-    """Return the name of a root element for messages."""
+    """Return the name by which error messages refer to a root element."""
     return f"<{safe_xml.shorten(root.tag)}>" if root.tag else "no element"
 
 
@@ -56,16 +56,16 @@ def parse(root: Element) -> RobotDescription | Light:
 
 
 def set_namespace(root: Element, requested: str) -> None:
-    """Set <robotNamespace> of every plug-in that has none, as gazebo_ros does."""
+    """Set <robotNamespace> to `requested` in every plug-in that has no such element."""
     for plugin in root.iter("plugin") if requested else ():
         if plugin.find("robotNamespace") is None:
             ElementTree.SubElement(plugin, "robotNamespace").text = requested
 
 
 def find_namespace(description: RobotDescription, requested: str) -> str:
-    """Return the namespace of the controllers.
+    """Return the namespace of the controllers, which the control plug-in specifies.
 
-    It is that of the control plug-in, or `requested` if the plug-in names none.
+    If the plug-in specifies no namespace, it is `requested`.
     """
     namespaces = [plugin.robot_namespace for plugin in description.control_plugins]
     name = next((namespace for namespace in namespaces if namespace), requested)

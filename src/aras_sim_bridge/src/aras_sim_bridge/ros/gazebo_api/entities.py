@@ -1,7 +1,7 @@
 """Look-up of models, links and joints by the names that Gazebo's clients use.
 
-A link is named `model::link` or only `link`. The name `link` refers to the link of this name whose
-model was spawned first. The same applies to joints.
+A link is named `model::link` or only `link`. If several models have a link of this name, `link`
+means the link of the model that was spawned first. The same applies to joints.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ WORLD_ALIASES = ("", "world", "map", "/map")
 
 
 def find_link(simulation: Simulation, name: str) -> tuple[Model, str]:
-    """Return the model and the plain name of a link.
+    """Return the model of a link, and the link's name without the model.
 
     Raises:
         WorldError: the link does not exist.
@@ -28,7 +28,7 @@ def find_link(simulation: Simulation, name: str) -> tuple[Model, str]:
 
 
 def find_joint(simulation: Simulation, name: str) -> tuple[Model, str]:
-    """Return the model and the plain name of a joint.
+    """Return the model of a joint, and the joint's name without the model.
 
     Raises:
         WorldError: the joint does not exist or closes a kinematic loop.
@@ -43,7 +43,10 @@ def find_joint(simulation: Simulation, name: str) -> tuple[Model, str]:
 
 
 def find_loop_joint(simulation: Simulation, name: str) -> tuple[Model, LoopJoint] | None:
-    """Return the model and the loop joint called `name`, or None if there is none."""
+    """Return the model and the joint `name`, if this joint closes a kinematic loop.
+
+    Return None otherwise.
+    """
     for candidate in simulation.world.models.values():
         for loop in candidate.description.loops:
             if name in (loop.joint.name, candidate.get_scoped_name(loop.joint.name)):
@@ -52,9 +55,10 @@ def find_loop_joint(simulation: Simulation, name: str) -> tuple[Model, LoopJoint
 
 
 def _find_part(simulation: Simulation, name: str, kind: str) -> tuple[Model, str] | None:
-    """Return the model and the plain name of the first link or joint that matches a name.
+    """Return the model of a link or joint, and the name of the part without the model.
 
-    kind: name of an attribute of RobotDescription: "links" or "joints".
+    The first part that matches `name` is returned, or None if there is none. `kind` is "links" or
+    "joints".
     """
     model_name, scope, plain = name.rpartition("::")
     for candidate in simulation.world.models.values():
@@ -92,10 +96,14 @@ def find_frame(simulation: Simulation, name: str) -> tuple[Pose, Twist]:
 def express_in_frame(
     pose: Pose, twist: Twist, frame: Pose, frame_twist: Twist
 ) -> tuple[Pose, Twist]:
-    """Express pose and twist in a reference frame, as Gazebo does.
+    """Express a pose and a twist in a reference frame, as Gazebo does.
 
-    The frame's twist is subtracted from `twist`. As in Gazebo, the velocity that the frame's
-    rotation causes away from the frame's origin is neglected.
+    The frame's twist is subtracted from that of the body. If the frame rotates and the body is not
+    at its origin, this is not the exact relative velocity, but Gazebo computes it in this way.
+
+    Args:
+        pose, twist: pose and twist of a body in the world frame.
+        frame, frame_twist: pose and twist of the reference frame in the world frame.
     """
     inverse = conjugate(frame.quat)
     linear = rotate(inverse, subtract(twist.linear, frame_twist.linear))

@@ -38,7 +38,7 @@ class _Wrench(_TimedForce):
     torque: tuple[float, float, float]
 
     def apply(self) -> None:
-        """Apply the force (at the centre of mass) and the torque for one step, in world axes."""
+        """Apply the force (at the centre of mass) and the torque of the wrench for one step."""
         inertial = self.model.description.links[self.link].inertial
         centre = self.model.link_pose(self.link).apply(inertial.origin_xyz)
         self.model.apply_force(self.link, self.force, centre, self.torque)
@@ -123,7 +123,7 @@ class AppliedForces:
         self._thread.before_step = self._apply_forces if forces else None
 
     def _apply_forces(self, time_ns: int) -> None:
-        """Apply the active forces before the step that ends at `time_ns`."""
+        """Apply all forces that act during the step that ends at `time_ns` (simulated time, ns)."""
         has_expired = False
         for force in self._forces:
             if force.end_ns is not None and time_ns > force.end_ns:

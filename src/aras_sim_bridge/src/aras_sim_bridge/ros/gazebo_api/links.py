@@ -30,8 +30,8 @@ JOINT_TYPES = {
     "fixed": GetJointPropertiesResponse.FIXED,
 }
 INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-# Names of joint properties in this simulator, by their names in ODE. ODE's fmax is the friction: a
-# joint motor with a desired velocity of 0 and the largest force fmax acts as Coulomb friction.
+# Maps ODE's name of a joint property to the name in this simulator. ODE models Coulomb friction by
+# a motor that holds the speed 0 with a force of at most fmax.
 JOINT_FIELDS = {"damping": "damping", "hiStop": "upper", "loStop": "lower", "fmax": "friction"}
 
 
@@ -53,7 +53,7 @@ def get_link_state(simulation: Simulation, request: GetLinkState) -> Fields:
 
 @service_handler(SetLinkState)
 def set_link_state(simulation: Simulation, request: SetLinkState) -> Fields:
-    """Set pose and twist of a model's root link."""
+    """Set pose and twist of a model's root link; other links cannot be set."""
     move_link(simulation, request.link_state)
     return {"status_message": "SetLinkState: success"}
 
@@ -128,7 +128,10 @@ def get_joint_properties(simulation: Simulation, request: GetJointProperties) ->
 
 @service_handler(SetJointProperties)
 def set_joint_properties(simulation: Simulation, request: SetJointProperties) -> Fields:
-    """Set the joint properties that this simulator has; the response lists the others."""
+    """Set damping, stops and friction of a joint.
+
+    The response lists other requested properties, which are not set.
+    """
     config = request.ode_joint_config
     properties: dict[str, float] = {}
     for name in config.__slots__:

@@ -39,7 +39,11 @@ class Models:
     """Services that spawn, delete and read models."""
 
     def __init__(self, forces: AppliedForces, graph_entities: GraphEntities) -> None:
-        """Create the handlers; they update `forces` and `graph_entities` when models change."""
+        """Create the service handlers.
+
+        They remove the forces on a deleted model from `forces`, and open or close the ROS
+        interfaces of models in `graph_entities`.
+        """
         self._forces = forces
         self._graph_entities = graph_entities
         self._call_counts: dict[str, int] = {}

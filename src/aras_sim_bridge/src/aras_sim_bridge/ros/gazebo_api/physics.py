@@ -79,7 +79,10 @@ class Physics:
     def get_physics_properties(
         self, simulation: Simulation, _request: GetPhysicsProperties
     ) -> Fields:
-        """Return the current properties, and the stored parameters of ODE."""
+        """Return the current physics properties.
+
+        They include the parameters of ODE, which are stored but have no effect.
+        """
         return {
             "time_step": simulation.world.time_step,
             "pause": self._thread.paused,
@@ -114,13 +117,13 @@ class Physics:
     def _apply(
         self, time_step: float, rate: float, gravity: tuple[float, ...], ode: dict[str, Value]
     ) -> dict[str, Value]:
-        """Change the physics and return the resulting values, like `_read_values`."""
+        """Change the physics; return the resulting values by their names in dynamic_reconfigure."""
         for name, value in {"max_update_rate": rate, **ode}.items():
             if not math.isfinite(value):
                 raise WorldError(f"{name} is {value}; give a finite number")
         for field in PHYSICS_FIELDS:
-            # The services use unsigned integers, whose range exceeds that of dynamic_reconfigure's
-            # integers.
+            # Check integers here, because the messages of the services also allow values that
+            # exceed the limits of dynamic_reconfigure.
             if field.type == "int" and not field.minimum <= ode[field.name] <= field.maximum:
                 raise WorldError(f"{field.name} is {ode[field.name]}; give a whole number from "
                                  f"{field.minimum} to {field.maximum}")

@@ -32,7 +32,10 @@ FACTOR_PERIOD = 1.0
 
 
 class StateTopics:
-    """Publishers of model states, link states and performance; they send only to subscribers."""
+    """Publishers of model states, link states and performance.
+
+    Messages are only created for topics that have subscribers.
+    """
 
     def __init__(self, namespace: str, thread: SimulationThread, extra: bool) -> None:
         """Advertise model_states and link_states below `namespace`.
@@ -56,7 +59,10 @@ class StateTopics:
             self._factor.publish(self._thread.real_time_factor)
 
     def after_batch(self, simulation: Simulation) -> None:
-        """Publish the topics that have subscribers; called in the simulation thread."""
+        """Publish on all topics that have subscribers, after a group of steps.
+
+        This is called in the simulation thread.
+        """
         if self._models.get_num_connections():
             self._models.publish(make_model_states(simulation))
         if self._links.get_num_connections():

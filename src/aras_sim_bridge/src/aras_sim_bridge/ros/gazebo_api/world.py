@@ -44,7 +44,10 @@ class TimeReset:
     """Service that resets the simulation including its time."""
 
     def __init__(self, on_time_reset: Callable[[], None]) -> None:
-        """Create the handler; after a reset, the simulation thread calls `on_time_reset`."""
+        """Create the service handler.
+
+        The simulation thread calls `on_time_reset` after each reset.
+        """
         self._on_time_reset = on_time_reset
 
     @service_handler(Empty, in_caller_thread=True, call_fails=True)

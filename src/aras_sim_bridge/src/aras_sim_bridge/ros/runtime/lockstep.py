@@ -1,13 +1,15 @@
-"""Lockstep mode: simulated time waits until selected topics have replied to the last camera frame.
+"""Lockstep mode: simulated time waits for the replies to each camera frame.
 
-A round starts just before a frame is published (or when a period of simulated time is over). The
-simulation then makes no step until a message has arrived on every selected topic. Therefore a
-command that is computed from a frame always takes effect in the step after that frame, however slow
-the node is. Messages of different topics use different connections and arrive in any order. For
-this reason, select all topics that act on the simulation, not only the one that a node publishes
-last.
+The user selects the topics on which nodes publish their replies. Just before a frame is published,
+simulated time stops. It continues when a message has arrived on each selected topic. A command that
+is computed from a frame therefore takes effect in the first step after this frame, however slow the
+node is. Instead of each frame, a fixed period of simulated time can be set. The time from one stop
+to the next is called a round.
 
-The simulation also waits while a subscriber has not received an image or a state yet, so that a
+Select all topics that act on the simulation, because messages of different topics arrive in any
+order.
+
+Simulated time also stops while a subscriber has not received all images and states yet, so that a
 recorder receives all of them.
 """
 
@@ -34,9 +36,9 @@ class Lockstep:
 
     `start_round` and `compute_remaining` may only be called in the simulation thread.
 
-    A subscriber to a command topic calls `claim` for the topic, and `note_message` after it has
-    applied a message. Thus a message ends the wait only when it has been applied. Lockstep itself
-    subscribes to the topics that are not claimed.
+    Lockstep subscribes to the selected topics itself. If another subscriber of this process handles
+    the messages of a topic, it calls `claim` first, and `note_message` after each message that it
+    has applied. A message of this topic then counts only after it has been applied.
     """
 
     def __init__(
@@ -48,13 +50,15 @@ class Lockstep:
         clock: Callable[[], float] = time.monotonic,
         flusher: QueueFlusher = QUEUE_FLUSHER,
     ) -> None:
-        """Create a gate that waits for one message on each of `topics` in every round.
+        """Create a gate; in every round, simulated time waits for a message on each of `topics`.
+
+        A round lasts from one stop of simulated time to the next.
 
         Args:
             topics: names of the topics.
-            timeout: wall time after which a round is aborted, s.
-            wake: function that is called when a round may be over; any thread may call it.
-            period: simulated time between two rounds, s; 0 starts a round with each camera frame.
+            timeout: wall time after which simulated time continues without a message, s.
+            wake: function that is called when simulated time may continue; any thread may call it.
+            period: simulated time of a round, s; 0 starts a round with each camera frame.
             clock: function that returns the wall time, s.
             flusher: object that sends the messages that subscribers have not received yet.
 
@@ -83,18 +87,24 @@ class Lockstep:
         self._listeners: dict[str, rospy.Subscriber] = {}
         self._missing_topics: set[str] = set()
         self._silent_topics: set[str] = set()
-        # end of the current wait, s of wall time; None without a wait
+        # wall time at which the present wait ends, s; None if simulated time does not wait
         self._deadline: float | None = None
         self._flusher = flusher
         flusher.on_progress = wake
 
     @property
     def is_closed(self) -> bool:
-        """Whether no step is allowed, because a message is missing or a subscriber is behind."""
+        """Whether no step may be made now.
+
+        A message is missing, or a subscriber has not received all messages of this node yet.
+        """
         return bool(self._missing_topics or self._flusher.list_behind())
 
     def claim(self, topic: str) -> None:
-        """Unsubscribe from `topic`; the caller subscribes to it and calls `note_message`."""
+        """Stop receiving the messages of `topic`, because the caller receives them.
+
+        The caller calls `note_message` for each message.
+        """
         with self._lock:
             self._claimed_topics.add(topic)
             listener = self._listeners.pop(topic, None)
@@ -119,13 +129,16 @@ class Lockstep:
         self._wake()
 
     def after_step(self, time_ns: int) -> None:
-        """Start a round if a period of simulated time is over."""
+        """Wait for messages from now on, if a new period of simulated time has started."""
         if self._period_ns and time_ns >= self._next_ns:
             self._next_ns = (time_ns // self._period_ns + 1) * self._period_ns
             self.start_round()
 
     def before_frame(self) -> None:
-        """Start a round before a frame is published, unless rounds follow a fixed period."""
+        """Wait for messages that reply to the frame that is about to be published.
+
+        If a fixed period is set, this has no effect.
+        """
         if not self._period_ns:
             self.start_round()
 
@@ -138,7 +151,7 @@ class Lockstep:
             self._deadline = self._clock() + self._timeout
 
     def end_round(self) -> None:
-        """End the current round, because simulated time has been reset."""
+        """Stop waiting, because simulated time has been reset or resumed."""
         with self._lock:
             self._missing_topics.clear()
             self._deadline = None
@@ -147,7 +160,7 @@ class Lockstep:
     def compute_remaining(self) -> float | None:
         """Return how long to wait for missing messages, s of wall time; None means no wait.
 
-        After the timeout a warning is logged, and topics without a message are ignored until their
+        After the timeout a warning is logged. A topic without a message is then ignored until its
         next message.
         """
         with self._lock:
@@ -166,7 +179,7 @@ class Lockstep:
             self._silent_topics.update(late)
             for queue in behind:
                 queue.is_abandoned = True
-        # Find the publishers for the warning in another thread, because the ROS master answers
+        # Log the warning in another thread: it names the publishers, which the ROS master reports
         # slowly.
         slow = sorted(queue.name for queue in behind)
         threading.Thread(target=self._warn_late, args=(late, slow), daemon=True).start()

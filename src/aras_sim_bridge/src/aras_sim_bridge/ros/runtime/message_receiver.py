@@ -22,7 +22,7 @@ _LENGTH = struct.Struct("<I")
 
 
 class MessageStream:
-    """Messages of one TCPROS connection; each consists of a length (4 bytes) and a body."""
+    """Messages of one TCPROS connection. A message is sent as its length (4 bytes) and its body."""
 
     def __init__(
         self,
@@ -48,7 +48,7 @@ class MessageStream:
         self._remainder = remainder
         self._bodies = collections.deque(bodies)
         self._delivered_ns = -1
-        # number of messages that were skipped, because newer ones had arrived
+        # number of messages that were skipped because newer ones had arrived
         self.skipped_count = 0
 
     def read(self, buffer: bytearray) -> bool:
@@ -79,13 +79,17 @@ class MessageStream:
         return True
 
     def deliver(self, time_ns: int, backlog: int) -> bool:
-        """Pass on the message for the step that starts at `time_ns`.
+        """Pass the oldest message that has not been skipped to `on_message`.
 
-        Each step gets one message, in the order of arrival. The newest `backlog` waiting messages
-        remain for the following steps, and older messages are skipped. If `backlog` is 0, the
-        newest message is passed on immediately, even if this step already got another message.
+        First, all messages except the newest `backlog` + 1 are skipped. If `backlog` is positive,
+        only one message is passed on per step; the others wait for later steps.
 
-        Return whether a message was passed on.
+        Args:
+            time_ns: simulated time at the start of the next step, ns.
+            backlog: largest number of messages that wait afterwards.
+
+        Returns:
+            Whether a message was passed on.
         """
         bodies = self._bodies
         if not bodies or (backlog and self._delivered_ns == time_ns):
@@ -99,9 +103,9 @@ class MessageStream:
 
 
 class MessageReceiver:
-    """Wake-up event and message streams of the simulation thread.
+    """Wake-up event and command messages of the simulation thread.
 
-    Any thread may call `wake`; all other methods belong to the simulation thread.
+    Any thread may call `wake`; all other methods may only be called in the simulation thread.
     """
 
     def __init__(self) -> None:
@@ -134,8 +138,8 @@ class MessageReceiver:
 
     def add(self, stream: MessageStream) -> None:
         """Start to read `stream`."""
-        # End a stream with the same file descriptor: its socket was closed, and the system reused
-        # the number.
+        # An earlier stream with the same file descriptor has ended: the system reuses the number of
+        # a closed socket.
         self._end(self._streams.pop(stream.descriptor, None))
         try:
             self._poll.register(stream.descriptor, select.EPOLLIN)
@@ -155,7 +159,8 @@ class MessageReceiver:
     def deliver(self, time_ns: int, backlog: int) -> bool:
         """Read all streams and pass on the commands for the step that starts at `time_ns`.
 
-        `backlog` is explained in MessageStream.deliver. Return whether there was a command.
+        Return whether there was a command. Of each stream, at most `backlog` commands wait for
+        later steps; older ones are skipped.
         """
         if not self._streams:
             return False
@@ -171,7 +176,10 @@ class MessageReceiver:
         return delivered
 
     def take_skipped_count(self) -> int:
-        """Return the largest number of skipped messages of any stream, and reset the counters."""
+        """Return how many messages were skipped in the stream that skipped the most.
+
+        Messages count since the last call of this method.
+        """
         most = 0
         for stream in self._streams.values():
             most, stream.skipped_count = max(most, stream.skipped_count), 0

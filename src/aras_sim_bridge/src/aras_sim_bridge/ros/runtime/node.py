@@ -38,7 +38,7 @@ log = logging.getLogger(__name__)
 # Interval at which Python switches threads, s. With the default of 5 ms, the simulation thread
 # would wait up to 5 ms for rospy's threads in every step.
 SWITCH_INTERVAL = 0.0005
-# Time at shutdown in which rospy's threads send error responses to waiting clients, s.
+# Time that rospy's threads have at shutdown to send error responses to waiting clients, s.
 ERROR_REPLY_TIME = 0.3
 
 
@@ -125,7 +125,7 @@ class GazeboNode:
 
 
 def _set_up_log(level: str) -> None:
-    """Send the log records of packages that do not use rospy to the console and /rosout."""
+    """Show the log records of packages that do not use rospy on the console and on /rosout."""
     rosout = logging.getLogger("rosout")
     for name in ("aras_sim_bridge", "aras_visual_servo_base"):
         logger = logging.getLogger(name)

@@ -14,8 +14,8 @@ log = logging.getLogger(__name__)
 # Simulated time of a group of steps, ns. The simulation thread wakes up once for each group, that
 # is at 250 Hz.
 BATCH_NS = 4_000_000
-# Largest lag of simulated time behind real time that is caught up, ns of simulated time. A larger
-# lag is dropped.
+# If simulated time lags behind real time by more than this, ns of simulated time, it continues from
+# there and does not catch up.
 LARGEST_LAG_NS = 200_000_000
 WINDOW = 2.0  # time over which the real-time factor is measured, s of wall time
 WARN_BELOW = 0.95  # fraction of the desired real-time factor below which a warning is logged
@@ -38,9 +38,9 @@ class FactorMeter:
         self._time_ns = time_ns
 
     def update(self, time_ns: int, desired: float) -> None:
-        """Update the factor with the simulated time reached so far.
+        """Update the measured factor; `time_ns` is the simulated time reached so far.
 
-        A warning is logged if the factor is below `desired`; 0 disables the warning.
+        A warning is logged if the factor is too far below `desired`; 0 disables the warning.
         """
         now = self._clock()
         elapsed = now - self._wall
@@ -61,8 +61,9 @@ class FactorMeter:
 class Pacer:
     """Pacer that advances simulated time `factor` times as fast as wall time.
 
-    A factor of 0 means as fast as possible. The times at which steps are due are computed from the
-    last restart, so that rounding errors and late wake-ups do not accumulate.
+    A factor of 0 means as fast as possible. The time at which a step is due is computed from the
+    wall time since the last call of `restart`, so that rounding errors and late wake-ups do not
+    accumulate.
     """
 
     def __init__(self, factor: float = 1.0, clock: Callable[[], float] = time.monotonic) -> None:
@@ -79,7 +80,7 @@ class Pacer:
 
     @property
     def real_time_factor(self) -> float:
-        """Real-time factor measured over the last window."""
+        """Real-time factor measured over the last WINDOW seconds."""
         return self._meter.value
 
     def set_factor(self, factor: float, time_ns: int) -> None:
@@ -98,11 +99,13 @@ class Pacer:
     ) -> int:
         """Return the simulated time, ns, up to which steps are due now.
 
+        Steps are usually made in groups. A camera exposure, however, must not wait for the end of
+        its group.
+
         Args:
             time_ns: simulated time reached so far, ns.
-            event_ns: simulated time, ns, of an event that must not wait for the end of its group of
-                steps, such as a camera exposure. The step that contains this time is due as soon as
-                the time is reached. Simulated time may then be ahead by less than one step.
+            event_ns: simulated time of the next exposure, ns. The step that contains this time is
+                due as soon as the time is reached; None if there is no exposure.
             group_ns: simulated time of a group of steps, ns.
         """
         self._meter.update(time_ns, self._factor)
@@ -119,7 +122,10 @@ class Pacer:
     def compute_wait(
         self, time_ns: int, event_ns: int | None = None, group_ns: int = BATCH_NS
     ) -> float:
-        """Return the wall time, s, until the next steps are due; negative if they are overdue."""
+        """Return the wall time, s, until the next steps are due; negative if they are overdue.
+
+        The arguments are those of `find_due_time`.
+        """
         if self._factor <= 0.0:
             return 0.0
         next_ns = (time_ns // group_ns + 1) * group_ns

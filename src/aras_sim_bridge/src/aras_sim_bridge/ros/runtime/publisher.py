@@ -173,7 +173,10 @@ class NonBlockingPublisher:
         self._on_change()
 
     def _close(self, connection: TCPROSTransport) -> None:
-        """Close a broken connection in another thread, because its queue is still in use here."""
+        """Close a broken connection in another thread.
+
+        This thread cannot do it, because it still uses the queue of the connection.
+        """
         threading.Thread(target=self._drop, args=(connection,), daemon=True).start()
 
     def _drop(self, connection: TCPROSTransport) -> None:

@@ -1,9 +1,9 @@
 """Queues of messages for the sockets of subscribers; sending does not block.
 
 A message that a socket does not accept immediately waits in a queue. One thread for all sockets
-sends waiting messages as soon as possible. If a subscriber does not read for a long time, the
-oldest messages are dropped, as in rospy. Lockstep, which must not lose messages, waits while a
-queue `is_behind`.
+sends the waiting messages as soon as possible. If a subscriber does not read for a long time, the
+oldest messages are dropped, as in rospy. To lose no message, lockstep mode (see lockstep.py) stops
+simulated time while `is_behind` is True for a queue.
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ class SendQueue:
             name: name of the subscriber and the topic in log messages.
         """
         self.name = name
-        # While this is True, lockstep does not wait for the queue. `flush` sets it to False when
-        # the queue is empty.
+        # Set to True by lockstep mode when it no longer waits for this queue, and to False by
+        # `flush` when the queue is empty.
         self.is_abandoned = False
         self.socket = connection
         self.descriptor = connection.fileno()
@@ -79,7 +79,10 @@ class SendQueue:
 
     @property
     def is_behind(self) -> bool:
-        """Whether a complete message is waiting, unless `is_abandoned` is True."""
+        """Whether lockstep mode must wait, because a complete message has not been sent.
+
+        This is False while `is_abandoned` is True.
+        """
         return bool(self._messages) and not self.is_abandoned
 
     def flush(self) -> None:
@@ -166,7 +169,7 @@ class QueueFlusher:
                     self.on_progress()
 
     def _stop_polling(self, queue: SendQueue) -> None:
-        """Stop polling the socket unless its queue has new data to send."""
+        """Stop watching whether the socket is writable, unless its queue has new data to send."""
         with self._lock:
             if not queue.has_unsent and self._queues.get(queue.descriptor) is queue:
                 del self._queues[queue.descriptor]

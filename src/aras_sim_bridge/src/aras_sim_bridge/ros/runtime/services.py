@@ -146,8 +146,8 @@ def call_handler(
         return policy.make_response(fields)
     except SimError as error:
         text = f"{policy.type_name}: {error}"
-        # During shutdown, a refused call is no error: after Ctrl-C, spawners still unload their
-        # controllers.
+        # Do not log an error for calls that are refused during shutdown: spawners normally unload
+        # their controllers after Ctrl-C.
         write_log = rospy.logdebug if str(error) == SHUTTING_DOWN else rospy.logerr
         write_log("%s: %s", name, error)
     except rospy.ServiceException:

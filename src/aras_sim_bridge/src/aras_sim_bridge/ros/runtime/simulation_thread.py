@@ -28,18 +28,19 @@ T = TypeVar("T")
 log = logging.getLogger(__name__)
 
 SHUTTING_DOWN = "the simulator is shutting down"
-JOBS_BUDGET = 0.002  # time for which jobs may run between two groups of steps, s of wall time
-# Simulated time after a command during which steps are not grouped, ns. Each step is made when it
-# is due.
+JOBS_BUDGET = 0.002  # Time for which jobs may run between two groups of steps, s of wall time.
+# Simulated time after a command during which the thread wakes up for each single step, ns.
+# Otherwise, it wakes up once for a group of steps.
 STREAM_NS = 5_000_000
-# If at least this number of messages per step is skipped on one connection, steps are grouped even
-# while commands arrive.
+# If a connection skips at least this number of commands per step, steps are made in groups although
+# commands arrive.
 FLOOD = 3
-PAUSED_PERIOD = 0.004  # interval between two reads of commands while paused, s of wall time
-# Largest number of commands of one connection that wait for their steps in lockstep mode.
+# interval between two reads of the command topics while time is paused, s of wall time
+PAUSED_PERIOD = 0.004
+# In lockstep mode, largest number of commands of one connection that wait for later steps.
 LOCKSTEP_BACKLOG = 8
-# Longest duration of jobs whose delay simulated time catches up, s of wall time. The delay of
-# longer jobs, such as a spawn, is dropped.
+# If jobs, such as a spawn, take longer than this, s of wall time, simulated time does not catch up
+# with real time afterwards.
 STALL = 0.05
 
 
@@ -91,8 +92,8 @@ class SimulationThread:
         # Function that is called before each step, with the simulated time (ns) at the end of this
         # step. Set it in the simulation thread only.
         self.before_step: Callable[[int], None] | None = None
-        # Lockstep stops simulated time while lockstep.is_closed, except in step(). Set lockstep
-        # before `start`.
+        # Object of lockstep mode, or None. No step is made while lockstep.is_closed, except by
+        # step(). Set it before `start`.
         self.lockstep: Lockstep | None = None
 
     def start(self, timeout: float = 60.0) -> None:
@@ -116,7 +117,7 @@ class SimulationThread:
 
     @property
     def is_time_stopped(self) -> bool:
-        """Whether the thread makes no steps, because it is paused or lockstep waits."""
+        """Whether no steps are made, because time is paused or lockstep mode waits for messages."""
         return self._paused or (self.lockstep is not None and self.lockstep.is_closed)
 
     @property
@@ -164,7 +165,7 @@ class SimulationThread:
                     f"the simulation did not answer within {timeout:g} s; try again when the "
                     "processor is less busy"
                 ) from None
-            # The job started just before the timeout. Wait for its end, because jobs are short.
+            # The job started just before the timeout. Jobs are short, so wait until it has ended.
             return future.result()
 
     def post(self, job: Callable[[], None]) -> None:
@@ -189,8 +190,8 @@ class SimulationThread:
             if self._paused:
                 self._paused = False
                 if self.lockstep is not None:
-                    # End a lockstep round that step() has started, so that the round does not stop
-                    # simulated time now.
+                    # Cancel a wait for messages that single steps have started, so that it does not
+                    # stop simulated time now.
                     self.lockstep.end_round()
                 self._pacer.restart(self.simulation.time_ns)
 
@@ -206,7 +207,8 @@ class SimulationThread:
         deadline = time.monotonic() + timeout
         done = 0
         while done < count:
-            chunk = min(count - done, 100)  # short jobs, so that other jobs can run between them
+            # make at most 100 steps per job, so that other jobs can run in between
+            chunk = min(count - done, 100)
             self.call(lambda n=chunk: self._advance(n), max(deadline - time.monotonic(), 0.1))
             done += chunk
             if time.monotonic() > deadline and done < count:
@@ -275,8 +277,8 @@ class SimulationThread:
         )  # fmt: skip
         while True:
             receiver.clear_wake()
-            # Check for a stop after clear_wake: the wake-up of a later stop request is then not
-            # cleared.
+            # Read the flag only after clear_wake: if a stop is requested after this line, its
+            # wake-up is still pending.
             if self._is_stopping:
                 return
             if jobs:
@@ -304,7 +306,10 @@ class SimulationThread:
                 self._stream_until_ns = simulation.time_ns + STREAM_NS
 
     def _make_steps(self, end_ns: int) -> None:
-        """Make the steps up to `end_ns`; stop early for a job, a pause or lockstep."""
+        """Make all steps until the simulated time reaches `end_ns`, ns.
+
+        Stop early if a job is pending, time is paused, or lockstep mode waits for messages.
+        """
         simulation, gate, jobs = self.simulation, self.lockstep, self._jobs
         start_ns = simulation.time_ns
         while simulation.time_ns < end_ns and not (gate is not None and gate.is_closed):
@@ -322,12 +327,11 @@ class SimulationThread:
         self._after_batch(simulation.time_ns)
 
     def _compute_backlog(self, end_ns: int) -> int:
-        """Return how many commands of each connection may wait for steps after the next one.
+        """Return how many commands of a connection may wait for the steps after the next one.
 
-        In real-time mode, the result is the number of due steps, including the next one. If a
-        client sends one command for each step, no command is skipped even if two arrive between two
-        steps.
-        In the mode `max` the result is 0, and in lockstep mode it is LOCKSTEP_BACKLOG.
+        In real-time mode, this is the number of steps that are due now. A client that sends one
+        command per step then loses none, even if two commands arrive between two steps. In the mode
+        `max`, no command waits. In lockstep mode, the number is LOCKSTEP_BACKLOG.
         """
         if self._pacer.factor > 0.0:
             return -((self.simulation.time_ns - end_ns) // self.simulation.step_ns)
@@ -335,21 +339,21 @@ class SimulationThread:
 
     @property
     def _is_streaming(self) -> bool:
-        # A difference above STREAM_NS means that simulated time was reset after the last command.
+        # The difference exceeds STREAM_NS only if simulated time was reset after the last command.
         return 0 < self._stream_until_ns - self.simulation.time_ns <= STREAM_NS
 
     def _compute_group_ns(self) -> int:
-        """Return the simulated time, ns, of a group of steps that are made together.
+        """Return the simulated time, ns, of the steps that are made after one wake-up.
 
-        Groups reduce the number of wake-ups. While commands arrive, the steps are made one by one
-        when they are due, so that no command waits. At very high command rates, steps are grouped
-        nevertheless, because a new command has arrived before every step anyway.
+        Usually this is a group of steps, which saves wake-ups. While commands arrive, it is a
+        single step, so that no command waits for the end of a group. If commands arrive faster than
+        steps are made, it is a group again, because each step finds a new command anyway.
         """
         is_single = self._is_streaming and not self._is_flooded
         return self.simulation.step_ns if is_single else BATCH_NS
 
     def _run_jobs(self) -> None:
-        """Run pending jobs for JOBS_BUDGET, but at least one so that every job runs eventually."""
+        """Run pending jobs until JOBS_BUDGET is over, but at least one job."""
         jobs = self._jobs
         start = time.monotonic()
         while jobs and not self._is_stopping:

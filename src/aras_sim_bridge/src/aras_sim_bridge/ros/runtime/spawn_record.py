@@ -24,7 +24,10 @@ class SpawnRecord:
     """Spawned models and loaded controllers, in the order of spawning."""
 
     def __init__(self, enabled: bool) -> None:
-        """Read the record of a previous node; without `enabled` the record is never used."""
+        """Read the record that a previous node has left.
+
+        If `enabled` is False, no record is read or written.
+        """
         self._is_enabled = enabled
         self._previous = get_namespace(PARAMETER) if enabled else {}
         self._models: dict[str, dict[str, object]] = {}

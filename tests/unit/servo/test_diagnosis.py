@@ -714,7 +714,9 @@ def test_a_run_that_ends_at_its_goal_before_the_hold_time_is_over_says_so(
         t = 0.1 * k
         record = answered(t, np.array([0.5 if t > arrival - 0.01 else 30.0 * np.exp(-t)]))
         if interruption is not None and abs(t - interruption) < 0.01:
-            record.state.scheme_output, record.state.phase = None, "holding"
+            record = replace(
+                record, state=replace(record.state, scheme_output=None, phase="holding")
+            )
         diagnosis.add(record)
     diagnosis.add(RunEvent("timed_out", time=2.5))
     found, text = diagnosis.outcome, "not converged after 2.5 s"

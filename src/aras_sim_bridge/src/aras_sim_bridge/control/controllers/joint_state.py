@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from math import inf
+from typing import Any
 
 from aras_sim_bridge.control.controllers.base import (
     ClaimedResources,
@@ -34,6 +35,12 @@ class JointStateController(Controller):
 
     interface = STATE
     state_kind = "joint_states"
+    is_read_only = True
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        """Note whether the subclass inherits `update`, which only reads the joints."""
+        super().__init_subclass__(**options)
+        cls.is_read_only = cls.update is __class__.update
 
     def init(self, hardware: RobotHardware, parameters: Mapping, context: Context) -> None:
         """Read the parameters.
@@ -58,8 +65,6 @@ class JointStateController(Controller):
         extras = _read_extra_joints(parameters, where, set(names))
         self.names = (*names, *(name for name, *_ in extras))
         self._extra = tuple([e[k] for e in extras] for k in (1, 2, 3))
-        # Whether the class inherits `update` from this class; it then only reads the joints.
-        self.is_read_only = type(self).update is JointStateController.update
         self._start_ns: float | None = None
         self._periods, self._due_ns = 0, inf
 

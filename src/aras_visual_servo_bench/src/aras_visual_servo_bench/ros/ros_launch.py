@@ -11,8 +11,8 @@ import time
 from pathlib import Path
 
 _PR_SET_PDEATHSIG = 1
-# The library is loaded before any fork, because loading it between fork and exec could wait forever
-# for a lock of another thread.
+# The C library is loaded here, before any fork. Loading it between fork and exec could wait forever
+# for a lock that another thread holds.
 _PRCTL = ctypes.CDLL(None).prctl
 
 
@@ -99,8 +99,8 @@ class RosLaunch:
         found = []
         for entry in Path("/proc").glob("[0-9]*"):
             with contextlib.suppress(OSError):
-                # The file contains the id, the command in brackets, then state, parent, group,
-                # session, ...
+                # /proc/PID/stat contains the process id, the command in brackets, then state,
+                # parent, process group, session, ...
                 fields = (entry / "stat").read_bytes().rpartition(b")")[2].split()
                 if int(fields[3]) == self._process.pid and fields[0] != b"Z":
                     found.append(int(entry.name))

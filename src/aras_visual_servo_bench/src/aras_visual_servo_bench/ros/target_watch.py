@@ -21,7 +21,7 @@ PERIOD = 0.5  # shortest time between two queries of the target's pose, s of wal
 
 
 class TargetWatch:
-    """Updates the shapes of the target in a RunTrace.
+    """Updates the drawing of the target in a RunTrace, which collects the data of a displayed run.
 
     Attributes:
         missing_reason: message if the simulation has no target, otherwise ''.
@@ -50,7 +50,7 @@ class TargetWatch:
         run_trace.target = self._shapes
 
     def _read_drawing(self) -> ModelDrawing:
-        """Return the drawing of the target; it is empty if there is no valid description."""
+        """Return the drawing of the target; it is empty if the target has no valid description."""
         try:
             urdf = str(rospy.get_param(TARGET_DESCRIPTION, ""))
             if self._cached_drawing[0] != urdf:

@@ -92,15 +92,13 @@ class ServoEnv(gymnasium.Env):
 
     An action (6,) in [-1, 1] is the camera twist as a fraction of `max_twist`. Components of the
     twist that the scheme does not control have no effect, for example rotations if the scheme
-    controls only the position.
-    The observation is either the feature errors (k,) followed by the joints (n,), or the grey image
-    (rows, columns), uint8, of the control camera.
-    The reward is -|e| / |e0| with the feature errors e and their initial values e0, plus 1 while
-    the loop is converged.
-    An episode is terminated when the loop has converged or has lost its target, and truncated when
-    the duration of the experiment is over.
-    `info` contains the outcome, the verdict, the distance and angle to the goal, and the current
-    true pose `camera_T_goal` (4, 4) of the goal, for example for imitation learning.
+    controls only the position. The observation is either the feature errors (k,) followed by the
+    joint positions (n,), or the grey image (rows, columns), uint8, of the camera that is
+    controlled. The reward is -|e| / |e0| with the feature errors e and their initial values e0,
+    plus 1 while the loop is converged. An episode is terminated when the loop has converged or has
+    lost its target, and truncated when the duration of the experiment is over. `info` contains the
+    outcome that the loop reports, the verdict by the true camera pose, the distance (m) and angle
+    (rad) to the goal, and the true pose `camera_T_goal` (4, 4), for example for imitation learning.
 
     `gymnasium.make_vec(ENVIRONMENT, 8, "async", experiment=...)` runs environments in parallel.
 
@@ -181,7 +179,7 @@ class ServoEnv(gymnasium.Env):
         return self._make_observation(), reward, lost or reached, state is None, self._make_info()
 
     def render(self) -> np.ndarray | None:
-        """Return the latest image (rows, columns, 3), rgb; None if features are exact."""
+        """Return the latest image (rows, columns, 3), rgb; None if the experiment has no images."""
         reading = self.loop.reading
         if reading is None or not reading.has_image:
             return None

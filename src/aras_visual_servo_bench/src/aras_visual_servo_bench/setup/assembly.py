@@ -57,10 +57,10 @@ class Assembly:
         rig: computes the observations of the cameras.
         cameras: cameras by name, the control camera first.
         goal: goal of the control loop.
-        goal_pose: world_T_camera (4, 4) of the true control camera at the goal.
+        goal_pose: true world_T_camera (4, 4) of the control camera at the goal.
         target: target of the control camera, with its pose in the world.
-        placements: pose of each other camera relative to the control camera, by name.
-        postures: search for postures of the arm; None for a free camera.
+        placements: poses of the other cameras relative to the control camera, by name.
+        postures: object that finds joint positions of the arm; None for a free camera.
         notes: warnings about occlusions and collisions of the arm at start and goal.
     """
 
@@ -89,8 +89,8 @@ class Assembly:
     def observe(self, frame: Frame, joints: Any, commands: tuple = ()) -> Observation:
         """Compute the observation of a frame as the controller does.
 
-        On the plant 'ideal', the plane of the target is computed from the exact camera pose and is
-        used as if it were measured.
+        On the plant 'ideal', the observation contains the plane of the target, computed from the
+        exact camera pose.
         """
         plane = None
         if self.plant.has_exact_plane:
@@ -171,7 +171,7 @@ class GoalLocation:
 
     pose: world_T_camera (4, 4) of the true control camera.
     joints: position of each joint at the goal, by name; empty if the experiment gives none.
-    loaded_goal: goal that was read from a file; None: the goal is taught.
+    loaded_goal: goal that was read from a file; None: no file is given, so the goal is taught.
     """
 
     pose: np.ndarray
@@ -208,16 +208,18 @@ def _read_goal_joints(context: SetupContext) -> np.ndarray:
     """Return the joints (n,) of a goal that the experiment gives as joints."""
     try:
         joints = find_start_joints(context.experiment.goal, context.arm, context.settings.package)
-    except ConfigurationError as error:  # the message names `~start`, but the setting is `goal`
+    # The error message names the parameter `~start`, but the wrong setting is `goal`.
+    except ConfigurationError as error:
         raise ExperimentError(str(error).replace("parameter ~start", "goal", 1)) from error
     check_within_limits(joints, context.arm, "goal")
     return joints
 
 
 def make_arms(context: SetupContext, pose: np.ndarray) -> tuple[Arm | FreeBody, Arm | FreeBody]:
-    """Return the true arm and the arm with the camera calibration that the controller uses.
+    """Return the arm with the true camera calibration, and with the one that the controller uses.
 
-    pose: world_T_camera (4, 4) at the goal; a free camera has coordinates 0 there.
+    pose: world_T_camera (4, 4) at the goal, from which the coordinates of a free camera are
+        measured.
     """
     offset = context.control_camera.spec.calibration_offset
     if not context.has_free_camera:
@@ -231,7 +233,7 @@ def make_arms(context: SetupContext, pose: np.ndarray) -> tuple[Arm | FreeBody, 
 def make_calibrated_kinematics(
     context: SetupContext, pose: np.ndarray, control: Arm | FreeBody
 ) -> dict[str, FreeBody | CameraKinematics]:
-    """Return the calibrated kinematics of the other cameras that the scheme reads, by name.
+    """Return the kinematics, as the controller knows them, of all cameras but the control camera.
 
     Args:
         pose: world_T_camera (4, 4) of the true control camera at the goal.
@@ -336,15 +338,17 @@ def make_goal(
 def compute_goal(
     context: SetupContext, loaded_goal: Goal, arms: Mapping[str, FreeBody | CameraKinematics]
 ) -> Goal | None:
-    """Compute the goal of the calibrated cameras from a goal file.
+    """Compute the goal of the loop from a goal that was loaded from a file.
 
     Return None, so that the goal is taught, in three cases: the file lacks data that the scheme
-    needs; it lacks data of a camera with its own target; or the target is a solid, and the goal in
-    the file was taught with the plates of the demo.
+    needs; it lacks data of a camera with its own target; or the target of the experiment is a
+    solid, but the goal in the file was taught with the two plates of the demo.
+
+    arms: kinematics of the cameras that the controller uses, by name.
     """
     goal = loaded_goal.for_cameras(arms)
     if any(context.has_own_target(n) and n not in loaded_goal.cameras for n in context.needs):
-        return None  # the goal file has no entry for a camera that observes its own target
+        return None  # for a camera that observes its own target, the goal file has no data
     if goal.target is not None and context.target.shape.is_solid:
         return None
     try:
@@ -355,7 +359,7 @@ def compute_goal(
 
 
 def with_calibrated_depths(context: SetupContext, goal: Goal) -> Goal:
-    """Return the goal with its depths multiplied by each camera's `calibration_offset.depth`."""
+    """Return a goal with the depth for each camera multiplied by its `calibration_offset.depth`."""
     scaled = {
         name: _scale_depth(camera_goal, context.cameras[name].spec.calibration_offset.depth)
         for name, camera_goal in goal.cameras.items() if name in context.cameras
@@ -365,7 +369,7 @@ def with_calibrated_depths(context: SetupContext, goal: Goal) -> Goal:
 
 
 def _scale_depth(goal: Goal, factor: float) -> Goal:
-    """Return a goal with its depth, and the depths of its plane, multiplied by `factor`."""
+    """Return a goal with its depth, and the depths of its target plane, multiplied by `factor`."""
     if factor == 1.0:
         return goal
     depth = None if goal.depth is None else goal.depth * factor

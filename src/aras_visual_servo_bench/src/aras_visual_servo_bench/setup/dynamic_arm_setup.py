@@ -25,7 +25,7 @@ PLATES_OFFSET = (0.0, 0.0, 0.591)  # origin of the model in PLATES_FILE, in the 
 
 
 def find_mounted_targets(experiment: Experiment) -> dict[str, MountedTarget]:
-    """Return the targets to add to links of the Bullet arm, by the name of the new link.
+    """Return the targets to fix to links of the Bullet arm, by the name of each target's new link.
 
     Targets that are already in the robot description are omitted.
     """

@@ -31,12 +31,12 @@ if TYPE_CHECKING:
     from .postures import Postures
 
 # Data that are measured in a rendered image when a goal is taught. Systematic errors of the image
-# processing are then equal at the goal and in the run, and cancel.
+# processing are then the same at the goal and during the run, so they do not affect the result.
 RENDERED_NEEDS = {Need.IMAGE, Need.CONTOUR, Need.CORNERS}
 # Maximum difference between the area of the target in the image and the area of the polygon of its
 # corners, relative to the latter area.
 AREA_TOLERANCE = 0.1
-SUSPICIOUS_LENGTH = 1.0  # m; the file of a solid of at least this length is probably in millimetres
+SUSPICIOUS_LENGTH = 1.0  # length of a solid from which its file is assumed to be in millimetres, m
 VIEW_REMEDY = "give a goal from which the camera sees the target, or move the target"
 
 
@@ -151,11 +151,12 @@ def teach_goal(
     name: str,
     joints: Mapping[str, float],
 ) -> Goal:
-    """Compute the goal from the true cameras' views, as the controller observes them.
+    """Compute the goal from the views of the cameras at the goal pose.
 
     Args:
         pose: world_T_camera (4, 4) of the true control camera.
-        mountings: calibrated pose (4, 4) of each camera in the frame of the true camera, by name.
+        mountings: pose (4, 4) of each camera according to its calibration, in the frame of the true
+            camera, by name.
         other_kinematics: kinematics of the other cameras that the controller uses, by name.
         images: image of each camera, by name; for a camera without an image, exact features are
             computed.
@@ -196,7 +197,7 @@ def _check_is_target(context: SetupContext, observation: Observation, pose: np.n
     pose: world_T_camera (4, 4) of the true camera.
 
     Raises:
-        ExperimentError: the detected object has another position or another area.
+        ExperimentError: the position or the area of the detected object is wrong.
     """
     area = None
     if observation.moments is not None:

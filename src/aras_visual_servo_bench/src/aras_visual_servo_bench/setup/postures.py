@@ -117,8 +117,8 @@ class Postures:
     def find_start_joints(self, pose: np.ndarray, goal: np.ndarray | None) -> np.ndarray:
         """Find the joints (n,) of a start that put the camera at `pose`, world_T_camera (4, 4).
 
-        The search starts at the joints at the goal, as in the controller node (goals.starts), so
-        that the arm can reach the goal without changing its configuration.
+        The search starts at the joint positions at the goal, so that the arm can reach the goal
+        without changing its configuration.
 
         goal: joints (n,) at the goal; None: not known, so the search starts with all joints at 0.
 
@@ -195,11 +195,13 @@ def _find_collision(postures: Postures, joints: tuple[float, ...]) -> str:
 def _make_static_arm(postures: Postures) -> StaticArm | None:
     """Return the arm in its surroundings; the result is cached.
 
-    Return None if the arm cannot be simulated. The plant raises the error later in this case.
+    Return None if the arm cannot be simulated. No error is raised here, because making the plant
+    raises it later.
     """
     spec, solid = postures.target, postures.is_solid
     has_target = postures.carrier or spec.is_provided
-    # A target that is a link of the robot is not rendered, because it does not hide itself.
+    # The arm is rendered without the link that is the target, because the target does not hide
+    # itself.
     target_link = spec.link if spec.link and not spec.model else ""
     target = spec if solid and not has_target else None
     world = postures.world if solid else ""

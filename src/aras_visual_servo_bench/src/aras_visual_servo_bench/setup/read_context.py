@@ -28,7 +28,7 @@ from .setup_context import SetupContext
 if TYPE_CHECKING:
     from ..experiment.added_links import MountedTarget
 
-# data that exist only in an image, not in features computed from the geometry
+# data that can be measured only in an image, not computed from the geometry of the target
 IMAGE_ONLY_NEEDS = {Need.IMAGE, Need.KERNEL}
 
 SchemeWrapper = Callable[[Scheme | JointController], Scheme | JointController]
@@ -181,8 +181,9 @@ def locate_cameras(
             arm = robot.make_arm(control.name)
             other, rest = robot.make_camera_kinematics(name, arm), np.zeros(len(arm.names))
             if isinstance(other, InverseCameraKinematics):
-                # For all joint positions q, other(q) = target_T_control @ inverse(arm(q)) @
-                # fixed_pose. At q = 0, this equation gives target_T_control.
+                # With the control camera's pose arm(q) at the joint positions q, the pose of a
+                # camera that moves opposite to it is other(q) = target_T_control @ inverse(arm(q))
+                # @ fixed_pose. At q = 0, this equation gives the constant target_T_control.
                 target_T_control = other.pose(rest) @ inverse(other.fixed_pose) @ arm.pose(rest)
                 placements[name] = CameraPlacement(
                     other.fixed_pose, target_T_control=target_T_control

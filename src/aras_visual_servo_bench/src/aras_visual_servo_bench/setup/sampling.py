@@ -26,11 +26,13 @@ GUESS_SPREAD = 0.5  # maximum random deviation of an initial guess from the give
 # EARLY_TOLERANCE, m and rad. For 67 reachable poses, the error was smaller after six steps, and no
 # search needed more than ten steps.
 EARLY_STEPS, EARLY_TOLERANCE = 6, 0.1
-# Maximum error of the pose of the camera, m and rad. An arm that cannot roll the camera has an
-# error of 2e-5 at a start that is rotated about the vertical, if the goal is tilted by a
-# milliradian. Such starts are allowed.
+# Maximum error of the pose of the camera, m and rad. An arm that cannot roll its camera cannot
+# reach a rotated start exactly if the goal is slightly tilted: with a tilt of 1 mrad, the error is
+# 2e-5. Such starts are allowed.
 POSE_TOLERANCE = 1e-4
-DAMPING = 1e-3  # damping of the least squares, in m or rad of the camera per rad or m of a joint
+# Weight of joint motions in the damped least squares; the error of the camera pose has the weight
+# 1.
+DAMPING = 1e-3
 
 
 def draw_start(

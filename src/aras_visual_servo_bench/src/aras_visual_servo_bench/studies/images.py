@@ -1,7 +1,7 @@
-"""Table with one row for each image of a study's runs: numbers, image and depth image.
+"""Table with a row for each image of a study's runs: numbers such as poses, and the images.
 
-An image is stored as a grey or colour PNG. A depth image is stored as a 16-bit PNG in steps of
-0.1 mm; the value 0 means that there is no surface within 6.5 m.
+An image is stored as a grey or colour PNG. A depth image is stored as a 16-bit PNG in steps of 0.1
+mm; the value 0 means that there is no surface within 6.5 m.
 """
 
 from __future__ import annotations
@@ -214,7 +214,7 @@ class ImageRecorder:
         return rows
 
     def _find_images(self, stamp: float) -> dict[str, bytes | None]:
-        """Return the columns with the image that each camera took last before a stamp (s)."""
+        """Return the image that each camera took last before a stamp (s), by column name."""
         columns: dict[str, bytes | None] = {}
         for name, stamps in self._stamps.items():
             latest = bisect_right(stamps, stamp + TIME_TOLERANCE) - 1

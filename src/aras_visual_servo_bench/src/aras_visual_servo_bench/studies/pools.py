@@ -33,7 +33,7 @@ COUNT_PERIOD = 2.0
 POLL_PERIOD = 0.02
 # States of a nanny (Dask's process that starts and supervises a worker) with a living worker.
 STARTING_STATES = ("init", "starting", "running", "undefined")
-# Longest time within which a process has to connect. An overloaded machine can be slow.
+# Longest time for a connection between processes of Dask. An overloaded machine can be slow.
 CONNECT_TIMEOUT = "600s"
 TICK_PERIOD = "10s"  # time between two self-checks of a worker or of the scheduler
 # number of workers that may die while they run the same chunk before the study fails
@@ -45,7 +45,7 @@ FinishedChunk = tuple[StudyTask, rows.Rows | None]
 
 
 class Pool(ABC):
-    """Pool of workers that runs several chunks at the same time and returns them in any order.
+    """Pool of workers that run several chunks (groups of runs) at the same time, in any order.
 
     Attributes:
         workers: number of workers.
@@ -160,11 +160,10 @@ class DaskPool(Pool):
 
     @property
     def has_room(self) -> bool:
-        """True if there are fewer than two chunks per worker: one that runs and one that waits.
+        """True if another chunk can be submitted: there are fewer than two chunks per worker.
 
-        In an adaptive cluster, workers that have not been started are counted, too, because the
-        cluster starts them when chunks wait. Shortly before a restart of the workers, the value is
-        False.
+        Workers that an adaptive cluster has not started yet are counted, too, because the cluster
+        starts them when chunks wait. Shortly before a restart of the workers, the value is False.
         """
         self._check_workers()
         if (
@@ -245,7 +244,7 @@ class DaskPool(Pool):
             if self.cluster is None:
                 asyncio.run(_check_scheduler(address))
             client = self._distributed.Client(address, timeout=ANSWER_TIMEOUT, set_as_default=False)
-        except (OSError, ValueError) as error:  # an OSError can also be a timeout
+        except (OSError, ValueError) as error:  # a timeout of the connection is also an OSError
             reason = read_first_line(error)
             raise StudyError(
                 f"no scheduler answers at {address} ({reason}): start one, or correct the address"
@@ -321,12 +320,14 @@ class DaskPool(Pool):
             )
 
     def _has_live_nanny(self) -> bool:
-        """Return True if a worker on this machine is alive, according to its nanny."""
+        """Return True if a worker on this machine is alive, as reported by its supervising process.
+        """
         nannies = self.cluster.workers.values() if self._is_local else ()
         return any(nanny.status.name in STARTING_STATES for nanny in nannies)
 
     def _restart_workers(self) -> None:
-        """Restart the workers that have a nanny, because only a nanny can start a worker again."""
+        """Restart the workers that have a nanny, the process of Dask that can start a worker again.
+        """
         try:
             workers = self.client.scheduler_info(n_workers=-1)["workers"]
             with_nanny = [address for address, info in workers.items() if info["nanny"]]
@@ -343,7 +344,7 @@ class DaskPool(Pool):
 
 
 def _configure_dask() -> Any:
-    """Configure Dask with short histories and few self-checks; return its module `distributed`."""
+    """Configure Dask for little history and rare self-checks; return its module `distributed`."""
     try:
         import dask
         import distributed  # this import sets defaults, so it must precede dask.config.set
@@ -368,8 +369,8 @@ def _configure_dask() -> Any:
         "distributed.admin.tick.cycle": "60s",
         "distributed.admin.tick.limit": "1h",
         "distributed.admin.system-monitor.interval": TICK_PERIOD,
-        # On an overloaded machine, a worker may start slowly, or may not answer for minutes. With
-        # the following timeouts, Dask does not regard such a worker as lost.
+        # On an overloaded machine, a worker may start slowly, or may not answer for minutes. These
+        # timeouts are long, so that Dask does not regard such a worker as lost.
         "distributed.scheduler.worker-ttl": None,
         "distributed.comm.timeouts.connect": CONNECT_TIMEOUT,
         "distributed.comm.timeouts.tcp": CONNECT_TIMEOUT,
@@ -417,7 +418,7 @@ def _create_cluster(path: str) -> tuple[Any, int]:
 
 
 def _parse_worker_range(path: str, value: Any) -> tuple[int, int]:
-    """Return the minimum and maximum number of workers; both are 0 if the file gives none."""
+    """Return the minimum and maximum number of workers in a cluster file; both 0 if not given."""
     both = value if isinstance(value, list) else [value, value]
     are_counts = all(isinstance(n, int) and not isinstance(n, bool) and n >= 0 for n in both)
     if not (are_counts and len(both) == 2 and both[0] <= both[1] and (both[1] or value == 0)):

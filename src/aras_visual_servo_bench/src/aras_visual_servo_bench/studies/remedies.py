@@ -1,4 +1,4 @@
-"""Apply the remedy of a run to its experiment."""
+"""Apply the remedy, a suggested change of settings after a failure, to a run's experiment."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def _apply_change(experiment: Experiment, change: Change) -> Experiment:
 
 
 def _to_experiment_key(key: str) -> str:
-    """Convert an experiment key or a controller parameter to a dotted key of the experiment."""
+    """Return the dotted key of the experiment for a controller parameter or an experiment key."""
     head = key.partition(".")[0]
     if head in SHARED_PARAMETERS or head in {f.name for f in fields(Experiment)}:
         return key
@@ -164,7 +164,7 @@ def _scale_start(experiment: Experiment, factor: float) -> Experiment:
 
 
 def _scale_sampler(sampler: Sampler, parts: Assembly, factor: float) -> Sampler:
-    """Return a sampler whose maximum offsets from the goal are multiplied by a factor."""
+    """Return a sampler of starts with its maximum offsets from the goal multiplied by a factor."""
     target = parts.target.world_T_target(0.0)
     goal_height = float(parts.goal_pose[2, 3] - target[2, 3])
     low, high = (goal_height + factor * (height - goal_height) for height in sampler.height)

@@ -185,11 +185,9 @@ def make_result_columns(study: Study, run: Run) -> dict[str, Any]:
 
 
 def make_schema(study: Study, labels: Mapping[str, str]) -> pa.Schema:
-    """Return the names and types of the columns of the results.
+    """Return the names and types of the columns of the results, equal for all files of a study.
 
-    They are the same for all result files of a study.
-
-    labels: value of each constant column, by name.
+    labels: text of each column that has the same value in all rows, by name.
     """
     fixed = list(FIXED_COLUMNS.items())
     parameters = [(key, _find_type(study, key)) for key in study.keys if key != "seed"]
@@ -202,9 +200,10 @@ def make_schema(study: Study, labels: Mapping[str, str]) -> pa.Schema:
 def make_table(
     study: Study, rows: Sequence[Mapping[str, Any]], labels: Mapping[str, str]
 ) -> pa.Table:
-    """Make a table of rows.
+    """Make a table of the results of several runs, which are given as rows.
 
-    labels: value of each constant column, by name."""
+    labels: text of each column that has the same value in all rows, by name.
+    """
     schema = make_schema(study, labels)
     columns = []
     for column_field in schema:

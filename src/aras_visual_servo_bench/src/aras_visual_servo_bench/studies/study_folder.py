@@ -1,8 +1,10 @@
 """Folder of a study: its settings, its results in one file per chunk, and a manifest.
 
-study.yaml            settings of the study
-    sha256sums.txt        hash of each result file, added when the file is written
-    manifest.json         settings, versions of the code; after the last run, all hashes
+A chunk is a group of consecutive runs. The folder contains
+
+    study.yaml            settings of the study
+    sha256sums.txt        hash of each result file, written before the file
+    manifest.json         settings and versions of the code; after the last run, also all hashes
     parts/000012.parquet  results of a chunk, one row per run
     times/                wall times of the runs; they differ between executions
     traces/               one row per image, if the study stores traces or images
@@ -44,7 +46,7 @@ class StudyFolder:
         path: path of the folder.
         study: settings of the study.
         manifest: content of manifest.json.
-        labels: text of each column that is equal in all rows, by column.
+        labels: text of each column that has the same value in all rows, by name of the column.
     """
 
     def __init__(self, path: Path, study: Study, manifest: dict[str, Any]) -> None:
@@ -196,7 +198,8 @@ class StudyFolder:
     def find_part(self, chunk: int, kind: str = PARTS) -> Path:
         """Return the path of a chunk's file.
 
-        kind: PARTS, TIMES or TRACES."""
+        kind: PARTS for the results, TIMES for the wall times, TRACES for the rows of images.
+        """
         return self.path / kind / f"{chunk:06d}.parquet"
 
     def find_missing_chunks(self) -> list[int]:
@@ -256,7 +259,7 @@ class StudyFolder:
     def read_results(self, kind: str = PARTS) -> pa.Table:
         """Read all stored rows, in the order of the runs; files are cached until they change.
 
-        kind: PARTS, TIMES or TRACES.
+        kind: PARTS for the results, TIMES for the wall times, TRACES for the rows of images.
 
         Raises:
             StudyError: there are no rows, or a file does not have its recorded hash.

@@ -31,8 +31,8 @@ from aras_visual_servo_base.settings import convert
 from ..errors import StudyError
 
 SOBOL_BLOCK = 1024  # number of points of a Sobol sequence that are computed together
-# part of the seed of random settings; it makes their random numbers independent of those of the
-# runs
+# Part of the seed of randomly varied settings. Without it, these settings would be drawn with the
+# same random numbers as the starts and the noise of the runs.
 STREAM_KEY = 0x706F696E
 MAX_VALUES = 1_000_000
 

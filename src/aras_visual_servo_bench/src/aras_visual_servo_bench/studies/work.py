@@ -69,7 +69,8 @@ def carry_out(task: StudyTask) -> rows.Rows:
             raise StudyError(
                 f"a worker has other versions: {difference}; install the same versions there"
             )
-    limit_threads()  # called before each chunk, because a worker can have started at any time
+    # Called for each chunk, because this function does not know whether the worker process is new.
+    limit_threads()
     return _run_isolated_chunk(task) if task.is_isolated else _run_directly(task)
 
 
@@ -174,7 +175,7 @@ def _describe_exit(code: int) -> str:
 
 
 def _run_as_child() -> None:
-    """Run the runs that are named on the standard input; write rows to the standard output.
+    """Execute the runs whose numbers the standard input gives; write rows to the standard output.
 
     All other output is written to the standard error.
     """
@@ -189,7 +190,8 @@ def _run_as_child() -> None:
 
 
 if __name__ == "__main__":
-    # With the module's full name instead of __main__, the parent process can unpickle the rows.
+    # The import gives the module its full name instead of __main__, so that the parent process can
+    # unpickle the rows.
     from aras_visual_servo_bench.studies import work
 
     work._run_as_child()

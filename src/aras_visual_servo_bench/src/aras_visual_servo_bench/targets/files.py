@@ -66,7 +66,8 @@ def write_target(
         target: geometry of a flat or solid target.
         folder: folder into which the files are written.
         name: name of the files, of the model and of its link.
-        meshes: URL of `folder` for the mesh paths in the URDF; '': its absolute path.
+        meshes: URL of `folder` with which the paths of meshes in the URDF start; '': the absolute
+            path of `folder`.
         occluder: lower and upper corner (x, y), m, of a white rectangle on the target; None: no
             occluder.
         box: movable box under the target; None: no box.

@@ -27,7 +27,8 @@ from .scratch import make_scratch_folder
 class SolidTarget(Target):
     """Solid target.
 
-    The plane and the points of the target are those of the section at half its height along z.
+    The feature points of the target, and its plane, are those of the horizontal section of the
+    solid at half its height along z.
 
     solid: geometry of the solid.
     path: mesh file with lengths in m.

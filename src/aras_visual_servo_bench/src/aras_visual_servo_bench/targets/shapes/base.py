@@ -70,7 +70,8 @@ class OutlineShape(FlatShape):
     """Flat polygon.
 
     Attributes:
-        corners: corners (x, y) inside a square of side 1 around the origin; `size` scales them.
+        corners: corners (x, y) inside a square of side 1 around the origin, which the setting
+            `size` scales.
     """
 
     corners: ClassVar[Corners] = ()

@@ -142,7 +142,7 @@ class Reports:
 
 
 def _is_current(page: Path, part: Path) -> bool:
-    """Return whether a report exists and is newer than the results of its run.
+    """Return whether the report of a run exists and is newer than the results of this run.
 
     Args:
         page: path of the report.

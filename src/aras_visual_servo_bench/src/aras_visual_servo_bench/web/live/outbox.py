@@ -27,7 +27,7 @@ def merge_updates(older: dict[str, Any], newer: dict[str, Any]) -> dict[str, Any
         rows = older["samples"] + newer["samples"]
         clears = [i for i, row in enumerate(rows) if row == CLEAR]
         both["samples"] = rows[clears[-1] :] if clears else rows
-    # a full message that is merged with an update remains a full message
+    # a full message remains a full message after it is merged with an update
     both["kind"] = older["kind"]
     return both
 

@@ -106,7 +106,7 @@ def _list_events(run: Run) -> list[tuple[float, str, str, str]]:
 
 
 def _convert_film(run: Run, arrays: ArrayTable) -> dict[str, Any] | None:
-    """Return the images of the control camera, and the overlay for them in px.
+    """Return the images of the control camera, with outlines and points to draw on them (px).
 
     Return None if there are no images.
     """
@@ -195,8 +195,8 @@ def _convert_poses(run: Run, arrays: ArrayTable) -> dict[str, int] | None:
 def _make_scene(runs: Sequence[Run]) -> dict[str, Any] | None:
     """Return the 3-D scene: its shapes that do not move, its centre, size and colours.
 
-    `rims` are the borders of the cameras' images, from which the script draws the moving cameras.
-    Return None if no run has a path of the camera.
+    The script of the page draws the moving cameras; `rims` contains the image border of each camera
+    in the camera frame, m. Return None if no run has a path of the camera.
     """
     paths = [select_servoing_poses(run) for run in runs]
     if not any(map(len, paths)):

@@ -44,9 +44,9 @@ class Chapter:
         name: name of the figure's files.
         title: heading of the group on the page.
         text: description below this heading.
-        draw: function that draws the figure; None for a figure of the panels.
-        panels: function that returns the panels of the time plots.
-        heading, layout: heading and layout of the figure of the panels.
+        draw: function that draws the figure; None: the figure consists of the panels.
+        panels: function that returns the panels (plots over time) of the chapter.
+        heading, layout: heading and layout of a figure that consists of the panels.
         needs: data without which there is no figure.
     """
 

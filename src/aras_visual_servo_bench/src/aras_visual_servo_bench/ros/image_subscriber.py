@@ -44,9 +44,9 @@ class ImageSubscriber:
         self.note = PLAIN_NOTE
 
     def set_viewer_count(self, viewers: int) -> None:
-        """Subscribe if there are viewers, unsubscribe if there are none.
+        """Subscribe to the images if the page has viewers, unsubscribe if it has none.
 
-        The camera node draws the overlay only if it has a subscriber.
+        The camera node draws its overlay only if this image has a subscriber.
         """
         with self._lock:
             if viewers and self._subscribers[0] is None:

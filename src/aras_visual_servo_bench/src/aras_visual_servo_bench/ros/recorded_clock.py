@@ -49,7 +49,7 @@ class RecordedClock:
         self._reset_times = [self._times[i - 1] for i in indices]
 
     def __bool__(self) -> bool:
-        """Return whether the clock shows any time."""
+        """Return whether any time of the clock is known."""
         return bool(self._times)
 
     def find_difference(self, position: Any, stamp: int) -> int:

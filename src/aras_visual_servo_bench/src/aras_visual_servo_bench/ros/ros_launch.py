@@ -27,7 +27,8 @@ class RosLaunch:
     """A roslaunch process and all processes that it starts.
 
     roslaunch runs in a new session. ^C in the terminal therefore interrupts only this program,
-    which then stops all processes in order. Processes that are left are found by their session.
+    which then stops all processes in order. Processes that are then still running are found by
+    their session.
     """
 
     def __init__(self, arguments: list[str], log: Path, environment: dict[str, str]) -> None:

@@ -118,8 +118,8 @@ class ServoEnv(gymnasium.Env):
         """Start the first episode.
 
         Args:
-            experiment: settings of the episodes; None: a free camera with exact features and random
-                starts.
+            experiment: settings of the episodes; None: a free camera, features without images, and
+                random starts.
             max_twist: camera twist of an action whose components are all 1, m/s and rad/s.
             render_mode: None or 'rgb_array'; see `gymnasium.Env`.
             observes: content of an observation: 'features' or 'image'.

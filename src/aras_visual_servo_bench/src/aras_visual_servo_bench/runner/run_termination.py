@@ -118,5 +118,5 @@ class RunTermination:
         return None
 
     def _compute_depth(self, pose: np.ndarray, time: float) -> float:
-        """Compute the depth of the target's origin in the camera frame, m."""
+        """Compute the depth (m) of the target's origin in the camera frame at `time` (s)."""
         return float((inverse(pose) @ self._target.world_T_target(time))[2, 3])

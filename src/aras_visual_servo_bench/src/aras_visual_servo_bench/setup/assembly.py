@@ -169,7 +169,7 @@ def check(experiment: Experiment) -> None:
 class GoalLocation:
     """Camera pose and joints at the goal.
 
-    pose: world_T_camera (4, 4) of the true control camera.
+    pose: true world_T_camera (4, 4) of the control camera.
     joints: position of each joint at the goal, by name; empty if the experiment gives none.
     loaded_goal: goal that was read from a file; None: no file is given, so the goal is taught.
     """
@@ -205,7 +205,7 @@ def read_goal(context: SetupContext) -> GoalLocation:
 
 
 def _read_goal_joints(context: SetupContext) -> np.ndarray:
-    """Return the joints (n,) of a goal that the experiment gives as joints."""
+    """Return the joint positions (n,) of a goal that the experiment gives as joints."""
     try:
         joints = find_start_joints(context.experiment.goal, context.arm, context.settings.package)
     # The error message names the parameter `~start`, but the wrong setting is `goal`.
@@ -236,8 +236,8 @@ def make_calibrated_kinematics(
     """Return the kinematics, as the controller knows them, of all cameras but the control camera.
 
     Args:
-        pose: world_T_camera (4, 4) of the true control camera at the goal.
-        control: calibrated kinematics of the control camera.
+        pose: true world_T_camera (4, 4) of the control camera at the goal.
+        control: kinematics of the control camera, as the controller knows them.
     """
     others: dict[str, FreeBody | CameraKinematics] = {}
     for name in list(context.needs)[1:]:
@@ -271,7 +271,7 @@ def make_postures(context: SetupContext) -> Postures:
 def find_goal_joints(
     context: SetupContext, postures: Postures | None, location: GoalLocation
 ) -> np.ndarray | None:
-    """Return the joints (n,) of the arm at the goal.
+    """Return the joint positions (n,) at the goal.
 
     Return None for a free camera, and if the arm cannot reach the goal; in the second case, the run
     reports an unreachable goal as its outcome.
@@ -282,9 +282,10 @@ def find_goal_joints(
 
 
 def find_joints(postures: Postures | None, pose: np.ndarray) -> np.ndarray | None:
-    """Return joints (n,) that put the camera at a pose; None without an arm or without a solution.
+    """Return joint positions (n,) that put the camera at a pose; None if there are none.
 
-    pose: world_T_camera (4, 4) of the control camera."""
+    pose: world_T_camera (4, 4) of the control camera.
+    """
     if postures is None:
         return None
     try:
@@ -308,11 +309,11 @@ def make_goal(
 
     Args:
         location: camera pose and joints at the goal.
-        joints: joints (n,) of the arm at the goal; None: not known.
+        joints: joint positions (n,) at the goal; None: not known.
         postures: search for postures of the arm; None for a free camera.
         arm: true kinematics of the control camera.
-        calibrated_arm: kinematics of the control camera that the controller uses.
-        calibrated_others: kinematics of the other cameras that the controller uses, by name.
+        calibrated_arm: kinematics of the control camera, as the controller knows them.
+        calibrated_others: kinematics of the other cameras, as the controller knows them, by name.
     """
     control, loaded = context.control_camera.name, location.loaded_goal
     goal = (
@@ -381,9 +382,9 @@ def find_start(
     context: SetupContext, postures: Postures | None, arm: Arm | FreeBody, goal_pose: np.ndarray,
     goal_joints: np.ndarray | None,
 ) -> np.ndarray:
-    """Return the joints (n,) at the start.
+    """Return the joint positions (n,) at the start.
 
-    goal_joints: joints (n,) at the goal; None: not known.
+    goal_joints: joint positions (n,) at the goal; None: not known.
     """
     start = context.experiment.start
     if isinstance(start, Sampler):
@@ -410,7 +411,7 @@ def find_start(
 
 
 def read_start_joints(context: SetupContext) -> np.ndarray:
-    """Return the joints (n,) of a start that is given by name or as joints."""
+    """Return the joint positions (n,) of a start that is given by name or as joints."""
     joints = find_start_joints(context.experiment.start, context.arm, context.settings.package)
     if joints is None:
         raise ExperimentError("start is 'none', but a plant needs a start: give a pose or joints")
@@ -425,8 +426,8 @@ def check_postures(
     """Log warnings about occlusions and collisions of the arm at goal and start, and return them.
 
     Args:
-        goal: joints (n,) at the goal; None: not known.
-        start: joints (n,) at the start.
+        goal: joint positions (n,) at the goal; None: not known.
+        start: joint positions (n,) at the start.
         is_given: whether the experiment gives the joints at the goal.
     """
     if postures is None or goal is None:
@@ -455,7 +456,7 @@ def make_servo(context: SetupContext, calibrated_arm: Arm | FreeBody, goal: Goal
 
 
 def make_plant(context: SetupContext, arm: Arm | FreeBody, start: np.ndarray) -> Plant:
-    """Make the plant, with the arm at the joints `start` (n,)."""
+    """Make the plant, with the arm at the joint positions `start` (n,)."""
     experiment = context.experiment
     if experiment.plant == "bullet":
         from .dynamic_arm_setup import make_dynamic_arm

@@ -51,7 +51,7 @@ def find_mounted_targets(experiment: Experiment) -> dict[str, MountedTarget]:
 def make_dynamic_arm(
     context: SetupContext, start: np.ndarray, is_teaching: bool = False
 ) -> DynamicArm:
-    """Make the simulated arm at the joints `start` (n,), rad or m.
+    """Make the simulated arm at the joint positions `start` (n,), rad or m.
 
     is_teaching: whether the arm is for teaching a goal: noise, occluder and changes of the light
         are then omitted.

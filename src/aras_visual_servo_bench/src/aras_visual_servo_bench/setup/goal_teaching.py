@@ -112,13 +112,13 @@ def show_goal(
     """Teach a goal at a camera pose, with rendered images if the features need them.
 
     Args:
-        pose: world_T_camera (4, 4) of the true control camera.
+        pose: true world_T_camera (4, 4) of the control camera.
         name: name of the goal.
-        joints: joints (n,) of the arm at the goal; None: not known.
+        joints: joint positions (n,) at the goal; None: not known.
         postures: search for postures of the arm; None for a free camera.
         arm: true kinematics of the control camera.
-        calibrated_arm: kinematics of the control camera that the controller uses.
-        others: kinematics of the other cameras that the controller uses, by name.
+        calibrated_arm: kinematics of the control camera, as the controller knows them.
+        others: kinematics of the other cameras, as the controller knows them, by name.
 
     Raises:
         ExperimentError: the target is not in view of a camera.
@@ -154,12 +154,12 @@ def teach_goal(
     """Compute the goal from the views of the cameras at the goal pose.
 
     Args:
-        pose: world_T_camera (4, 4) of the true control camera.
+        pose: true world_T_camera (4, 4) of the control camera.
         mountings: pose (4, 4) of each camera according to its calibration, in the frame of the true
             camera, by name.
-        other_kinematics: kinematics of the other cameras that the controller uses, by name.
-        images: image of each camera, by name; for a camera without an image, exact features are
-            computed.
+        other_kinematics: kinematics of the other cameras, as the controller knows them, by name.
+        images: image of each camera, by name; for a camera without an image, features are computed
+            from the geometry.
         name: name of the goal.
         joints: position of each joint at the goal, by name; empty: not known.
     """
@@ -194,7 +194,7 @@ def teach_goal(
 def _check_is_target(context: SetupContext, observation: Observation, pose: np.ndarray) -> None:
     """Check that the target detected in an image is at the true position of the target.
 
-    pose: world_T_camera (4, 4) of the true camera.
+    pose: true world_T_camera (4, 4) of the camera.
 
     Raises:
         ExperimentError: the position or the area of the detected object is wrong.

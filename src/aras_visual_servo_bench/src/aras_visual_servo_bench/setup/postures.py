@@ -84,13 +84,13 @@ class Postures:
         Return 0 if the fraction is below MIN_OCCLUSION, and if the arm cannot be rendered.
 
         Args:
-            joints: joints (n,) of the posture.
+            joints: joint positions (n,) of the posture.
             time: time at which the pose of a moving target is computed, s.
         """
         return _compute_occlusion(self, tuple(map(float, joints)), time)
 
     def find_collision(self, joints: Sequence[float]) -> str:
-        """Describe a collision of the arm at `joints` (n,); return '' if there is none.
+        """Describe a collision of the arm at the positions `joints` (n,); '' if there is none.
 
         Collisions between two links of the robot description are ignored.
         """
@@ -102,7 +102,7 @@ class Postures:
         return collision + (self.compute_occlusion(joints) if self.is_visible else 0.0)
 
     def find_joints(self, pose: np.ndarray) -> np.ndarray:
-        """Find joints (n,) that put the camera at `pose`, world_T_camera (4, 4).
+        """Find joint positions (n,) that put the camera at `pose`, world_T_camera (4, 4).
 
         The search starts with all joints at 0.
 
@@ -115,12 +115,13 @@ class Postures:
         return np.array(found)
 
     def find_start_joints(self, pose: np.ndarray, goal: np.ndarray | None) -> np.ndarray:
-        """Find the joints (n,) of a start that put the camera at `pose`, world_T_camera (4, 4).
+        """Find start joint positions (n,) that put the camera at `pose`, world_T_camera (4, 4).
 
         The search starts at the joint positions at the goal, so that the arm can reach the goal
         without changing its configuration.
 
-        goal: joints (n,) at the goal; None: not known, so the search starts with all joints at 0.
+        goal: joint positions (n,) at the goal; None: not known, so the search starts with all
+            joints at 0.
 
         Raises:
             UnreachableError: the arm cannot reach the pose.
@@ -135,7 +136,7 @@ class Postures:
         """Return warnings about a collision and an occlusion of a posture, one line each.
 
         Args:
-            joints: joints (n,) of the posture.
+            joints: joint positions (n,) of the posture.
             where: 'goal' or 'start'.
             is_given: whether the experiment gives these joints; False: it gives a camera pose.
         """

@@ -46,21 +46,21 @@ def draw_start(
     other_cameras: Sequence[tuple[CameraPlacement, CameraModel, PlacedTarget]] = (),
     find_collision: Callable[[np.ndarray], str] | None = None,
 ) -> np.ndarray:
-    """Draw the joints (n,) of a start with the camera above the target and the target in view.
+    """Draw the joint positions (n,) of a random start with the target in view.
 
     Args:
         sampler: ranges of the start.
         arm: true kinematics of the control camera.
         goal_pose: world_T_camera (4, 4) at the goal; the orientation at the start is this
             orientation, rotated about the vertical.
-        goal_joints: joints (n,) at the goal, from which the search for joints starts.
+        goal_joints: joint positions (n,) at the goal, from which the search for joints starts.
         target: target of the control camera.
         camera: true intrinsics of the control camera.
         seed: seed of the random numbers.
         other_cameras: placement, intrinsics and target of each other camera; their targets have to
             be in view, too.
-        find_collision: function that describes a collision of the arm at joints (n,) and returns ''
-            if there is none; None: collisions are not checked.
+        find_collision: function that describes a collision of the arm at joint positions (n,) and
+            returns '' if there is none; None: collisions are not checked.
 
     Raises:
         ExperimentError: no start was found in `sampler.attempts` attempts.
@@ -116,19 +116,19 @@ def _wrap_into_limits(angle: float, lower: float, upper: float) -> float:
 def _find_joints(
     arm: Arm | FreeBody, pose: np.ndarray, near: np.ndarray, random: np.random.Generator
 ) -> np.ndarray:
-    """Find joints (n,) that put the camera at `pose`, with Newton's method from a few guesses.
+    """Find joint positions (n,) that put the camera at `pose`, by Newton's method.
 
     Args:
         pose: world_T_camera (4, 4).
-        near: joints (n,) around which the initial guesses are drawn.
+        near: joint positions (n,) around which the initial guesses are drawn.
         random: random generator of the guesses.
 
     Raises:
         UnreachableError: no joints within the limits were found.
     """
     count = len(near)
-    # The lower rows of the matrix are the damping, because the least-squares problem is nearly
-    # singular if the elbow is almost stretched.
+    # The lower rows of the least-squares matrix damp the joint motions, because the problem is
+    # nearly singular if the elbow is almost stretched.
     rows, error = np.vstack([np.zeros((6, count)), DAMPING * np.eye(count)]), np.zeros(6 + count)
     for _ in range(INITIAL_GUESSES):
         # Newton's method fails at a stretched elbow, so the initial guess bends the elbow randomly.

@@ -26,7 +26,7 @@ def check_columns(keys: Sequence[str], metrics: Sequence[str]) -> None:
     """Check that no two columns of the results of a study have the same name.
 
     Args:
-        keys: varied keys and axes of cases.
+        keys: keys that the study varies, and names of its axes of cases.
         metrics: names of metrics, or 'package.module:function'.
 
     Raises:

@@ -305,7 +305,7 @@ def _select_compared(results: Results, names: Sequence[str]) -> list[Metric]:
 
 
 def _select_comparable(results: Results, between: str, names: Sequence[str]) -> list[Metric]:
-    """Return the metrics that can be compared between the values of a key.
+    """Return the metrics that can be compared between runs with different values of a key.
 
     Raises:
         StudyError: `names` contains a metric that depends on the features of the scheme, but the

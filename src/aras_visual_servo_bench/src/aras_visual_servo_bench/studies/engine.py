@@ -1,4 +1,5 @@
-"""Run the missing chunks of a study in a pool of workers, and write their results."""
+"""Run the missing chunks (groups of runs) of a study in a pool of workers, and write their results.
+"""
 
 from __future__ import annotations
 
@@ -110,7 +111,7 @@ def carry_out(
     fail_fast: bool = False,
     can_mix_code: bool = False,
 ) -> StudySummary:
-    """Run the missing chunks of a study, and write their results into its folder.
+    """Run the missing chunks (groups of runs) of a study, and write their results to its folder.
 
     Args:
         folder: folder of the study.

@@ -90,7 +90,8 @@ def check_images(study: Study) -> None:
     """Check that all runs of a study have the images that the study stores.
 
     Raises:
-        StudyError: a run has no images, or has different cameras; or depth is set without pictures.
+        StudyError: a run has no images, or has different cameras; or `depth` is set without
+            `pictures`.
     """
     if study.pictures == "none":
         if study.depth:
@@ -121,7 +122,7 @@ def check_room(study: Study, path: Path, finished_runs: int = 0) -> str:
         finished_runs: number of runs whose images are already stored.
 
     Raises:
-        StudyError: the disk has less free space.
+        StudyError: the free space of the disk is smaller than this maximum.
     """
     if study.pictures == "none":
         return ""

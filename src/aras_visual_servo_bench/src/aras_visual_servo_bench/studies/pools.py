@@ -1,4 +1,5 @@
-"""Pools that run the chunks of a study: this process, or workers of Dask distributed."""
+"""Pools that run the chunks (groups of runs) of a study: in this process, or with Dask's workers.
+"""
 
 from __future__ import annotations
 
@@ -40,7 +41,7 @@ TICK_PERIOD = "10s"  # time between two self-checks of a worker or of the schedu
 MAX_DEATHS = 5
 
 
-# finished chunk with its rows; None instead of the rows if the worker has died
+# finished chunk of runs with its rows; None instead of the rows if the worker has died
 FinishedChunk = tuple[StudyTask, rows.Rows | None]
 
 
@@ -56,15 +57,15 @@ class Pool(ABC):
     @property
     @abstractmethod
     def has_room(self) -> bool:
-        """True if another chunk can be submitted now."""
+        """True if another chunk of runs can be submitted now."""
 
     @abstractmethod
     def submit(self, task: StudyTask) -> None:
-        """Submit a chunk."""
+        """Submit a chunk of runs."""
 
     @abstractmethod
     def wait_for_chunk(self) -> FinishedChunk:
-        """Wait for a finished chunk.
+        """Wait until a chunk of runs is finished, and return it.
 
         Raises:
             StudyError: a chunk failed, or the workers are lost.
@@ -84,7 +85,7 @@ class Pool(ABC):
 
 
 class InProcessPool(Pool):
-    """Pool that runs one chunk after the other in this process, for debugging."""
+    """Pool that runs one chunk of runs after the other in this process, for debugging."""
 
     def __init__(self) -> None:
         self._task: deque[StudyTask] = deque()
@@ -95,11 +96,11 @@ class InProcessPool(Pool):
         return not self._task
 
     def submit(self, task: StudyTask) -> None:
-        """Store a chunk; `wait_for_chunk` runs it."""
+        """Store a chunk of runs; `wait_for_chunk` executes it."""
         self._task.append(task)
 
     def wait_for_chunk(self) -> FinishedChunk:
-        """Run the submitted chunk."""
+        """Execute the submitted chunk of runs, and return its rows."""
         task = self._task.popleft()
         return task, work.carry_out(task)
 
@@ -177,7 +178,7 @@ class DaskPool(Pool):
         return len(self._tasks) < 2 * max(self.workers, self._max_workers)
 
     def submit(self, task: StudyTask) -> None:
-        """Send a chunk to a worker."""
+        """Send a chunk of runs to a worker."""
         tries = self._deaths.get(task.chunk, 0)
         try:
             future = self.client.submit(
@@ -190,7 +191,7 @@ class DaskPool(Pool):
         self._finished.add(future)
 
     def wait_for_chunk(self) -> FinishedChunk:
-        """Wait for the next finished chunk; see Pool.wait_for_chunk."""
+        """Wait until a chunk of runs is finished, and return it; see Pool.wait_for_chunk."""
         try:
             while not self._finished.has_ready() and not self._finished.is_empty():
                 self._check_workers()
@@ -344,7 +345,8 @@ class DaskPool(Pool):
 
 
 def _configure_dask() -> Any:
-    """Configure Dask for little history and rare self-checks; return its module `distributed`."""
+    """Set options of Dask that reduce its history and self-checks; return its module `distributed`.
+    """
     try:
         import dask
         import distributed  # this import sets defaults, so it must precede dask.config.set

@@ -37,7 +37,8 @@ class Progress:
         self._total, self._finished = total, finished
         self._out = sys.stderr if out is None else out
         self._clock = clock
-        # Time at which the first chunk was finished, s, and number of runs finished by then.
+        # Time at which the first chunk of runs was finished, s, and number of runs finished by
+        # then.
         self._first: tuple[float, int] | None = None
         self._print_time = float("-inf")
         # names of the workers that have finished at least one run

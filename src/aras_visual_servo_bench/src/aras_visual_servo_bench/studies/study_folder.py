@@ -203,9 +203,10 @@ class StudyFolder:
         return self.path / kind / f"{chunk:06d}.parquet"
 
     def find_missing_chunks(self) -> list[int]:
-        """Return the chunks whose results are missing, incomplete or changed.
+        """Return the numbers of the chunks whose results are missing, incomplete or changed.
 
-        Temporary files that a crash has left are removed."""
+        Temporary files that a crash has left are removed.
+        """
         for temporary in self.path.glob("*/.*.new"):
             temporary.unlink(missing_ok=True)
         folder = self.path / PARTS
@@ -218,7 +219,7 @@ class StudyFolder:
         ]
 
     def write_chunk(self, chunk: int, chunk_rows: rows.Rows) -> None:
-        """Write the rows of a chunk.
+        """Write the rows of a chunk of runs.
 
         Raises:
             StudyError: the files cannot be written, for example because the disk is full.
@@ -291,7 +292,8 @@ class StudyFolder:
 
     @property
     def _stable_kinds(self) -> tuple[str, ...]:
-        """Kinds of files whose content is the same on every execution; wall times are not."""
+        """Kinds of files whose content is the same on every execution; files of wall times are not.
+        """
         return (PARTS, TRACES) if self.study.has_image_rows else (PARTS,)
 
     def _find_name(self, path: Path) -> str:
@@ -322,7 +324,7 @@ class StudyFolder:
         try:
             for kind in self._stable_kinds:
                 path = self.find_part(chunk, kind)
-                # is_file() is False for a pipe, which could be read without end
+                # is_file() is False for a pipe, from which reading might never end
                 if not path.is_file():
                     return False
                 data = path.read_bytes()

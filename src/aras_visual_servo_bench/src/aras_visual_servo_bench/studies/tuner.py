@@ -26,7 +26,8 @@ from ..metrics.metrics import GREATER, Metric
 from .results import Results
 from .study import Study
 
-LOGARITHMIC_RATIO = 10.0  # ratio high/low of a search range from which its scale is logarithmic
+# Ratio high/low of a search range from which its values are on a logarithmic scale.
+LOGARITHMIC_RATIO = 10.0
 DIGITS = 6  # number of significant digits of the settings of a candidate
 MIN_CANDIDATES = 8  # minimum number of candidates per generation
 

@@ -1,4 +1,4 @@
-"""Run the runs of a chunk one after the other in a worker, directly or in child processes."""
+"""Execute the runs of a chunk one after the other in a worker, directly or in child processes."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ MAX_TRIES = 2
 
 @dataclass(frozen=True)
 class StudyTask:
-    """Chunk of a study to run.
+    """Chunk (group of runs) of a study that a worker executes.
 
     study: result of `Study.to_mapping`, as JSON.
     chunk: number of the chunk.
@@ -56,7 +56,7 @@ class StudyTask:
 
 
 def carry_out(task: StudyTask) -> rows.Rows:
-    """Run all runs of a chunk and return their rows.
+    """Execute all runs of a chunk and return their rows.
 
     Raises:
         StudyError: the code of this process differs from that of the process that started the
@@ -100,7 +100,7 @@ def make_worker_name() -> str:
 
 
 def _run_isolated_chunk(task: StudyTask) -> rows.Rows:
-    """Run a chunk in child processes; if a run crashes its process, its outcome is DIED."""
+    """Execute a chunk in child processes; a run that crashes its process has the outcome DIED."""
     study = _load_study(task.study)
     chunk_rows, tries, end = rows.Rows(), 0, ""
     todo = task.runs
@@ -119,7 +119,7 @@ def _run_isolated_chunk(task: StudyTask) -> rows.Rows:
 
 
 def _run_child(study: str, todo: range, limit: float) -> tuple[rows.Rows, str | None]:
-    """Run several runs in a child process.
+    """Execute several runs in a child process.
 
     Args:
         study: settings of the study, as JSON.

@@ -39,7 +39,7 @@ def check_times(intervals: tuple[Vector2, ...] | None, name: str) -> None:
 class BoxSpec:
     """Movable box under a target, which can be pushed and grasped.
 
-    size: size along the x, y and z axes of the target frame, m; the target is on its top.
+    size: size along the x, y and z axes of the target frame, m; the target lies on its top face.
     mass: mass, kg.
     friction: friction coefficient of the surface.
     """

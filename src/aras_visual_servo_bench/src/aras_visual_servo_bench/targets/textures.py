@@ -18,7 +18,7 @@ PIXELS = 1200  # longer side of a generated texture, px
 
 @dataclass(frozen=True, eq=False)
 class TexturedTarget(Target):
-    """Rectangle in the plane z = 0 with a texture that faces along z.
+    """Rectangle in the plane z = 0 with a texture on the side that faces +z.
 
     pixels: image (rows, columns), uint8; the first row is at +y, the first column at -x.
     size: size along x and y, m.

@@ -89,7 +89,7 @@ class SolidShape(TargetShape):
     """Solid around the origin of its frame.
 
     Attributes:
-        unit: geometry of the solid whose size is 1 along x, y and z.
+        unit: geometry of this solid with the size 1 along x, y and z.
     """
 
     tracker = MODEL_TRACKER
@@ -112,6 +112,6 @@ SHAPES = Registry("target shape", __package__, (TargetShape,), ExperimentError)
 
 
 def make_ring(count: int) -> Corners:
-    """Return the corners (x, y) of a regular polygon in a circle of diameter 1."""
+    """Return the `count` corners (x, y) of a regular polygon in a circle of diameter 1."""
     angles = 2.0 * np.pi * np.arange(count) / count
     return tuple(zip((0.5 * np.cos(angles)).tolist(), (0.5 * np.sin(angles)).tolist(), strict=True))

@@ -75,7 +75,7 @@ def main() -> int:
 
 
 def _publish() -> None:
-    """Publish the markers every PERIOD if they have a subscriber."""
+    """Publish the markers every PERIOD if a subscriber such as rviz is connected."""
     settings = make_listener_settings(rospy.get_param("~", {}))
     listener, target, previous = GraphListener(settings), TargetWatch(), set()
     topic = f"{settings.namespace.rstrip('/')}/markers"

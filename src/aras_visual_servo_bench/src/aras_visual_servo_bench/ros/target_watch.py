@@ -38,9 +38,9 @@ class TargetWatch:
         rospy.Subscriber(TOPIC, PoseStamped, self._on_target, queue_size=1)
 
     def update(self, run_trace: RunTrace, robot: str) -> None:
-        """Set the shapes of the target in a trace. The pose is queried at most once per PERIOD.
+        """Set the drawing of the target in a RunTrace; query its pose at most once per PERIOD.
 
-        The shapes are in the base frame of the robot, or in the world frame if the simulator has no
+        The drawing is in the base frame of the robot, or in the world frame if the simulator has no
         model `robot`. A target that the arm carries is not drawn.
         """
         if time.monotonic() - self._update_time > PERIOD:

@@ -118,8 +118,8 @@ class ServoEnv(gymnasium.Env):
         """Start the first episode.
 
         Args:
-            experiment: settings of the episodes; None: a free camera, features without images, and
-                random starts.
+            experiment: settings of the episodes; None: a free camera that starts at random poses,
+                with features that are computed without images.
             max_twist: camera twist of an action whose components are all 1, m/s and rad/s.
             render_mode: None or 'rgb_array'; see `gymnasium.Env`.
             observes: content of an observation: 'features' or 'image'.
@@ -186,7 +186,7 @@ class ServoEnv(gymnasium.Env):
         return ImageReader.decode_image(reading).rgb
 
     def close(self) -> None:
-        """Close the plant."""
+        """Release the resources of the plant, the simulated arm or camera."""
         if self.loop is not None:
             self.loop.close()
             self.loop = None

@@ -340,5 +340,5 @@ class Loop:
         return run
 
     def close(self) -> None:
-        """Close the plant."""
+        """Release the resources of the plant, the simulated arm or camera."""
         self.plant.close()

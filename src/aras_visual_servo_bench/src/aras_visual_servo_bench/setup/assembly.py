@@ -205,7 +205,7 @@ def read_goal(context: SetupContext) -> GoalLocation:
 
 
 def _read_goal_joints(context: SetupContext) -> np.ndarray:
-    """Return the joint positions (n,) of a goal that the experiment gives as joints."""
+    """Return the joint positions (n,) of a goal that the experiment gives as joint positions."""
     try:
         joints = find_start_joints(context.experiment.goal, context.arm, context.settings.package)
     # The error message names the parameter `~start`, but the wrong setting is `goal`.
@@ -345,7 +345,7 @@ def compute_goal(
     needs; it lacks data of a camera with its own target; or the target of the experiment is a
     solid, but the goal in the file was taught with the two plates of the demo.
 
-    arms: kinematics of the cameras that the controller uses, by name.
+    arms: kinematics of each camera, as the controller knows them, by name.
     """
     goal = loaded_goal.for_cameras(arms)
     if any(context.has_own_target(n) and n not in loaded_goal.cameras for n in context.needs):
@@ -411,7 +411,7 @@ def find_start(
 
 
 def read_start_joints(context: SetupContext) -> np.ndarray:
-    """Return the joint positions (n,) of a start that is given by name or as joints."""
+    """Return the joint positions (n,) of a start that is given by a name or by joint positions."""
     joints = find_start_joints(context.experiment.start, context.arm, context.settings.package)
     if joints is None:
         raise ExperimentError("start is 'none', but a plant needs a start: give a pose or joints")

@@ -66,7 +66,7 @@ class Postures:
         is_solid: bool,
         world: str,
     ) -> Postures:
-        """Make the search for a robot and its control camera."""
+        """Make the search for postures of a robot with its control camera."""
         return cls(
             robot.urdf, robot.spec.search, robot.find_optical_frame(camera.name),
             robot.find_target_frame(camera.name),

@@ -175,7 +175,13 @@ def find_differences(
 
 
 def _judge(difference: Difference, p: float, better: str) -> Difference:
-    """Return a difference with the corrected p-value, its verdict and a note."""
+    """Return a difference with its corrected p-value, its verdict and a note.
+
+    Args:
+        difference: difference without a verdict.
+        p: p-value after Holm's correction.
+        better: GREATER or SMALLER if such values of the metric are better; '' if neither is.
+    """
     comparison, notes = difference.comparison, [difference.note] if difference.note else []
     if math.isnan(p):
         verdict = UNTESTED

@@ -68,7 +68,7 @@ NUMBER_COLUMNS: Mapping[str, Column] = {
 
 
 def list_columns(study: Study) -> dict[str, Column]:
-    """Return the columns of a study's images, by name."""
+    """Return the columns of the table of a study's images, by name."""
     columns, several = dict(NUMBER_COLUMNS), _find_cameras(study) != (CAMERA,)
     for name in _find_cameras(study) if study.pictures != "none" else ():
         end, of = (f"_{name}", f" of camera {name}") if several else ("", "")

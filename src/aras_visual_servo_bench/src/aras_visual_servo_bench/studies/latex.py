@@ -11,7 +11,7 @@ COLUMN_WIDTH, TEXT_WIDTH = 252.0, 516.0
 # Widths of a letter, of a punctuation mark and of the gap between columns, pt, in Computer Modern
 # of 9 points (`\small`), which is wider than Times.
 LETTER_WIDTH, PUNCTUATION_WIDTH, COLUMN_GAP = 4.7, 2.6, 12.0
-# size of the letters of an interval (8 points) relative to those of a cell (9 points)
+# font size of a confidence interval (8 points) relative to that of a cell (9 points)
 INTERVAL_SCALE = 0.92
 CAPTION_LETTERS = 105  # number of letters in a line of a caption that has the width of the text
 # largest number of lines of a table with its caption; a page of IEEEtran has 58 lines
@@ -93,7 +93,7 @@ def format_tex_table(
     text, remarks = (" ".join(map(escape_tex, sentences)) for sentences in (caption, notes))
     letters = len(text) + len(remarks)
     free = max(MAX_FLOAT_LINES - letters // CAPTION_LETTERS, 2 * LINES_AROUND)
-    rows = free - LINES_AROUND  # largest number of rows in one tabular
+    rows = free - LINES_AROUND  # largest number of rows of values in one tabular
     lines, floats = [r"% needs \usepackage{booktabs}"], 0
     for columns, first in itertools.product(parts, range(0, len(body), rows)):
         tabular = _make_tabular(heading, body[first : first + rows], fixed, columns)

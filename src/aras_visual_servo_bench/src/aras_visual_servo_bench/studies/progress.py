@@ -26,7 +26,7 @@ class Progress:
         self, total: int, finished: int = 0, out: TextIO | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:  # fmt: skip
-        """Start the display.
+        """Start the display of the progress.
 
         Args:
             total: number of runs of the study.

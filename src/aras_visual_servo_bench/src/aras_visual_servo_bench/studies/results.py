@@ -185,7 +185,7 @@ class Results:
 
     @property
     def metrics(self) -> tuple[Metric, ...]:
-        """Metrics that the table contains."""
+        """Metrics that the table of results contains."""
         return (
             *(metrics.find_metric(name) for name in self.study.metric_names),
             REAL_TIME_MULTIPLE,
@@ -227,7 +227,9 @@ class Results:
         return _to_numbers(column)
 
     def read_values(self, metric: Metric) -> np.ndarray:
-        """Return the values (n,) of a metric; `Metric.complete_values` replaces unknown values.
+        """Return the values (n,) of a metric.
+
+        An unknown value is 0 if it counts as a failure, otherwise NaN.
 
         Raises:
             StudyError: the metric is binary, and a run has another value than 0 and 1.
@@ -236,7 +238,7 @@ class Results:
 
     @cached_property
     def tolerance(self) -> SuccessTolerance:
-        """Tolerance within which the runs are at their goal."""
+        """Tolerance of the pose within which the camera of a run is at its goal."""
         stored = (  # results of earlier versions do not have these two columns
             self.read_numbers(name) if name in self.table.column_names else np.zeros(0)
             for name in ("distance_tolerance", "angle_tolerance")

@@ -50,7 +50,7 @@ class Rows:
     images: list[dict[str, Any]] = field(default_factory=list)
 
     def add(self, other: Rows) -> None:
-        """Append the rows of another object."""
+        """Append the rows of another Rows object."""
         self.values += other.values
         self.times += other.times
         self.images += other.images

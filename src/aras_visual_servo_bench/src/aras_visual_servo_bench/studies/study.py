@@ -269,12 +269,12 @@ class Study(KeywordSettings):
 
     @cached_property
     def axes(self) -> tuple[Axis, ...]:
-        """Variations with a list of values; they form the grid."""
+        """Settings that vary over a list of values; all their combinations form the grid."""
         return tuple(v for v in self._variations if isinstance(v, Axis))
 
     @cached_property
     def random_variations(self) -> tuple[RandomVariation, ...]:
-        """Variations with a distribution."""
+        """Settings whose values are drawn from a distribution."""
         return tuple(v for v in self._variations if isinstance(v, RandomVariation))
 
     @cached_property
@@ -315,12 +315,12 @@ class Study(KeywordSettings):
 
     @property
     def run_count(self) -> int:
-        """Number of runs."""
+        """Number of runs of the study."""
         return self.point_count * self.repeats
 
     @property
     def chunk_size(self) -> int:
-        """Number of runs per chunk.
+        """Number of runs per chunk; each chunk is a task for a worker.
 
         By default, a chunk has at most 100 runs, or IMAGE_CHUNK runs if images are stored, and the
         study has about 40 chunks or more, so that all cores have work.
@@ -344,17 +344,19 @@ class Study(KeywordSettings):
         return range(first, min(first + self.chunk_size, self.run_count))
 
     def find_combination(self, point: int) -> Combination:
-        """Return the combination of cases of point number `point`."""
+        """Return the cases of the combination of settings (point) with the number `point`."""
         return self.combinations[point // (self.point_count // len(self.combinations))]
 
     def make_settings(self, point: int) -> dict[str, Any]:
-        """Return the settings of point number `point`, by column."""
+        """Return the varied settings of the combination (point) with the number `point`, by column.
+        """
         cases = self.find_combination(point)
         settings = {**(cases.names or cases.set), **self._compute_variations(point)}
         return {key: settings[key] for key in self.keys if key in settings}
 
     def _compute_variations(self, point: int) -> dict[str, Any]:
-        """Compute the values of the varied settings of point number `point`, by dotted key."""
+        """Compute the values of the settings under `vary` for point number `point`, by dotted key.
+        """
         rest, sample = divmod(point, self.samples)
         values: dict[str, Any] = {}
         for axis in reversed(self.axes):

@@ -251,7 +251,7 @@ class StudyFolder:
             _write_file(self.path / MANIFEST, _to_json(self.manifest))
 
     def count_stored_runs(self) -> int:
-        """Count the stored runs."""
+        """Count the runs whose results are stored in the folder."""
         missing = sum(
             len(self.study.list_chunk_runs(chunk)) for chunk in self.find_missing_chunks()
         )

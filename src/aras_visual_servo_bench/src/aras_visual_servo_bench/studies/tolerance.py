@@ -1,4 +1,4 @@
-"""Tolerance within which the runs of a study are at their goal."""
+"""Tolerance of the pose within which the camera of a run counts as at its goal."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class SuccessTolerance:
 
 
 def find_tolerance(study: Study, distances: np.ndarray, angles: np.ndarray) -> SuccessTolerance:
-    """Return the tolerance of the runs of a study.
+    """Return the tolerance of the camera pose that the runs of a study use.
 
     Args:
         study: settings of the study.

@@ -34,7 +34,7 @@ MIN_CANDIDATES = 8  # minimum number of candidates per generation
 
 @dataclass(frozen=True)
 class SearchRange:
-    """Range in which the best value of a key is searched."""
+    """Range of values of a setting in which the best value is searched."""
 
     key: str
     low: float
@@ -50,7 +50,7 @@ class SearchRange:
 
     @classmethod
     def parse(cls, text: str) -> SearchRange:
-        """Parse `key=low:high`.
+        """Parse a search range of the form `key=low:high`.
 
         Raises:
             StudyError: the text does not have this form.

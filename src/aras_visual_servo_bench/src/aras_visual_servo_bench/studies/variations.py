@@ -39,7 +39,7 @@ MAX_VALUES = 1_000_000
 
 @dataclass(frozen=True)
 class Axis:
-    """Key with a list of values."""
+    """Setting of a study with a list of values."""
 
     key: str
     values: tuple[Any, ...]
@@ -47,7 +47,7 @@ class Axis:
 
 @dataclass(frozen=True)
 class RandomVariation:
-    """Key with a distribution.
+    """Setting of a study whose values are drawn from a distribution.
 
     key: dotted key of the experiment.
     value: function that converts a uniform random number from 0 to 1 into the value of the key.

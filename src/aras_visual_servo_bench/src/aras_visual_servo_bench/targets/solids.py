@@ -25,7 +25,7 @@ from .scratch import make_scratch_folder
 
 @dataclass(frozen=True, eq=False)
 class SolidTarget(Target):
-    """Solid target.
+    """Target that is a solid.
 
     The feature points of the target, and its plane, are those of the horizontal section of the
     solid at half its height along z.

@@ -98,7 +98,7 @@ class TargetSpec:
 
     @property
     def placed_target(self) -> PlacedTarget:
-        """The target in the world.
+        """Target with these settings, at its pose in the world.
 
         Raises:
             ExperimentError: the shape of the target cannot be read.

@@ -6,8 +6,8 @@ from .base import SHAPES, TargetShape
 
 @SHAPES.register("aras")
 class Plates(TargetShape):
-    """The two plates of the demo, of fixed size."""
+    """Target of the demo: two plates of fixed size."""
 
     def make(self) -> Target:
-        """Return the plates."""
+        """Return the target with the two plates."""
         return ARAS

@@ -55,7 +55,7 @@ class TargetShape(ABC):
 
 
 class FlatShape(TargetShape):
-    """Flat shape inside a rectangle."""
+    """Base class of flat shapes; `size` is the size of the rectangle around the shape."""
 
     size: tuple[float, float] = parameter(
         (0.2, 0.2),
@@ -67,7 +67,7 @@ class FlatShape(TargetShape):
 
 
 class OutlineShape(FlatShape):
-    """Flat polygon.
+    """Base class of flat polygons.
 
     Attributes:
         corners: corners (x, y) inside a square of side 1 around the origin, which the setting
@@ -77,7 +77,7 @@ class OutlineShape(FlatShape):
     corners: ClassVar[Corners] = ()
 
     def make(self) -> Target:
-        """Return the polygon."""
+        """Return the polygon as a target."""
         return PolygonTarget(self.scale_corners())
 
     def scale_corners(self) -> Corners:
@@ -86,7 +86,7 @@ class OutlineShape(FlatShape):
 
 
 class SolidShape(TargetShape):
-    """Solid around the origin of its frame.
+    """Base class of solids around the origin of the target frame.
 
     Attributes:
         unit: geometry of this solid with the size 1 along x, y and z.
@@ -102,7 +102,7 @@ class SolidShape(TargetShape):
     )  # fmt: skip
 
     def make(self) -> Target:
-        """Return the solid."""
+        """Return the solid as a target."""
         from ..solids import make_scaled_solid
 
         return make_scaled_solid(self.unit, self.size, self.name)

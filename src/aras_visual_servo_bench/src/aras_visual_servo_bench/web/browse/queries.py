@@ -26,7 +26,8 @@ from ...metrics.statistics import Estimate, proportion
 from .studies import END, SETTING, STUDY, Snapshot
 
 OPERATORS = ("=", "≠", "<", "≤", ">", "≥", "contains", "is known", "is not known")
-MAX_ROWS, MAX_GROUPS = 200, 200  # largest number of rows, and of groups, in one answer
+# Largest number of rows, and of groups, in the answer to one query of the page.
+MAX_ROWS, MAX_GROUPS = 200, 200
 # largest number of distinct values of a column up to which the page lists all of them
 MAX_LISTED_VALUES = 60
 # largest number of distinct values of a column for which each value has its own cell of a map
@@ -141,7 +142,7 @@ def select_rows(snapshot: Snapshot, query: RunSelection) -> np.ndarray:
 
 
 def find_column(snapshot: Snapshot, name: str) -> pa.ChunkedArray:
-    """Return the column with a name.
+    """Return the column of the results with the name `name`.
 
     Raises:
         StudyError: the column does not exist; the message suggests the nearest name.

@@ -83,7 +83,7 @@ class Snapshot:
     note: str = ""
 
     def find_study(self, name: str) -> StudyEntry:
-        """Return the study with a name.
+        """Return the study with the name `name`.
 
         Raises:
             StudyError: there is no such study.
@@ -117,7 +117,7 @@ class Studies:
         self._snapshot = Snapshot(0, (), pa.table({}))
 
     def read_snapshot(self, is_forced: bool = False) -> Snapshot:
-        """Return the state of the studies.
+        """Return the current state of all studies.
 
         The folders are read at most once in READ_PERIOD.
 

@@ -40,7 +40,7 @@ def to_json(message: dict[str, Any]) -> str:
 class Outbox:
     """Sends updates and images to one viewer.
 
-    While MAX_UNACKNOWLEDGED messages are not acknowledged, updates and images are stored.
+    While MAX_UNACKNOWLEDGED messages are not acknowledged, updates and images wait here.
     """
 
     def __init__(self, send: Callable[[str | bytes], None]) -> None:

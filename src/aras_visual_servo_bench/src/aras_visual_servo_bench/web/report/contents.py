@@ -37,7 +37,7 @@ START, GOAL, IDEAL, FACE, RIM = (
 
 
 class ArrayTable:
-    """Arrays of the page. Equal arrays are stored once.
+    """Arrays of a report page; equal arrays are stored once.
 
     Attributes:
         texts: each array as base64 text of float32 numbers.

@@ -168,7 +168,7 @@ def find_transient(summaries: Sequence[Sequence[Quantity]], end: float) -> float
 def list_remarks(
     runs: Sequence[Run], find: Callable[[Run], Sequence[str]]
 ) -> Mapping[str, str]:
-    """Return the texts that `find` gives for the runs, each with its runs: their names or number.
+    """Return each text that `find` gives for a run; the value is the runs' names, or their number.
     """
     found: dict[str, list[str]] = {}
     for run in runs:

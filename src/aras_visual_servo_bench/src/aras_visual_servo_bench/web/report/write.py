@@ -199,7 +199,7 @@ class _ReportWriter:
         self._steps, self._finished_steps = (len(CHAPTERS) if self.formats else 0) + 2, 0
 
     def write(self) -> list[Path]:
-        """Write all files, and return their paths, starting with the page."""
+        """Write all files of the report, and return their paths, starting with the page."""
         for folder in ("figures", "data"):
             (self.out / folder).mkdir(parents=True, exist_ok=True)
         self._report_progress("numbers")

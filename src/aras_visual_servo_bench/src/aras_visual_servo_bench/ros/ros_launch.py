@@ -50,7 +50,7 @@ class RosLaunch:
         return self._process.poll() is None
 
     def read_log(self) -> str:
-        """Return the text of the log without colour codes."""
+        """Return the text of roslaunch's log without colour codes."""
         return re.sub("\x1b\\[[0-9;]*m", "", self.log.read_text("utf-8", errors="replace"))
 
     def find_death_message(self) -> str:
@@ -63,7 +63,8 @@ class RosLaunch:
         return ""
 
     def read_last_lines(self, count: int = 6) -> str:
-        """Return the last `count` errors in the log, or its last lines if there are no errors."""
+        """Return the last `count` errors in roslaunch's log, or the last lines if there are none.
+        """
         lines = [line for line in self.read_log().splitlines() if line.strip()]
         errors = [line for line in lines if "ERROR" in line or "FATAL" in line]
         return "\n".join("    " + line for line in (errors or lines)[-count:])

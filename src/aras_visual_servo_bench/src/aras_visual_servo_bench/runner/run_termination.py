@@ -48,8 +48,8 @@ class RunTermination:
 
         pose: true world_T_camera (4, 4) of the control camera."""
         output = state.scheme_output
-        # The stamp is rounded to image periods. Counting images instead would be wrong if images
-        # are dropped.
+        # The stamp is rounded to a whole number of image periods. Counting the images instead would
+        # be wrong if images are dropped.
         time = round(state.stamp / self._period) * self._period
         self._blind_images = self._blind_images + 1 if output is None else 0
         if state.phase != CONVERGED:

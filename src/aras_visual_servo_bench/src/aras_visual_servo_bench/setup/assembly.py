@@ -360,7 +360,8 @@ def compute_goal(
 
 
 def with_calibrated_depths(context: SetupContext, goal: Goal) -> Goal:
-    """Return a goal with the depth for each camera multiplied by its `calibration_offset.depth`."""
+    """Return a goal whose depths are multiplied by the cameras' setting `calibration_offset.depth`.
+    """
     scaled = {
         name: _scale_depth(camera_goal, context.cameras[name].spec.calibration_offset.depth)
         for name, camera_goal in goal.cameras.items() if name in context.cameras

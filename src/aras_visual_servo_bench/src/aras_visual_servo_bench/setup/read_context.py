@@ -113,7 +113,7 @@ def read_robot(experiment: Experiment) -> tuple[Experiment, Robot]:
 def _make_robot(experiment: Experiment) -> Robot:
     mounted: Mapping[str, MountedTarget] = {}
     if experiment.plant == "bullet":
-        # This import loads the physics engine, which only plant 'bullet' needs.
+        # imported only here, because it loads the physics engine, which only plant 'bullet' needs
         from .dynamic_arm_setup import find_mounted_targets
 
         mounted = find_mounted_targets(experiment)

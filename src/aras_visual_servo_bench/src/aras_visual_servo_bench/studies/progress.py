@@ -102,7 +102,8 @@ class Progress:
         return max(self._wall_time / self._timed_runs / self._workers, by_clock)
 
     def close(self) -> None:
-        """Write a line break if the output is a terminal or a notebook."""
+        """End the progress display: write a line break if the output is a terminal or a notebook.
+        """
         if can_overwrite(self._out):
             self._out.write("\n")
             self._out.flush()

@@ -103,9 +103,9 @@ class RunTimeoutError(BaseException):
 def limit_time(seconds: float) -> Iterator[None]:
     """Raise a RunTimeoutError if the `with` block takes longer than `seconds` of wall time.
 
-    In the main thread, a signal raises the error. Other threads do not receive signals: a worker of
-    Dask, for example, runs chunks in another thread. There the timeout ends the process, and the
-    chunk is repeated with a child process for each run.
+    In the main thread, a signal raises the error. Other threads, such as the one in which a worker
+    of Dask executes runs, do not receive signals. There the timeout ends the process, and its runs
+    are repeated, each in a child process.
     """
     if threading.current_thread() is not threading.main_thread():
         with open(os.devnull, "w", encoding="utf-8") as null_file:

@@ -87,7 +87,7 @@ class Study(KeywordSettings):
     run.
 
     experiment: keys of the base experiment, an Experiment, or the path of its YAML file.
-    vary: settings to vary: by dotted key, a list or grid of values, or a distribution; see
+    vary: settings to vary: for each dotted key a list of values, a grid or a distribution; see
         variations.py.
     source: publication that the study reproduces.
     chosen: choices made where this publication is ambiguous, as text.

@@ -1,4 +1,5 @@
-"""Access rules of the web servers: requests need a token and must come from their own pages."""
+"""Access rules of the web servers: requests need a token and must come from the server's own page.
+"""
 
 from __future__ import annotations
 

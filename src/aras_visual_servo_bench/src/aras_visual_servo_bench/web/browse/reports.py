@@ -88,7 +88,7 @@ class Reports:
             return 0.0
 
     def close(self) -> None:
-        """Kill the running jobs, and delete the temporary folder."""
+        """Kill the processes that compute reports, and delete the temporary folder."""
         with self._lock:
             for job in self.jobs.values():
                 job.process.kill()

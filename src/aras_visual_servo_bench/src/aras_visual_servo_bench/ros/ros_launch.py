@@ -70,7 +70,7 @@ class RosLaunch:
         return "\n".join("    " + line for line in (errors or lines)[-count:])
 
     def stop(self, patience: float = 20.0) -> None:
-        """Stop all processes of the session.
+        """Stop roslaunch and all processes that it has started.
 
         roslaunch receives SIGINT. Processes that are then left receive SIGTERM and finally SIGKILL.
 
@@ -97,7 +97,7 @@ class RosLaunch:
         return bool(members)
 
     def _find_processes(self) -> list[int]:
-        """Return the ids of the running processes in the session."""
+        """Return the ids of the running processes in the session of roslaunch."""
         found = []
         for entry in Path("/proc").glob("[0-9]*"):
             with contextlib.suppress(OSError):

@@ -31,7 +31,7 @@ MAX_TWIST = (0.25, 0.25, 0.25, 1.5, 1.5, 1.5)
 
 
 class ExternalTwistScheme(Scheme):
-    """Scheme that measures the features of another scheme and commands an external twist.
+    """Scheme that measures the features of another scheme, but commands a twist set from outside.
 
     Attributes:
         inner: the other scheme.
@@ -81,7 +81,8 @@ class ExternalTwistScheme(Scheme):
         self.twist = np.zeros(6)
 
     def compute(self, observation: Observation, goal: Goal, t: float) -> SchemeOutput:
-        """Compute the output of the inner scheme, and replace its task by the external twist."""
+        """Compute the output of the inner scheme, and replace the task in it by the external twist.
+        """
         output = self.inner.compute(observation, goal, t)
         modelled = output.task.modelled
         return dataclasses.replace(output, task=Task.from_twist(self.twist, modelled))

@@ -274,7 +274,7 @@ class Loop:
             yield heapq.heappop(pending)[2]
 
     def _note_exposure(self, frame: Frame) -> None:
-        """Record a frame at its exposure, even if the loop does not read the camera."""
+        """Record a frame when it is exposed, even if the loop does not read its camera."""
         if self._on_frame is not None:
             self._on_frame(self, frame)
         if frame.name != self.parts.rig.control.name:
@@ -294,7 +294,8 @@ class Loop:
         return motion @ self.parts.goal_pose
 
     def compute_verdict(self) -> Verdict:
-        """Compare the true camera pose, without vibration, with the desired camera pose."""
+        """Compute the verdict by comparing the true camera pose, without vibration, with the goal.
+        """
         offset = self.parts.cameras[self.parts.rig.control.name].spec.calibration_offset
         depth = self.parts.goal.distance / offset.depth
         return Verdict.compare(

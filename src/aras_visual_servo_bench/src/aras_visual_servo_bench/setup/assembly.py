@@ -167,7 +167,7 @@ def check(experiment: Experiment) -> None:
 
 @dataclass(frozen=True, eq=False)
 class GoalLocation:
-    """Camera pose and joints at the goal.
+    """Camera pose and joint positions at the goal.
 
     pose: true world_T_camera (4, 4) of the control camera.
     joints: position of each joint at the goal, by name; empty if the experiment gives none.
@@ -180,10 +180,10 @@ class GoalLocation:
 
 
 def read_goal(context: SetupContext) -> GoalLocation:
-    """Return the camera pose and joints at the goal of an experiment.
+    """Return the camera pose and the joint positions at the goal of an experiment.
 
     Raises:
-        ExperimentError: the goal file contains neither joints nor a camera pose.
+        ExperimentError: the goal file contains neither joint positions nor a camera pose.
     """
     setting, arm = context.experiment.goal, context.arm
     if isinstance(setting, CameraPose):
@@ -308,7 +308,7 @@ def make_goal(
     The goal is computed from a goal file if possible; otherwise it is taught.
 
     Args:
-        location: camera pose and joints at the goal.
+        location: camera pose and joint positions at the goal.
         joints: joint positions (n,) at the goal; None: not known.
         postures: search for postures of the arm; None for a free camera.
         arm: true kinematics of the control camera.

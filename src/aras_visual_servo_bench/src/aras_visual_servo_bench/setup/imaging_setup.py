@@ -1,4 +1,5 @@
-"""Imaging settings of the cameras of a run, with and without the random effects."""
+"""Imaging settings of the cameras, with random effects for a run and without for teaching a goal.
+"""
 
 from __future__ import annotations
 
@@ -96,7 +97,7 @@ def make_imaging_settings(
 def make_rendered_settings(
     context: SetupContext, camera: CameraSetup, is_teaching: bool = False
 ) -> dict[str, Any]:
-    """Return the settings of a camera with rendered images; they override the robot description.
+    """Return the settings of a camera with rendered images, instead of those in the description.
 
     is_teaching: whether the image is for teaching a goal: random effects are then omitted.
     """

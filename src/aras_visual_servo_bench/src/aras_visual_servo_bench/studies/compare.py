@@ -352,7 +352,7 @@ def _pair_rows(one: _Sample, two: _Sample) -> tuple[np.ndarray, np.ndarray, bool
 
 
 def _index_rows(sample: _Sample, keys: Sequence[str]) -> dict[tuple, int]:
-    """Return the row of each run of a sample, by the run's values of some keys."""
+    """Return the row of each run of a sample, by the tuple of the run's values of `keys`."""
     columns = [sample.results.read_column(key, sample.rows) for key in keys]
     return {tuple(column[i] for column in columns): int(row) for i, row in enumerate(sample.rows)}
 

@@ -73,7 +73,9 @@ def _to_experiment_key(key: str) -> str:
 
 
 def _remove_key(values: Mapping[str, Any], path: list[str], key: str) -> dict[str, Any]:
-    """Return a copy of the values without the key at a path.
+    """Return a copy of nested mappings without the entry at `path`.
+
+    key: dotted key of the entry, for the error message.
 
     Raises:
         ExperimentError: the key is not set.
@@ -177,7 +179,8 @@ def _scale_sampler(sampler: Sampler, parts: Assembly, factor: float) -> Sampler:
 def _scale_goal(experiment: Experiment, factor: float) -> Experiment:
     """Return the experiment with the offset of its goal from its start multiplied by a factor.
 
-    The goal is then given by joints."""
+    The goal is then given by joint positions.
+    """
     if experiment.plant in FREE_CAMERA_PLANTS:
         raise ExperimentError("goal: a free camera reaches every pose, so the goal needs no change")
     parts = assemble(experiment)

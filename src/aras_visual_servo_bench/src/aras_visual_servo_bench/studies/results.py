@@ -106,7 +106,8 @@ class Results:
         """Read the finished runs of an open folder; see `read`."""
         table, times = folder.read_results(), folder.read_results(folders.TIMES)
         runs, timed = table["run"].to_numpy(), times["run"].to_numpy()
-        # Both tables are sorted by run number, so that a binary search finds the time of a run.
+        # The tables of results and of wall times are sorted by run number, so a binary search finds
+        # the wall time of a run.
         indices = np.minimum(np.searchsorted(timed, runs), len(timed) - 1)
         wall = np.where(timed[indices] == runs, _to_numbers(times["wall"])[indices], np.nan)
         simulated = _to_numbers(table["simulated"])

@@ -233,7 +233,8 @@ class StudyFolder:
                     chunk_rows.images, schema=images.make_schema(self.study)
                 )
                 self._write_table(TRACES, chunk, table)
-            # This file is written last, because its existence marks the chunk as finished.
+            # The file of results is written last, because its existence marks the chunk as
+            # finished.
             self._write_table(
                 PARTS, chunk, rows.make_table(self.study, chunk_rows.values, self.labels)
             )
@@ -344,8 +345,8 @@ class StudyFolder:
         path, data = self.find_part(chunk, kind), sink.getvalue().to_pybytes()
         path.parent.mkdir(exist_ok=True)
         if kind in self._stable_kinds:
-            # The hash is written before the file, because the existence of the file marks the chunk
-            # as finished.
+            # The hash of a file is written before the file, because the existence of the file marks
+            # the chunk as finished.
             with open(self.path / CHECKSUM_FILE, "a", encoding="utf-8") as sums:
                 sums.write(f"{hashlib.sha256(data).hexdigest()}  {self._find_name(path)}\n")
         _write_file(path, data)

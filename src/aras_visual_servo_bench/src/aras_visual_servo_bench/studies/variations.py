@@ -185,7 +185,13 @@ def draw_values(
 
 @lru_cache(maxsize=4)
 def _make_sobol_points(dimensions: int, entropy: int, block: int) -> np.ndarray:
-    """Compute a block of points (SOBOL_BLOCK, dimensions) of the scrambled Sobol sequence."""
+    """Compute a block of points (SOBOL_BLOCK, dimensions) of the scrambled Sobol sequence.
+
+    Args:
+        dimensions: number of coordinates of a point.
+        entropy: seed of the study.
+        block: number of the block.
+    """
     seeds = np.random.SeedSequence(entropy, spawn_key=(STREAM_KEY,))
     sequence = scipy.stats.qmc.Sobol(dimensions, rng=np.random.default_rng(seeds))
     if block:

@@ -128,7 +128,7 @@ def _write_solid(target: SolidTarget, folder: Path, name: str) -> Path:
 
 
 def _make_box(box: BoxSpec) -> str:
-    """Return the URDF elements of a box under a target; its top is slightly below the target."""
+    """Return the URDF elements of a box under a target; the box ends slightly below the target."""
     (x, y, z), twelfth = box.size, box.mass / 12.0
     return BOX.format(
         size=f"{x!r} {y!r} {z!r}", z=-0.5 * z - OCCLUDER_HEIGHT, mass=box.mass,

@@ -87,7 +87,7 @@ class Target(ABC):
     def outline_plane(self, target_T_camera: np.ndarray) -> Plane:
         """Return the plane that contains the points of the outline, in the camera frame.
 
-        Moments of the image need this plane.
+        The interaction matrix of image moments depends on this plane.
 
         Raises:
             ViewError: the points of the outline do not determine a plane.

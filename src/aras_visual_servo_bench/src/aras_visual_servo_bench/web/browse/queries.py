@@ -36,7 +36,7 @@ BINS = 12  # number of cells of a map for a numeric column with more than MAX_CE
 # largest number of values of a column with their own colour; all further values share one colour
 MAX_SHADES = 7
 MAX_EXACT_INTEGER = 2**53  # largest magnitude of integers that are exact in JavaScript
-# ratio of a column's maximum to its minimum above which its cells are logarithmic
+# ratio of a column's maximum to its minimum above which its cells have a logarithmic scale
 WIDE_RATIO = 100.0
 
 

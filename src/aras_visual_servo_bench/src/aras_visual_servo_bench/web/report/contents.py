@@ -177,7 +177,7 @@ def _select_evenly(count: int, limit: int) -> np.ndarray:
 
 
 def _convert_poses(run: Run, arrays: ArrayTable) -> dict[str, int] | None:
-    """Return the path of the camera, and the positions of the joints for a drawing of the arm.
+    """Return the path of the camera, and the joints' 3-D positions for a drawing of the arm.
 
     A pose is the first three rows of world_T_camera, row by row. Return None if no pose is known.
     """

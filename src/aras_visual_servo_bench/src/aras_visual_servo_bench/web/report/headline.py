@@ -30,8 +30,8 @@ MAX_GROUPS = 24  # largest number of groups of runs, for comparison without scro
 # Settings that do not make two runs different experiments: the seed, and the command that launched
 # a recorded run.
 REPETITION_KEYS = ("seed", "launched by")
-# A report opens with the settling time multiplied by SETTLING_MARGIN, unless this is more than the
-# fraction MAX_TRANSIENT of the longest run.
+# When a report opens, its plots end at the settling time multiplied by SETTLING_MARGIN, or show the
+# whole runs if this is more than the fraction MAX_TRANSIENT of the longest run.
 SETTLING_MARGIN, MAX_TRANSIENT = 1.5, 0.5
 # Largest number of schemes, plants or targets that a title lists; if more, it gives their number.
 MAX_LISTED = 3
@@ -82,7 +82,7 @@ def make_headline(runs: Sequence[Run], summaries: Sequence[Sequence[Quantity]]) 
     """Return the main results of several runs.
 
     The rates of groups have Wilson's interval; distance, angle and settling time are medians with
-    their intervals. A run that has not settled has no settling time.
+    confidence intervals. A run that has not settled has no settling time.
     """
     values = [{q.key: q.value for q in quantities} for quantities in summaries]
     columns = [[float(row[key]) for row in values] for key, _ in COLUMNS]

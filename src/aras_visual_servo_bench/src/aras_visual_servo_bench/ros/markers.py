@@ -44,7 +44,7 @@ def make_marker(shape: Shape, frame: str) -> Marker:
         position.x, position.y, position.z = (float(v) for v in shape.points[0])
         return message
     message.scale.x = width
-    # Rviz multiplies the vertices of a triangle list by the scale, so the scale has to be 1.
+    # For a triangle list, rviz multiplies the vertices by the scale, so the scale has to be 1.
     if shape.kind == FACES:
         message.scale.x = message.scale.y = message.scale.z = 1.0
     if shape.kind == ARROW:

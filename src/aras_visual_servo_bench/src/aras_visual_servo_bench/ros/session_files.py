@@ -54,7 +54,7 @@ class SessionFiles:
         return f"stored the current view as goal {name}: {path}"
 
     def start_recording(self) -> str:
-        """Start to record the topics that a report needs; `stop_recording` ends this recording."""
+        """Start record.launch, which records a bag; `stop_recording` ends the recording."""
         if self.open_bag is not None and self._recorder.running:
             raise RefusedError(f"already recording to {self.open_bag}")
         self.check_recording()

@@ -21,7 +21,7 @@ PERIOD = 0.5  # shortest time between two queries of the target's pose, s of wal
 
 
 class TargetWatch:
-    """Updates the drawing of the target in a RunTrace, which collects the data of a displayed run.
+    """Updates the drawing of the target in a RunTrace, which is the drawing of a run.
 
     Attributes:
         missing_reason: message if the simulation has no target, otherwise ''.

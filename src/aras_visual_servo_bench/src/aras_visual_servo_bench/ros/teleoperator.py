@@ -52,7 +52,7 @@ class Teleoperator:
 
         Args:
             name: name of the joint.
-            fraction: velocity as a fraction of the joint's largest jogging velocity, -1 to 1.
+            fraction: velocity as a fraction of the joint's largest velocity for jogging, -1 to 1.
 
         Returns:
             The reason why the motion is limited, or ''.

@@ -264,8 +264,7 @@ class Loop:
             if reading.name not in self.parts.rig.observers:
                 continue
             if delay_ns := self._delays_ns[reading.name]:
-                # frames that arrive at the same time stay in their order, because the number
-                # increases
+                # the increasing number keeps frames that arrive at the same time in their order
                 self._delayed_count += 1
                 heapq.heappush(pending, (reading.stamp_ns + delay_ns, self._delayed_count, reading))
             else:

@@ -58,7 +58,7 @@ def make_imaging_settings(
     effects = config.effects
     if is_teaching:  # the camera is at rest, so a rolling shutter and motion blur have no effect
         effects = replace(effects, row_time=0.0, exposure_time=0.0)
-    elif not has_images:  # without images, only the effects in FEATURE_EFFECTS apply
+    elif not has_images:  # without images, only the camera effects in FEATURE_EFFECTS apply
         effects = Effects(**{key: getattr(effects, key) for key in FEATURE_EFFECTS})
     blind = None
     if config.cutoff_angle is not None:

@@ -236,7 +236,8 @@ def _list_values(variations: Axis | RandomVariation) -> tuple[Any, ...]:
 
 
 def _to_cell(value: Any) -> Any:
-    """Convert a value for a column; values that are neither numbers nor texts become JSON."""
+    """Convert a value for a column of the results; if it is not a number or text, it becomes JSON.
+    """
     if value is None or isinstance(value, bool | int | float | str):
         return value
     if isinstance(value, np.generic):

@@ -166,7 +166,7 @@ def draw_values(
         variations: random keys with their distributions.
         sampling: 'random' or 'sobol'.
         entropy: seed of the study.
-        sample: number of the sample.
+        sample: number of the draw, which gives a value for all random keys.
     """
     if not variations:
         return {}

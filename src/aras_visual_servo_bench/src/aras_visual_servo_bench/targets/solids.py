@@ -52,7 +52,7 @@ class SolidTarget(Target):
         return any(mesh.rgba is not None or mesh.texture for mesh in meshes)
 
     def vertices(self) -> np.ndarray:
-        """Return the corners (n, 3) of the section at half the height along z."""
+        """Return the corners (n, 3) of the solid's section at half its height along z."""
         return self.solid.compute_section_corners()
 
     def outline(self, target_T_camera: np.ndarray) -> np.ndarray:

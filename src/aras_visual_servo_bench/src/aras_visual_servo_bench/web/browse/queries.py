@@ -33,7 +33,7 @@ MAX_LISTED_VALUES = 60
 # largest number of distinct values of a column for which each value has its own cell of a map
 MAX_CELLS = 24
 BINS = 12  # number of cells of a map for a numeric column with more than MAX_CELLS distinct values
-# largest number of values of a column with their own colour; all further values share one colour
+# largest number of a column's values that have their own colour; all others share one colour
 MAX_SHADES = 7
 MAX_EXACT_INTEGER = 2**53  # largest magnitude of integers that are exact in JavaScript
 # ratio of a column's maximum to its minimum above which its cells have a logarithmic scale

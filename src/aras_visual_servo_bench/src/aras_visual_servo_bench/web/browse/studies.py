@@ -183,7 +183,7 @@ def _update_entry(entry: StudyEntry) -> bool:
         return False
     before, entry.fingerprint, entry.note = entry.fingerprint, fingerprint, ""
     try:
-        # the manifest is new or has changed
+        # open the folder again if its manifest is new or has changed
         if entry.folder is None or before[:1] != fingerprint[:1]:
             entry.folder = StudyFolder.open(entry.path)
             entry.run_count = entry.folder.study.run_count

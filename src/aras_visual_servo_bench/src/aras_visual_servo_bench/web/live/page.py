@@ -84,7 +84,7 @@ class Page:
         """Return an update with all values that have changed since the last call.
 
         Args:
-            run_trace: states and paths of the current run; None if there is no robot.
+            run_trace: drawing and states of the current run; None if there is no robot.
             joints: joint positions of the robot, m or rad.
             velocities: joint velocities of the robot, m/s or rad/s.
             stamp: stamp of the joint positions, s.

@@ -48,8 +48,8 @@ class Samples:
     def add(self, phase: str, names: tuple[str, ...], row: list[Any]) -> None:
         """Add a sample; at the start of another run, first remove the samples of the run before it.
 
-        Another run starts when the controller starts to approach its start or to servo, when the
-        features change, or when the clock is set back.
+        Another run starts when the controller starts an approach or servoing, when the features
+        change, or when the clock is set back.
 
         Args:
             phase: phase of the controller.

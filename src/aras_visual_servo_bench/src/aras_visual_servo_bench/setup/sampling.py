@@ -21,7 +21,8 @@ from ..targets.geometry import PlacedTarget
 
 NEWTON_STEPS = 12  # maximum number of steps of Newton's method from one initial guess
 INITIAL_GUESSES = 4
-GUESS_SPREAD = 0.5  # maximum random deviation of an initial guess from the given joints, rad or m
+# Maximum random deviation of an initial guess from the given joint positions, rad or m.
+GUESS_SPREAD = 0.5
 # Newton's method stops after EARLY_STEPS steps if the error of the pose is then larger than
 # EARLY_TOLERANCE, m and rad. For 67 reachable poses, the error was smaller after six steps, and no
 # search needed more than ten steps.

@@ -279,7 +279,7 @@ class Study(KeywordSettings):
 
     @cached_property
     def case_axes(self) -> dict[str, tuple[Case, ...]]:
-        """Named axes of cases; {} if `cases` has no named axes."""
+        """Cases of each named axis, by the name of the axis; {} if there are no named axes."""
         return _parse_axes(self.cases) if isinstance(self.cases, Mapping) else {}
 
     @cached_property

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 # processing are then the same at the goal and during the run, so they do not affect the result.
 RENDERED_NEEDS = {Need.IMAGE, Need.CONTOUR, Need.CORNERS}
 # Maximum difference between the area of the target in the image and the area of the polygon of its
-# corners, relative to the latter area.
+# corners, as a fraction of the area of the polygon.
 AREA_TOLERANCE = 0.1
 SUSPICIOUS_LENGTH = 1.0  # length of a solid from which its file is assumed to be in millimetres, m
 VIEW_REMEDY = "give a goal from which the camera sees the target, or move the target"

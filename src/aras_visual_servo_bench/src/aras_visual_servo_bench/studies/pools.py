@@ -372,7 +372,7 @@ def _configure_dask() -> Any:
         "distributed.admin.tick.limit": "1h",
         "distributed.admin.system-monitor.interval": TICK_PERIOD,
         # On an overloaded machine, a worker may start slowly, or may not answer for minutes. These
-        # timeouts are long, so that Dask does not regard such a worker as lost.
+        # timeouts are long or switched off, so that Dask does not regard such a worker as lost.
         "distributed.scheduler.worker-ttl": None,
         "distributed.comm.timeouts.connect": CONNECT_TIMEOUT,
         "distributed.comm.timeouts.tcp": CONNECT_TIMEOUT,

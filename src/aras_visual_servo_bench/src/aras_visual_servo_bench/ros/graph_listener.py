@@ -89,7 +89,7 @@ class GraphListener:
         self._camera: CameraModel | None = None
         space = settings.namespace.rstrip("/")
         self.joints_topic = f"{space}/joint_states"
-        # Joint states arrive at 100 Hz, so only the latest one is deserialized, by `refresh`.
+        # Joint states arrive at 100 Hz. To save time, `refresh` deserializes only the latest one.
         self._joints_subscriber = rospy.Subscriber(
             self.joints_topic, rospy.AnyMsg, self._on_joints, queue_size=1, tcp_nodelay=True
         )
@@ -178,7 +178,7 @@ class GraphListener:
             message.deserialize(content)
             sample = run_trace.arm.read_joints(message.name, message.position, message.velocity)
         except (MeasurementError, genpy.MessageException, ValueError):
-            return  # the controller reports an invalid message or a message of another type
+            return  # ignore an invalid message or one of another type; the controller reports it
         stamp = message.header.stamp.to_sec()
         if stamp < self.stamp:
             run_trace.clear()

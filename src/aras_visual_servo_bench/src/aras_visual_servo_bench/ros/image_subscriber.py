@@ -13,18 +13,21 @@ from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.images import decode
 
 QUALITY = 80
-# Receive buffer of a subscriber, bytes. rospy drops old images only if its buffer holds several
-# images. With a smaller buffer, old images wait in the socket, and the page shows them late.
+# Size of a subscriber's receive buffer, bytes. rospy drops old images only if its buffer holds
+# several images. With a smaller buffer, old images would wait in the socket, and the page would
+# show them late.
 BUFFER_BYTES = 2**24
 OVERLAY_NOTE = "green: detected target \u2002 blue: desired view"
 PLAIN_NOTE = "camera image; the camera node is not running"
 
 
 class ImageSubscriber:
-    """Subscriber of the camera node's overlay, or of the raw image if this node is not running.
+    """Subscriber of the camera node's overlay: the camera image with the features drawn into it.
+
+    If the camera node is not running, the raw image of the camera is used.
 
     Attributes:
-        note: text for the page that explains the image.
+        note: explanation of the image, shown on the page.
     """
 
     def __init__(self, space: str, camera: str) -> None:
@@ -41,9 +44,9 @@ class ImageSubscriber:
         self.note = PLAIN_NOTE
 
     def set_viewer_count(self, viewers: int) -> None:
-        """Subscribe if there are viewers, unsubscribe if there are none.
+        """Subscribe to the images if the page has viewers, unsubscribe if it has none.
 
-        The camera node draws the overlay only if it has a subscriber.
+        The camera node draws its overlay only if this image has a subscriber.
         """
         with self._lock:
             if viewers and self._subscribers[0] is None:
@@ -54,7 +57,8 @@ class ImageSubscriber:
                 self._newest = None
 
     def choose_topic(self) -> None:
-        """Use the raw image if no node publishes the overlay, otherwise the overlay."""
+        """Use the camera node's overlay if a node publishes it, otherwise the camera's raw image.
+        """
         with self._lock:
             if self._subscribers[0] is None:
                 return
@@ -78,7 +82,8 @@ class ImageSubscriber:
         try:
             bgr = np.ascontiguousarray(decode(message).rgb[:, :, ::-1])
         except VisionError:
-            return None  # no error here: the camera node reports an image that cannot be decoded
+            # Not an error of this page: the camera node reports an image that cannot be decoded.
+            return None
         done, content = cv2.imencode(".jpg", bgr, (cv2.IMWRITE_JPEG_QUALITY, QUALITY))
         return content.tobytes() if done else None
 

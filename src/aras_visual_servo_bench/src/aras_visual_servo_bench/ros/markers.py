@@ -44,7 +44,8 @@ def make_marker(shape: Shape, frame: str) -> Marker:
         position.x, position.y, position.z = (float(v) for v in shape.points[0])
         return message
     message.scale.x = width
-    if shape.kind == FACES:  # rviz multiplies the vertices of a triangle list by the marker's scale
+    # For a triangle list, rviz multiplies the vertices by the scale, so the scale has to be 1.
+    if shape.kind == FACES:
         message.scale.x = message.scale.y = message.scale.z = 1.0
     if shape.kind == ARROW:
         message.scale.y, message.scale.z = HEAD_WIDTH * width, HEAD_LENGTH * width
@@ -74,7 +75,7 @@ def main() -> int:
 
 
 def _publish() -> None:
-    """Publish the markers every PERIOD if they have a subscriber."""
+    """Publish the markers every PERIOD if a subscriber such as rviz is connected."""
     settings = make_listener_settings(rospy.get_param("~", {}))
     listener, target, previous = GraphListener(settings), TargetWatch(), set()
     topic = f"{settings.namespace.rstrip('/')}/markers"

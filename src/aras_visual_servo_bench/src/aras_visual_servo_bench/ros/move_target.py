@@ -21,7 +21,8 @@ from ..errors import ExperimentError, StudyError
 from ..experiment.overrides import parse_overrides
 from ..targets.geometry import Motion
 
-RATE = 60.0  # rate of the updates of the pose, Hz in simulated time; twice the rate of images
+# Rate at which the target's pose is set, Hz in simulated time; twice the camera's image rate.
+RATE = 60.0
 SERVICE_TIMEOUT = 10.0  # longest time to wait for the services of the simulation, s
 
 

@@ -82,7 +82,7 @@ class PageCommands:
         rospy.Subscriber(f"{CONTROLLER}/gains/parameter_updates", Config, self._on_gains)
 
     def list_choices(self) -> dict[str, list[str]]:
-        """Return the names in each selection list of the page."""
+        """Return the names in each selection list of the page, by the key of the list."""
         gazebo = Path(self._packages.get_path("aras_visual_servo_gazebo"))
         starts = read_yaml(
             self._settings.package / "config" / "starts.yaml", ConfigurationError
@@ -242,7 +242,7 @@ class PageCommands:
         return f"servoing with {scheme}, law {law}, from {start} to {Path(goal).stem}"
 
     def _is_ready(self) -> bool:
-        """Return whether the controller node of this page offers its services."""
+        """Return whether the controller node that this page starts offers its services."""
         try:
             return rosservice.get_service_node(f"{self._namespace}/controller/start") == CONTROLLER
         except (rosservice.ROSServiceException, OSError):

@@ -1,4 +1,4 @@
-"""Clock of a recording, which shows resets and messages that are stamped by another clock."""
+"""Clock of a recording; it finds resets and messages that were stamped with another clock."""
 
 from __future__ import annotations
 
@@ -8,17 +8,19 @@ from typing import Any
 
 # largest decrease of the time that is not a reset of the clock, ns
 RESET_TOLERANCE_NS = 500_000_000
-# Largest distance of a message's stamp from /clock when it is recorded, ns: ten times the distance
-# at which the controller recognises another clock, because images are compressed before they are
-# recorded, and simulated time can run several times as fast as wall time.
+# Largest difference between a message's stamp and the time of /clock at which it is recorded, ns.
+# It is ten times the difference at which the controller detects another clock, because images are
+# compressed before they are recorded, and simulated time can run several times as fast as wall
+# time.
 CLOCK_TOLERANCE_NS = 5_000_000_000
-# The same from the stamps of the controller's states, if the bag has no /clock: the controller can
-# start long after the robot.
+# Tolerance that replaces CLOCK_TOLERANCE_NS if the bag has no /clock and the stamps of the
+# controller's states serve as the clock, ns. It is large, because the controller can start long
+# after the robot.
 STATES_TOLERANCE_NS = 3600_000_000_000
 
 
 class RecordedClock:
-    """Time that a clock shows at each position in a bag.
+    """Time of a recorded clock at each position in a bag, by the messages that show this time.
 
     Attributes:
         resets: positions of the first message after each reset of the clock, in ascending order.
@@ -28,10 +30,11 @@ class RecordedClock:
         """Create the clock.
 
         Args:
-            entries: pairs of the position of a message and the time that it shows, ns. Time 0 means
-                that the clock was not known yet.
-            tolerance_ns: largest distance of a stamp of this clock from the time shown at the
-                position of its message, ns.
+            entries: pairs of the position of a message in the bag and the time that this message
+                shows, ns. Time 0 means that the time was not known yet.
+            tolerance_ns: largest difference between the stamp of a message and the time of the
+                clock at the position of this message, ns. A larger difference means that the stamp
+                is from another clock.
         """
         known = sorted(entry for entry in entries if entry[1])
         self._positions, self._times = [p for p, _ in known], [t for _, t in known]
@@ -41,19 +44,20 @@ class RecordedClock:
             if self._times[i] < self._times[i - 1] - RESET_TOLERANCE_NS
         ]  # fmt: skip
         self.resets = [self._positions[i] for i in indices]
-        # A message that was sent before a reset can arrive after it.
+        # A message that was sent before a reset can arrive after it. Therefore the last time before
+        # each reset is stored, too.
         self._reset_times = [self._times[i - 1] for i in indices]
 
     def __bool__(self) -> bool:
-        """Return whether the clock shows any time."""
+        """Return whether any time of the clock is known."""
         return bool(self._times)
 
     def find_difference(self, position: Any, stamp: int) -> int:
-        """Return the distance of a stamp from this clock, ns; 0 if the stamp can be of this clock.
+        """Return the difference of a message's stamp from this clock, ns; 0 within the tolerance.
 
         Args:
-            position: position of the stamped message.
-            stamp: its stamp, ns; 0 if its publisher did not know the time yet.
+            position: position of the message in the bag.
+            stamp: stamp of the message, ns; 0 if its publisher did not know the time yet.
         """
         if not stamp or not self:
             return 0

@@ -11,8 +11,8 @@ import time
 from pathlib import Path
 
 _PR_SET_PDEATHSIG = 1
-# The library is loaded before any fork, because loading it between fork and exec could wait forever
-# for a lock of another thread.
+# The C library is loaded here, before any fork. Loading it between fork and exec could wait forever
+# for a lock that another thread holds.
 _PRCTL = ctypes.CDLL(None).prctl
 
 
@@ -27,7 +27,8 @@ class RosLaunch:
     """A roslaunch process and all processes that it starts.
 
     roslaunch runs in a new session. ^C in the terminal therefore interrupts only this program,
-    which then stops all processes in order. Processes that are left are found by their session.
+    which then stops all processes in order. Processes that are then still running are found by
+    their session.
     """
 
     def __init__(self, arguments: list[str], log: Path, environment: dict[str, str]) -> None:
@@ -49,7 +50,7 @@ class RosLaunch:
         return self._process.poll() is None
 
     def read_log(self) -> str:
-        """Return the text of the log without colour codes."""
+        """Return the text of roslaunch's log without colour codes."""
         return re.sub("\x1b\\[[0-9;]*m", "", self.log.read_text("utf-8", errors="replace"))
 
     def find_death_message(self) -> str:
@@ -62,13 +63,14 @@ class RosLaunch:
         return ""
 
     def read_last_lines(self, count: int = 6) -> str:
-        """Return the last `count` errors in the log, or its last lines if there are no errors."""
+        """Return the last `count` errors in roslaunch's log, or the last lines if there are none.
+        """
         lines = [line for line in self.read_log().splitlines() if line.strip()]
         errors = [line for line in lines if "ERROR" in line or "FATAL" in line]
         return "\n".join("    " + line for line in (errors or lines)[-count:])
 
     def stop(self, patience: float = 20.0) -> None:
-        """Stop all processes of the session.
+        """Stop roslaunch and all processes that it has started.
 
         roslaunch receives SIGINT. Processes that are then left receive SIGTERM and finally SIGKILL.
 
@@ -95,12 +97,12 @@ class RosLaunch:
         return bool(members)
 
     def _find_processes(self) -> list[int]:
-        """Return the ids of the running processes in the session."""
+        """Return the ids of the running processes in the session of roslaunch."""
         found = []
         for entry in Path("/proc").glob("[0-9]*"):
             with contextlib.suppress(OSError):
-                # The file contains the id, the command in brackets, then state, parent, group,
-                # session, ...
+                # /proc/PID/stat contains the process id, the command in brackets, then state,
+                # parent, process group, session, ...
                 fields = (entry / "stat").read_bytes().rpartition(b")")[2].split()
                 if int(fields[3]) == self._process.pid and fields[0] != b"Z":
                     found.append(int(entry.name))

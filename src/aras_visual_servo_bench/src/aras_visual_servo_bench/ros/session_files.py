@@ -12,7 +12,8 @@ from pathlib import Path
 from ..errors import RefusedError, catch_write_errors
 from .ros_launch import RosLaunch
 
-# Longest time for the tool teach, for the tool analyze, and for creating a bag, s of wall time.
+# Longest times, s of wall time: for the tool teach, for the tool analyze, and for the recorder to
+# create its bag.
 TEACH_TIMEOUT, REPORT_TIMEOUT, CLOSE_TIMEOUT = 90.0, 180.0, 15.0
 IMAGE_TIMEOUT = 20.0  # longest time for which the tool teach waits for images, s of wall time
 REPORT_FOLDER = "report"
@@ -30,9 +31,10 @@ class SessionFiles:
             recording is impossible.
         directory: folder of all files.
         open_bag: bag that is being recorded; None if there is none.
-        last_bag: bag that was recorded last; None before. If its recorder was killed, this bag is
-            not closed.
-        report_page: path of the last report's page relative to the folder of reports; '' before.
+        last_bag: bag that was recorded last; None if no bag was recorded. The bag is not closed if
+            the recorder was killed.
+        report_page: path of the last report's page, relative to the folder of reports; '' if there
+            is no report.
     """
 
     def __init__(self, directory: Path) -> None:
@@ -52,7 +54,7 @@ class SessionFiles:
         return f"stored the current view as goal {name}: {path}"
 
     def start_recording(self) -> str:
-        """Start to record a bag of all relevant topics; `stop_recording` ends this."""
+        """Start record.launch, which records a bag; `stop_recording` ends the recording."""
         if self.open_bag is not None and self._recorder.running:
             raise RefusedError(f"already recording to {self.open_bag}")
         self.check_recording()

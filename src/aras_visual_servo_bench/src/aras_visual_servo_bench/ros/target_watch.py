@@ -21,7 +21,7 @@ PERIOD = 0.5  # shortest time between two queries of the target's pose, s of wal
 
 
 class TargetWatch:
-    """Updates the shapes of the target in a RunTrace.
+    """Updates the drawing of the target in a RunTrace, which is the drawing of a run.
 
     Attributes:
         missing_reason: message if the simulation has no target, otherwise ''.
@@ -38,9 +38,9 @@ class TargetWatch:
         rospy.Subscriber(TOPIC, PoseStamped, self._on_target, queue_size=1)
 
     def update(self, run_trace: RunTrace, robot: str) -> None:
-        """Set the shapes of the target in a trace. The pose is queried at most once per PERIOD.
+        """Set the drawing of the target in a RunTrace; query its pose at most once per PERIOD.
 
-        The shapes are in the base frame of the robot, or in the world frame if the simulator has no
+        The drawing is in the base frame of the robot, or in the world frame if the simulator has no
         model `robot`. A target that the arm carries is not drawn.
         """
         if time.monotonic() - self._update_time > PERIOD:
@@ -50,7 +50,7 @@ class TargetWatch:
         run_trace.target = self._shapes
 
     def _read_drawing(self) -> ModelDrawing:
-        """Return the drawing of the target; it is empty if there is no valid description."""
+        """Return the drawing of the target; it is empty if the target has no valid description."""
         try:
             urdf = str(rospy.get_param(TARGET_DESCRIPTION, ""))
             if self._cached_drawing[0] != urdf:

@@ -1,4 +1,4 @@
-"""Jogging of the arm from the live page. A thread sends the commands that a Jog computes."""
+"""Jogging of the arm from the live page, by a thread that sends commands to the joints."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class Teleoperator:
 
         Args:
             name: name of the joint.
-            fraction: velocity as a fraction of the largest velocity, -1 to 1.
+            fraction: velocity as a fraction of the joint's largest velocity for jogging, -1 to 1.
 
         Returns:
             The reason why the motion is limited, or ''.
@@ -64,7 +64,7 @@ class Teleoperator:
         return jog.reason
 
     def _start_jog(self) -> Jog:
-        """Stop the controller, and return the Jog of the current robot.
+        """Stop the controller, and return the Jog, which computes the commands for the robot's arm.
 
         Raises:
             RefusedError: there is no robot, or its controller cannot be stopped.

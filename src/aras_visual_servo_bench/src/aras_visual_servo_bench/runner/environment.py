@@ -31,7 +31,7 @@ MAX_TWIST = (0.25, 0.25, 0.25, 1.5, 1.5, 1.5)
 
 
 class ExternalTwistScheme(Scheme):
-    """Scheme that measures the features of another scheme and commands an external twist.
+    """Scheme that measures the features of another scheme, but commands a twist set from outside.
 
     Attributes:
         inner: the other scheme.
@@ -81,7 +81,8 @@ class ExternalTwistScheme(Scheme):
         self.twist = np.zeros(6)
 
     def compute(self, observation: Observation, goal: Goal, t: float) -> SchemeOutput:
-        """Compute the output of the inner scheme, and replace its task by the external twist."""
+        """Compute the output of the inner scheme, and replace the task in it by the external twist.
+        """
         output = self.inner.compute(observation, goal, t)
         modelled = output.task.modelled
         return dataclasses.replace(output, task=Task.from_twist(self.twist, modelled))
@@ -92,15 +93,13 @@ class ServoEnv(gymnasium.Env):
 
     An action (6,) in [-1, 1] is the camera twist as a fraction of `max_twist`. Components of the
     twist that the scheme does not control have no effect, for example rotations if the scheme
-    controls only the position.
-    The observation is either the feature errors (k,) followed by the joints (n,), or the grey image
-    (rows, columns), uint8, of the control camera.
-    The reward is -|e| / |e0| with the feature errors e and their initial values e0, plus 1 while
-    the loop is converged.
-    An episode is terminated when the loop has converged or has lost its target, and truncated when
-    the duration of the experiment is over.
-    `info` contains the outcome, the verdict, the distance and angle to the goal, and the current
-    true pose `camera_T_goal` (4, 4) of the goal, for example for imitation learning.
+    controls only the position. The observation is either the feature errors (k,) followed by the
+    joint positions (n,), or the grey image (rows, columns), uint8, of the camera that is
+    controlled. The reward is -|e| / |e0| with the feature errors e and their initial values e0,
+    plus 1 while the loop is converged. An episode is terminated when the loop has converged or has
+    lost its target, and truncated when the duration of the experiment is over. `info` contains the
+    outcome that the loop reports, the verdict by the true camera pose, the distance (m) and angle
+    (rad) to the goal, and the true pose `camera_T_goal` (4, 4), for example for imitation learning.
 
     `gymnasium.make_vec(ENVIRONMENT, 8, "async", experiment=...)` runs environments in parallel.
 
@@ -120,8 +119,8 @@ class ServoEnv(gymnasium.Env):
         """Start the first episode.
 
         Args:
-            experiment: settings of the episodes; None: a free camera with exact features and random
-                starts.
+            experiment: settings of the episodes; None: a free camera that starts at random poses,
+                with features that are computed without images.
             max_twist: camera twist of an action whose components are all 1, m/s and rad/s.
             render_mode: None or 'rgb_array'; see `gymnasium.Env`.
             observes: content of an observation: 'features' or 'image'.
@@ -181,14 +180,14 @@ class ServoEnv(gymnasium.Env):
         return self._make_observation(), reward, lost or reached, state is None, self._make_info()
 
     def render(self) -> np.ndarray | None:
-        """Return the latest image (rows, columns, 3), rgb; None if features are exact."""
+        """Return the latest image (rows, columns, 3), rgb; None if the experiment has no images."""
         reading = self.loop.reading
         if reading is None or not reading.has_image:
             return None
         return ImageReader.decode_image(reading).rgb
 
     def close(self) -> None:
-        """Close the plant."""
+        """Release the resources of the plant, the simulated arm or camera."""
         if self.loop is not None:
             self.loop.close()
             self.loop = None

@@ -1,4 +1,4 @@
-"""Run an experiment: advance the plant from measurement to measurement, and update the loop."""
+"""Run an experiment: advance the plant in simulated time, and update the control loop."""
 
 from __future__ import annotations
 
@@ -62,7 +62,8 @@ def run(
             image with the finished fraction of the experiment's duration, 0 to 1.
 
     Returns:
-        Record of the run: time series, `outcome` reported by the loop, `verdict` by the true poses.
+        Record of the run: time series; `outcome`, which the loop reports; and `verdict`, which
+        compares the true camera pose with the desired one.
 
     Raises:
         ExperimentError: the experiment cannot be run; the message names the wrong key and the
@@ -98,14 +99,13 @@ def _run_once(experiment: Experiment, progress: Callable[[float], None] | None) 
 class Loop:
     """Run of an experiment that can be advanced image by image.
 
-    `run_to_image` continues to the next image, `run_to_end` to the end, and `make_run` returns the
-    record of the run up to the current time. Call `close` at the end. `run(experiment)` calls all
-    these methods. As in the controller node, a LoopRunner updates the control loop.
+    `run_to_image` continues to the next image, `run_to_end` continues to the end, and `make_run`
+    returns the record of the run up to the current time. Call `close` at the end.
 
     Attributes:
         experiment: settings of the run.
         parts: objects that make up the run.
-        plant: arm or free camera.
+        plant: simulated arm or free camera.
         servo: control loop.
         reading: last image of the control camera; None before the first image.
         state: state of the loop after the last processed image; None before the first image.
@@ -120,8 +120,9 @@ class Loop:
         Args:
             experiment: settings of the run.
             parts: objects that make up the run, from `assemble`.
-            records_films: whether to record the images of the other cameras, too.
-            on_frame: function that is called with this Loop and a frame, when any camera exposes a
+            records_films: whether to record the images of all cameras, not only of the control
+                camera.
+            on_frame: function that is called with this Loop and a frame when any camera exposes a
                 frame.
         """
         self.experiment, self.parts = experiment, parts
@@ -144,7 +145,8 @@ class Loop:
         )  # fmt: skip
         self._on_frame = on_frame
         self._has_new_state = False
-        # Heap of frames that have not arrived at the loop: (time of arrival (ns), number, frame).
+        # Heap of frames that have not arrived at the loop: (time of arrival (ns), serial number,
+        # frame).
         self._pending: list[tuple[int, int, Frame]] = []
         self._delayed_count = 0
         self._delays_ns = {
@@ -158,13 +160,14 @@ class Loop:
     def send(self, command: Command) -> None:
         """Send a command to the joints of the plant.
 
-        The ideal camera has no joints; `report` sends it a twist instead."""
+        The plant 'ideal' has no joints; `report` sends it the camera twist instead.
+        """
         if command.values is not None and not self._has_free_camera:
             self.plant.command(command.kind, command.values)
             self._recorder.on_command(command.values)
 
     def report(self, state: ServoState) -> None:
-        """Record the state of the loop after an image; ignore states between two images."""
+        """Record the state of the loop after an image; ignore states without a new image."""
         if not state.has_processed_image:
             return
         self._has_new_state = True
@@ -204,7 +207,7 @@ class Loop:
         return self.plant.time_ns > self._find_end()
 
     def _find_end(self) -> float:
-        """Return the currently expected end of the run, ns; it can change on convergence."""
+        """Return the expected end of the run, ns; it becomes earlier if the loop converges."""
         time_after_convergence = self.experiment.time_after_convergence
         if self._start_ns is None:
             return FIRST_IMAGE_TIMEOUT_NS - 1
@@ -249,7 +252,7 @@ class Loop:
         return self.state if self._has_new_state else None
 
     def _advance_plant(self) -> Iterator[JointReading | Frame]:
-        """Advance the plant; yield joint states, and frames after the delay of their camera."""
+        """Advance the plant; yield each joint state, and each frame when it arrives at the loop."""
         plant, pending = self.plant, self._pending
         until_ns = plant.time_ns + NANOSECONDS
         if pending:
@@ -262,8 +265,7 @@ class Loop:
             if reading.name not in self.parts.rig.observers:
                 continue
             if delay_ns := self._delays_ns[reading.name]:
-                # frames that arrive at the same time stay in their order, because the number
-                # increases
+                # the increasing number keeps frames that arrive at the same time in their order
                 self._delayed_count += 1
                 heapq.heappush(pending, (reading.stamp_ns + delay_ns, self._delayed_count, reading))
             else:
@@ -272,7 +274,7 @@ class Loop:
             yield heapq.heappop(pending)[2]
 
     def _note_exposure(self, frame: Frame) -> None:
-        """Record a frame at its exposure, even if the loop does not read the camera."""
+        """Record a frame when it is exposed, even if the loop does not read its camera."""
         if self._on_frame is not None:
             self._on_frame(self, frame)
         if frame.name != self.parts.rig.control.name:
@@ -292,7 +294,8 @@ class Loop:
         return motion @ self.parts.goal_pose
 
     def compute_verdict(self) -> Verdict:
-        """Compare the true camera pose, without vibration, with the desired camera pose."""
+        """Compute the verdict by comparing the true camera pose, without vibration, with the goal.
+        """
         offset = self.parts.cameras[self.parts.rig.control.name].spec.calibration_offset
         depth = self.parts.goal.distance / offset.depth
         return Verdict.compare(
@@ -302,9 +305,9 @@ class Loop:
     def make_run(self) -> Run:
         """Return the record of the run up to the current time."""
         if self.is_over and self.servo.outcome.kind == "running":
-            # The loop detects the end of the duration only at an image with a measurement. The last
-            # images of this run have no measurement, but they are too few for the outcome 'target
-            # lost'.
+            # The loop detects the end of the duration only at an image with a measurement. If the
+            # last images have no measurement, but are too few for the outcome 'target lost', the
+            # end is reported here.
             self.servo.time_out(self.experiment.duration)
         outcome = self.servo.outcome
         if self._termination is not None:
@@ -338,5 +341,5 @@ class Loop:
         return run
 
     def close(self) -> None:
-        """Close the plant."""
+        """Release the resources of the plant, the simulated arm or camera."""
         self.plant.close()

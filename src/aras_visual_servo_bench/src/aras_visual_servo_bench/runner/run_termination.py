@@ -1,4 +1,4 @@
-"""End of a run on the plant 'ideal', by criteria from publications."""
+"""End of a run on the plant 'ideal', a free camera, by criteria that publications use."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from ..setup.assembly import Assembly
 # Number of successive images without a measurement after which the target counts as lost. Without a
 # measurement the camera does not move, so later images would not show the target, either.
 MAX_BLIND_IMAGES = 5
-# Factor of the initial and of the desired depth of the target. A failed run in which the depth
-# exceeded both products is a camera retreat.
+# The outcome of a failed run is a camera retreat if the depth of the target exceeded this multiple
+# of both its initial and its desired value.
 MAX_RETREAT = 3.0
 
 
@@ -48,8 +48,8 @@ class RunTermination:
 
         pose: true world_T_camera (4, 4) of the control camera."""
         output = state.scheme_output
-        # The stamp is rounded to image periods. Counting images instead would be wrong if images
-        # are dropped.
+        # The stamp is rounded to a whole number of image periods. Counting the images instead would
+        # be wrong if images are dropped.
         time = round(state.stamp / self._period) * self._period
         self._blind_images = self._blind_images + 1 if output is None else 0
         if state.phase != CONVERGED:
@@ -80,8 +80,8 @@ class RunTermination:
     def decide_outcome(self, loop_outcome: Outcome) -> Outcome:
         """Return the outcome of the run.
 
-        The outcome of this class has precedence over the outcome of the loop. A failed run can be
-        reported as a camera retreat.
+        An outcome that this class has decided replaces the outcome of the loop. If the run has not
+        converged and the camera went far back, the outcome is a camera retreat.
         """
         loop_outcome = self.outcome or loop_outcome
         if (
@@ -94,7 +94,11 @@ class RunTermination:
         )
 
     def _check_true_pose(self, pose: np.ndarray) -> Outcome | None:
-        """Return the outcome by `ideal.enough` and `ideal.farthest`; None if there is none.
+        """Return the outcome from the true pose of the camera; None if the run continues.
+
+        The run has converged if the distance and the angle to the goal are at most `ideal.enough`
+        times their initial values. It makes no progress if the distance exceeds `ideal.farthest`
+        times its initial value.
 
         pose: true world_T_camera (4, 4) of the control camera.
         """
@@ -114,5 +118,5 @@ class RunTermination:
         return None
 
     def _compute_depth(self, pose: np.ndarray, time: float) -> float:
-        """Compute the depth of the target's origin in the camera frame, m."""
+        """Compute the depth (m) of the target's origin in the camera frame at `time` (s)."""
         return float((inverse(pose) @ self._target.world_T_target(time))[2, 3])

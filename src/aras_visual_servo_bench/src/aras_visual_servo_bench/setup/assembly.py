@@ -57,10 +57,10 @@ class Assembly:
         rig: computes the observations of the cameras.
         cameras: cameras by name, the control camera first.
         goal: goal of the control loop.
-        goal_pose: world_T_camera (4, 4) of the true control camera at the goal.
+        goal_pose: true world_T_camera (4, 4) of the control camera at the goal.
         target: target of the control camera, with its pose in the world.
-        placements: pose of each other camera relative to the control camera, by name.
-        postures: search for postures of the arm; None for a free camera.
+        placements: poses of the other cameras relative to the control camera, by name.
+        postures: object that finds joint positions of the arm; None for a free camera.
         notes: warnings about occlusions and collisions of the arm at start and goal.
     """
 
@@ -89,8 +89,8 @@ class Assembly:
     def observe(self, frame: Frame, joints: Any, commands: tuple = ()) -> Observation:
         """Compute the observation of a frame as the controller does.
 
-        On the plant 'ideal', the plane of the target is computed from the exact camera pose and is
-        used as if it were measured.
+        On the plant 'ideal', the observation contains the plane of the target, computed from the
+        exact camera pose.
         """
         plane = None
         if self.plant.has_exact_plane:
@@ -170,11 +170,11 @@ def check(experiment: Experiment) -> None:
 
 @dataclass(frozen=True, eq=False)
 class GoalLocation:
-    """Camera pose and joints at the goal.
+    """Camera pose and joint positions at the goal.
 
-    pose: world_T_camera (4, 4) of the true control camera.
+    pose: true world_T_camera (4, 4) of the control camera.
     joints: position of each joint at the goal, by name; empty if the experiment gives none.
-    loaded_goal: goal that was read from a file; None: the goal is taught.
+    loaded_goal: goal that was read from a file; None: no file is given, so the goal is taught.
     """
 
     pose: np.ndarray
@@ -183,10 +183,10 @@ class GoalLocation:
 
 
 def read_goal(context: SetupContext) -> GoalLocation:
-    """Return the camera pose and joints at the goal of an experiment.
+    """Return the camera pose and the joint positions at the goal of an experiment.
 
     Raises:
-        ExperimentError: the goal file contains neither joints nor a camera pose.
+        ExperimentError: the goal file contains neither joint positions nor a camera pose.
     """
     setting, arm = context.experiment.goal, context.arm
     if isinstance(setting, CameraPose):
@@ -208,19 +208,21 @@ def read_goal(context: SetupContext) -> GoalLocation:
 
 
 def _read_goal_joints(context: SetupContext) -> np.ndarray:
-    """Return the joints (n,) of a goal that the experiment gives as joints."""
+    """Return the joint positions (n,) of a goal that the experiment gives as joint positions."""
     try:
         joints = find_start_joints(context.experiment.goal, context.arm, context.settings.package)
-    except ConfigurationError as error:  # the message names `~start`, but the setting is `goal`
+    # The error message names the parameter `~start`, but the wrong setting is `goal`.
+    except ConfigurationError as error:
         raise ExperimentError(str(error).replace("parameter ~start", "goal", 1)) from error
     check_within_limits(joints, context.arm, "goal")
     return joints
 
 
 def make_arms(context: SetupContext, pose: np.ndarray) -> tuple[Arm | FreeBody, Arm | FreeBody]:
-    """Return the true arm and the arm with the camera calibration that the controller uses.
+    """Return the arm with the true camera calibration, and with the one that the controller uses.
 
-    pose: world_T_camera (4, 4) at the goal; a free camera has coordinates 0 there.
+    pose: world_T_camera (4, 4) at the goal, from which the coordinates of a free camera are
+        measured.
     """
     offset = context.control_camera.spec.calibration_offset
     if not context.has_free_camera:
@@ -234,11 +236,11 @@ def make_arms(context: SetupContext, pose: np.ndarray) -> tuple[Arm | FreeBody, 
 def make_calibrated_kinematics(
     context: SetupContext, pose: np.ndarray, control: Arm | FreeBody
 ) -> dict[str, FreeBody | CameraKinematics]:
-    """Return the calibrated kinematics of the other cameras that the scheme reads, by name.
+    """Return the kinematics, as the controller knows them, of all cameras but the control camera.
 
     Args:
-        pose: world_T_camera (4, 4) of the true control camera at the goal.
-        control: calibrated kinematics of the control camera.
+        pose: true world_T_camera (4, 4) of the control camera at the goal.
+        control: kinematics of the control camera, as the controller knows them.
     """
     others: dict[str, FreeBody | CameraKinematics] = {}
     for name in list(context.needs)[1:]:
@@ -272,7 +274,7 @@ def make_postures(context: SetupContext) -> Postures:
 def find_goal_joints(
     context: SetupContext, postures: Postures | None, location: GoalLocation
 ) -> np.ndarray | None:
-    """Return the joints (n,) of the arm at the goal.
+    """Return the joint positions (n,) at the goal.
 
     Return None for a free camera, and if the arm cannot reach the goal; in the second case, the run
     reports an unreachable goal as its outcome.
@@ -283,9 +285,10 @@ def find_goal_joints(
 
 
 def find_joints(postures: Postures | None, pose: np.ndarray) -> np.ndarray | None:
-    """Return joints (n,) that put the camera at a pose; None without an arm or without a solution.
+    """Return joint positions (n,) that put the camera at a pose; None if there are none.
 
-    pose: world_T_camera (4, 4) of the control camera."""
+    pose: world_T_camera (4, 4) of the control camera.
+    """
     if postures is None:
         return None
     try:
@@ -308,12 +311,12 @@ def make_goal(
     The goal is computed from a goal file if possible; otherwise it is taught.
 
     Args:
-        location: camera pose and joints at the goal.
-        joints: joints (n,) of the arm at the goal; None: not known.
+        location: camera pose and joint positions at the goal.
+        joints: joint positions (n,) at the goal; None: not known.
         postures: search for postures of the arm; None for a free camera.
         arm: true kinematics of the control camera.
-        calibrated_arm: kinematics of the control camera that the controller uses.
-        calibrated_others: kinematics of the other cameras that the controller uses, by name.
+        calibrated_arm: kinematics of the control camera, as the controller knows them.
+        calibrated_others: kinematics of the other cameras, as the controller knows them, by name.
     """
     control, loaded = context.control_camera.name, location.loaded_goal
     goal = (
@@ -339,15 +342,17 @@ def make_goal(
 def compute_goal(
     context: SetupContext, loaded_goal: Goal, arms: Mapping[str, FreeBody | CameraKinematics]
 ) -> Goal | None:
-    """Compute the goal of the calibrated cameras from a goal file.
+    """Compute the goal of the loop from a goal that was loaded from a file.
 
     Return None, so that the goal is taught, in three cases: the file lacks data that the scheme
-    needs; it lacks data of a camera with its own target; or the target is a solid, and the goal in
-    the file was taught with the plates of the demo.
+    needs; it lacks data of a camera with its own target; or the target of the experiment is a
+    solid, but the goal in the file was taught with the two plates of the demo.
+
+    arms: kinematics of each camera, as the controller knows them, by name.
     """
     goal = loaded_goal.for_cameras(arms)
     if any(context.has_own_target(n) and n not in loaded_goal.cameras for n in context.needs):
-        return None  # the goal file has no entry for a camera that observes its own target
+        return None  # for a camera that observes its own target, the goal file has no data
     if goal.target is not None and context.target.shape.is_solid:
         return None
     try:
@@ -358,7 +363,8 @@ def compute_goal(
 
 
 def with_calibrated_depths(context: SetupContext, goal: Goal) -> Goal:
-    """Return the goal with its depths multiplied by each camera's `calibration_offset.depth`."""
+    """Return a goal whose depths are multiplied by the cameras' setting `calibration_offset.depth`.
+    """
     scaled = {
         name: _scale_depth(camera_goal, context.cameras[name].spec.calibration_offset.depth)
         for name, camera_goal in goal.cameras.items() if name in context.cameras
@@ -368,7 +374,7 @@ def with_calibrated_depths(context: SetupContext, goal: Goal) -> Goal:
 
 
 def _scale_depth(goal: Goal, factor: float) -> Goal:
-    """Return a goal with its depth, and the depths of its plane, multiplied by `factor`."""
+    """Return a goal with its depth, and the depths of its target plane, multiplied by `factor`."""
     if factor == 1.0:
         return goal
     depth = None if goal.depth is None else goal.depth * factor
@@ -380,9 +386,9 @@ def find_start(
     context: SetupContext, postures: Postures | None, arm: Arm | FreeBody, goal_pose: np.ndarray,
     goal_joints: np.ndarray | None,
 ) -> np.ndarray:
-    """Return the joints (n,) at the start.
+    """Return the joint positions (n,) at the start.
 
-    goal_joints: joints (n,) at the goal; None: not known.
+    goal_joints: joint positions (n,) at the goal; None: not known.
     """
     start = context.experiment.start
     if isinstance(start, Sampler):
@@ -409,7 +415,7 @@ def find_start(
 
 
 def read_start_joints(context: SetupContext) -> np.ndarray:
-    """Return the joints (n,) of a start that is given by name or as joints."""
+    """Return the joint positions (n,) of a start that is given by a name or by joint positions."""
     joints = find_start_joints(context.experiment.start, context.arm, context.settings.package)
     if joints is None:
         raise ExperimentError("start is 'none', but a plant needs a start: give a pose or joints")
@@ -424,8 +430,8 @@ def check_postures(
     """Log warnings about occlusions and collisions of the arm at goal and start, and return them.
 
     Args:
-        goal: joints (n,) at the goal; None: not known.
-        start: joints (n,) at the start.
+        goal: joint positions (n,) at the goal; None: not known.
+        start: joint positions (n,) at the start.
         is_given: whether the experiment gives the joints at the goal.
     """
     if postures is None or goal is None:
@@ -454,7 +460,7 @@ def make_servo(context: SetupContext, calibrated_arm: Arm | FreeBody, goal: Goal
 
 
 def make_plant(context: SetupContext, arm: Arm | FreeBody, start: np.ndarray) -> Plant:
-    """Make the plant, with the arm at the joints `start` (n,)."""
+    """Make the plant, with the arm at the joint positions `start` (n,)."""
     experiment = context.experiment
     if experiment.plant == "bullet":
         from .dynamic_arm_setup import make_dynamic_arm

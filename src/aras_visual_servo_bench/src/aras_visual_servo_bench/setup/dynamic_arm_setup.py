@@ -33,7 +33,7 @@ PLATES_OFFSET = (0.0, 0.0, 0.591)  # origin of the model in PLATES_FILE, in the 
 
 
 def find_mounted_targets(experiment: Experiment) -> dict[str, MountedTarget]:
-    """Return the targets to add to links of the Bullet arm, by the name of the new link.
+    """Return the targets to fix to links of the Bullet arm, by the name of each target's new link.
 
     Targets that are already in the robot description are omitted.
     """
@@ -59,7 +59,7 @@ def find_mounted_targets(experiment: Experiment) -> dict[str, MountedTarget]:
 def make_dynamic_arm(
     context: SetupContext, start: np.ndarray, is_teaching: bool = False
 ) -> DynamicArm:
-    """Make the simulated arm at the joints `start` (n,), rad or m.
+    """Make the simulated arm at the joint positions `start` (n,), rad or m.
 
     is_teaching: whether the arm is for teaching a goal: noise, occluder and changes of the light
         are then omitted.

@@ -31,12 +31,12 @@ if TYPE_CHECKING:
     from .postures import Postures
 
 # Data that are measured in a rendered image when a goal is taught. Systematic errors of the image
-# processing are then equal at the goal and in the run, and cancel.
+# processing are then the same at the goal and during the run, so they do not affect the result.
 RENDERED_NEEDS = {Need.IMAGE, Need.CONTOUR, Need.CORNERS}
 # Maximum difference between the area of the target in the image and the area of the polygon of its
-# corners, relative to the latter area.
+# corners, as a fraction of the area of the polygon.
 AREA_TOLERANCE = 0.1
-SUSPICIOUS_LENGTH = 1.0  # m; the file of a solid of at least this length is probably in millimetres
+SUSPICIOUS_LENGTH = 1.0  # length of a solid from which its file is assumed to be in millimetres, m
 VIEW_REMEDY = "give a goal from which the camera sees the target, or move the target"
 
 
@@ -112,13 +112,13 @@ def show_goal(
     """Teach a goal at a camera pose, with rendered images if the features need them.
 
     Args:
-        pose: world_T_camera (4, 4) of the true control camera.
+        pose: true world_T_camera (4, 4) of the control camera.
         name: name of the goal.
-        joints: joints (n,) of the arm at the goal; None: not known.
+        joints: joint positions (n,) at the goal; None: not known.
         postures: search for postures of the arm; None for a free camera.
         arm: true kinematics of the control camera.
-        calibrated_arm: kinematics of the control camera that the controller uses.
-        others: kinematics of the other cameras that the controller uses, by name.
+        calibrated_arm: kinematics of the control camera, as the controller knows them.
+        others: kinematics of the other cameras, as the controller knows them, by name.
 
     Raises:
         ExperimentError: the target is not in view of a camera.
@@ -151,14 +151,15 @@ def teach_goal(
     name: str,
     joints: Mapping[str, float],
 ) -> Goal:
-    """Compute the goal from the true cameras' views, as the controller observes them.
+    """Compute the goal from the views of the cameras at the goal pose.
 
     Args:
-        pose: world_T_camera (4, 4) of the true control camera.
-        mountings: calibrated pose (4, 4) of each camera in the frame of the true camera, by name.
-        other_kinematics: kinematics of the other cameras that the controller uses, by name.
-        images: image of each camera, by name; for a camera without an image, exact features are
-            computed.
+        pose: true world_T_camera (4, 4) of the control camera.
+        mountings: pose (4, 4) of each camera according to its calibration, in the frame of the true
+            camera, by name.
+        other_kinematics: kinematics of the other cameras, as the controller knows them, by name.
+        images: image of each camera, by name; for a camera without an image, features are computed
+            from the geometry.
         name: name of the goal.
         joints: position of each joint at the goal, by name; empty: not known.
     """
@@ -193,10 +194,10 @@ def teach_goal(
 def _check_is_target(context: SetupContext, observation: Observation, pose: np.ndarray) -> None:
     """Check that the target detected in an image is at the true position of the target.
 
-    pose: world_T_camera (4, 4) of the true camera.
+    pose: true world_T_camera (4, 4) of the camera.
 
     Raises:
-        ExperimentError: the detected object has another position or another area.
+        ExperimentError: the position or the area of the detected object is wrong.
     """
     area = None
     if observation.moments is not None:

@@ -1,4 +1,5 @@
-"""Imaging settings of the cameras of a run, with and without the random effects."""
+"""Imaging settings of the cameras, with random effects for a run and without for teaching a goal.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +33,7 @@ RANDOM_SETTINGS = {"noise_stddev", "shot_noise", "sensor", "drop_probability"}
 def make_imaging_settings(
     context: SetupContext, camera: CameraSetup, is_teaching: bool = False
 ) -> ImagingSettings:
-    """Return the imaging settings of a camera that needs no renderer.
+    """Return the imaging settings of a camera whose features or images need no renderer.
 
     is_teaching: whether the image is for teaching a goal: noise, motion blur and occluder are then
         omitted.
@@ -41,7 +42,8 @@ def make_imaging_settings(
     has_images = experiment.has_images and not (is_teaching and experiment.plant == "bullet")
     has_images = has_images or (is_teaching and Need.IMAGE in needs)
     target = context.targets[camera.name]
-    # Texture changes and occluders affect the experiment's target, not a camera's own target.
+    # The changed texture and the occluder belong to the experiment's target, not to a camera's own
+    # target.
     spec = TargetSpec() if camera.spec.target is not None else experiment.target
     if spec.perturbed and not is_teaching:
         if not target.shape.is_textured:
@@ -54,9 +56,9 @@ def make_imaging_settings(
     if is_teaching or experiment.noise:
         config = make_camera_config(with_noise(camera.settings, experiment, is_teaching))
     effects = config.effects
-    if is_teaching:  # the camera is at rest, so all rows can be exposed at one instant
+    if is_teaching:  # the camera is at rest, so a rolling shutter and motion blur have no effect
         effects = replace(effects, row_time=0.0, exposure_time=0.0)
-    elif not has_images:  # only FEATURE_EFFECTS act on features that are computed without an image
+    elif not has_images:  # without images, only the camera effects in FEATURE_EFFECTS apply
         effects = Effects(**{key: getattr(effects, key) for key in FEATURE_EFFECTS})
     blind = None
     if config.cutoff_angle is not None:
@@ -85,8 +87,9 @@ def make_imaging_settings(
         row_bands=make_row_bands(effects, config.height),
         vibration=vibration,
         blind_mask=blind,
-        # Clipping planes that the experiment sets also limit exact features and drawn images.
-        # Clipping planes of the robot description limit only rendered images.
+        # Clipping planes that the experiment sets also apply to features and images that are
+        # computed without a renderer. Clipping planes of the robot description apply only to
+        # rendered images.
         depth_range=(config.near, config.far) if {"near", "far"} & set(camera.overrides) else None,
     )  # fmt: skip
 
@@ -94,7 +97,7 @@ def make_imaging_settings(
 def make_rendered_settings(
     context: SetupContext, camera: CameraSetup, is_teaching: bool = False
 ) -> dict[str, Any]:
-    """Return the settings of a camera with rendered images; they override the robot description.
+    """Return the settings of a camera with rendered images, instead of those in the description.
 
     is_teaching: whether the image is for teaching a goal: random effects are then omitted.
     """

@@ -66,7 +66,7 @@ class Postures:
         is_solid: bool,
         world: str,
     ) -> Postures:
-        """Make the search for a robot and its control camera."""
+        """Make the search for postures of a robot with its control camera."""
         return cls(
             robot.urdf, robot.spec.search, robot.find_optical_frame(camera.name),
             robot.find_target_frame(camera.name),
@@ -84,13 +84,13 @@ class Postures:
         Return 0 if the fraction is below MIN_OCCLUSION, and if the arm cannot be rendered.
 
         Args:
-            joints: joints (n,) of the posture.
+            joints: joint positions (n,) of the posture.
             time: time at which the pose of a moving target is computed, s.
         """
         return _compute_occlusion(self, tuple(map(float, joints)), time)
 
     def find_collision(self, joints: Sequence[float]) -> str:
-        """Describe a collision of the arm at `joints` (n,); return '' if there is none.
+        """Describe a collision of the arm at the positions `joints` (n,); '' if there is none.
 
         Collisions between two links of the robot description are ignored.
         """
@@ -102,7 +102,7 @@ class Postures:
         return collision + (self.compute_occlusion(joints) if self.is_visible else 0.0)
 
     def find_joints(self, pose: np.ndarray) -> np.ndarray:
-        """Find joints (n,) that put the camera at `pose`, world_T_camera (4, 4).
+        """Find joint positions (n,) that put the camera at `pose`, world_T_camera (4, 4).
 
         The search starts with all joints at 0.
 
@@ -115,12 +115,13 @@ class Postures:
         return np.array(found)
 
     def find_start_joints(self, pose: np.ndarray, goal: np.ndarray | None) -> np.ndarray:
-        """Find the joints (n,) of a start that put the camera at `pose`, world_T_camera (4, 4).
+        """Find start joint positions (n,) that put the camera at `pose`, world_T_camera (4, 4).
 
-        The search starts at the joints at the goal, as in the controller node (goals.starts), so
-        that the arm can reach the goal without changing its configuration.
+        The search starts at the joint positions at the goal, so that the arm can reach the goal
+        without changing its configuration.
 
-        goal: joints (n,) at the goal; None: not known, so the search starts with all joints at 0.
+        goal: joint positions (n,) at the goal; None: not known, so the search starts with all
+            joints at 0.
 
         Raises:
             UnreachableError: the arm cannot reach the pose.
@@ -135,7 +136,7 @@ class Postures:
         """Return warnings about a collision and an occlusion of a posture, one line each.
 
         Args:
-            joints: joints (n,) of the posture.
+            joints: joint positions (n,) of the posture.
             where: 'goal' or 'start'.
             is_given: whether the experiment gives these joints; False: it gives a camera pose.
         """
@@ -195,11 +196,13 @@ def _find_collision(postures: Postures, joints: tuple[float, ...]) -> str:
 def _make_static_arm(postures: Postures) -> StaticArm | None:
     """Return the arm in its surroundings; the result is cached.
 
-    Return None if the arm cannot be simulated. The plant raises the error later in this case.
+    Return None if the arm cannot be simulated. No error is raised here, because making the plant
+    raises it later.
     """
     spec, solid = postures.target, postures.is_solid
     has_target = postures.carrier or spec.is_provided
-    # A target that is a link of the robot is not rendered, because it does not hide itself.
+    # The arm is rendered without the link that is the target, because the target does not hide
+    # itself.
     target_link = spec.link if spec.link and not spec.model else ""
     target = spec if solid and not has_target else None
     world = postures.world if solid else ""

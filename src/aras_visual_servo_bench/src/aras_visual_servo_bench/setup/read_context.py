@@ -28,7 +28,7 @@ from .setup_context import GoalImages, SetupContext
 if TYPE_CHECKING:
     from ..experiment.added_links import MountedTarget
 
-# data that exist only in an image, not in features computed from the geometry
+# data that can be measured only in an image, not computed from the geometry of the target
 IMAGE_ONLY_NEEDS = {Need.IMAGE, Need.KERNEL}
 
 SchemeWrapper = Callable[[Scheme | JointController], Scheme | JointController]
@@ -116,7 +116,7 @@ def read_robot(experiment: Experiment) -> tuple[Experiment, Robot]:
 def _make_robot(experiment: Experiment) -> Robot:
     mounted: Mapping[str, MountedTarget] = {}
     if experiment.plant == "bullet":
-        # This import loads the physics engine, which only plant 'bullet' needs.
+        # imported only here, because it loads the physics engine, which only plant 'bullet' needs
         from .dynamic_arm_setup import find_mounted_targets
 
         mounted = find_mounted_targets(experiment)
@@ -184,8 +184,9 @@ def locate_cameras(
             arm = robot.make_arm(control.name)
             other, rest = robot.make_camera_kinematics(name, arm), np.zeros(len(arm.names))
             if isinstance(other, InverseCameraKinematics):
-                # For all joint positions q, other(q) = target_T_control @ inverse(arm(q)) @
-                # fixed_pose. At q = 0, this equation gives target_T_control.
+                # With the control camera's pose arm(q) at the joint positions q, the pose of a
+                # camera that moves opposite to it is other(q) = target_T_control @ inverse(arm(q))
+                # @ fixed_pose. At q = 0, this equation gives the constant target_T_control.
                 target_T_control = other.pose(rest) @ inverse(other.fixed_pose) @ arm.pose(rest)
                 placements[name] = CameraPlacement(
                     other.fixed_pose, target_T_control=target_T_control

@@ -21,16 +21,19 @@ from ..targets.geometry import PlacedTarget
 
 NEWTON_STEPS = 12  # maximum number of steps of Newton's method from one initial guess
 INITIAL_GUESSES = 4
-GUESS_SPREAD = 0.5  # maximum random deviation of an initial guess from the given joints, rad or m
+# Maximum random deviation of an initial guess from the given joint positions, rad or m.
+GUESS_SPREAD = 0.5
 # Newton's method stops after EARLY_STEPS steps if the error of the pose is then larger than
 # EARLY_TOLERANCE, m and rad. For 67 reachable poses, the error was smaller after six steps, and no
 # search needed more than ten steps.
 EARLY_STEPS, EARLY_TOLERANCE = 6, 0.1
-# Maximum error of the pose of the camera, m and rad. An arm that cannot roll the camera has an
-# error of 2e-5 at a start that is rotated about the vertical, if the goal is tilted by a
-# milliradian. Such starts are allowed.
+# Maximum error of the pose of the camera, m and rad. An arm that cannot roll its camera cannot
+# reach a rotated start exactly if the goal is slightly tilted: with a tilt of 1 mrad, the error is
+# 2e-5. Such starts are allowed.
 POSE_TOLERANCE = 1e-4
-DAMPING = 1e-3  # damping of the least squares, in m or rad of the camera per rad or m of a joint
+# Weight of joint motions in the damped least squares; the error of the camera pose has the weight
+# 1.
+DAMPING = 1e-3
 
 
 def draw_start(
@@ -44,21 +47,21 @@ def draw_start(
     other_cameras: Sequence[tuple[CameraPlacement, CameraModel, PlacedTarget]] = (),
     find_collision: Callable[[np.ndarray], str] | None = None,
 ) -> np.ndarray:
-    """Draw the joints (n,) of a start with the camera above the target and the target in view.
+    """Draw the joint positions (n,) of a random start with the target in view.
 
     Args:
         sampler: ranges of the start.
         arm: true kinematics of the control camera.
         goal_pose: world_T_camera (4, 4) at the goal; the orientation at the start is this
             orientation, rotated about the vertical.
-        goal_joints: joints (n,) at the goal, from which the search for joints starts.
+        goal_joints: joint positions (n,) at the goal, from which the search for joints starts.
         target: target of the control camera.
         camera: true intrinsics of the control camera.
         seed: seed of the random numbers.
         other_cameras: placement, intrinsics and target of each other camera; their targets have to
             be in view, too.
-        find_collision: function that describes a collision of the arm at joints (n,) and returns ''
-            if there is none; None: collisions are not checked.
+        find_collision: function that describes a collision of the arm at joint positions (n,) and
+            returns '' if there is none; None: collisions are not checked.
 
     Raises:
         ExperimentError: no start was found in `sampler.attempts` attempts.
@@ -114,19 +117,19 @@ def _wrap_into_limits(angle: float, lower: float, upper: float) -> float:
 def _find_joints(
     arm: Arm | FreeBody, pose: np.ndarray, near: np.ndarray, random: np.random.Generator
 ) -> np.ndarray:
-    """Find joints (n,) that put the camera at `pose`, with Newton's method from a few guesses.
+    """Find joint positions (n,) that put the camera at `pose`, by Newton's method.
 
     Args:
         pose: world_T_camera (4, 4).
-        near: joints (n,) around which the initial guesses are drawn.
+        near: joint positions (n,) around which the initial guesses are drawn.
         random: random generator of the guesses.
 
     Raises:
         UnreachableError: no joints within the limits were found.
     """
     count = len(near)
-    # The lower rows of the matrix are the damping, because the least-squares problem is nearly
-    # singular if the elbow is almost stretched.
+    # The lower rows of the least-squares matrix damp the joint motions, because the problem is
+    # nearly singular if the elbow is almost stretched.
     rows, error = np.vstack([np.zeros((6, count)), DAMPING * np.eye(count)]), np.zeros(6 + count)
     for _ in range(INITIAL_GUESSES):
         # Newton's method fails at a stretched elbow, so the initial guess bends the elbow randomly.

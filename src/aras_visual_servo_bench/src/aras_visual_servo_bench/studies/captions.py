@@ -20,7 +20,8 @@ MAX_LISTED = 4  # maximum number of groups that a sentence about missing values 
 
 
 def describe_success(all_results: Sequence[Results], shown: Sequence[Metric] = ()) -> list[str]:
-    """Define success and the other binary metrics in `shown`; state the tolerance of success."""
+    """Return sentences that define success and the binary metrics in `shown`, with their tolerance.
+    """
     lines, used = [], [m for m in shown if m.is_binary]
     judged = {results.judged_metric.name: results for results in all_results}
     for name, results in judged.items():
@@ -41,7 +42,7 @@ def describe_success(all_results: Sequence[Results], shown: Sequence[Metric] = (
 
 
 def describe_tolerances(all_results: Sequence[Results]) -> str:
-    """Return the sentence with the tolerances of all studies."""
+    """Return a sentence with each study's pose tolerance, within which a camera is at its goal."""
     texts = {r.name: r.tolerance.text for r in all_results}
     if len(set(texts.values())) == 1:
         return f"A camera is at its goal within {next(iter(texts.values()))}."
@@ -61,10 +62,10 @@ def name_group(keys: Sequence[str], values: Sequence[object]) -> str:
 def describe_missing(
     shown: Sequence[Metric], all_results: Sequence[Results], keys: Sequence[str]
 ) -> list[str]:
-    """State which groups of runs lack values and why, and which groups have only one value.
+    """Return sentences about the groups of runs with missing values, or with only one value.
 
     Args:
-        shown: metrics with these values.
+        shown: metrics whose values a table or figure shows.
         all_results: results of one or more studies.
         keys: keys whose values define the groups of runs of each study.
     """
@@ -82,13 +83,13 @@ def describe_missing(
 def _describe_missing(
     metric: Metric, groups: Sequence[tuple[str, Results, np.ndarray, Sequence[str]]]
 ) -> list[str]:
-    """Describe the missing and single values of a metric.
+    """Return sentences about missing values of a metric, and about groups of runs with one value.
 
     groups: for each group of runs, its name, the results of its study, the indices of its rows, and
         the outcome of each run of the study.
     """
     missing, single, known = [], [], 0
-    values: dict[int, np.ndarray] = {}  # values of the runs of each study, by the study's id
+    values: dict[int, np.ndarray] = {}  # values of the runs of each study, by id() of its Results
     for name, results, rows, ends in groups:
         if id(results) not in values:
             values[id(results)] = results.read_values(metric)
@@ -109,7 +110,8 @@ def _describe_missing(
 
 
 def describe_repeats(all_results: Sequence[Results]) -> list[str]:
-    """Return a warning for each study whose repeats of a setting all give identical results."""
+    """Return a warning for each study in which all repeated runs of a setting have equal results.
+    """
     found = []
     for results in all_results:
         points = results.table["point"].to_numpy() if "point" in results.table.column_names else []

@@ -11,7 +11,7 @@ FIXED_COLUMNS = {
     "run": "int64", "point": "int64", "repeat": "int64", "seed": "int64",
     "outcome": "string", "verdict": "string", "reason": "string", "remedy": "string",
     "images": "int64", "simulated": "double",
-    # largest distance (m) and angle (rad) at which a camera is at its goal
+    # largest distance (m) and angle (rad) from the goal at which it counts as reached
     "distance_tolerance": "double", "angle_tolerance": "double",
 }  # fmt: skip
 LABEL_COLUMNS = ("code", "versions")  # columns with the same value in all rows of a study
@@ -26,7 +26,7 @@ def check_columns(keys: Sequence[str], metrics: Sequence[str]) -> None:
     """Check that no two columns of the results of a study have the same name.
 
     Args:
-        keys: varied keys and axes of cases.
+        keys: keys that the study varies, and names of its axes of cases.
         metrics: names of metrics, or 'package.module:function'.
 
     Raises:

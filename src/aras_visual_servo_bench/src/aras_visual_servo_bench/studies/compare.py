@@ -33,9 +33,9 @@ MAX_SHOWN = 20  # maximum number of differences that a printed comparison lists
 # a paired test needs a partner in the other study for at least this fraction of the runs
 MIN_PAIRED = 0.9
 SCHEME = "scheme"
-# Verdicts about the second study or case, compared with the first. DIFFERS: the metric has no
-# better direction, or only the distributions differ, not the medians. UNTESTED: one of the samples
-# has no values.
+# Verdicts about the second study or case, compared with the first. DIFFERS: the difference is
+# significant but neither better nor worse, because the metric has no better direction or because
+# the medians are equal. UNTESTED: one of the two has no values.
 BETTER, WORSE, DIFFERS, CHANCE, UNTESTED = "better", "WORSE", "differs", "chance", "untested"
 
 
@@ -45,13 +45,13 @@ class Difference:
 
     group: values of the settings that define the group, as text.
     metric: name of the metric.
-    comparison: values of both samples.
+    comparison: estimates for both sets of runs, such as their medians.
     p: p-value with Holm's correction; NaN if the difference was not tested.
     verdict: BETTER, WORSE or DIFFERS; CHANCE if the difference is not significant; or UNTESTED.
-    sides: names of both samples; empty for two studies.
+    sides: names of both sets of runs; empty if two studies are compared.
     unit: unit of the metric.
-    note: why the difference is not tested or cannot be significant, and which other settings of
-        both samples differ; '' if neither applies.
+    note: why the difference is not tested or cannot be significant, and in which other settings the
+        sets of runs differ; may be ''.
     """
 
     group: str
@@ -80,7 +80,7 @@ class _Sample:
 
 @dataclass(frozen=True, repr=False)
 class StudyComparison:
-    """Differences between two studies or between cases; printed, it lists the significant ones.
+    """Differences between two studies or between cases; its text lists the significant ones.
 
     names: names of the studies.
     differences: one per group of settings, pair of cases, and metric.
@@ -127,16 +127,15 @@ def find_differences(
     The tests for pairs of runs are McNemar's test for success and other binary metrics, and
     Wilcoxon's signed-rank test for other metrics. Without pairs, they are Fisher's exact test and
     the Mann-Whitney U test. Two runs are a pair if their seeds and all settings that are not
-    compared are equal. If every run has its own seed, the seeds of a pair may differ, provided that
-    its settings identify it, for example a random start. Holm's method corrects the p-values for
-    the number of tests, because at a significance level of 5 %, one of twenty would be significant
-    by chance.
+    compared are equal. If there are too few such pairs, equal settings suffice, provided that they
+    identify each run. Holm's method corrects the p-values for the number of tests.
 
     Args:
         first: results of a study.
         second: results of another study; None: compare cases of the first study.
         by: keys whose values define the groups that are compared separately. Empty: for two
-            studies all keys of the grid and of the cases; with `between`, one group of all runs.
+            studies, all keys of the grid and of the cases; for `between`, none, so all runs are in
+            one group.
         metrics: names of the metrics to compare; empty: all metrics. Comparisons of schemes omit
             metrics that depend on the features of the scheme.
         between: key, or axis of cases, whose values are compared with each other.
@@ -176,7 +175,13 @@ def find_differences(
 
 
 def _judge(difference: Difference, p: float, better: str) -> Difference:
-    """Return a difference with the corrected p-value, its verdict and a note."""
+    """Return a difference with its corrected p-value, its verdict and a note.
+
+    Args:
+        difference: difference without a verdict.
+        p: p-value after Holm's correction.
+        better: GREATER or SMALLER if such values of the metric are better; '' if neither is.
+    """
     comparison, notes = difference.comparison, [difference.note] if difference.note else []
     if math.isnan(p):
         verdict = UNTESTED
@@ -249,7 +254,7 @@ def _describe_difference(d: Difference) -> str:
 def _pair_groups(
     first: Results, second: Results, by: Sequence[str]
 ) -> Iterator[tuple[str, _Sample, _Sample]]:
-    """Yield the name of each group of settings that two studies share, and its runs in both."""
+    """Yield, for each group of settings in both studies, its name and its runs in each study."""
     keys = tuple(by) or tuple(k for k in first.parameters if k in second.parameters)
     one, two = first.group_rows(keys), second.group_rows(keys)
     groups = [values for values in one if values in two]
@@ -298,14 +303,15 @@ def _pair_cases(
 
 
 def _select_compared(results: Results, names: Sequence[str]) -> list[Metric]:
-    """Return the named metrics, or all metrics except the speed of the computer."""
+    """Return the named metrics; without names, all metrics except the one for the computer's speed.
+    """
     return [
         m for m in results.select_metrics(names) if names or m.name != REAL_TIME_MULTIPLE.name
     ]
 
 
 def _select_comparable(results: Results, between: str, names: Sequence[str]) -> list[Metric]:
-    """Return the metrics that can be compared between the values of a key.
+    """Return the metrics that can be compared between runs with different values of a key.
 
     Raises:
         StudyError: `names` contains a metric that depends on the features of the scheme, but the
@@ -326,9 +332,10 @@ def _select_comparable(results: Results, between: str, names: Sequence[str]) -> 
 def _pair_rows(one: _Sample, two: _Sample) -> tuple[np.ndarray, np.ndarray, bool]:
     """Return the rows of both samples, and whether they are paired.
 
-    The rows are paired if at least 90 % of the runs have a partner, which has the same seed and the
-    same settings; runs without a partner are then left out. If this gives no pairs, partners need
-    only the same settings, provided that these identify each run.
+    Two runs are paired if their seeds and settings are equal. If this does not give enough pairs,
+    equal settings suffice, but only if no two runs of a sample have the same settings. At least 90
+    % of the runs must be paired; the other runs are then left out. Otherwise all rows are returned
+    without pairs.
     """
     varied = _find_varied_keys(one, two)
     for keys in (["seed", *varied], varied):
@@ -345,7 +352,7 @@ def _pair_rows(one: _Sample, two: _Sample) -> tuple[np.ndarray, np.ndarray, bool
 
 
 def _index_rows(sample: _Sample, keys: Sequence[str]) -> dict[tuple, int]:
-    """Return the row of each run of a sample, by the run's values of some keys."""
+    """Return the row of each run of a sample, by the tuple of the run's values of `keys`."""
     columns = [sample.results.read_column(key, sample.rows) for key in keys]
     return {tuple(column[i] for column in columns): int(row) for i, row in enumerate(sample.rows)}
 
@@ -360,7 +367,7 @@ def _find_varied_keys(one: _Sample, two: _Sample) -> list[str]:
 
 
 def _describe_confounding(one: _Sample, two: _Sample, between: str) -> str:
-    """Describe which settings other than the compared key differ between two cases; '' if none."""
+    """Describe the settings, except the compared key, that differ between two cases; '' if none."""
     if not between:
         return ""
     found = []

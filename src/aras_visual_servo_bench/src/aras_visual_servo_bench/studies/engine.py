@@ -1,4 +1,5 @@
-"""Run the missing chunks of a study in a pool of workers, and write their results."""
+"""Run the missing chunks (groups of runs) of a study in a pool of workers, and write their results.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +24,7 @@ from .study_folder import StudyFolder
 from .work import StudyTask
 
 SHOWN_RUNS = 3  # number of runs whose settings a dry run prints
-# approximate number of experiments of a study that are checked before its first run
+# approximate number of a study's experiments that are checked before the first run
 MAX_TRIALS = 200
 
 
@@ -81,8 +82,12 @@ def run_missing(
     """Run the missing runs of a study with a progress bar; the caller holds the folder's lock.
 
     Args:
-        make_pool: makes the workers, if a run is missing.
+        folder: folder of the study.
+        make_pool: function that makes the workers; it is called only if a run is missing.
         out: stream of the progress bar; None: no bar.
+        fail_fast: whether to start no more chunks after a run without success.
+        can_mix_code: whether to continue a study that was started with a different version of the
+            code.
 
     Raises:
         StudyError: the workers are lost, or results cannot be written.
@@ -106,7 +111,7 @@ def carry_out(
     fail_fast: bool = False,
     can_mix_code: bool = False,
 ) -> StudySummary:
-    """Run the missing chunks of a study, and write their results into its folder.
+    """Run the missing chunks (groups of runs) of a study, and write their results to its folder.
 
     Args:
         folder: folder of the study.

@@ -25,7 +25,8 @@ class RaisingScheme(Scheme):
 class ConflictingFeature(Feature):
     """Feature whose errors cannot all be 0.
 
-    The errors are x and y of the target's centre of gravity relative to the goal, and x + y + 0.2.
+    The errors are x and y of the target's centre of gravity relative to the goal, in normalised
+    image coordinates, and x + y + 0.2.
     """
 
     name, names = "contrary", ("x", "y", "sum")
@@ -43,7 +44,10 @@ class ConflictingFeature(Feature):
 
 
 class RankDeficientFeature(ConflictingFeature):
-    """Conflicting feature that claims to control all six directions, although its L has rank 2."""
+    """Feature that claims to control all six directions, although it controls only two.
+
+    Its interaction matrix has rank 2.
+    """
 
     name = "dependent"
     directions = (True,) * 6

@@ -1,7 +1,7 @@
-"""Table with one row for each image of a study's runs: numbers, image and depth image.
+"""Table with a row for each image of a study's runs: numbers such as poses, and the images.
 
-An image is stored as a grey or colour PNG. A depth image is stored as a 16-bit PNG in steps of
-0.1 mm; the value 0 means that there is no surface within 6.5 m.
+An image is stored as a grey or colour PNG. A depth image is stored as a 16-bit PNG in steps of 0.1
+mm; the value 0 means that there is no surface within 6.5 m.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ NUMBER_COLUMNS: Mapping[str, Column] = {
 
 
 def list_columns(study: Study) -> dict[str, Column]:
-    """Return the columns of a study's images, by name."""
+    """Return the columns of the table of a study's images, by name."""
     columns, several = dict(NUMBER_COLUMNS), _find_cameras(study) != (CAMERA,)
     for name in _find_cameras(study) if study.pictures != "none" else ():
         end, of = (f"_{name}", f" of camera {name}") if several else ("", "")
@@ -90,7 +90,8 @@ def check_images(study: Study) -> None:
     """Check that all runs of a study have the images that the study stores.
 
     Raises:
-        StudyError: a run has no images, or has different cameras; or depth is set without pictures.
+        StudyError: a run has no images, or has different cameras; or `depth` is set without
+            `pictures`.
     """
     if study.pictures == "none":
         if study.depth:
@@ -121,7 +122,7 @@ def check_room(study: Study, path: Path, finished_runs: int = 0) -> str:
         finished_runs: number of runs whose images are already stored.
 
     Raises:
-        StudyError: the disk has less free space.
+        StudyError: the free space of the disk is smaller than this maximum.
     """
     if study.pictures == "none":
         return ""
@@ -214,7 +215,7 @@ class ImageRecorder:
         return rows
 
     def _find_images(self, stamp: float) -> dict[str, bytes | None]:
-        """Return the columns with the image that each camera took last before a stamp (s)."""
+        """Return the image that each camera took last before a stamp (s), by column name."""
         columns: dict[str, bytes | None] = {}
         for name, stamps in self._stamps.items():
             latest = bisect_right(stamps, stamp + TIME_TOLERANCE) - 1

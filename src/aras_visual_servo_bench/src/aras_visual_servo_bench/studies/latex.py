@@ -11,12 +11,13 @@ COLUMN_WIDTH, TEXT_WIDTH = 252.0, 516.0
 # Widths of a letter, of a punctuation mark and of the gap between columns, pt, in Computer Modern
 # of 9 points (`\small`), which is wider than Times.
 LETTER_WIDTH, PUNCTUATION_WIDTH, COLUMN_GAP = 4.7, 2.6, 12.0
-# size of the letters of an interval (8 points) relative to those of a cell (9 points)
+# font size of a confidence interval (8 points) relative to that of a cell (9 points)
 INTERVAL_SCALE = 0.92
 CAPTION_LETTERS = 105  # number of letters in a line of a caption that has the width of the text
 # largest number of lines of a table with its caption; a page of IEEEtran has 58 lines
 MAX_FLOAT_LINES = 50
-LINES_AROUND = 6  # number of lines of a tabular, not counting its rows of values
+# Number of lines of a table in addition to its rows of values, for example its rules and heading.
+LINES_AROUND = 6
 
 _ESCAPES = {c: f"\\{c}" for c in "&%$#_{}"} | {
     "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}",
@@ -48,7 +49,7 @@ def format_tex_number(number: str) -> str:
 
 
 def format_tex_interval(value: str, low: str | None, high: str | None) -> str:
-    """Write a value with its interval; without an interval, the bounds are None."""
+    """Write a value with its confidence interval; `low` and `high` are None if there is none."""
     text = f"${format_tex_number(value)}$"
     if low is None:
         return text
@@ -75,13 +76,13 @@ def format_tex_table(
     r"""Return table environments for LaTeX's package booktabs.
 
     A table that fits into a column of a two-column paper is a `table`. A wider one is a `table*`,
-    which extends over both columns. If it is wider than the text, it is divided into parts, one
-    below the other, each with the columns of settings. Parts that do not fit onto the page are in
-    another environment.
+    which extends over both columns. A table that is even wider is divided into parts, one below the
+    other, and each part repeats the first `fixed` columns. Parts that do not fit onto the page are
+    put into another environment.
 
     Args:
         heading: heading of each column.
-        body: cells of each row, in LaTeX from column `fixed` on.
+        body: cells of each row, as LaTeX code.
         fixed: number of the columns at the left that every part of the table repeats.
         caption: sentences of the caption.
         notes: sentences below the table.
@@ -92,7 +93,7 @@ def format_tex_table(
     text, remarks = (" ".join(map(escape_tex, sentences)) for sentences in (caption, notes))
     letters = len(text) + len(remarks)
     free = max(MAX_FLOAT_LINES - letters // CAPTION_LETTERS, 2 * LINES_AROUND)
-    rows = free - LINES_AROUND  # largest number of rows in one tabular
+    rows = free - LINES_AROUND  # largest number of rows of values in one tabular
     lines, floats = [r"% needs \usepackage{booktabs}"], 0
     for columns, first in itertools.product(parts, range(0, len(body), rows)):
         tabular = _make_tabular(heading, body[first : first + rows], fixed, columns)
@@ -110,7 +111,7 @@ def format_tex_table(
 def _make_tabular(
     heading: Sequence[str], body: Sequence[Sequence[str]], fixed: int, measured: Sequence[int]
 ) -> list[str]:
-    """Return the lines of a tabular with the first `fixed` columns and the columns `measured`."""
+    """Return the lines of a tabular with the columns 0 to fixed - 1 and the columns `measured`."""
     columns = [*range(fixed), *measured]
     alignment = "l" * (fixed - 1) + "r" * (len(columns) - fixed + 1)
     lines = [[_format_heading(heading[i]) for i in columns],
@@ -123,9 +124,9 @@ def _make_tabular(
 def _split_columns(
     heading: Sequence[str], body: Sequence[Sequence[str]], fixed: int, max_width: float
 ) -> list[list[int]]:
-    """Return, for each part of a table, the indices of its columns with estimates.
+    """Divide the columns after the first `fixed` ones into parts; return the indices of each part.
 
-    fixed: number of columns with settings, which come first and are repeated in every part.
+    fixed: number of the first columns, which every part repeats.
     max_width: largest width of a part, pt.
     """
     widths = [

@@ -1,4 +1,5 @@
-"""Pools that run the chunks of a study: this process, or workers of Dask distributed."""
+"""Pools that run the chunks (groups of runs) of a study: in this process, or with Dask's workers.
+"""
 
 from __future__ import annotations
 
@@ -33,19 +34,19 @@ COUNT_PERIOD = 2.0
 POLL_PERIOD = 0.02
 # States of a nanny (Dask's process that starts and supervises a worker) with a living worker.
 STARTING_STATES = ("init", "starting", "running", "undefined")
-# Longest time within which a process has to connect. An overloaded machine can be slow.
+# Longest time for a connection between processes of Dask. An overloaded machine can be slow.
 CONNECT_TIMEOUT = "600s"
 TICK_PERIOD = "10s"  # time between two self-checks of a worker or of the scheduler
 # number of workers that may die while they run the same chunk before the study fails
 MAX_DEATHS = 5
 
 
-# finished chunk with its rows; None instead of the rows if the worker has died
+# finished chunk of runs with its rows; None instead of the rows if the worker has died
 FinishedChunk = tuple[StudyTask, rows.Rows | None]
 
 
 class Pool(ABC):
-    """Pool of workers that runs several chunks at the same time and returns them in any order.
+    """Pool of workers that run several chunks (groups of runs) at the same time, in any order.
 
     Attributes:
         workers: number of workers.
@@ -56,15 +57,15 @@ class Pool(ABC):
     @property
     @abstractmethod
     def has_room(self) -> bool:
-        """True if another chunk can be submitted now."""
+        """True if another chunk of runs can be submitted now."""
 
     @abstractmethod
     def submit(self, task: StudyTask) -> None:
-        """Submit a chunk."""
+        """Submit a chunk of runs."""
 
     @abstractmethod
     def wait_for_chunk(self) -> FinishedChunk:
-        """Wait for a finished chunk.
+        """Wait until a chunk of runs is finished, and return it.
 
         Raises:
             StudyError: a chunk failed, or the workers are lost.
@@ -84,7 +85,7 @@ class Pool(ABC):
 
 
 class InProcessPool(Pool):
-    """Pool that runs one chunk after the other in this process, for debugging."""
+    """Pool that runs one chunk of runs after the other in this process, for debugging."""
 
     def __init__(self) -> None:
         self._task: deque[StudyTask] = deque()
@@ -95,11 +96,11 @@ class InProcessPool(Pool):
         return not self._task
 
     def submit(self, task: StudyTask) -> None:
-        """Store a chunk; `wait_for_chunk` runs it."""
+        """Store a chunk of runs; `wait_for_chunk` executes it."""
         self._task.append(task)
 
     def wait_for_chunk(self) -> FinishedChunk:
-        """Run the submitted chunk."""
+        """Execute the submitted chunk of runs, and return its rows."""
         task = self._task.popleft()
         return task, work.carry_out(task)
 
@@ -160,11 +161,10 @@ class DaskPool(Pool):
 
     @property
     def has_room(self) -> bool:
-        """True if there are fewer than two chunks per worker: one that runs and one that waits.
+        """True if another chunk can be submitted: there are fewer than two chunks per worker.
 
-        In an adaptive cluster, workers that have not been started are counted, too, because the
-        cluster starts them when chunks wait. Shortly before a restart of the workers, the value is
-        False.
+        Workers that an adaptive cluster has not started yet are counted, too, because the cluster
+        starts them when chunks wait. Shortly before a restart of the workers, the value is False.
         """
         self._check_workers()
         if (
@@ -178,7 +178,7 @@ class DaskPool(Pool):
         return len(self._tasks) < 2 * max(self.workers, self._max_workers)
 
     def submit(self, task: StudyTask) -> None:
-        """Send a chunk to a worker."""
+        """Send a chunk of runs to a worker."""
         tries = self._deaths.get(task.chunk, 0)
         try:
             future = self.client.submit(
@@ -191,7 +191,7 @@ class DaskPool(Pool):
         self._finished.add(future)
 
     def wait_for_chunk(self) -> FinishedChunk:
-        """Wait for the next finished chunk; see Pool.wait_for_chunk."""
+        """Wait until a chunk of runs is finished, and return it; see Pool.wait_for_chunk."""
         try:
             while not self._finished.has_ready() and not self._finished.is_empty():
                 self._check_workers()
@@ -245,7 +245,7 @@ class DaskPool(Pool):
             if self.cluster is None:
                 asyncio.run(_check_scheduler(address))
             client = self._distributed.Client(address, timeout=ANSWER_TIMEOUT, set_as_default=False)
-        except (OSError, ValueError) as error:  # an OSError can also be a timeout
+        except (OSError, ValueError) as error:  # a timeout of the connection is also an OSError
             reason = read_first_line(error)
             raise StudyError(
                 f"no scheduler answers at {address} ({reason}): start one, or correct the address"
@@ -321,12 +321,14 @@ class DaskPool(Pool):
             )
 
     def _has_live_nanny(self) -> bool:
-        """Return True if a worker on this machine is alive, according to its nanny."""
+        """Return True if a worker on this machine is alive, as reported by its supervising process.
+        """
         nannies = self.cluster.workers.values() if self._is_local else ()
         return any(nanny.status.name in STARTING_STATES for nanny in nannies)
 
     def _restart_workers(self) -> None:
-        """Restart the workers that have a nanny, because only a nanny can start a worker again."""
+        """Restart the workers that have a nanny, the process of Dask that can start a worker again.
+        """
         try:
             workers = self.client.scheduler_info(n_workers=-1)["workers"]
             with_nanny = [address for address, info in workers.items() if info["nanny"]]
@@ -343,7 +345,8 @@ class DaskPool(Pool):
 
 
 def _configure_dask() -> Any:
-    """Configure Dask with short histories and few self-checks; return its module `distributed`."""
+    """Set options of Dask that reduce its history and self-checks; return its module `distributed`.
+    """
     try:
         import dask
         import distributed  # this import sets defaults, so it must precede dask.config.set
@@ -368,8 +371,8 @@ def _configure_dask() -> Any:
         "distributed.admin.tick.cycle": "60s",
         "distributed.admin.tick.limit": "1h",
         "distributed.admin.system-monitor.interval": TICK_PERIOD,
-        # On an overloaded machine, a worker may start slowly, or may not answer for minutes. With
-        # the following timeouts, Dask does not regard such a worker as lost.
+        # On an overloaded machine, a worker may start slowly, or may not answer for minutes. These
+        # timeouts are long or switched off, so that Dask does not regard such a worker as lost.
         "distributed.scheduler.worker-ttl": None,
         "distributed.comm.timeouts.connect": CONNECT_TIMEOUT,
         "distributed.comm.timeouts.tcp": CONNECT_TIMEOUT,
@@ -417,7 +420,7 @@ def _create_cluster(path: str) -> tuple[Any, int]:
 
 
 def _parse_worker_range(path: str, value: Any) -> tuple[int, int]:
-    """Return the minimum and maximum number of workers; both are 0 if the file gives none."""
+    """Return the minimum and maximum number of workers in a cluster file; both 0 if not given."""
     both = value if isinstance(value, list) else [value, value]
     are_counts = all(isinstance(n, int) and not isinstance(n, bool) and n >= 0 for n in both)
     if not (are_counts and len(both) == 2 and both[0] <= both[1] and (both[1] or value == 0)):

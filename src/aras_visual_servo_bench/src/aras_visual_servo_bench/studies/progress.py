@@ -26,7 +26,7 @@ class Progress:
         self, total: int, finished: int = 0, out: TextIO | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:  # fmt: skip
-        """Start the display.
+        """Start the display of the progress.
 
         Args:
             total: number of runs of the study.
@@ -37,7 +37,8 @@ class Progress:
         self._total, self._finished = total, finished
         self._out = sys.stderr if out is None else out
         self._clock = clock
-        # Time at which the first chunk was finished, s, and number of runs finished by then.
+        # Time at which the first chunk of runs was finished, s, and number of runs finished by
+        # then.
         self._first: tuple[float, int] | None = None
         self._print_time = float("-inf")
         # names of the workers that have finished at least one run
@@ -101,7 +102,8 @@ class Progress:
         return max(self._wall_time / self._timed_runs / self._workers, by_clock)
 
     def close(self) -> None:
-        """Write a line break if the output is a terminal or a notebook."""
+        """End the progress display: write a line break if the output is a terminal or a notebook.
+        """
         if can_overwrite(self._out):
             self._out.write("\n")
             self._out.flush()

@@ -1,4 +1,4 @@
-"""Apply the remedy of a run to its experiment."""
+"""Apply the remedy, a suggested change of settings after a failure, to a run's experiment."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def _apply_change(experiment: Experiment, change: Change) -> Experiment:
 
 
 def _to_experiment_key(key: str) -> str:
-    """Convert an experiment key or a controller parameter to a dotted key of the experiment."""
+    """Return the dotted key of the experiment for a controller parameter or an experiment key."""
     head = key.partition(".")[0]
     if head in SHARED_PARAMETERS or head in {f.name for f in fields(Experiment)}:
         return key
@@ -73,7 +73,9 @@ def _to_experiment_key(key: str) -> str:
 
 
 def _remove_key(values: Mapping[str, Any], path: list[str], key: str) -> dict[str, Any]:
-    """Return a copy of the values without the key at a path.
+    """Return a copy of nested mappings without the entry at `path`.
+
+    key: dotted key of the entry, for the error message.
 
     Raises:
         ExperimentError: the key is not set.
@@ -164,7 +166,7 @@ def _scale_start(experiment: Experiment, factor: float) -> Experiment:
 
 
 def _scale_sampler(sampler: Sampler, parts: Assembly, factor: float) -> Sampler:
-    """Return a sampler whose maximum offsets from the goal are multiplied by a factor."""
+    """Return a sampler of starts with its maximum offsets from the goal multiplied by a factor."""
     target = parts.target.world_T_target(0.0)
     goal_height = float(parts.goal_pose[2, 3] - target[2, 3])
     low, high = (goal_height + factor * (height - goal_height) for height in sampler.height)
@@ -177,7 +179,8 @@ def _scale_sampler(sampler: Sampler, parts: Assembly, factor: float) -> Sampler:
 def _scale_goal(experiment: Experiment, factor: float) -> Experiment:
     """Return the experiment with the offset of its goal from its start multiplied by a factor.
 
-    The goal is then given by joints."""
+    The goal is then given by joint positions.
+    """
     if experiment.plant in FREE_CAMERA_PLANTS:
         raise ExperimentError("goal: a free camera reaches every pose, so the goal needs no change")
     parts = assemble(experiment)

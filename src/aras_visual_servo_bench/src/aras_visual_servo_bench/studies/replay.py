@@ -85,7 +85,7 @@ def run_with_images(
 
 
 def run_with_all_images(experiment: Experiment) -> Run:
-    """Run an experiment and store every image that the loop processes, as rgb."""
+    """Run an experiment and store every image that the loop processes, in RGB."""
     parts = assemble(experiment)
     images: list[tuple[float, np.ndarray]] = []
     loop = Loop(experiment, parts, records_films=True)

@@ -45,7 +45,7 @@ RELATIVE_TOLERANCE = 0.01
 
 
 def is_met(value: Any, published: Any) -> bool:
-    """Return True if a value agrees with a published value; Case.published describes the rules."""
+    """Return True if a value agrees with a published value by the rules of `Case.published`."""
     if value is None or isinstance(value, str) or isinstance(published, str):
         return value == published
     if isinstance(published, list | tuple):
@@ -106,7 +106,8 @@ class Results:
         """Read the finished runs of an open folder; see `read`."""
         table, times = folder.read_results(), folder.read_results(folders.TIMES)
         runs, timed = table["run"].to_numpy(), times["run"].to_numpy()
-        # Both tables are sorted by run number, so that a binary search finds the time of a run.
+        # The tables of results and of wall times are sorted by run number, so a binary search finds
+        # the wall time of a run.
         indices = np.minimum(np.searchsorted(timed, runs), len(timed) - 1)
         wall = np.where(timed[indices] == runs, _to_numbers(times["wall"])[indices], np.nan)
         simulated = _to_numbers(table["simulated"])
@@ -150,7 +151,7 @@ class Results:
         self, other: Results | None = None, by: Sequence[str] = (), metrics: Sequence[str] = (),
         between: str = "",
     ) -> Any:  # fmt: skip
-        """Test differences from another study, or between cases of this study, for significance.
+        """Test for significant differences from another study, or between cases of this study.
 
         Runs are paired if their seeds and the settings that are not compared are equal; p-values
         are corrected for the number of comparisons by Holm's method. `find_differences` describes
@@ -159,8 +160,9 @@ class Results:
         Args:
             other: results of the study that is compared with this one; None: compare cases of this
                 study.
-            by: keys that define the groups that are compared separately. Empty: for two studies
-                those of the grid and the cases; with `between`, one group of all runs.
+            by: keys that define the groups that are compared separately. Empty: for two studies,
+                all keys of the grid and of the cases; for `between`, none, so all runs are in one
+                group.
             metrics: names; empty: all.
             between: key, or axis of cases, whose values are compared with each other.
 
@@ -184,7 +186,7 @@ class Results:
 
     @property
     def metrics(self) -> tuple[Metric, ...]:
-        """Metrics that the table contains."""
+        """Metrics that the table of results contains."""
         return (
             *(metrics.find_metric(name) for name in self.study.metric_names),
             REAL_TIME_MULTIPLE,
@@ -192,7 +194,7 @@ class Results:
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Keys of the grid and of the cases; keys with random values are not included."""
+        """Keys whose values are listed in the study: those of the grid and of the cases."""
         random_keys = {variation.key for variation in self.study.random_variations}
         return tuple(key for key in self.study.keys if key not in random_keys)
 
@@ -226,7 +228,9 @@ class Results:
         return _to_numbers(column)
 
     def read_values(self, metric: Metric) -> np.ndarray:
-        """Return the values (n,) of a metric, with unknown values as in `Metric.complete_values`.
+        """Return the values (n,) of a metric.
+
+        An unknown value is 0 if it counts as a failure, otherwise NaN.
 
         Raises:
             StudyError: the metric is binary, and a run has another value than 0 and 1.
@@ -235,8 +239,8 @@ class Results:
 
     @cached_property
     def tolerance(self) -> SuccessTolerance:
-        """Tolerance within which the runs are at their goal."""
-        stored = (  # earlier versions did not store these columns
+        """Tolerance of the pose within which the camera of a run is at its goal."""
+        stored = (  # results of earlier versions do not have these two columns
             self.read_numbers(name) if name in self.table.column_names else np.zeros(0)
             for name in ("distance_tolerance", "angle_tolerance")
         )
@@ -260,11 +264,19 @@ class Results:
         return _to_numbers(pc.invert(is_failure))
 
     def describe_ends(self) -> list[str]:
-        """Return the outcome of each run, followed by the verdict if the loop has converged."""
+        """Return the outcome of each run, as text.
+
+        The outcome of a converged run is followed by its verdict: whether the camera is really at
+        its goal.
+        """
         return self.make_end_column().to_pylist()
 
     def make_end_column(self) -> pa.ChunkedArray:
-        """Return a text column: each run's outcome, and the verdict if the loop has converged."""
+        """Return a text column with the outcome of each run.
+
+        The outcome of a converged run is followed by its verdict: whether the camera is really at
+        its goal.
+        """
         outcome, verdict = self._find_column("outcome"), self._find_column("verdict")
         both = pc.binary_join_element_wise(outcome, verdict, ", ")
         return pc.if_else(pc.starts_with(outcome, "converged"), both, outcome)
@@ -284,8 +296,8 @@ class Results:
     def select_metrics(self, names: Sequence[str]) -> tuple[Metric, ...]:
         """Return the metrics with these names; if no names are given, all metrics except success.
 
-        `success` is a valid name but never among the returned metrics, because tables, figures and
-        comparisons always contain the success of the runs.
+        The metric `success` can be named but is not returned, because tables, figures and
+        comparisons always contain it.
 
         Raises:
             StudyError: the results have no such metric.

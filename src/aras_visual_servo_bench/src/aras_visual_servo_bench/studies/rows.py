@@ -50,7 +50,7 @@ class Rows:
     images: list[dict[str, Any]] = field(default_factory=list)
 
     def add(self, other: Rows) -> None:
-        """Append the rows of another object."""
+        """Append the rows of another Rows object."""
         self.values += other.values
         self.times += other.times
         self.images += other.images
@@ -103,9 +103,9 @@ class RunTimeoutError(BaseException):
 def limit_time(seconds: float) -> Iterator[None]:
     """Raise a RunTimeoutError if the `with` block takes longer than `seconds` of wall time.
 
-    In the main thread, a signal raises the error. Other threads do not receive signals: a worker of
-    Dask, for example, runs chunks in another thread. There the timeout ends the process, and the
-    chunk is repeated with a child process for each run.
+    In the main thread, a signal raises the error. Other threads, such as the one in which a worker
+    of Dask executes runs, do not receive signals. There the timeout ends the process, and its runs
+    are repeated, each in a child process.
     """
     if threading.current_thread() is not threading.main_thread():
         with open(os.devnull, "w", encoding="utf-8") as null_file:
@@ -188,11 +188,9 @@ def make_result_columns(study: Study, run: Run) -> dict[str, Any]:
 
 
 def make_schema(study: Study, labels: Mapping[str, str]) -> pa.Schema:
-    """Return the names and types of the columns of the results.
+    """Return the names and types of the columns of the results, equal for all files of a study.
 
-    They are the same for all result files of a study.
-
-    labels: value of each constant column, by name.
+    labels: text of each column that has the same value in all rows, by name.
     """
     fixed = list(FIXED_COLUMNS.items())
     parameters = [(key, _find_type(study, key)) for key in study.keys if key != "seed"]
@@ -205,9 +203,10 @@ def make_schema(study: Study, labels: Mapping[str, str]) -> pa.Schema:
 def make_table(
     study: Study, rows: Sequence[Mapping[str, Any]], labels: Mapping[str, str]
 ) -> pa.Table:
-    """Make a table of rows.
+    """Make a table of the results of several runs, which are given as rows.
 
-    labels: value of each constant column, by name."""
+    labels: text of each column that has the same value in all rows, by name.
+    """
     schema = make_schema(study, labels)
     columns = []
     for column_field in schema:
@@ -240,7 +239,8 @@ def _list_values(variations: Axis | RandomVariation) -> tuple[Any, ...]:
 
 
 def _to_cell(value: Any) -> Any:
-    """Convert a value for a column; values that are neither numbers nor texts become JSON."""
+    """Convert a value for a column of the results; if it is not a number or text, it becomes JSON.
+    """
     if value is None or isinstance(value, bool | int | float | str):
         return value
     if isinstance(value, np.generic):

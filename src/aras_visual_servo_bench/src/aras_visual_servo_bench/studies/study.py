@@ -37,7 +37,7 @@ from .variations import Axis, RandomVariation, draw_values, parse_variation
 if TYPE_CHECKING:
     from ..setup.setup_context import GoalImages
 
-# largest number of runs of a study: a scheduler handles at most 1e6 chunks, of 100 runs each
+# largest number of runs of a study: at most 1e6 chunks, for Dask's scheduler, of 100 runs each
 MAX_RUNS = 100_000_000
 MAX_CHUNK = 10_000
 GOAL_IMAGE_BYTES = 20_000_000  # memory for the images of goals in each process
@@ -56,9 +56,10 @@ class Case:
     set: settings of the case: values by dotted key of the experiment.
     published: published values, by the name of a metric, 'outcome' or 'verdict'. A text or a whole
         number must agree exactly, another number within 1 %; [minimum, maximum] is a range.
-    elsewhere: results of similar cases in other publications, as text, by the names of cases of
-        the other axes; they do not affect the runs.
-    cases: axes that replace the axes with the same names, for this case only.
+    elsewhere: results that other publications report for similar cases, as text, by the names of
+        the cases of the other axes; for information only.
+    cases: axes of cases; in combinations with this case, they replace the study's axes of the same
+        names.
     """
 
     name: str = parameter(name=True)
@@ -72,9 +73,9 @@ class Case:
 class Combination:
     """Combination of one case of each axis.
 
-    names: name of the case of each axis, by axis.
+    names: name of the chosen case, by the name of its axis.
     set: settings of all these cases, by dotted key.
-    published: published values of all these cases, by column.
+    published: values that publications report for these cases, by the name of the column.
     """
 
     names: Mapping[str, str]
@@ -88,30 +89,30 @@ class Study(KeywordSettings):
 
     `run` runs the study and returns its `Results`. The results are always bit-identical, even after
     interruptions and on several machines. A wrong key or value raises a StudyError before the first
-    run. A point is a combination of values of all settings that vary.
+    run.
 
     experiment: keys of the base experiment, an Experiment, or the path of its YAML file.
-    vary: settings to vary: by dotted key, a list or grid of values, or a distribution; see
+    vary: settings to vary: for each dotted key a list of values, a grid or a distribution; see
         variations.py.
     source: publication that the study reproduces.
-    chosen: choices that were made where the publication is ambiguous.
+    chosen: choices made where this publication is ambiguous, as text.
     cases: list of sets of keys and values, each combined with all variations; or named axes, each a
         list of Case, which are combined with each other (the last axis varies fastest).
     samples: number of draws from the distributions.
     sampling: how values are drawn from the distributions: 'random' or 'sobol'.
-    repeats: number of runs per point.
+    repeats: number of runs per point; a point is a combination of values of all settings that vary.
     seed: seed of all random numbers.
     seeds: 'runs' gives each run a different seed; 'repeats' gives repeat n of every point the same
         seed, so that all points have the same starts and noise; 'counted' gives repeat n of every
         point the seed `seed` + n.
     metrics: names of metrics, or 'package.module:function'; empty: the default metrics.
-    judged: metric that defines success: it is 1 for a successful run.
+    judged: name of the metric that defines success; its value is 1 for a successful run.
     chunk: number of runs per task and result file; None: depends on the number of runs.
     traces: whether to store features, twists, joints and poses of every image.
     pictures: images to store, of every camera: 'none', 'all', or only the 'first' image of each
         run, after which the run ends; see images.py.
     depth: whether to store depth images, too.
-    limit: maximum wall time of a run, s; a longer run has the outcome 'time_limit'.
+    limit: maximum wall time of a run, s; a run that exceeds it gets the outcome 'time_limit'.
     """
 
     fault = StudyError
@@ -263,8 +264,8 @@ class Study(KeywordSettings):
             One row per run, with its settings, outcome, verdict and metrics.
 
         Raises:
-            StudyError: the study is wrong or needs a folder, or the folder contains another study
-                or one that was started with other code.
+            StudyError: a setting is wrong; no folder is given although the study stores images or
+                traces; the folder contains another study; or the study was started with other code.
         """
         run_study = import_later("aras_visual_servo_bench.studies.run_study:run_study")
         if path is not None:
@@ -280,17 +281,17 @@ class Study(KeywordSettings):
 
     @cached_property
     def axes(self) -> tuple[Axis, ...]:
-        """Variations with a list of values; they form the grid."""
+        """Settings that vary over a list of values; all their combinations form the grid."""
         return tuple(v for v in self._variations if isinstance(v, Axis))
 
     @cached_property
     def random_variations(self) -> tuple[RandomVariation, ...]:
-        """Variations with a distribution."""
+        """Settings whose values are drawn from a distribution."""
         return tuple(v for v in self._variations if isinstance(v, RandomVariation))
 
     @cached_property
     def case_axes(self) -> dict[str, tuple[Case, ...]]:
-        """Named axes of cases; {} if `cases` is a list of sets."""
+        """Cases of each named axis, by the name of the axis; {} if there are no named axes."""
         return _parse_axes(self.cases) if isinstance(self.cases, Mapping) else {}
 
     @cached_property
@@ -302,7 +303,7 @@ class Study(KeywordSettings):
 
     @cached_property
     def keys(self) -> tuple[str, ...]:
-        """Names of the columns with settings that differ between runs, in the order of the file.
+        """Names of the columns with settings that differ between runs, in the study file's order.
 
         A name is a dotted key of the experiment, or the name of an axis of cases.
         """
@@ -326,12 +327,12 @@ class Study(KeywordSettings):
 
     @property
     def run_count(self) -> int:
-        """Number of runs."""
+        """Number of runs of the study."""
         return self.point_count * self.repeats
 
     @property
     def chunk_size(self) -> int:
-        """Number of runs per chunk.
+        """Number of runs per chunk; each chunk is a task for a worker.
 
         By default, a chunk has at most 100 runs, or IMAGE_CHUNK runs if images are stored, and the
         study has about 40 chunks or more, so that all cores have work.
@@ -341,7 +342,7 @@ class Study(KeywordSettings):
 
     @property
     def has_image_rows(self) -> bool:
-        """True if the study stores a row for each image; the row need not contain the image."""
+        """True if the study stores a row of data for each image, with or without the image."""
         return self.traces or self.pictures != "none"
 
     @property
@@ -355,17 +356,19 @@ class Study(KeywordSettings):
         return range(first, min(first + self.chunk_size, self.run_count))
 
     def find_combination(self, point: int) -> Combination:
-        """Return the combination of cases of point number `point`."""
+        """Return the cases of the combination of settings (point) with the number `point`."""
         return self.combinations[point // (self.point_count // len(self.combinations))]
 
     def make_settings(self, point: int) -> dict[str, Any]:
-        """Return the settings of point number `point`, by column."""
+        """Return the varied settings of the combination (point) with the number `point`, by column.
+        """
         cases = self.find_combination(point)
         settings = {**(cases.names or cases.set), **self._compute_variations(point)}
         return {key: settings[key] for key in self.keys if key in settings}
 
     def _compute_variations(self, point: int) -> dict[str, Any]:
-        """Compute the values of the varied settings of point number `point`, by dotted key."""
+        """Compute the values of the settings under `vary` for point number `point`, by dotted key.
+        """
         rest, sample = divmod(point, self.samples)
         values: dict[str, Any] = {}
         for axis in reversed(self.axes):
@@ -399,7 +402,7 @@ class Study(KeywordSettings):
         return Experiment.from_mapping(values)
 
     def make_trials(self) -> list[Experiment]:
-        """Return a few experiments that together contain every value of the study, for a check.
+        """Return a few experiments that contain every value of the study, to check these values.
 
         Raises:
             StudyError: an experiment is wrong; the message names the key.
@@ -433,7 +436,7 @@ def _parse_axes(cases: Mapping[str, Any]) -> dict[str, tuple[Case, ...]]:
 
 
 def _combine_axes(axes: Mapping[str, tuple[Case, ...]]) -> Iterator[Combination]:
-    """Yield the combinations of all axes; `cases` of a case can replace the axes that follow."""
+    """Yield all combinations of cases; a case can replace the axes after its own by its `cases`."""
     if not axes:
         yield Combination({}, {}, {})
         return

@@ -1,8 +1,10 @@
 """Folder of a study: its settings, its results in one file per chunk, and a manifest.
 
-study.yaml            settings of the study
-    sha256sums.txt        hash of each result file, added when the file is written
-    manifest.json         settings, versions of the code; after the last run, all hashes
+A chunk is a group of consecutive runs. The folder contains
+
+    study.yaml            settings of the study
+    sha256sums.txt        hash of each result file, written before the file
+    manifest.json         settings and versions of the code; after the last run, also all hashes
     parts/000012.parquet  results of a chunk, one row per run
     times/                wall times of the runs; they differ between executions
     traces/               one row per image, if the study stores traces or images
@@ -44,7 +46,7 @@ class StudyFolder:
         path: path of the folder.
         study: settings of the study.
         manifest: content of manifest.json.
-        labels: text of each column that is equal in all rows, by column.
+        labels: text of each column that has the same value in all rows, by name of the column.
     """
 
     def __init__(self, path: Path, study: Study, manifest: dict[str, Any]) -> None:
@@ -196,13 +198,15 @@ class StudyFolder:
     def find_part(self, chunk: int, kind: str = PARTS) -> Path:
         """Return the path of a chunk's file.
 
-        kind: PARTS, TIMES or TRACES."""
+        kind: PARTS for the results, TIMES for the wall times, TRACES for the rows of images.
+        """
         return self.path / kind / f"{chunk:06d}.parquet"
 
     def find_missing_chunks(self) -> list[int]:
-        """Return the chunks whose results are missing, incomplete or changed.
+        """Return the numbers of the chunks whose results are missing, incomplete or changed.
 
-        Temporary files that a crash has left are removed."""
+        Temporary files that a crash has left are removed.
+        """
         for temporary in self.path.glob("*/.*.new"):
             temporary.unlink(missing_ok=True)
         folder = self.path / PARTS
@@ -215,7 +219,7 @@ class StudyFolder:
         ]
 
     def write_chunk(self, chunk: int, chunk_rows: rows.Rows) -> None:
-        """Write the rows of a chunk.
+        """Write the rows of a chunk of runs.
 
         Raises:
             StudyError: the files cannot be written, for example because the disk is full.
@@ -229,7 +233,8 @@ class StudyFolder:
                     chunk_rows.images, schema=images.make_schema(self.study)
                 )
                 self._write_table(TRACES, chunk, table)
-            # This file is written last, because its existence marks the chunk as finished.
+            # The file of results is written last, because its existence marks the chunk as
+            # finished.
             self._write_table(
                 PARTS, chunk, rows.make_table(self.study, chunk_rows.values, self.labels)
             )
@@ -247,7 +252,7 @@ class StudyFolder:
             _write_file(self.path / MANIFEST, _to_json(self.manifest))
 
     def count_stored_runs(self) -> int:
-        """Count the stored runs."""
+        """Count the runs whose results are stored in the folder."""
         missing = sum(
             len(self.study.list_chunk_runs(chunk)) for chunk in self.find_missing_chunks()
         )
@@ -256,7 +261,7 @@ class StudyFolder:
     def read_results(self, kind: str = PARTS) -> pa.Table:
         """Read all stored rows, in the order of the runs; files are cached until they change.
 
-        kind: PARTS, TIMES or TRACES.
+        kind: PARTS for the results, TIMES for the wall times, TRACES for the rows of images.
 
         Raises:
             StudyError: there are no rows, or a file does not have its recorded hash.
@@ -288,7 +293,8 @@ class StudyFolder:
 
     @property
     def _stable_kinds(self) -> tuple[str, ...]:
-        """Kinds of files whose content is the same on every execution; wall times are not."""
+        """Kinds of files whose content is the same on every execution; files of wall times are not.
+        """
         return (PARTS, TRACES) if self.study.has_image_rows else (PARTS,)
 
     def _find_name(self, path: Path) -> str:
@@ -319,7 +325,7 @@ class StudyFolder:
         try:
             for kind in self._stable_kinds:
                 path = self.find_part(chunk, kind)
-                # is_file() is False for a pipe, which could be read without end
+                # is_file() is False for a pipe, from which reading might never end
                 if not path.is_file():
                     return False
                 data = path.read_bytes()
@@ -339,8 +345,8 @@ class StudyFolder:
         path, data = self.find_part(chunk, kind), sink.getvalue().to_pybytes()
         path.parent.mkdir(exist_ok=True)
         if kind in self._stable_kinds:
-            # The hash is written before the file, because the existence of the file marks the chunk
-            # as finished.
+            # The hash of a file is written before the file, because the existence of the file marks
+            # the chunk as finished.
             with open(self.path / CHECKSUM_FILE, "a", encoding="utf-8") as sums:
                 sums.write(f"{hashlib.sha256(data).hexdigest()}  {self._find_name(path)}\n")
         _write_file(path, data)

@@ -1,4 +1,4 @@
-"""Tables of results in Markdown, CSV or LaTeX: one row per setting, with confidence intervals."""
+"""Tables of results in Markdown, CSV or LaTeX: one row per group of runs with equal settings."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ NUMBER = re.compile(r"[-+]?\d+(\.\d+)?")
 
 @dataclass(frozen=True)
 class StatisticColumn:
-    """A column with estimates.
+    """Column of a table whose cells are estimates of a statistic of a metric.
 
     name: name of the metric.
     unit: unit of its values.
-    kind: RATE, MEDIAN or QUARTILES.
+    kind: the statistic: RATE, MEDIAN or QUARTILES.
     """
 
     name: str
@@ -81,9 +81,9 @@ def make_table(
 ) -> Table:
     """Make a table with the success rate and estimates of metrics of each group of runs.
 
-    Binary metrics have their rate with Wilson's interval, other metrics have their median with a
-    bootstrap interval. Next to the success rate, which depends on a tolerance, the table has the
-    quartiles of the final distance, and therefore no median of it.
+    The estimate of a binary metric is its rate with Wilson's interval; of another metric, its
+    median with a bootstrap interval; of the final distance, its quartiles, because the success rate
+    depends on a tolerance of the distance.
 
     Args:
         all_results: results of one or more studies.
@@ -167,13 +167,13 @@ def _make_headings(table: Table, units: Sequence[tuple[str, float]]) -> list[str
 
 
 def _list_numbers(table: Table) -> list[list[float]]:
-    """Return, for each column with estimates, its values and the bounds of their intervals."""
+    """Return, for each column of estimates, the estimates and the bounds of their intervals."""
     columns = zip(*(estimates for *_, estimates in table.rows), strict=True)
     return [[n for e in column for n in (e.value, e.low, e.high)] for column in columns]
 
 
-# Function that makes the text of a cell from the texts of a value, its lower bound and its upper
-# bound; both bounds are None without an interval.
+# Function that makes the text of a cell from the texts of a value and of the lower and upper bound
+# of its confidence interval; the bounds are None if there is no interval.
 IntervalFormat = Callable[[str, str | None, str | None], str]
 
 
@@ -184,7 +184,7 @@ def _format_cells(table: Table, interval: IntervalFormat, none: str) -> list[lis
 
     Args:
         table: content of the table.
-        interval: function that formats a value with its confidence interval.
+        interval: function that makes the text of a value with its confidence interval.
         none: text of a missing value.
     """
     numbers = _list_numbers(table)

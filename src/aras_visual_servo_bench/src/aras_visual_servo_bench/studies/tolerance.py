@@ -1,4 +1,4 @@
-"""Tolerance within which the runs of a study are at their goal."""
+"""Tolerance of the pose within which the camera of a run counts as at its goal."""
 
 from __future__ import annotations
 
@@ -14,16 +14,19 @@ from .study import Study
 
 # key of an experiment that sets the tolerance of the final pose: distance and angle
 KEY = "reached"
-MAX_LISTED = 3  # largest number of tolerances that are listed; of more, only the range is stated
-DIGITS = 6  # number of significant digits to which equal tolerances agree
+# Largest number of tolerances that a text lists; if there are more, it gives only their range.
+MAX_LISTED = 3
+# Number of significant digits to which tolerances are rounded before duplicates are removed.
+DIGITS = 6
 
 
 @dataclass(frozen=True)
 class SuccessTolerance:
-    """Maximum distance and angle at which the runs of a study are at their goal.
+    """Maximum distance and angle from its goal at which a camera counts as at its goal.
 
-    pairs: distance (m) and angle (rad) of the runs, without duplicates; empty if they are unknown.
-    is_relative: True if the distance is a fraction of the target's depth at the goal.
+    pairs: distance (m) and angle (rad) that the runs of a study use, without duplicates; empty if
+        they are unknown.
+    is_relative: True if the distance is set as a fraction of the target's depth at the goal.
     """
 
     pairs: tuple[tuple[float, float], ...]
@@ -50,13 +53,13 @@ class SuccessTolerance:
 
 
 def find_tolerance(study: Study, distances: np.ndarray, angles: np.ndarray) -> SuccessTolerance:
-    """Return the tolerance of the runs of a study.
+    """Return the tolerance of the camera pose that the runs of a study use.
 
     Args:
         study: settings of the study.
-        distances: (n,) recorded tolerance of the distance of each run, m; NaN if the run has none,
-            because it was refused or raised an error.
-        angles: (n,) recorded tolerance of the angle of each run, rad.
+        distances: (n,) tolerance of the distance that each run used, m; NaN for a run that was
+            refused or raised an error.
+        angles: (n,) tolerance of the angle that each run used, rad.
     """
     configured = _list_configured(study)
     known = np.isfinite(distances)
@@ -68,7 +71,7 @@ def find_tolerance(study: Study, distances: np.ndarray, angles: np.ndarray) -> S
 
 
 def _list_configured(study: Study) -> list[tuple[float, float] | None]:
-    """Return the values of the key `reached` that a study lists; None stands for the default."""
+    """Return the values that a study gives to the key `reached`; None for the default value."""
     found = [case.set[KEY] for case in study.combinations if KEY in case.set]
     is_varied = any(one.key == KEY for one in (*study.axes, *study.random_variations))
     if len(found) < len(study.combinations) and not is_varied:

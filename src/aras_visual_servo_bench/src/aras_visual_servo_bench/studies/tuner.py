@@ -26,14 +26,15 @@ from ..metrics.metrics import GREATER, Metric
 from .results import Results
 from .study import Study
 
-LOGARITHMIC_RATIO = 10.0  # ratio high/low of a search range from which its scale is logarithmic
+# Ratio high/low of a search range from which its values are on a logarithmic scale.
+LOGARITHMIC_RATIO = 10.0
 DIGITS = 6  # number of significant digits of the settings of a candidate
 MIN_CANDIDATES = 8  # minimum number of candidates per generation
 
 
 @dataclass(frozen=True)
 class SearchRange:
-    """Range in which the best value of a key is searched."""
+    """Range of values of a setting in which the best value is searched."""
 
     key: str
     low: float
@@ -49,7 +50,7 @@ class SearchRange:
 
     @classmethod
     def parse(cls, text: str) -> SearchRange:
-        """Parse `key=low:high`.
+        """Parse a search range of the form `key=low:high`.
 
         Raises:
             StudyError: the text does not have this form.
@@ -144,7 +145,7 @@ class Tuner:
         """Search with about `evaluations` candidates, and return the best one.
 
         Raises:
-            StudyError: there are fewer than two generations.
+            StudyError: `evaluations` is too small for two generations of candidates.
         """
         size = max(MIN_CANDIDATES, 4 * len(self._ranges))
         generations = evaluations // size - 1
@@ -155,8 +156,8 @@ class Tuner:
             )
         rng = np.random.default_rng(self._study.seed)
         first = qmc.LatinHypercube(len(self._ranges), rng=rng).random(size)
-        # SciPy evaluates the constraint and then the cost of each candidate. Results are cached, so
-        # the runs of a candidate are computed once.
+        # For each candidate, SciPy asks for the violation and for the cost. The second call takes
+        # the results from the cache.
         differential_evolution(
             lambda x: np.array([c.cost for c in self._evaluate(x.T)]),
             [(0.0, 1.0)] * len(self._ranges),
@@ -187,9 +188,10 @@ class Tuner:
         return self._out / "best.yaml"
 
     def _evaluate(self, units: np.ndarray) -> list[Candidate]:
-        """Evaluate n candidates; the results are cached.
+        """Run n candidates, or take their results from the cache.
 
-        units: fraction (n, k) of the range of each of the k keys."""
+        units: (n, k) value of each of the k searched keys, as a fraction (0 to 1) of its range.
+        """
         rows = np.atleast_2d(units)
         requested = [
             tuple(r.interpolate(u) for r, u in zip(self._ranges, row, strict=True))

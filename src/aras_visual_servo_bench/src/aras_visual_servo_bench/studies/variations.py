@@ -31,15 +31,15 @@ from aras_visual_servo_base.settings import convert
 from ..errors import StudyError
 
 SOBOL_BLOCK = 1024  # number of points of a Sobol sequence that are computed together
-# part of the seed of random settings; it makes their random numbers independent of those of the
-# runs
+# Part of the seed of randomly varied settings. Without it, these settings would be drawn with the
+# same random numbers as the starts and the noise of the runs.
 STREAM_KEY = 0x706F696E
 MAX_VALUES = 1_000_000
 
 
 @dataclass(frozen=True)
 class Axis:
-    """Key with a list of values."""
+    """Setting of a study with a list of values."""
 
     key: str
     values: tuple[Any, ...]
@@ -47,7 +47,7 @@ class Axis:
 
 @dataclass(frozen=True)
 class RandomVariation:
-    """Key with a distribution.
+    """Setting of a study whose values are drawn from a distribution.
 
     key: dotted key of the experiment.
     value: function that converts a uniform random number from 0 to 1 into the value of the key.
@@ -166,7 +166,7 @@ def draw_values(
         variations: random keys with their distributions.
         sampling: 'random' or 'sobol'.
         entropy: seed of the study.
-        sample: number of the sample.
+        sample: number of the draw, which gives a value for all random keys.
     """
     if not variations:
         return {}
@@ -185,7 +185,13 @@ def draw_values(
 
 @lru_cache(maxsize=4)
 def _make_sobol_points(dimensions: int, entropy: int, block: int) -> np.ndarray:
-    """Compute a block of points (SOBOL_BLOCK, dimensions) of the scrambled Sobol sequence."""
+    """Compute a block of points (SOBOL_BLOCK, dimensions) of the scrambled Sobol sequence.
+
+    Args:
+        dimensions: number of coordinates of a point.
+        entropy: seed of the study.
+        block: number of the block.
+    """
     seeds = np.random.SeedSequence(entropy, spawn_key=(STREAM_KEY,))
     sequence = scipy.stats.qmc.Sobol(dimensions, rng=np.random.default_rng(seeds))
     if block:

@@ -22,7 +22,8 @@ PACKAGES = (
     "aras_sim_bridge", "aras_visual_servo_camera", "aras_visual_servo_controller",
     "aras_visual_servo_bench", "aras_visual_servo_gazebo",
 )  # fmt: skip
-# Folder that the digest of the code leaves out, because a study stores its own settings.
+# Folder with study files. The digest of the code omits it, because the folder of a study contains a
+# copy of its file.
 EXCLUDED_FOLDER = ("config", "studies")
 SOURCE_SUFFIXES = (
     ".py", ".yaml", ".urdf", ".world", ".dae", ".glb", ".gltf", ".stl", ".obj", ".mtl", ".png",
@@ -52,7 +53,7 @@ def compute_source_digest() -> str:
 
 
 def _find_folders(package: str) -> list[Path]:
-    """Return the folders of a package: one folder in a workspace, two folders if it is installed.
+    """Return the folders with the files of a package: one in a workspace, two after installation.
 
     Python's import path is not used, because in a sourced workspace it contains catkin's stubs
     instead of the code.
@@ -78,7 +79,7 @@ def read_versions() -> dict[str, str]:
 
 
 def read_study_versions(study: Mapping[str, Any]) -> dict[str, str]:
-    """Return the versions, and a digest of each module that the values of a study refer to."""
+    """Return the versions, and a digest of each user module that the settings of a study name."""
     versions = dict(read_versions())
     for module in sorted(
         {match[1] for word in _collect_strings(study) if (match := CLASS_PATH.fullmatch(word))}
@@ -103,7 +104,8 @@ def _digest_module(name: str) -> str:
         spec = importlib.util.find_spec(name)
         return hashlib.sha256(Path(spec.origin).read_bytes()).hexdigest()[:16]
     except (ImportError, AttributeError, TypeError, ValueError, OSError):
-        return UNKNOWN  # raise no error here: the run that imports this module reports the error
+        # No error is raised here, because each run that imports this module reports it.
+        return UNKNOWN
 
 
 def read_commit() -> str:

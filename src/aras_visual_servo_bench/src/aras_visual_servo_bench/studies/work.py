@@ -1,4 +1,4 @@
-"""Run the runs of a chunk one after the other in a worker, directly or in child processes."""
+"""Execute the runs of a chunk one after the other in a worker, directly or in child processes."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ MAX_TRIES = 2
 
 @dataclass(frozen=True)
 class StudyTask:
-    """Chunk of a study to run.
+    """Chunk (group of runs) of a study that a worker executes.
 
     study: result of `Study.to_mapping`, as JSON.
     chunk: number of the chunk.
@@ -60,7 +60,7 @@ class StudyTask:
 
 
 def carry_out(task: StudyTask) -> rows.Rows:
-    """Run all runs of a chunk and return their rows.
+    """Execute all runs of a chunk and return their rows.
 
     Raises:
         StudyError: the code of this process differs from that of the process that started the
@@ -73,7 +73,8 @@ def carry_out(task: StudyTask) -> rows.Rows:
             raise StudyError(
                 f"a worker has other versions: {difference}; install the same versions there"
             )
-    prepare_process()  # called before each chunk, because a worker can have started at any time
+    # Called for each chunk, because this function does not know whether the worker process is new.
+    prepare_process()
     return _run_isolated_chunk(task) if task.is_isolated else _run_directly(task)
 
 
@@ -107,7 +108,7 @@ def make_worker_name() -> str:
 
 
 def _run_isolated_chunk(task: StudyTask) -> rows.Rows:
-    """Run a chunk in child processes; if a run crashes its process, its outcome is DIED."""
+    """Execute a chunk in child processes; a run that crashes its process has the outcome DIED."""
     study = _load_study(task.study)
     chunk_rows, tries, end = rows.Rows(), 0, ""
     todo = task.runs
@@ -126,7 +127,7 @@ def _run_isolated_chunk(task: StudyTask) -> rows.Rows:
 
 
 def _run_child(study: str, todo: range, limit: float) -> tuple[rows.Rows, str | None]:
-    """Run several runs in a child process.
+    """Execute several runs in a child process.
 
     Args:
         study: settings of the study, as JSON.
@@ -182,7 +183,7 @@ def _describe_exit(code: int) -> str:
 
 
 def _run_as_child() -> None:
-    """Run the runs that are named on the standard input; write rows to the standard output.
+    """Execute the runs whose numbers the standard input gives; write rows to the standard output.
 
     All other output is written to the standard error.
     """
@@ -197,7 +198,8 @@ def _run_as_child() -> None:
 
 
 if __name__ == "__main__":
-    # With the module's full name instead of __main__, the parent process can unpickle the rows.
+    # The import gives the module its full name instead of __main__, so that the parent process can
+    # unpickle the rows.
     from aras_visual_servo_bench.studies import work
 
     work._run_as_child()

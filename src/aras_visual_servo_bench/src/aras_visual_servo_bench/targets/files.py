@@ -66,7 +66,8 @@ def write_target(
         target: geometry of a flat or solid target.
         folder: folder into which the files are written.
         name: name of the files, of the model and of its link.
-        meshes: URL of `folder` for the mesh paths in the URDF; '': its absolute path.
+        meshes: URL of `folder` with which the paths of meshes in the URDF start; '': the absolute
+            path of `folder`.
         occluder: lower and upper corner (x, y), m, of a white rectangle on the target; None: no
             occluder.
         box: movable box under the target; None: no box.
@@ -127,7 +128,7 @@ def _write_solid(target: SolidTarget, folder: Path, name: str) -> Path:
 
 
 def _make_box(box: BoxSpec) -> str:
-    """Return the URDF elements of a box under a target; its top is slightly below the target."""
+    """Return the URDF elements of a box under a target; the box ends slightly below the target."""
     (x, y, z), twelfth = box.size, box.mass / 12.0
     return BOX.format(
         size=f"{x!r} {y!r} {z!r}", z=-0.5 * z - OCCLUDER_HEIGHT, mass=box.mass,

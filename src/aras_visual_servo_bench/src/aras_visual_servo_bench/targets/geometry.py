@@ -28,11 +28,12 @@ from aras_visual_servo_controller.observation.target_geometry import (
 from ..errors import ExperimentError, ViewError, require
 
 ROUNDING = 1e-12  # maximum rounding error of a point on the edge of a box, m
-# smallest change of an element of a pose matrix with which the pose is recorded
+# largest change of an element of a pose matrix at which the body counts as at rest
 POSE_TOLERANCE = 1e-9
 TIME_TOLERANCE = 1e-7  # s
 MIN_DEPTH = 1e-3  # minimum depth of a point that is projected, m
-IMAGE_FLIP = (1.0, -1.0)  # factors of (x, y) that reverse the y axis, between up and down
+# Factors that convert (x, y) with y upwards to (x, y) with y downwards, and back.
+IMAGE_FLIP = (1.0, -1.0)
 
 
 class Target(ABC):
@@ -86,7 +87,7 @@ class Target(ABC):
     def outline_plane(self, target_T_camera: np.ndarray) -> Plane:
         """Return the plane that contains the points of the outline, in the camera frame.
 
-        Moments of the image need this plane.
+        The interaction matrix of image moments depends on this plane.
 
         Raises:
             ViewError: the points of the outline do not determine a plane.
@@ -96,7 +97,7 @@ class Target(ABC):
 
 @dataclass(frozen=True, eq=False)
 class BoxesTarget(Target):
-    """Target that consists of one thin box, or of two whose images overlap; see TargetGeometry."""
+    """Target that consists of one thin box, or of two thin boxes whose images overlap."""
 
     geometry: TargetGeometry
 
@@ -122,11 +123,11 @@ class BoxesTarget(Target):
         return np.column_stack([union, tops])
 
     def depth(self, target_T_camera: np.ndarray) -> float:
-        """Return the depth Z (m) at which the optical axis meets the surface of the geometry."""
+        """Return the depth Z (m) at which the optical axis meets the plane of the target."""
         return self.geometry.compute_depth(target_T_camera)
 
     def plane(self, target_T_camera: np.ndarray) -> Plane:
-        """Return the plane of the surface of the geometry, in the camera frame."""
+        """Return the plane of the target, in the camera frame."""
         return self.geometry.compute_plane(target_T_camera)
 
 
@@ -191,7 +192,7 @@ class Motion:
     frequency: frequency of the sine and of the circle, Hz.
     circle: radius of a horizontal circle through the target's initial position, m.
     step: displacement (x, y, z) of a jump at the time `begin`, in world axes, m.
-    hold: time between jumps, s: the target alternately jumps back and forth; 0: it jumps only once.
+    hold: time between two jumps, s; the jumps go alternately forth and back. 0: only one jump.
     path: waypoints (t, x, y, z) or (t, x, y, z, roll, pitch, yaw): time after `begin` (s),
         displacement (m) and rotation (rad) about world axes. The velocity is constant between two
         waypoints. The target starts at its initial pose and stops at the last waypoint.
@@ -297,7 +298,7 @@ class PoseHistory:
         self._poses: list[np.ndarray] = []
 
     def add(self, time: float, pose: np.ndarray) -> None:
-        """Add the pose world_T_body (4, 4) that the body has from `time` (s)."""
+        """Add the pose world_T_body (4, 4) that the body has from `time` (s) on."""
         if not self._poses or np.abs(pose - self._poses[-1]).max() > POSE_TOLERANCE:
             self._times.append(time)
             self._poses.append(pose)

@@ -29,7 +29,7 @@ CANVAS_BYTES = 1 << 22  # size of the cached camera buffers of a renderer, bytes
 
 
 class _StaticWorld:
-    """World that contains one model at the origin; it has the interface that a renderer needs."""
+    """World with one model at the origin, with the methods that a renderer calls."""
 
     revision, name, body_id = 0, "target", 0
 

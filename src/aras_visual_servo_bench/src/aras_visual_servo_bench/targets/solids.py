@@ -25,9 +25,10 @@ from .scratch import make_scratch_folder
 
 @dataclass(frozen=True, eq=False)
 class SolidTarget(Target):
-    """Solid target.
+    """Target that is a solid.
 
-    The plane and the points of the target are those of the section at half its height along z.
+    The feature points of the target, and its plane, are those of the horizontal section of the
+    solid at half its height along z.
 
     solid: geometry of the solid.
     path: mesh file with lengths in m.
@@ -51,7 +52,7 @@ class SolidTarget(Target):
         return any(mesh.rgba is not None or mesh.texture for mesh in meshes)
 
     def vertices(self) -> np.ndarray:
-        """Return the corners (n, 3) of the section at half the height along z."""
+        """Return the corners (n, 3) of the solid's section at half its height along z."""
         return self.solid.compute_section_corners()
 
     def outline(self, target_T_camera: np.ndarray) -> np.ndarray:

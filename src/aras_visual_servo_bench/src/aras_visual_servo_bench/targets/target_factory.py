@@ -40,7 +40,7 @@ SAMPLES = 24  # number of edges that approximate a curve of an SVG path
 # Maximum relative difference between the aspect ratios of an SVG's page and of its viewBox. Files
 # often contain rounded values.
 ASPECT_TOLERANCE = 0.01
-# maximum distance of a corner from the centre of an SVG page, in page sizes
+# maximum distance of a corner from the centre of an SVG page, as a multiple of the page's size
 MAX_CORNER_DISTANCE = 100.0
 
 
@@ -73,7 +73,8 @@ def find_tracker(shape: str | Corners) -> str:
         return MODEL_TRACKER
     found = find_shape(shape)
     if found is None and isinstance(shape, str):
-        # An image file of a flat shape is named after the shape, for example four_dots.png.
+        # An image file whose name is that of a flat shape shows this shape, for example
+        # four_dots.png.
         found = SHAPES.get(Path(shape).stem)
         found = None if found is None or found.is_solid else found
     return OUTLINE_TRACKER if found is None else found.tracker
@@ -86,7 +87,8 @@ def list_parameters(shape: str | Corners) -> frozenset[str]:
 
 
 def find_default_size(shape: str) -> tuple[float, ...] | None:
-    """Return the default size (m) for command-line programs; None if the file gives the size."""
+    """Return a shape's default size (m) for command-line programs; None if a file gives the size.
+    """
     if is_mesh(shape) or Path(shape).suffix.lower() == ".svg":
         return None
     return (0.1, 0.1, 0.1) if is_solid(shape) else (0.1, 0.1)
@@ -174,8 +176,8 @@ class SvgOutline(NamedTuple):
     def scale_to_page(self, size: tuple[float, float] | None) -> tuple[tuple[float, float], ...]:
         """Return the corners (x, y), m, after scaling the page.
 
-        size: size of the page along x and y, m; None: the size in the file, or if the file gives
-            none, DEFAULT_SIZE for the longer side.
+        size: size of the page along x and y, m. None: the size in the file; for a file without
+            lengths, the longer side of the page gets the length DEFAULT_SIZE.
         """
         if size is None:
             factor = np.full(2, self.metres or DEFAULT_SIZE[0] / max(self.page))
@@ -248,10 +250,10 @@ def read_svg(path: Path) -> SvgOutline:
 
 
 def _complete_page_size(root: Element) -> bool:
-    """Set a missing width or height of an SVG page from the aspect ratio of its viewBox.
+    """Compute a missing width or height of an SVG page with the aspect ratio of its viewBox.
 
     Returns:
-        True if the file gives the size of the page as lengths.
+        True if the file gives the size of the page with a unit of length.
 
     Raises:
         ValueError: a length or the viewBox is invalid, or the aspect ratios of page and viewBox
@@ -321,7 +323,7 @@ def _count_elements(root: Element) -> int:
 
 
 def _find_outlines(shape: Shape) -> Iterator[np.ndarray]:
-    """Yield the corners (n, 2) of each subpath of an SVG shape that has at least 3 corners.
+    """Yield the corners (n, 2) of each subpath of an SVG shape, if the subpath has 3 or more.
 
     Raises:
         ValueError: the path has an unknown command.

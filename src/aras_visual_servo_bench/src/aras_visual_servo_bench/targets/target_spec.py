@@ -39,7 +39,7 @@ def check_times(intervals: tuple[Vector2, ...] | None, name: str) -> None:
 class BoxSpec:
     """Movable box under a target, which can be pushed and grasped.
 
-    size: size along the x, y and z axes of the target frame, m; the target is on its top.
+    size: size along the x, y and z axes of the target frame, m; the target lies on its top face.
     mass: mass, kg.
     friction: friction coefficient of the surface.
     """
@@ -63,9 +63,9 @@ class TargetSpec:
     size: size along x and y, m; for a solid along x, y and z. For an SVG, this is the size of its
         page. None: the size in the file (mesh; SVG with units), else 0.2 along each axis.
     scale: factor on the lengths of a mesh, instead of size, such as 0.001 for mm.
-    marker: ArUco or AprilTag marker that is tracked (5, 'DICT_5X5_100:5'), or a board of markers,
-        if the shape contains them; '': the marker with which the goal was taught. The shape
-        'marker' is drawn with this marker.
+    marker: ArUco or AprilTag marker, or board of markers, that is tracked, such as 5 or
+        'DICT_5X5_100:5'; '': the marker with which the goal was taught. The shape 'marker' is drawn
+        with this marker.
     pose: pose of the target frame in the world: x, y, z (m), roll, pitch, yaw (rad). The z axis is
         the normal of the target. The plates of 'aras' are at (0, 0, 0.59) in this frame.
     motion: motion of the target; see Motion.
@@ -75,12 +75,12 @@ class TargetSpec:
         occluder is always present, also when the goal is taught.
     perturbed: whether the texture of the target is changed after the goal has been taught:
         brightness, contrast, noise and an erased patch, all drawn with the seed.
-    box: movable white box under the target; None: the target is fixed and has no collision shape
-        (bullet).
+    box: movable white box under the target, on plant 'bullet'; None: the target is fixed and has no
+        collision shape.
     model: name of a model in the world file; the target is a link of this model, which the
         simulation moves, and has the shape of this link.
-    link: name of the link that is the target: of `model`, or if `model` is empty, a fixed link of
-        the robot description. '': the only link of `model` with visuals.
+    link: name of the link that is the target. It is a link of `model`; without `model`, it is a
+        fixed link of the robot description. '': the only link of `model` with visuals.
     """
 
     shape: str | tuple[Vector2, ...] = parameter("aras", shorthand=True, importable=True)
@@ -98,7 +98,7 @@ class TargetSpec:
 
     @property
     def placed_target(self) -> PlacedTarget:
-        """The target in the world.
+        """Target with these settings, at its pose in the world.
 
         Raises:
             ExperimentError: the shape of the target cannot be read.
@@ -136,9 +136,9 @@ class TargetSpec:
 
     @property
     def is_in_description(self) -> bool:
-        """True if the robot description contains the target.
+        """True if the robot description already contains the target.
 
-        This is the case if `shape` gives corners, and no `pose` is set.
+        This is assumed if the setting `shape` lists corners and the setting `pose` is zero.
         """
         return isinstance(self.shape, tuple) and not any(self.pose)
 

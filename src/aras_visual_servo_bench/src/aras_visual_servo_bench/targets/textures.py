@@ -18,7 +18,7 @@ PIXELS = 1200  # longer side of a generated texture, px
 
 @dataclass(frozen=True, eq=False)
 class TexturedTarget(Target):
-    """Rectangle in the plane z = 0 with a texture that faces along z.
+    """Rectangle in the plane z = 0 with a texture on the side that faces +z.
 
     pixels: image (rows, columns), uint8; the first row is at +y, the first column at -x.
     size: size along x and y, m.
@@ -48,11 +48,12 @@ class TexturedTarget(Target):
         return project(points, target_T_camera)
 
     def perturb(self, seed: int) -> TexturedTarget:
-        """Return a copy with a random change of its texture, as Felton et al. and ViT-VS do.
+        """Return a copy with a random change of its texture, like those in two publications.
 
-        Brightness is multiplied by a factor from 0.4 to 1.6, contrast by a factor from 0.6 to 1.4.
-        Gaussian noise is added, with a standard deviation of 5 % of white. With probability 1/2, a
-        patch of 2 to 33 % of the area is erased.
+        The changes are those of Felton et al. and of ViT-VS. Brightness is multiplied by a factor
+        from 0.4 to 1.6, contrast by a factor from 0.6 to 1.4. Gaussian noise is added, with a
+        standard deviation of 5 % of white. With probability 1/2, a patch of 2 to 33 % of the area
+        is erased.
         """
         random = np.random.default_rng((seed, 489))
         pixels = self.pixels.astype(np.float32) * random.uniform(0.4, 1.6)

@@ -1,4 +1,5 @@
-"""Access rules of the web servers: requests need a token and must come from their own pages."""
+"""Access rules of the web servers: requests need a token and must come from the server's own page.
+"""
 
 from __future__ import annotations
 
@@ -41,8 +42,9 @@ class Access:
 
         Args:
             token: token in the URL of the request; '' if there is none.
-            host: Host header of the request. Its check prevents DNS rebinding: if the domain name
-                of a foreign page resolves to this machine, its requests have this name as host.
+            host: Host header of the request. It must be an address or name of this server. This
+                prevents DNS rebinding, an attack by a foreign page whose domain name resolves to
+                this machine.
             origin: Origin header of the request; None if there is none.
         """
         if not self._is_own(host):
@@ -77,8 +79,8 @@ class Access:
         name = _normalize_host(found["six"] or found["name"])
         if isinstance(name, IPv6Address) != bool(found["six"]):
             return False
-        # A server on all addresses does not know its own names. Any IP address in the Host header
-        # is accepted, because an attack by DNS rebinding needs a name.
+        # A server that listens on all addresses does not know all its names. It accepts any IP
+        # address in the Host header, because DNS rebinding needs a domain name.
         if self._is_wildcard:
             is_own = not isinstance(name, str)
         else:

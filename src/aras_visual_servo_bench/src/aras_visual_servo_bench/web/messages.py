@@ -14,7 +14,7 @@ from aras_visual_servo_base.setting_values import format_value
 
 from ..errors import RefusedError
 
-MAX_BYTES = 4096  # default limit of the length of a message, bytes
+MAX_BYTES = 4096  # default limit for the length of a message, characters
 
 
 def read_message(

@@ -100,7 +100,8 @@ class WebServer(ABC):
 
     @abstractmethod
     def list_routes(self) -> list[tuple[str, type[AuthorizedHandler]]]:
-        """Return further URL patterns and handlers, in addition to the page and its files."""
+        """Return URL patterns and their handlers, in addition to those for the page and its files.
+        """
 
     @abstractmethod
     def find_page_file(self, name: str) -> str | None:

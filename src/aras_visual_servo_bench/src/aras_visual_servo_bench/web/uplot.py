@@ -1,8 +1,7 @@
 """Files of uPlot, the plotting library of the web pages.
 
-uPlot (https://github.com/leeoniya/uPlot, MIT) has 52 kB and draws in milliseconds. For the same
-plots, Plotly (1.1 MB) and Vega-Lite (0.9 MB with its dependencies) take seconds. The Python package
-youplot contains the files of uPlot. The hashes below are those of uplot 1.6.31 in npm.
+uPlot (https://github.com/leeoniya/uPlot, MIT) is small (52 kB) and draws in milliseconds. The
+Python package youplot contains its files. The hashes below are those of uplot 1.6.31 in npm.
 """
 
 from __future__ import annotations

@@ -55,7 +55,7 @@ class TargetShape(ABC):
 
 
 class FlatShape(TargetShape):
-    """Flat shape inside a rectangle."""
+    """Base class of flat shapes; `size` is the size of the rectangle around the shape."""
 
     size: tuple[float, float] = parameter(
         (0.2, 0.2),
@@ -67,16 +67,17 @@ class FlatShape(TargetShape):
 
 
 class OutlineShape(FlatShape):
-    """Flat polygon.
+    """Base class of flat polygons.
 
     Attributes:
-        corners: corners (x, y) inside a square of side 1 around the origin; `size` scales them.
+        corners: corners (x, y) inside a square of side 1 around the origin, which the setting
+            `size` scales.
     """
 
     corners: ClassVar[Corners] = ()
 
     def make(self) -> Target:
-        """Return the polygon."""
+        """Return the polygon as a target."""
         return PolygonTarget(self.scale_corners())
 
     def scale_corners(self) -> Corners:
@@ -85,10 +86,10 @@ class OutlineShape(FlatShape):
 
 
 class SolidShape(TargetShape):
-    """Solid around the origin of its frame.
+    """Base class of solids around the origin of the target frame.
 
     Attributes:
-        unit: geometry of the solid whose size is 1 along x, y and z.
+        unit: geometry of this solid with the size 1 along x, y and z.
     """
 
     tracker = MODEL_TRACKER
@@ -101,7 +102,7 @@ class SolidShape(TargetShape):
     )  # fmt: skip
 
     def make(self) -> Target:
-        """Return the solid."""
+        """Return the solid as a target."""
         from ..solids import make_scaled_solid
 
         return make_scaled_solid(self.unit, self.size, self.name)
@@ -111,7 +112,7 @@ SHAPES = Registry("target shape", __package__, (TargetShape,), ExperimentError)
 
 
 def make_ring(count: int) -> Corners:
-    """Return the corners (x, y) of a regular polygon in a circle of diameter 1."""
+    """Return the `count` corners (x, y) of a regular polygon in a circle of diameter 1."""
     angles = 2.0 * np.pi * np.arange(count) / count
     return tuple(zip((0.5 * np.cos(angles)).tolist(), (0.5 * np.sin(angles)).tolist(), strict=True))
 

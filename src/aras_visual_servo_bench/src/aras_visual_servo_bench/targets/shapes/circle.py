@@ -13,5 +13,5 @@ class Circle(OutlineShape):
     corners = make_ring(EDGES)
 
     def make(self) -> Target:
-        """Return the disc."""
+        """Return the disc as a target."""
         return RoundTarget(self.scale_corners())

@@ -28,7 +28,7 @@ class Marker(FlatShape):
 
         choice = MarkerChoice.read(self.marker, "target.marker")
         pixels, _ = make_blank_image(self.size)
-        # number of cells along a side, including a white border of one cell
+        # number of cells along a side of the marker, with a white border that is one cell wide
         cells = choice.cells + 2
         side = min(pixels.shape) // cells * choice.cells
         tag = choice.draw_marker(side)

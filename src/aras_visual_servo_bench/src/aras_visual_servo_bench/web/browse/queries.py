@@ -26,16 +26,17 @@ from ...metrics.statistics import Estimate, proportion
 from .studies import END, SETTING, STUDY, Snapshot
 
 OPERATORS = ("=", "≠", "<", "≤", ">", "≥", "contains", "is known", "is not known")
-MAX_ROWS, MAX_GROUPS = 200, 200  # largest number of rows, and of groups, in one answer
-# largest number of distinct values of a column that are listed for a selection
+# Largest number of rows, and of groups, in the answer to one query of the page.
+MAX_ROWS, MAX_GROUPS = 200, 200
+# largest number of distinct values of a column up to which the page lists all of them
 MAX_LISTED_VALUES = 60
 # largest number of distinct values of a column for which each value has its own cell of a map
 MAX_CELLS = 24
 BINS = 12  # number of cells of a map for a numeric column with more than MAX_CELLS distinct values
-# largest number of values of a column with their own colour; all further values share one colour
+# largest number of a column's values that have their own colour; all others share one colour
 MAX_SHADES = 7
 MAX_EXACT_INTEGER = 2**53  # largest magnitude of integers that are exact in JavaScript
-# ratio of a column's maximum to its minimum above which its cells are logarithmic
+# ratio of a column's maximum to its minimum above which its cells have a logarithmic scale
 WIDE_RATIO = 100.0
 
 
@@ -80,7 +81,8 @@ class GroupQuery(RunSelection):
 
     Attributes:
         by: columns that define the groups; each combination of their values is a group.
-        values: columns whose median in each group is computed; for binary metrics, it is the rate.
+        values: columns to summarize in each group: by the median, or for a binary metric by the
+            rate.
     """
 
     by: tuple[str, ...] = ()
@@ -92,7 +94,7 @@ class MapQuery(RunSelection):
     """Query of a map whose axes are two columns.
 
     Attributes:
-        value: column whose median is computed for each cell; for binary metrics, it is the rate.
+        value: column to summarize in each cell: by the median, or for a binary metric by the rate.
     """
 
     x: str = ""
@@ -140,7 +142,7 @@ def select_rows(snapshot: Snapshot, query: RunSelection) -> np.ndarray:
 
 
 def find_column(snapshot: Snapshot, name: str) -> pa.ChunkedArray:
-    """Return the column with a name.
+    """Return the column of the results with the name `name`.
 
     Raises:
         StudyError: the column does not exist; the message suggests the nearest name.
@@ -201,12 +203,12 @@ def is_number(column: pa.ChunkedArray) -> bool:
 
 
 def describe_columns(snapshot: Snapshot) -> list[dict[str, Any]]:
-    """Return a description of each column.
+    """Return a description of each column of the results.
 
-    It consists of the name, the unit, the role, the kind ('number' or 'word'), the number of
-    distinct values, and the number of known values. If there are few distinct values, `values`
-    contains them. The page divides the values of a column by `size` and shows them in `unit`, which
-    suits their magnitude; the settings have the unit in which they are given.
+    It contains the name, the role ('setting', 'metric' or 'run'), the kind ('number' or 'word'),
+    the number of distinct values, and the number of known values. If there are few distinct values,
+    `values` lists them. The page shows each value divided by `size`, in the unit `unit`, which
+    suits the magnitude of the values. Settings have the unit in which they are given.
     """
     found = []
     for name in snapshot.table.column_names:
@@ -234,7 +236,7 @@ def describe_columns(snapshot: Snapshot) -> list[dict[str, Any]]:
 
 
 def _find_extremes(column: pa.ChunkedArray) -> list[float]:
-    """Return the smallest and the largest absolute value that `choose_unit` does not neglect."""
+    """Return the smallest and the largest absolute value in a column, without negligible values."""
     sizes = np.abs(column.cast(pa.float64()).to_numpy())
     sizes = sizes[np.isfinite(sizes) & (sizes > 0.0)]
     largest = sizes.max(initial=0.0)
@@ -280,11 +282,11 @@ def find_run_row(snapshot: Snapshot, study: str, run: int) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Cells:
-    """Cells into which the values of a column are divided.
+    """Cells (single values, or intervals) into which the values of a column are divided for a map.
 
     Attributes:
-        labels: for each cell its value, or its lower and upper bound.
-        bounds: for each cell the conditions (operator, value) that select its runs.
+        labels: value of each cell, or its lower and upper bound.
+        bounds: conditions (operator, value) that select the runs in each cell.
         at: (n,) index of the cell of each row; -1 if the row is in no cell.
     """
 
@@ -301,7 +303,7 @@ class Cells:
 def divide_into_cells(
     column: pa.ChunkedArray, max_cells: int = MAX_CELLS, bins: int = BINS
 ) -> Cells:
-    """Divide the values of a column into cells.
+    """Divide the values of a column into cells, each a single value or an interval.
 
     If there are at most `max_cells` distinct values, each value has its own cell. If there are
     more, the range of a numeric column is divided into `bins` cells, and only the most frequent
@@ -316,7 +318,7 @@ def divide_into_cells(
             counts = np.bincount(codes[codes >= 0], minlength=len(values))
             known = sorted(known, key=lambda i: -counts[i])[:max_cells]
         known.sort(key=lambda i: values[i])
-        # the additional last element is the cell of unknown values: their code is -1
+        # the last element is the cell of unknown values, because their index is -1
         cell_of_value = np.full(len(values) + 1, -1)
         cell_of_value[known] = np.arange(len(known))
         labels = [to_json_value(values[i]) for i in known]
@@ -394,7 +396,7 @@ def _find_computed(snapshot: Snapshot, name: str, at: np.ndarray) -> np.ndarray:
 def _summarize_values(
     snapshot: Snapshot, name: str, at: np.ndarray, group: np.ndarray, count: int
 ) -> list[list[float]]:
-    """Return the median of each group, or the rate of a binary metric with its interval."""
+    """Return, for each group, the median; or the rate of a binary metric with Wilson's interval."""
     values = read_numbers(snapshot, name, at)
     if name == success.name:
         values = np.nan_to_num(values)
@@ -409,10 +411,10 @@ def _summarize_values(
 def compute_groups(snapshot: Snapshot, query: GroupQuery) -> dict[str, Any]:
     """Return the groups of the selected runs.
 
-    Each group has its values, the number of its runs, the success rate with Wilson's interval, an
-    estimate of each column, and the most frequent failure. An estimate is a list: the median; or,
-    of a binary metric, the rate and the bounds of Wilson's interval. At most MAX_GROUPS groups are
-    listed; `count` is the number of all groups.
+    A group is described by the values of its columns, the number of its runs, the success rate with
+    Wilson's interval, an estimate of each requested column, and the most frequent failure. An
+    estimate is a list: the median; or, for a binary metric, the rate and the bounds of Wilson's
+    interval. At most MAX_GROUPS groups are listed; `count` is the number of all groups.
     """
     at = select_rows(snapshot, query)
     cut = [
@@ -503,8 +505,8 @@ def compute_success_map(snapshot: Snapshot, query: MapQuery) -> dict[str, Any]:
 def find_points(snapshot: Snapshot, query: PointQuery) -> dict[str, Any]:
     """Return a point for each selected run whose values of x and y are known.
 
-    A point has two coordinates, a colour class, and the study and number of its run. If a column
-    contains text, the coordinate is the index of the text in `labels`.
+    A point has two coordinates, the index of its colour, and the study and number of its run. For a
+    column of text, the coordinate is the index of the text in `labels`.
     """
     at = select_rows(snapshot, query)
     axes = [

@@ -88,7 +88,7 @@ class Reports:
             return 0.0
 
     def close(self) -> None:
-        """Kill the running jobs, and delete the temporary folder."""
+        """Kill the processes that compute reports, and delete the temporary folder."""
         with self._lock:
             for job in self.jobs.values():
                 job.process.kill()
@@ -142,7 +142,7 @@ class Reports:
 
 
 def _is_current(page: Path, part: Path) -> bool:
-    """Return whether a report exists and is newer than the results of its run.
+    """Return whether the report of a run exists and is newer than the results of this run.
 
     Args:
         page: path of the report.

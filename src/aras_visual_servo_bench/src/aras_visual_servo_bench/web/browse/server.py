@@ -57,7 +57,7 @@ class StudiesQuery:
     """Query of the list of studies.
 
     Attributes:
-        force: read the folders even if they were read less than a second ago.
+        force: whether to read the folders even if they were read less than a second ago.
     """
 
     force: bool = False

@@ -27,7 +27,7 @@ def merge_updates(older: dict[str, Any], newer: dict[str, Any]) -> dict[str, Any
         rows = older["samples"] + newer["samples"]
         clears = [i for i, row in enumerate(rows) if row == CLEAR]
         both["samples"] = rows[clears[-1] :] if clears else rows
-    # a full message that is merged with an update remains a full message
+    # a full message remains a full message after it is merged with an update
     both["kind"] = older["kind"]
     return both
 
@@ -40,7 +40,7 @@ def to_json(message: dict[str, Any]) -> str:
 class Outbox:
     """Sends updates and images to one viewer.
 
-    While MAX_UNACKNOWLEDGED messages are not acknowledged, updates and images are stored.
+    While MAX_UNACKNOWLEDGED messages are not acknowledged, updates and images wait here.
     """
 
     def __init__(self, send: Callable[[str | bytes], None]) -> None:

@@ -24,7 +24,7 @@ class Page:
     """State of the live page.
 
     Attributes:
-        choices: names in each selection list of the page.
+        choices: names in each selection list of the page, by the key of the list.
         state: further values for the page, which can be encoded as JSON. They are sent when they
             change.
     """
@@ -84,7 +84,7 @@ class Page:
         """Return an update with all values that have changed since the last call.
 
         Args:
-            run_trace: trace of the run; None if there is no robot.
+            run_trace: drawing and states of the current run; None if there is no robot.
             joints: joint positions of the robot, m or rad.
             velocities: joint velocities of the robot, m/s or rad/s.
             stamp: stamp of the joint positions, s.
@@ -138,12 +138,13 @@ class Page:
 
 
 def _describe_controller(run_trace: RunTrace, count: int) -> dict[str, Any]:
-    """Return the state of the controller, with the units and tolerances of what is plotted.
+    """Return the state of the controller, with the units and tolerances of the plotted quantities.
 
-    count: number of features in the plots, which an image without a measurement does not change.
+    count: number of features in the plots. It is given because an image without a measurement has
+        no features.
 
-    The tolerance of a twist is the velocity that moves the camera in 1 s by the distance and the
-    angle that the controller neglects; null if it depends on an unknown depth.
+    `twist_tolerances` are the linear and angular speed that move the camera in 1 s by the distance
+    and angle that the controller neglects. The first is null if the depth of the target is unknown.
     """
     state, depth = run_trace.state, run_trace.compute_target_depth()
     distance, angle = NEGLIGIBLE_UNCERTAINTY

@@ -39,9 +39,9 @@ class GoalName:
 
 
 def _make_request_type(**fields: type | tuple[type, Any]) -> type:
-    """Create a dataclass.
+    """Create the dataclass with the fields of a request.
 
-    fields: for each field its type, or its type and its constraints.
+    fields: for each field its type, or a tuple of its type and its constraints, such as bounds.
     """
     found = [(name, *(kind if isinstance(kind, tuple) else (kind,)))
              for name, kind in fields.items()]  # fmt: skip
@@ -69,8 +69,8 @@ REQUESTS: dict[str, type] = {
                   wy=_limit_magnitude(MAX_TURN_RATE), wz=_limit_magnitude(MAX_TURN_RATE)),
     "jog_joint": _make_request_type(joint=str, speed=(float, parameter(least=-1.0, most=1.0))),
 }  # fmt: skip
-# For each request, the fields whose value must come from a selection list of the page, and the key
-# of this list.
+# For each request, the fields whose value must be in a selection list of the page, and the key of
+# this list in `choices`.
 CHOICE_FIELDS = {
     "gain": {"name": "gains"}, "camera": {"preset": "cameras"}, "target": {"name": "targets"},
     "servo": {"scheme": "schemes", "law": "laws", "start": "starts", "goal": "goals"},
@@ -94,7 +94,7 @@ def read_request(
     Args:
         do: name of the request, one of REQUESTS.
         fields: values of its fields.
-        choices: names in each selection list of the page.
+        choices: names in each selection list of the page, by the key of the list.
 
     Raises:
         RefusedError: a field is missing, unknown or invalid.

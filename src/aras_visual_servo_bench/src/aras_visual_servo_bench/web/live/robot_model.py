@@ -27,10 +27,10 @@ def make_robot_model(urdf: str, resolve: ResolvePackage = find_package) -> dict[
         resolve: finds the folder of a ROS package.
 
     Returns:
-        {"name", "root", "joints": [{name, kind, parent, child, origin, axis}],
-        "links": {name: [{colour, corners}]}}. `origin` is a 4x4 matrix, row by row. `corners` is
-        the base64 text of float32 numbers: for each corner of each triangle, the position (m, in
-        the link's frame) and the normal.
+        {"name", "root", "joints": [{name, kind, parent, child, origin, axis}], "links": {name:
+        [{colour, corners}]}}. `origin` is the pose of the joint, a 4x4 matrix, row by row.
+        `corners` is the base64 text of float32 numbers: for each corner of each triangle, the
+        position (m, in the link's frame) and the normal.
 
     Raises:
         DescriptionError: the description or one of its meshes is invalid, or it has too many

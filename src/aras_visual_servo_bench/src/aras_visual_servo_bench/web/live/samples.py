@@ -14,7 +14,7 @@ from aras_visual_servo_controller.records.state import RunStartDetector
 # 20 numbers per sample has about 0.5 MB.
 MAX_SAMPLES = 3000
 CLEAR = ["clear"]  # row in a list of samples: a page that receives it removes all earlier samples
-# change of the stamp below which the plots restart, because the clock was reset, s
+# change of the stamp between two samples, s; below it, the clock was reset, so the plots restart
 CLOCK_RESET = -1.0
 
 
@@ -26,9 +26,9 @@ def to_json_numbers(values: Sequence[float], digits: int = 6) -> list[float | No
 class Samples:
     """Samples of the current run, from its start to the present.
 
-    A sample is [stamp, errors, desired twist, achieved twist, joint positions]. When there are more
-    than MAX_SAMPLES, those that change the curves least are removed, so the transient keeps its
-    shape however long the run takes.
+    A sample is [stamp, errors, desired twist, achieved twist, joint positions]. If there are more
+    than MAX_SAMPLES, those that change the curves least are removed. Therefore even in a long run,
+    the curves of its first seconds keep their shape.
 
     Attributes:
         names: names of the features in the last image with features.
@@ -46,10 +46,10 @@ class Samples:
         return list(self._rows)
 
     def add(self, phase: str, names: tuple[str, ...], row: list[Any]) -> None:
-        """Add a sample. The first sample of another run removes those of the run before it.
+        """Add a sample; at the start of another run, first remove the samples of the run before it.
 
-        Another run starts as in RunStartDetector, with other features, and when the clock is set
-        back.
+        Another run starts when the controller starts an approach or servoing, when the features
+        change, or when the clock is set back.
 
         Args:
             phase: phase of the controller.
@@ -69,7 +69,10 @@ class Samples:
             self._news = [CLEAR, *self._rows]
 
     def take_news(self) -> list[Any]:
-        """Return the samples since the last call, or CLEAR and then all samples of the run."""
+        """Return the samples that were added since the last call.
+
+        If older samples were removed since then, return CLEAR and then all samples of the run.
+        """
         news, self._news = self._news, []
         return news
 
@@ -77,9 +80,10 @@ class Samples:
 def thin_out(rows: list[list[Any]]) -> list[list[Any]]:
     """Return a quarter fewer samples, without those that change the curves least.
 
-    Every other sample is a candidate for removal. For each curve, its distance from the straight
-    line between its neighbours is divided by the range of the curve; the candidates whose largest
-    quotient is smallest are removed. Samples where a curve begins or ends are kept.
+    Every other sample is a candidate for removal. At each candidate, the distance of each curve
+    from the straight line between the two neighbouring samples is divided by the range of the
+    curve. The candidates whose largest quotient is smallest are removed. Samples where a curve
+    begins or ends are kept.
     """
     width = max(len(row[1]) for row in rows)
     values = np.array(

@@ -28,8 +28,8 @@ from .page import Page
 from .requests import REQUESTS, Request, read_request
 
 FILES = Path(__file__).parent / "page"
-UPDATE_RATE = 15.0  # rate of updates to each viewer, Hz
-IMAGE_RATE = 10.0  # rate of images to each viewer, Hz
+UPDATE_RATE = 15.0  # rate of the updates that each open page receives, Hz
+IMAGE_RATE = 10.0  # rate of the images that each open page receives, Hz
 MAX_VIEWERS = 8  # largest number of open pages; each page needs processor time
 MAX_REQUESTS = 8  # largest number of requests of one viewer that are executed at the same time
 # Size of the send buffer of a viewer above which messages to this viewer are dropped, bytes.
@@ -186,9 +186,7 @@ class Viewer(AuthorizedHandler, tornado.websocket.WebSocketHandler):
         return True
 
     def refusal_reason(self) -> str:
-        """Return why this connection is refused; '' if it is allowed.
-
-        It is also refused if too many pages are open.
+        """Return why this connection is refused, for example if too many pages are open; else ''.
         """
         why = super().refusal_reason()
         if not why and len(self.server.viewers) >= MAX_VIEWERS:

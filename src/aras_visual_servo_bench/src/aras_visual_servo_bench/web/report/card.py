@@ -53,7 +53,7 @@ def _format_text(text: str) -> str:
 
 
 def _render_image(run: Run) -> str:
-    """Return the last image of the control camera; '' without images."""
+    """Return the last image of the control camera as HTML; '' if the run has no images."""
     record = run.control_record
     if record.images:
         stamp, image = record.images[-1]
@@ -67,7 +67,7 @@ def _render_image(run: Run) -> str:
 
 
 def _render_curve(run: Run) -> str:
-    """Return the norm of the errors over time; '' with less than two measurements."""
+    """Return a plot of the norm of the errors over time as HTML; '' if less than two are known."""
     if np.isfinite(run.error).all(axis=1).sum() < MIN_CURVE_IMAGES or not run.names:
         return ""
     panels = make_error_panels([run])[-1:]  # the last error panel shows the norm of the errors
@@ -86,7 +86,7 @@ def _embed(kind: str, content: bytes, text: str, width: int) -> str:
 
 
 def _render_numbers(run: Run) -> str:
-    """Return the main numbers of the report's page."""
+    """Return the main numbers of a run, such as the final errors, as HTML."""
     tiles = render_tiles(summarise(run))
     return "".join(
         f'<span style="display:inline-block;margin-right:1.2em"><b>{escape(tile["value"])}</b> '

@@ -37,7 +37,7 @@ START, GOAL, IDEAL, FACE, RIM = (
 
 
 class ArrayTable:
-    """Arrays of the page. Equal arrays are stored once.
+    """Arrays of a report page; equal arrays are stored once.
 
     Attributes:
         texts: each array as base64 text of float32 numbers.
@@ -106,7 +106,7 @@ def _list_events(run: Run) -> list[tuple[float, str, str, str]]:
 
 
 def _convert_film(run: Run, arrays: ArrayTable) -> dict[str, Any] | None:
-    """Return the images of the control camera, and the overlay for them in px.
+    """Return the images of the control camera, with outlines and points to draw on them (px).
 
     Return None if there are no images.
     """
@@ -177,7 +177,7 @@ def _select_evenly(count: int, limit: int) -> np.ndarray:
 
 
 def _convert_poses(run: Run, arrays: ArrayTable) -> dict[str, int] | None:
-    """Return the path of the camera, and the positions of the joints for a drawing of the arm.
+    """Return the path of the camera, and the joints' 3-D positions for a drawing of the arm.
 
     A pose is the first three rows of world_T_camera, row by row. Return None if no pose is known.
     """
@@ -195,8 +195,8 @@ def _convert_poses(run: Run, arrays: ArrayTable) -> dict[str, int] | None:
 def _make_scene(runs: Sequence[Run]) -> dict[str, Any] | None:
     """Return the 3-D scene: its shapes that do not move, its centre, size and colours.
 
-    `rims` are the borders of the cameras' images, from which the script draws the moving cameras.
-    Return None if no run has a path of the camera.
+    The script of the page draws the moving cameras; `rims` contains the image border of each camera
+    in the camera frame, m. Return None if no run has a path of the camera.
     """
     paths = [select_servoing_poses(run) for run in runs]
     if not any(map(len, paths)):

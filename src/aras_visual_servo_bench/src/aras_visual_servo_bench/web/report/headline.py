@@ -27,13 +27,14 @@ COLUMNS = (
 # largest number of runs that have their own rows, for comparison at a glance; more are grouped
 MAX_ROWS = 8
 MAX_GROUPS = 24  # largest number of groups of runs, for comparison without scrolling far
-# Settings that do not distinguish experiments: the seed differs between repetitions, and the
-# command line between recordings.
+# Settings that do not make two runs different experiments: the seed, and the command that launched
+# a recorded run.
 REPETITION_KEYS = ("seed", "launched by")
-# A report opens with the settling time multiplied by SETTLING_MARGIN, unless this is more than the
-# fraction MAX_TRANSIENT of the longest run.
+# When a report opens, its plots end at the settling time multiplied by SETTLING_MARGIN, or show the
+# whole runs if this is more than the fraction MAX_TRANSIENT of the longest run.
 SETTLING_MARGIN, MAX_TRANSIENT = 1.5, 0.5
-MAX_LISTED = 3  # largest number of schemes, plants or targets that a title names; more are counted
+# Largest number of schemes, plants or targets that a title lists; if more, it gives their number.
+MAX_LISTED = 3
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,7 @@ class Headline:
     """Main results of several runs, as texts of a table.
 
     Attributes:
-        headings: headings of the numbers, with their units.
+        headings: headings of the columns with numbers, with their units.
         runs: one row per run.
         groups: one row per group of runs; empty if there are at most MAX_ROWS runs.
     """
@@ -81,7 +82,7 @@ def make_headline(runs: Sequence[Run], summaries: Sequence[Sequence[Quantity]]) 
     """Return the main results of several runs.
 
     The rates of groups have Wilson's interval; distance, angle and settling time are medians with
-    their intervals. A run that has not settled has no settling time.
+    confidence intervals. A run that has not settled has no settling time.
     """
     values = [{q.key: q.value for q in quantities} for quantities in summaries]
     columns = [[float(row[key]) for row in values] for key, _ in COLUMNS]
@@ -131,10 +132,10 @@ def _describe_estimate(found: Estimate, show: Callable[[float], str]) -> str:
 
 
 def _group_runs(runs: Sequence[Run]) -> dict[str, list[int]]:
-    """Group the indices of runs by the settings that differ, without those of repetitions.
+    """Group the indices of runs by the settings that differ between the runs.
 
-    If there would be more than MAX_GROUPS groups, or only one run in each, the last settings are
-    not used.
+    Settings in REPETITION_KEYS, such as the seed, do not count. If there would be more than
+    MAX_GROUPS groups, or only one run in each, the last settings are not used.
     """
     settings = [{**list_experiment_parts(run), **run.settings} for run in runs]
     known = dict.fromkeys(key for one in settings for key in one if key not in REPETITION_KEYS)
@@ -167,7 +168,8 @@ def find_transient(summaries: Sequence[Sequence[Quantity]], end: float) -> float
 def list_remarks(
     runs: Sequence[Run], find: Callable[[Run], Sequence[str]]
 ) -> Mapping[str, str]:
-    """Return each text that `find` gives for the runs, with the names or the number of its runs."""
+    """Return each text that `find` gives for a run; the value is the runs' names, or their number.
+    """
     found: dict[str, list[str]] = {}
     for run in runs:
         for text in find(run):

@@ -26,7 +26,8 @@ def explain_missing_data(run: Run) -> list[str]:
     else:
         if gaps := last + 1 - measured:
             found.append(f"The curve has gaps: {gaps} of {count} images have no measurement.")
-        # one such image is normal, because the last image of a timed-out run is not measured
+        # one image without a measurement at the end is normal, because a run that times out ends
+        # with it
         if (lost := count - 1 - last) > 1:
             found.append(f"The last {lost} of {count} images have no measurement.")
     if not run.verdict.name:

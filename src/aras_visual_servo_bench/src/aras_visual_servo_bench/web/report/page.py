@@ -21,8 +21,8 @@ from .contents import make_contents
 from .headline import find_transient, list_remarks, make_headline, make_title
 from .missing_data import explain_missing_data
 
-# Numbers at the top of the page of one run: metric, factor from the metric's unit to the unit on
-# the page, unit on the page, description.
+# Numbers at the top of the page of a single run: the metric, the factor that converts it to the
+# unit on the page, this unit, and a description.
 TILES = (
     ("settled", 1.0, "s", "settling time (to 2 % of the initial distance)"),
     ("final_distance", 1e3, "mm", "final position error"),
@@ -127,7 +127,8 @@ def _render_run(run: Run, quantities: Sequence[Quantity]) -> Mapping[str, object
 
 
 def render_tiles(quantities: Sequence[Quantity]) -> list[Mapping[str, str]]:
-    """Return value and text of the tiles of one run, without those whose value is unknown."""
+    """Return the value and description of each number at the top of a run's page, if it is known.
+    """
     values = {q.key: q.value for q in quantities}
     found = []
     for key, factor, unit, text in TILES:

@@ -44,9 +44,9 @@ class Chapter:
         name: name of the figure's files.
         title: heading of the group on the page.
         text: description below this heading.
-        draw: function that draws the figure; None for a figure of the panels.
-        panels: function that returns the panels of the time plots.
-        heading, layout: heading and layout of the figure of the panels.
+        draw: function that draws the figure; None: the figure consists of the panels.
+        panels: function that returns the panels (plots over time) of the chapter.
+        heading, layout: heading and layout of a figure that consists of the panels.
         needs: data without which there is no figure.
     """
 
@@ -199,7 +199,7 @@ class _ReportWriter:
         self._steps, self._finished_steps = (len(CHAPTERS) if self.formats else 0) + 2, 0
 
     def write(self) -> list[Path]:
-        """Write all files, and return their paths, starting with the page."""
+        """Write all files of the report, and return their paths, starting with the page."""
         for folder in ("figures", "data"):
             (self.out / folder).mkdir(parents=True, exist_ok=True)
         self._report_progress("numbers")

@@ -119,7 +119,7 @@ def make_ring(count: int) -> Corners:
 
 @SHAPES.register("aras")
 class Plates(TargetShape):
-    """The two plates of the demo, of fixed size."""
+    """Target of the demo: two plates of fixed size."""
 
     def make(self) -> Target:
         """Return the plates."""

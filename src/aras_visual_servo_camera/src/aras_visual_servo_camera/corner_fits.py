@@ -1,4 +1,7 @@
-"""Compiled loops of `contour`: points of an outline between pixels, and lines through its sides."""
+"""Compiled loops of the module `contour`.
+
+They locate the points of an outline with sub-pixel accuracy, and fit lines to its sides.
+"""
 
 from __future__ import annotations
 
@@ -58,8 +61,7 @@ def locate_edge(weights, edge, found):
         for k in range(STEPS + 1):
             at = k * STEP - REACH
             # Bilinear interpolation between pixels; beyond the image's border, the coverage is
-            # constant. Positions have single precision, so that the corners equal those computed
-            # with cv2.remap to 1e-9.
+            # constant. Positions have single precision, as in cv2.remap.
             x, y = np.float32(u + nx * at), np.float32(v + ny * at)
             x0, y0 = int(np.floor(x)), int(np.floor(y))
             a, b = x - np.float32(x0), y - np.float32(y0)
@@ -77,7 +79,7 @@ def locate_edge(weights, edge, found):
 
 @jit("f8[:,:], f8[:,::1]")
 def centre_polygon(polygon, points):
-    """Write a polygon relative to its middle, ordered from the x axis to the y axis.
+    """Write a polygon relative to its middle, clockwise in the image (y is down).
 
     Args:
         polygon: (n, 2) points.
@@ -189,8 +191,8 @@ def _fit_line(points, first, last, line):
     total = len(points)
     count = (last - first) % total
     count = total if count == 0 else count
-    # The grey levels near a corner depend on both sides, so points near the ends of a side are
-    # omitted: three at each end, or a third of the points if there are fewer than nine.
+    # The grey levels near a corner depend on both sides that meet there. Therefore, at each end of
+    # a side, three points are omitted, or a third of its points if it has fewer than nine.
     cut = min(3, count // 3)
     size = count - 2 * cut + 1
     x = y = 0.0

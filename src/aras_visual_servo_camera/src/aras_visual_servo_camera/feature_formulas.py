@@ -89,9 +89,9 @@ _SOURCES = {
     "Sy": "(sin3 * cos4 - cos3 * sin4) / K",
     "Px": "J1 / J3**2",
     "Py": "a * J2 / J3**3",
-    # Sxn, Syn and Pyn are Sx, Sy and Py with m00 instead of a. For a region, a is m00, so they are
-    # equal. For a set of points, a = mu20 + mu02 depends on the scale, so only the formulas with
-    # m00 are invariant to scale.
+    # Kn, Sxn, Syn and Pyn are K, Sx, Sy and Py with m00 instead of a. For a region, a is m00, so
+    # they are equal. For a set of points, a = mu20 + mu02 depends on the scale, so only the
+    # formulas with m00 are invariant to scale.
     "Kn": "J1 * J3 * sqrt(J3) / sqrt(m00)",
     "Sxn": "(cos3 * cos4 + sin3 * sin4) / Kn",
     "Syn": "(sin3 * cos4 - cos3 * sin4) / Kn",

@@ -84,7 +84,8 @@ class FeatureSet:
         names: k names, in the requested order.
         values: (k,) values of the features, read-only.
         L: (k, 6) interaction matrix, read-only: d(values)/dt = L (vx, vy, vz, wx, wy, wz).
-        degenerate: for each feature that is undefined for this shape, the reason by name.
+        degenerate: for each feature that is undefined for this shape, the reason. The keys are the
+            names of the features.
         plane: the target's plane for which L was computed.
     """
 
@@ -129,7 +130,7 @@ class FeatureSet:
 
 
 class _Node(NamedTuple):
-    """A feature, and the leaves and denominators that it depends on.
+    """A feature, and the names of the moments and denominators in its formula.
 
     A leaf is a quantity that has no formula, such as a moment. `_make_node` caches the node of each
     name.
@@ -182,13 +183,13 @@ def _find_leaf_order(leaf: str, kind: str) -> int:
 class _Plan(NamedTuple):
     """The quantities from which a list of features is computed; it is cached for each list.
 
-    A leaf is a quantity that has no formula, such as a moment. Each leaf has a row (6,) of the
+    A leaf is a quantity that has no formula, such as a moment. Its row is a row (6,) of the
     interaction matrix.
 
     Attributes:
         leaves: names of the leaves.
-        centred_order: highest order of the centred moments whose rows are needed.
-        raw_order: highest order of the raw moments whose rows are needed; -1 if none is needed.
+        centred_order: highest order of those centred moments whose rows must be computed.
+        raw_order: highest order of those raw moments whose rows must be computed; -1 for none.
         row_indices: index of each leaf's row in the array that `_compute_leaf_rows` builds.
         checked_names: names of the features that can be undefined.
     """
@@ -206,7 +207,7 @@ def _make_plan(names: tuple[str, ...], kind: str) -> _Plan:
     raw = [_find_leaf_order(n, kind) for n in leaves if re.match(r"m\d", n)]
     rest = [_find_leaf_order(n, kind) for n in leaves if not re.match(r"m\d", n)]
     centred_order, raw_order = max([1, *rest]), max([1, *raw]) if raw else -1
-    # The rows of all leaves are stacked in this order: area, xg, yg, a row of zeros, all mu_ij, all
+    # Order of the leaves in the interaction matrix: area, xg, yg, a row of zeros, all mu_ij, all
     # m_ij.
     first_raw = 4 + len(exponents(centred_order))
 
@@ -248,9 +249,13 @@ def _list_leaf_indices(
 
 
 def compute_required_order(names: Iterable[str], kind: str = DENSE) -> int:
-    """Return the order of moments from which L of the features can be computed.
+    """Return the order of moments that is needed to compute L of the features.
 
     This order is one higher than the order needed for the values of the features.
+
+    Args:
+        names: names of the features.
+        kind: 'dense' for moments of a region, 'points' for moments of a set of points.
     """
     plan = _make_plan(tuple(names), kind)
     return max(plan.centred_order, plan.raw_order) + 1
@@ -344,7 +349,7 @@ _NO_ROW = np.zeros((1, 6))
 
 
 class _View:
-    """Evaluates features of one view and their derivatives with respect to the moments."""
+    """Values of features in one view, and their derivatives with respect to the moments."""
 
     def __init__(
         self, moments: Moments, plane: Plane, reference: Reference | None, tolerance: float
@@ -365,7 +370,7 @@ class _View:
 
         Returns:
             The values (k,); for each feature, its derivatives with respect to plan.leaves; and for
-            each undefined feature, the reason by name.
+            each undefined feature, the reason. The keys are the names of the features.
 
         Raises:
             FeatureError: the order of the moments is too low.

@@ -114,7 +114,7 @@ def _write_point_interaction(points, inverse_depth, L):
 
 @jit("f8, f8, f8, f8, f8")
 def image_velocity(A, B, C, x0, y0):
-    """Compute the velocity (x', y') of the image of the plane 1/Z = A x + B y + C.
+    """Compute the velocity (x', y') of image points of the plane 1/Z = A x + B y + C.
 
     The velocity is a polynomial in a = x - x0 and b = y - y0.
 
@@ -194,7 +194,10 @@ def _find_order(moments: Moments, order: int | None) -> int:
 
 
 def _compute_divergence(moments: Moments) -> float:
-    """Return the factor delta of the divergence: 1 for a region, 0 for a set of points."""
+    """Return delta, the factor of div(x', y') in the derivative of a moment.
+
+    delta is 1 for a region and 0 for a set of points; this module's docstring contains the formula.
+    """
     return 1.0 if moments.kind == DENSE else 0.0
 
 

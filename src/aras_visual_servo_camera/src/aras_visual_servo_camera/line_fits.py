@@ -19,11 +19,10 @@ from aras_visual_servo_base.compiled import jit
 
 from .polygons import Array
 
-# The variance assumed for a line's points is a weighted mean of two values: the variance of its own
-# points (weight: their number of degrees of freedom) and the average variance over all lines
-# (weight SHARED_ERROR). The variance of a line's own points alone is too small if there are few
-# points, or if the line is parallel to the rows or columns, so that all its points have nearly the
-# same error.
+# The variance of points about a line is estimated as a weighted mean: the variance of the line's
+# own points, weighted by their degrees of freedom, and the average over all lines, weighted by
+# SHARED_ERROR. A line's own points alone give too small a variance if they are few, or if the line
+# is parallel to the image rows or columns, where all points have nearly the same error.
 SHARED_ERROR = 6.0
 PARALLEL = 0.05  # two lines are parallel if the sine of their angle is below this value
 
@@ -64,7 +63,8 @@ def compute_crossing_spread(lines: Sequence[FittedLine]) -> Array:
     """Compute the uncertainty of the intersections of n lines, each with the line before it.
 
     Returns:
-        (2n, 2n) array S, see `propagate_line_errors`.
+        (2n, 2n) array S, where S S^T is the covariance of the intersections' coordinates (x_0, y_0,
+        x_1, ...).
     """
     rows = np.array([(*line.middle, *line.normal, *line[2:]) for line in lines])
     spread = np.empty((2 * len(rows), 2 * len(rows)))
@@ -129,6 +129,6 @@ def propagate_line_errors(lines, spread):
 def compute_rms_deviation(spread: Array) -> float:
     """Return the rms of the standard deviations of n points' coordinates.
 
-    spread: (2n, m) uncertainty of the points, such as the result of `compute_crossing_spread`.
+    spread: (2n, m) array S, where S S^T is the covariance of the coordinates.
     """
     return float(np.sqrt((spread**2).sum() / len(spread)))

@@ -1,6 +1,6 @@
 """Choice and detection of ArUco and AprilTag markers with OpenCV.
 
-A choice has one of these forms:
+The setting that chooses the target's marker or board has one of these forms:
 
 - `5`: marker number 5; the dictionaries in SEARCHED_DICTIONARIES are tried until it is found;
 - `DICT_5X5_100:5`, or `5X5_100:5`: marker number 5 of this dictionary;
@@ -83,7 +83,7 @@ class MarkerChoice:
 
     @classmethod
     def read(cls, entry: str | int | Mapping[str, Any], where: str = "marker") -> MarkerChoice:
-        """Parse a choice.
+        """Parse the setting that chooses a marker or a board.
 
         Args:
             entry: choice in one of the forms of this module's docstring.
@@ -205,9 +205,9 @@ class MarkerChoice:
         return self.number is None or number == self.number
 
     def compute_marker_corners(self, name: str) -> np.ndarray:
-        """Return the corners (4, 2) on the board, m, of the marker `DICTIONARY:number`.
+        """Return the corners (4, 2), m, of one of the board's markers, in the axes of the board.
 
-        The axes are those of the board, where y is up.
+        name: `DICTIONARY:number` of the marker. The y axis of the board is up.
         """
         x, y, turn = self.board[int(name.rpartition(":")[2])]
         half = 0.5 * self.marker_size

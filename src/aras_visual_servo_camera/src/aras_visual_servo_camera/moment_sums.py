@@ -1,7 +1,7 @@
 """Sums of moments over images and samples, as compiled loops.
 
 A table (7, 7) contains the moment m_ij at [i, j], and zeros for i + j > MAX_ORDER. The functions
-write their result to an array that the caller gives.
+write their result to an array that is one of their arguments.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ def sum_image(weights, u_powers, v_powers, u_slopes, v_slopes, has_edges, table)
         u_powers, v_powers: (columns, SIZE), (rows, SIZE) powers of the coordinates of the columns
             and the rows.
         u_slopes, v_slopes: derivatives of these powers.
-        has_edges: whether a weight is the covered fraction of the pixel's square. The covered part
-            of a pixel with a weight other than 0 and 1 is then located as in `edge_pixels`.
+        has_edges: True if the weights are the covered fractions of the pixels. The covered part of
+            a partly covered pixel is then located as in the module `edge_pixels`.
         table: (SIZE, SIZE) array to which the moments are written.
     """
     table[:] = 0.0

@@ -74,7 +74,8 @@ class Pipeline:
 
         Args:
             settings: settings of segmentation and moments.
-            component_mask: mask image (rows, columns) for the component 'mask'.
+            component_mask: (rows, columns) image whose nonzero pixels mark the target. It is needed
+                if the setting `component` is 'mask'.
         """
         self.settings = settings
         self.component_mask = component_mask
@@ -166,7 +167,7 @@ class Pipeline:
         return compute_original_moments(self.make_original_mask(image), self.camera.pinhole)
 
     def compute_kernel_data(self, image: Image) -> list[float]:
-        """Compute the 20 numbers of the layout 'kernel'.
+        """Compute the inverse Jacobian (16 numbers) and the kernel features (4) of the target.
 
         Raises:
             DegenerateFeatureError: there is no target.
@@ -178,7 +179,8 @@ class Pipeline:
 
         A pixel is 255 if its grey level is at most the threshold, otherwise 0. The setting
         `original_threshold` is the threshold of an image whose white background has the level 255.
-        In other images, it is multiplied by W / 255, where W is the most frequent level above 127.
+        In other images, it is multiplied by W / 255, where W is the level of the background, i.e.
+        the most frequent level above 127.
         """
         bright = np.bincount(image.grey.ravel(), minlength=256)[128:]
         white = 128 + int(bright.argmax()) if bright.any() else 255

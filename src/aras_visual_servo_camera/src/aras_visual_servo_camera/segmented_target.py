@@ -48,7 +48,7 @@ class SegmentedTarget:
         component_count: number of connected components of target colour in the image.
         component: rule by which the target was chosen among the components, as in Segmentation, or
             'marker'.
-        is_uneven: True if the grey levels of target and background can vary over the image.
+        is_uneven: True if the segmentation method allows several grey levels on the target.
     """
 
     mask: Mask
@@ -327,7 +327,8 @@ def _choose_component(
         chosen = int(distance.argmin())
     else:
         chosen = 1 + int(stats[1:, cv2.CC_STAT_AREA].argmax())
-    if count == 2:  # `mask` has only one component, so no pixels are removed
+    # Besides the background, `mask` has only one component, so no pixels are removed.
+    if count == 2:
         return mask, box, 1
     left, top, width, height = (int(k) for k in stats[chosen, :4])
     new_box = (box[0] + left, box[1] + top, width, height)

@@ -108,7 +108,7 @@ def find_candidates(grey, pixel, normal, expected_levels, reach, min_change, tol
 
 @jit("u1[:,:], f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8, f8, f8")
 def measure_edges(grey, pixel, normal, room, expected_levels, min_change, tolerance, noise):
-    """Measure the edge at each point from the sum of the grey levels across it.
+    """Measure the edge at each point from the sum of grey levels along a row or column across it.
 
     Args:
         grey: (rows, columns) image.
@@ -117,11 +117,9 @@ def measure_edges(grey, pixel, normal, room, expected_levels, min_change, tolera
         noise: rms noise of a pixel, grey levels.
 
     Returns:
-        (n, 4) with the columns
-            0: distance of the edge along the normal, px;
-            1, 2: grey levels on the side of the normal and on the other side;
-            3: variance of the distance due to noise, px^2.
-        All four are NaN if no edge is measured.
+        (n, 4) with the columns 0: distance of the edge along the normal, px; 1, 2: grey levels on
+        the side of the normal and on the other side; 3: variance of the distance due to noise,
+        px^2. All four are NaN if no edge is measured.
     """
     rows, columns = grey.shape
     found = np.full((len(pixel), 4), np.nan)
@@ -139,7 +137,8 @@ def measure_edges(grey, pixel, normal, room, expected_levels, min_change, tolera
         inside = counted = 0
         slope_of = 0.0
         for _ in range(3):
-            # Half length of the interval that contains all pixels crossed by the edge, px.
+            # `half` is half of the length over which the edge crosses pixels of this row or column,
+            # px. `slope` is the shift of the edge from one row or column to the next, px.
             half = 0.5 * (1.0 + slope) + SEARCH_SLACK
             first, last = int(np.ceil(place - half)), int(np.floor(place + half))
             before = min(
@@ -227,7 +226,7 @@ def estimate_noise(grey):
             counts[abs(bend)] += 1
             total += 1
     low, high, passed = -1, -1, 0
-    for bend in range(len(counts)):  # find `low` and `high`, whose mean is the median of |bend|
+    for bend in range(len(counts)):  # The median of |bend| is the mean of `low` and `high`.
         passed += counts[bend]
         if low < 0 and 2 * passed >= total:
             low = bend

@@ -41,9 +41,9 @@ MEASUREMENT_RANGE = 0.7
 REPEAT_CHANGE = 0.1  # px; the edges are measured again if the pose has changed by more than this
 # Smallest change of grey level at an edge: in grey levels, and as a multiple of the noise.
 MIN_CHANGE, MIN_NOISE_RATIO = 10.0, 3.5
-# Lower limits of the estimated standard deviation of the residuals, px, in the (first, last) step
-# of a fit, for searched and for measured edges. Residuals of several standard deviations are
-# rejected. If the first limit were as small as the last, a fit with a wrong initial pose would
+# Residuals of several standard deviations are rejected. The standard deviation is estimated, but
+# not below these limits, px: for searched and for measured edges, each in the first and in the last
+# step of a fit. The first limit is larger, because a fit with a wrong initial pose would otherwise
 # reject correct edges.
 SEARCH_SCALES, MEASUREMENT_SCALES = (0.5, 0.5), (0.3, 0.02)
 EDGE_ACCURACY = 0.03  # px, error of a measured edge in an image without noise
@@ -52,8 +52,8 @@ LEVEL_TOLERANCE = 25.0  # largest difference of a measured grey level from the s
 # MIN_INLIER_SHARE of the visible edge points.
 MIN_INLIERS, MIN_INLIER_SHARE = 15, 0.45
 DEPTH_SPACING = 8  # px; every DEPTH_SPACING-th pixel of a depth image is used
-# The edges are first measured at their expected places, without a search. The search is skipped if
-# the fraction of inliers in this measurement is above MIN_SHARE_RATIO times that in the last image.
+# The edges are first measured at their expected places. If the fraction of inliers is above
+# MIN_SHARE_RATIO times the fraction in the previous image, no search for the edges is needed.
 MIN_SHARE_RATIO = 0.9
 MIN_ROOM = 4.0  # px; an edge point cannot be measured if another edge is nearer than this
 NO_POINTS = np.empty((0, 3))
@@ -68,10 +68,9 @@ class TrackedPose:
         covariance: (6, 6) covariance of the pose's error. The error is a translation (m) and a
             rotation (rad) about the middle of the solid, in the camera's axes. The covariance is
             very large in directions that the edges do not determine.
-        unrepeatable_part: the part of the error that changes from image to image even if the camera
-            is at rest, as a fraction (0 to 1) of the error's standard deviations. It is computed
-            from the excess of the residuals over the expected noise and measurement error. It is 1
-            if the edges do not determine the pose.
+        unrepeatable_part: standard deviation of the error's part that changes from image to image
+            even if the camera is at rest, divided by that of the whole error, 0 to 1. It is 1 if
+            the edges do not determine the pose.
         inlier_share: fraction of the visible edge points whose measured edge agrees with the pose
             (inliers).
         inlier_count: number of inliers.
@@ -215,7 +214,7 @@ class ModelTracking:
         self, samples: EdgePoints, edge_offsets: np.ndarray, weight: np.ndarray, pose: np.ndarray,
         scales: tuple[float, float],
     ) -> tuple[np.ndarray, float, np.ndarray, np.ndarray]:  # fmt: skip
-        """Call `fit_pose` with the fields of the samples and of the solid."""
+        """Fit a pose to edge points of the solid with `fit_pose`."""
         solid = self.solid
         return fit_pose(
             samples.solid_points, samples.image_points, samples.gains, edge_offsets, weight,

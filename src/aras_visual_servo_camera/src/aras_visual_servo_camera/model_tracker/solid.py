@@ -20,10 +20,10 @@ WELD_TOLERANCE = 1e-6
 # surface, such as a cylinder. Their common edge is then visible only on the outline. If the normals
 # differ by less than FLAT_ANGLE, the faces are one flat face, and the edge is never visible.
 CREASE_ANGLE, FLAT_ANGLE = np.radians(35.0), 1e-4
-MIN_SIZE, MAX_SIZE = 2e-3, 5.0  # m; a mesh outside this range is probably not in metres
-# Each eigenvector of the surface's slippage matrix (6, 6) is a motion. If the eigenvalue of the
-# motion, divided by the largest eigenvalue, is below this value, the motion leaves the surface
-# unchanged.
+# A mesh is probably not in metres if its longest side, m, is outside this range.
+MIN_SIZE, MAX_SIZE = 2e-3, 5.0
+# A motion leaves the surface unchanged if its eigenvalue, divided by the largest eigenvalue, is
+# below this value. An eigenvalue is the mean square of the velocity normal to the surface.
 FREE_MOTION_TOLERANCE = 1e-4
 # Triangles are dropped if their area is smaller than this fraction of the square of the mesh's
 # size.
@@ -42,7 +42,8 @@ class Solid:
         edges: (E, 2) indices of the start and the end of each edge.
         edge_faces: (E, 2) indices of the two faces of each edge. The direction of the edge is
             counter-clockwise around the first face.
-        is_crease: (E,) True if the edge is a crease; any other edge is visible only on the outline.
+        is_crease: (E,) True if the angle between the two faces is large (crease). Any other edge is
+            on a smooth surface, and is visible only where it is on the outline of the solid.
         is_outermost: (F,) True if no part of the solid is in front of the plane of the face.
         name: name of the solid, for messages.
     """

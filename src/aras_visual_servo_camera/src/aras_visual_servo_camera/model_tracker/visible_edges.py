@@ -36,9 +36,9 @@ class EdgePoints(NamedTuple):
         image_points: (n, 2) points in the image, normalised.
         pixels: (n, 2) points in the image, px (column, row).
         normals: (n, 2) unit normal of the edge in the image, px, towards its first face.
-        gains: (n, 2) change of the distance along the normal, px, per unit of normalised x and y.
-        room: (n, 2) distance to the next other edge before and after the point, px, along the row
-            or column on which the edge is searched.
+        gains: (n, 2) displacement along `normals`, px, if normalised x or y changes by 1.
+        room: (n, 2) distances, px, from the point to the nearest other edges on its two sides,
+            along the row or column on which the edge is searched.
         edges: (n,) index of the edge.
         are_faces_visible: (n, 2) whether the first and the second face of the edge are visible.
     """
@@ -141,7 +141,7 @@ def _is_hidden(u, v, w, projected, faces, front_faces, face, other_face):
 
 @jit("f8[:,::1], i8[:,::1], i8[::1], i8, i8")
 def _sort_into_bands(projected, edges, visible_edges, axis, size):
-    """Sort the visible edges into bands of BAND rows or columns.
+    """Sort the visible edges into bands of the image, which have BAND rows or columns each.
 
     Args:
         projected: (V, 3) u, v and inverse depth of the vertices.

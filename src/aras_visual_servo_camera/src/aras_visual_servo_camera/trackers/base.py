@@ -1,9 +1,7 @@
 """Base class and registry of the trackers, which find the points of a target in an image.
 
-By default, a tracker finds points in px, and the lens distortion is removed afterwards. Trackers
-that fit lines remove it before, because a lens bends straight lines. `is_numbered` is True if each
-point can be identified (corners of a marker), and False if only the cyclic order of the points is
-known (dots, intersections of lines).
+By default, a tracker finds points in px, from which the lens distortion is then removed. Trackers
+that fit lines remove the distortion before the fit, because a lens bends straight lines.
 """
 
 from __future__ import annotations
@@ -33,9 +31,8 @@ class TrackedPoints(NamedTuple):
         repeatability: standard deviation of the part of the error that changes from image to image
             even if the camera is at rest, a normalised length.
         marker: `DICTIONARY:number` of the marker to which the points belong; '' for none.
-        spread: (2n, m) uncertainty of the points from the scatter of edge points about the fitted
-            lines; None if it is unknown. Column k is the change of x_0, y_0, x_1, ... if an
-            independent error k has the size of its standard deviation.
+        spread: (2n, m) array S, where S S^T is the covariance of the coordinates (x_0, y_0, x_1,
+            ...), normalised; None if it is unknown.
     """
 
     points: np.ndarray

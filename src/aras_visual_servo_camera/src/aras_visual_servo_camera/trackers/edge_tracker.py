@@ -35,7 +35,7 @@ class EdgeTracker(Tracker):
             grey: (rows, columns) image.
             camera: intrinsics and distortion.
             scale: px of the undistorted image per normalised length of 1.
-            stations: (n, 2) points on the line, px of the undistorted image.
+            stations: (n, 2) points on the line, one for each profile, px of the undistorted image.
             normal: (2,) unit normal of the line.
             across: (m,) distances of the samples from a station along the normal, px.
 

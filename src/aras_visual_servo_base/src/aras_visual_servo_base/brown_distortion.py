@@ -1,7 +1,7 @@
 """Compiled loops of Brown's lens model, which `lenses.brown` documents.
 
-`D` contains all 14 coefficients; those that a camera does not have are zero. `tilt` (3, 3) is the
-homography of a tilted sensor, which is used if `is_tilted`.
+`D` contains all 14 coefficients; those that a camera does not have are zero. If `is_tilted`, the
+sensor of the camera is tilted, and `tilt` is its homography (3, 3).
 """
 
 from __future__ import annotations
@@ -59,9 +59,9 @@ def distort_points(x, y, D, tilt, is_tilted, out):
 def undistort_points(xd, yd, D, tilt, is_tilted, largest_radius, out, valid):
     """Invert the distortion of n points by Newton's method.
 
-    The polynomial is invertible up to the radius at which the image folds back (the fold). A root
-    beyond the fold is wrong. It is rejected by its radius, or because the determinant or the trace
-    of the Jacobian is not positive.
+    The distorted radius increases with the undistorted radius only up to a certain radius. A root
+    beyond this radius is wrong. It is detected by `largest_radius`, or because the determinant or
+    the trace of the Jacobian is not positive.
 
     Args:
         xd, yd: (n,) distorted coordinates, normalised.

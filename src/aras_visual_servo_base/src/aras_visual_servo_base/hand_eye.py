@@ -243,8 +243,8 @@ def _read_publisher_arguments(arguments: Sequence[str], path: Path) -> HandEyeCa
             (i for i, word in enumerate(arguments) if _parse_float(word) is None), len(arguments)
         )
         link, frame, *rest = (*arguments[count:], "", "")
-        # In ROS 1, the arguments of static_transform_publisher end with the period, a number, which
-        # is ignored.
+        # In ROS 1, the last argument of static_transform_publisher is a number, the period of the
+        # messages. It is dropped here.
         rest = [word for word in rest if word and _parse_float(word) is None]
         arguments = arguments[:count]
     numbers = [_parse_float(word) for word in arguments]
@@ -301,7 +301,10 @@ def _read_mapping(text: str, path: Path) -> tuple[HandEyeCalibration, str]:
 
 
 def _read_ros(data: Mapping[str, Any], entry: Mapping[str, Any], where: str) -> HandEyeCalibration:
-    """Read easy_handeye's transformation, or a geometry_msgs/Transform."""
+    """Return the calibration in `entry`, from easy_handeye or a geometry_msgs/Transform.
+
+    `data` is the content of the file, which may name the link and the camera frame.
+    """
     parts = {key: entry.get(key) for key in ("x", "y", "z", "qx", "qy", "qz", "qw")}
     for key, names in (("translation", ("x", "y", "z")), ("rotation", ("qx", "qy", "qz", "qw"))):
         if isinstance(entry.get(key), Mapping):

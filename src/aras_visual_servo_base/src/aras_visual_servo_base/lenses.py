@@ -39,7 +39,7 @@ def undistort_brown(
     Returns:
         Undistorted x and y (n,); and for each point whether it is valid (n,). A point is not valid
         if the iteration does not converge, or if its undistorted radius is above `largest_radius`
-        or above the `fold_radius`; its x and y are then 0.
+        or above the result of `fold_radius`. Its x and y are then 0.
     """
     xd, yd = np.asarray(xd, dtype=float), np.asarray(yd, dtype=float)
     out, valid = np.empty((2, xd.size)), np.empty(xd.size, np.bool_)

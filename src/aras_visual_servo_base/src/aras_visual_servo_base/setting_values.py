@@ -41,7 +41,10 @@ def as_number(value: Any, infinite: bool = False) -> float | None:
 
 
 def convert_to_file_types(value: Any) -> Any:
-    """Convert a Python value to the lists, numbers and texts that represent it in a file."""
+    """Convert a Python value, such as a NumPy array or a path, to lists, numbers and texts.
+
+    A settings file can contain only these types. Values of other types are returned unchanged.
+    """
     if type(value) in _PLAIN_TYPES:
         return value
     if isinstance(value, list | tuple) and set(map(type, value)) <= _PLAIN_TYPES:
@@ -100,8 +103,9 @@ def check_value(value: Any, where: str, fault: Fault, rules: Mapping[str, Any]) 
                 raise fault(f"{where} is {value}, must be {sign} {bound:g}{text}")
 
 
-# For each unit of a setting: the unit that users often use by mistake, and the size of this unit in
-# the correct unit. A message suggests the mistake if a number is too large.
+# Users often give a number in the wrong unit. For each unit in which a setting is defined: the unit
+# that they often use instead, and the size of this other unit in the defined unit. If a number is
+# too large, the message suggests this mistake.
 _COMMON_UNIT_MISTAKES = {"rad": ("degrees", math.pi / 180.0), "s": ("ms", 1e-3)}
 _BOUNDS = (
     ("least", ">=", lambda value, bound: value >= bound),

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Hashable, Sequence
 from typing import Any
 
-# Largest number of stored incomplete exposures, which wait for messages of some topics. If one
-# topic lags behind another by more exposures than this, exposures are lost.
+# Largest number of incomplete exposures that are stored until their other messages arrive. If there
+# are more, the oldest is discarded.
 MOST_PENDING = 8
 
 

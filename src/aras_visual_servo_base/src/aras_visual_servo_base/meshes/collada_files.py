@@ -186,7 +186,8 @@ def _find_geometries(scene: collada.scene.Scene | None
 
 
 def _triangulate(polygons: collada.polylist.Polylist) -> collada.triangleset.TriangleSet:
-    if (polygons.vcounts < 3).any():  # the function _check_primitive does not check <polygons>
+    # This is checked here, because _check_primitive does not check <polygons>.
+    if (polygons.vcounts < 3).any():
         raise DescriptionError("<polygons> has a polygon with fewer than three corners")
     return polygons.triangleset()
 

@@ -1,11 +1,10 @@
 """Readers of STL, OBJ, COLLADA and glTF files, which check and cache them.
 
-Invalid files are rejected, such as a file with a face that refers to a missing vertex, with a
-number that cannot be parsed, or without triangles. A library that silently repairs such errors
-would render or simulate another shape than intended. Therefore STL and OBJ files are read here
-without a library. For example, in OBJ files trimesh 5.2 interprets corner 0 as corner 1, counts the
-negative indices of `f -4 -3 -2` from the last vertex of the whole file instead of the last vertex
-before this line, and accepts `v 1 2` as a vertex. Moreover, importing trimesh takes 0.6 s.
+Invalid files are rejected, for example if a face refers to a missing vertex, if a number cannot be
+parsed, or if there are no triangles. A library that silently repairs such errors could render or
+simulate another shape than intended. Therefore STL and OBJ files are parsed here, and not by
+trimesh: trimesh 5.2 accepts some invalid OBJ files and misreads negative indices, and its import
+takes 0.6 s.
 """
 
 from __future__ import annotations
@@ -171,7 +170,10 @@ def write_stl(meshes: tuple[Mesh, ...], path: str) -> None:
 # ---------------------------------------------------------------------- OBJ
 
 def write_obj(meshes: tuple[Mesh, ...], path: str) -> None:
-    """Write the triangles of meshes to an OBJ file, with one object for each `Mesh.piece`."""
+    """Write the triangles of meshes to an OBJ file, with one object for each collision body.
+
+    All meshes with the same `Mesh.piece` form one collision body.
+    """
     lines, first = [], 1
     for number in sorted({mesh.piece for mesh in meshes}):
         lines.append(f"o piece{number}")
@@ -262,7 +264,10 @@ def _parse_corner(text: str, counts: list[int]) -> tuple[int, ...]:
 
 def _read_mtl(path: Path, states: dict[Path, _State | None]
               ) -> dict[str, tuple[Rgba | None, str | None]]:
-    """Return (rgba, texture file) of each material by name; {} if the MTL file is missing."""
+    """Return (rgba, texture file) of each material by name; {} if the MTL file is missing.
+
+    The size and the time of the file's last change are added to `states`.
+    """
     materials: dict[str, tuple[Rgba | None, str | None]] = {}
     states[path] = _read_state(path)
     if states[path] is None:

@@ -167,7 +167,7 @@ def compile_packages(
     packages: Sequence[str], processes: int, folder: Path | None = None,
     report: Callable[[float], None] = lambda fraction: None,
 ) -> CompilationResult:  # fmt: skip
-    """Compile or load from the cache all functions of packages in parallel processes.
+    """Compile all functions of packages in parallel processes, or load them from the cache.
 
     Args:
         processes: largest number of processes.

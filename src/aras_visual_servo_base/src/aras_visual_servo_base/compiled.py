@@ -104,11 +104,11 @@ class CompiledFunction:
 
     @property
     def stats(self) -> object:
-        """Numba's statistics, which tell whether the function was compiled or loaded."""
+        """Numba's statistics: whether the function was compiled or loaded from the cache."""
         return self.compile().stats
 
-    # When a compiled function calls this function, Numba reads `_numba_type_` and
-    # `targetoptions`.
+    # Numba reads the properties `_numba_type_` and `targetoptions` when it compiles a function that
+    # calls this one.
     @property
     def _numba_type_(self) -> numba.types.Type:
         return import_numba().typeof(self.compile())

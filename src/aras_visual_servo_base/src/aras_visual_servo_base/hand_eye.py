@@ -267,7 +267,7 @@ def _read_publisher_arguments(arguments: Sequence[str], path: Path) -> HandEyeCa
 
 
 def _find_publisher_text(text: str) -> str:
-    """Return the arguments of the publisher in the text of a Python launch file."""
+    """Return the arguments of static_transform_publisher in the text of a Python launch file."""
     code = re.sub(r"#.*", "", text)
     after = code[code.index(PUBLISHER) + len(PUBLISHER) :] if PUBLISHER in code else ""
     inside, closed, _ = after[max(after.find("arguments"), 0) :].partition("]")

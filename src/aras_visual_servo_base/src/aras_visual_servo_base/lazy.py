@@ -52,15 +52,19 @@ def lazy_exports(package: str, places: Mapping[str, str]) -> tuple[Getter, Liste
 
 
 def _is_module(name: str) -> bool:
-    """Return whether a module with this full name exists; its package must be imported."""
+    """Return whether a module with this full name exists.
+
+    The package that contains the module must have been imported.
+    """
     return name.rpartition(".")[2].isidentifier() and find_spec(name) is not None
 
 
 def import_later(place: str) -> Callable[..., Any]:
-    """Import and return the function 'package.module:name', at the time when it is needed.
+    """Import and return the function 'package.module:name'.
 
-    Otherwise, modules import only modules of lower layers. Methods of `Run`, `Study` and `Results`
-    that draw, write or compare results use this to call functions of higher layers.
+    Modules are ordered in layers and import only modules of lower layers at their top. This
+    function is for the few methods that call a function of a higher layer: those of `Run`, `Study`
+    and `Results` that draw, write or compare results.
     """
     module, _, name = place.partition(":")
     return getattr(import_module(module), name)

@@ -130,7 +130,7 @@ def join_path(where: str, key: Any) -> str:
 
 
 def describe_hint(hint: Any) -> str:
-    """Describe the values that an annotation accepts, for a message: 'a finite number'."""
+    """Describe the values that an annotation accepts, for a message, such as 'a finite number'."""
     if hint in _TYPE_NAMES:
         return _TYPE_NAMES[hint]
     origin, parts = typing.get_origin(hint), typing.get_args(hint)

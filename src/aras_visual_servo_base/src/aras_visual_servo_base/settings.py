@@ -127,8 +127,7 @@ def build(cls: type[T], values: Any, where: str, fault: Fault) -> T:
     """Create a dataclass from a mapping.
 
     Args:
-        where: name of the mapping, for messages, such as '', 'start', 'parameter ~' or 'goal.yaml:
-            '.
+        where: start of the names of keys in messages, such as 'start' or 'goal.yaml: '.
 
     Raises:
         fault: a key is unknown or missing, a value is invalid, or the class rejects the values.

@@ -1,4 +1,8 @@
-"""Changes of robot descriptions: a camera that is calibrated or moved, joints without friction."""
+"""Changes of robot descriptions.
+
+A camera is moved, also to the pose of a hand-eye calibration, or the friction of the joints is
+removed.
+"""
 
 from __future__ import annotations
 

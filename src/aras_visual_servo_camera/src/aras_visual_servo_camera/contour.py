@@ -144,8 +144,8 @@ def match_corners(outline: Array, model: Array) -> Array:
     outline_samples, model_samples = _resample(points), _resample(model_points)
     origin = model_samples.mean()
     model_samples = model_samples - origin
-    # Circular correlation of the two outlines by the correlation theorem. Entry k belongs to a
-    # shift of the start point by k samples.
+    # Circular correlation of the outline with the model's outline, by the correlation theorem.
+    # Entry k is for a shift of the start point by k samples.
     correlation = np.fft.ifft(np.fft.fft(outline_samples) * np.conj(np.fft.fft(model_samples)))
     similarity = (
         correlation[int(np.abs(correlation).argmax())] / np.vdot(model_samples, model_samples).real

@@ -25,9 +25,10 @@ MAX_OFFSET = 1.5  # px
 def locate_edge(weights, edge, found):
     """Locate the target's edge next to the pixels of its outline.
 
-    The coverage is integrated along the normal from two pixels inside the target, where it is one,
-    to two pixels outside, where it is zero. The integral is the covered length, which is exact even
-    if the edge is blurred by a symmetric kernel.
+    The coverage, i.e. the fraction of a pixel that the target covers, is integrated along the
+    normal of the edge. The path leads from two pixels inside the target, where the coverage is one,
+    to two pixels outside, where it is zero. The integral is the length of the path inside the
+    target, even if the edge is blurred by a symmetric kernel.
 
     Args:
         weights: (rows, columns) coverage.
@@ -36,7 +37,7 @@ def locate_edge(weights, edge, found):
             where the coverage changes too little are omitted.
 
     Returns:
-        Number of points.
+        Number of located points.
     """
     rows, columns = weights.shape
     count = 0
@@ -165,8 +166,8 @@ def _find_breaks(points, corners, breaks):
                 place, least = n, dx * dx + dy * dy
         if k == 0:
             first = place
-        # The indices of the corners are sorted by their distance along the outline from the first
-        # corner.
+        # Find the place of this index: the indices are sorted by their distance along the outline
+        # from the first corner.
         place = (place - first) % total
         n = count
         while n > 0 and breaks[n - 1] > place:
@@ -233,7 +234,7 @@ def fit_sides(points, rough, repeats, corners, lines):
             `propagate_line_errors`. Line k leads from corner k to the next corner.
 
     Returns:
-        n; if it is below 3 or above MAX_CORNERS, there is no result.
+        The number n of corners; if it is below 3 or above MAX_CORNERS, the arrays are not valid.
     """
     breaks = np.empty(max(len(rough), MAX_CORNERS), np.int64)
     count = 0

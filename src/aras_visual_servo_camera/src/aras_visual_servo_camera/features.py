@@ -136,7 +136,8 @@ class _Node(NamedTuple):
     name.
     """
 
-    formula: Formula | None  # formula of the feature; None for a leaf
+    # Formula of the feature; None for a quantity without formula, such as a moment.
+    formula: Formula | None
     leaves: frozenset[str]
     denominators: tuple[str, ...]
 
@@ -207,8 +208,7 @@ def _make_plan(names: tuple[str, ...], kind: str) -> _Plan:
     raw = [_find_leaf_order(n, kind) for n in leaves if re.match(r"m\d", n)]
     rest = [_find_leaf_order(n, kind) for n in leaves if not re.match(r"m\d", n)]
     centred_order, raw_order = max([1, *rest]), max([1, *raw]) if raw else -1
-    # Order of the leaves in the interaction matrix: area, xg, yg, a row of zeros, all mu_ij, all
-    # m_ij.
+    # Order of the rows: area, xg, yg, a row of zeros, all mu_ij, all m_ij.
     first_raw = 4 + len(exponents(centred_order))
 
     def find_position(leaf: str) -> int:
@@ -236,9 +236,10 @@ def _compile_plan(names: tuple[str, ...], leaves: tuple[str, ...]) -> CompiledFo
 def _list_leaf_indices(
     names: tuple[str, ...], leaves: tuple[str, ...]
 ) -> tuple[tuple[str, tuple[int, int] | None], ...]:
-    """Return the name and the indices of each leaf; ('', None) if it affects no feature.
+    """Return the name of each leaf and its indices: (i, j) for a centred moment mu_ij, else None.
 
-    The indices are (i, j) for a centred moment mu_ij, and None for any other leaf.
+    A leaf is a quantity that has no formula, such as a moment. The result for a leaf that affects
+    none of the features is ('', None).
     """
     used, found = _compile_plan(names, leaves).used_leaves, []
     for name in leaves:
@@ -334,7 +335,7 @@ def _make_plane(moments: Moments, reference: Reference | None) -> Plane:
 
 
 def _compute_leaf_rows(moments: Moments, plane: Plane, plan: _Plan) -> Array:
-    """Compute the interaction matrix (n, 6) of the plan's n leaves, in the order of plan.leaves."""
+    """Compute the interaction matrix (n, 6) of the n quantities in plan.leaves, in their order."""
     centre, mu = compute_centred_interaction(moments, plane, plan.centred_order)
     area = mu[:1]
     if moments.kind != DENSE and "a" in plan.leaves:
@@ -369,8 +370,9 @@ class _View:
         """Evaluate the features, with zeros for those that are undefined.
 
         Returns:
-            The values (k,); for each feature, its derivatives with respect to plan.leaves; and for
-            each undefined feature, the reason. The keys are the names of the features.
+            The values (k,); for each feature, its derivatives with respect to the quantities in
+            plan.leaves; and for each undefined feature, the reason. The keys are the names of the
+            features.
 
         Raises:
             FeatureError: the order of the moments is too low.
@@ -425,7 +427,9 @@ class _View:
     def evaluate(
         self, names: tuple[str, ...], leaves: tuple[str, ...]
     ) -> tuple[tuple[float, ...], tuple[tuple[float, ...], ...]]:
-        """Return the values of the features and their derivatives with respect to `leaves`.
+        """Return the values of the features, and their derivatives with respect to `leaves`.
+
+        leaves: names of quantities without formula, such as moments.
 
         Raises:
             ZeroDivisionError: a feature divides by zero.
@@ -444,7 +448,7 @@ class _View:
         return self.evaluate((name,), tuple(sorted(_make_node(name).leaves)))[0][0]
 
     def _get_leaf(self, name: str) -> float:
-        """Return the value of a leaf: a raw moment, or alpha_full, which needs the reference."""
+        """Return the value of a quantity without formula: a raw moment, or alpha_full."""
         moments = self.moments
         if moment := _parse_moment(name):
             return moments.m(*moment[1:])

@@ -3,9 +3,9 @@
 Let a line n . p = d be fitted to m edge points p whose distances from the line have the standard
 deviation sigma. The offset of the line at the middle of the points then has the standard deviation
 sigma / sqrt(m). The angle of the line has the standard deviation sigma / sqrt(sum of r^2), where r
-is the distance of a point from the middle. Both errors are independent. A corner is the
-intersection of two lines, and neighbouring corners share a line, so their errors are correlated.
-Acute corners and corners of short sides have the largest errors.
+is the distance, along the line, of a point from the middle of the points. Both errors are
+independent. A corner is the intersection of two lines, and neighbouring corners share a line, so
+their errors are correlated. Acute corners and corners of short sides have the largest errors.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from aras_visual_servo_base.compiled import jit
 
 from .polygons import Array
 
-# The variance of points about a line is estimated as a weighted mean: the variance of the line's
-# own points, weighted by their degrees of freedom, and the average over all lines, weighted by
-# SHARED_ERROR. A line's own points alone give too small a variance if they are few, or if the line
-# is parallel to the image rows or columns, where all points have nearly the same error.
+# Weight of the average over all lines, if the variance of the points of one line is estimated. The
+# weight of its own points is their number of degrees of freedom. Its own points alone give too
+# small a variance if they are few, or if the line is parallel to the image rows or columns, where
+# all points have nearly the same error.
 SHARED_ERROR = 6.0
 PARALLEL = 0.05  # two lines are parallel if the sine of their angle is below this value
 
@@ -104,7 +104,7 @@ def propagate_line_errors(lines, spread):
             determinant = ax * by - ay * bx
             pa, qa = by / determinant, -bx / determinant
             pb, qb = -ay / determinant, ax / determinant
-        else:  # the lines are parallel: as for a singular matrix, ignore the smaller singular value
+        else:  # for parallel lines, ignore the smaller singular value, which is nearly zero
             sign = 1.0 if cosine >= 0.0 else -1.0
             scale = 0.5 / (1.0 + abs(cosine))
             pa, qa = scale * (ax + sign * bx), scale * (ay + sign * by)

@@ -106,9 +106,9 @@ def sum_samples(x, y, weight, table):
                 px[k + 1, n] = px[k, n] * px[1, n]
         for i in range(SIZE):
             for j in range(SIZE - i):
-                # Sum the products: add the second half of the array to the first half until one
-                # element is left. The compiler can vectorise this loop without changing the order
-                # of the summands, unlike a plain sum.
+                # Sum the products: add the second half of the array to the first half, until one
+                # element is left. Unlike a plain sum, this loop can be vectorised without changing
+                # the order of the summands.
                 for n in range(padded):
                     products[n] = px[i, n] * py[j, n]
                 half = padded // 2

@@ -96,8 +96,8 @@ def rotate_third(third, angle):
     third: mu30, mu21, mu12, mu03 of the shape. The result has the same order.
     """
     a, b, c, d = third
-    # The complex moment mu30 + mu12 + i (mu21 + mu03) rotates by the angle. The complex moment mu30
-    # - 3 mu12 + i (3 mu21 - mu03) rotates by three times the angle.
+    # If the shape rotates by the angle a, the complex moment mu30 + mu12 + i (mu21 + mu03) is
+    # multiplied by exp(i a), and mu30 - 3 mu12 + i (3 mu21 - mu03) by exp(3 i a).
     once = complex(a + c, b + d) * complex(cos(angle), sin(angle))
     thrice = complex(a - 3 * c, 3 * b - d) * complex(cos(3 * angle), sin(3 * angle))
     m30, m12 = (3 * once.real + thrice.real) / 4, (once.real - thrice.real) / 4
@@ -172,7 +172,7 @@ def _compute_plane_moments(centred, A, B, C, xg, yg, shrinking):
             # Here t = ex x + ey y.
             binomial = 1.0
             for r in range(known - order + 1):
-                choice = 1.0  # C(r, y), a binomial coefficient of t^r = (ex x + ey y)^r
+                choice = 1.0  # binomial coefficient C(r, y) in the expansion of (ex x + ey y)^r
                 for y in range(r + 1):
                     moment = centred[order - b + r - y, b + y]
                     projected[b] += binomial * choice * of_x_tilt[r - y] * of_y_tilt[y] * moment

@@ -76,7 +76,8 @@ class VisionParameters:
                 "parameter ~desired_outline must be empty, or a list of x and y of at least three "
                 "corners"
             )
-        _ = self.pipeline_settings  # raises a ParameterError if settings conflict
+        # Raises a ParameterError if the segmentation settings are invalid.
+        _ = self.pipeline_settings
 
     @classmethod
     def from_mapping(cls, mapping: Mapping[str, Any]) -> VisionParameters:
@@ -98,7 +99,8 @@ class VisionParameters:
 
     @cached_property
     def pipeline_settings(self) -> PipelineSettings:
-        """Settings of the pipeline; raises ParameterError if settings conflict."""
+        """Settings of the pipeline; raises ParameterError if the segmentation settings are invalid.
+        """
         try:
             segmentation = Segmentation(
                 method=self.segmentation, **self._select_settings(Segmentation)

@@ -115,8 +115,8 @@ class Pipeline:
                    image.target_mask)  # fmt: skip
         target = segment(grey, *options)
         if target.reason and grey is not image.grey:
-            # No target was found in the image whose blind pixels are masked. Segment the original
-            # image, so that the reported reason applies to it.
+            # No target was found in the image without the pixels that the lens model excludes.
+            # Segment the original image, so that the reported reason applies to it.
             target = segment(image.grey, *options)
         reason = target.reason
         if not reason and camera is None:
@@ -138,10 +138,10 @@ class Pipeline:
         return TargetDetection(not reason, reason, target, moments, camera)
 
     def _mask_blind_pixels(self, grey: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Return the image with the background's level in pixels outside the lens model's range.
+        """Return the image with the background's grey level in pixels that the lens model excludes.
 
         Otherwise, a dark object at the rim of a fisheye image could be taken for the target. A
-        target that extends beyond the range is still rejected, because its moments are computed
+        target that extends into these pixels is still rejected, because its moments are computed
         from the original image.
         """
         camera = self.camera

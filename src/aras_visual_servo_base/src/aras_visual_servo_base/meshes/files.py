@@ -26,8 +26,8 @@ from ..urdf import Rgba
 from .mesh import Mesh, from_corners, from_indices
 
 LARGEST_FILE = 256 * 1024 * 1024  # largest size of a mesh file, bytes
-# Largest number of triangles in a mesh file. Reading 300 000 triangles from an STL file takes 3 s.
-# Simulated time stops for another 3 s while Bullet and the renderer load the mesh.
+# Largest number of triangles in a mesh file. With 300 000 triangles, reading an STL file takes 3 s,
+# and simulated time stops for another 3 s while Bullet and the renderer load the mesh.
 MOST_TRIANGLES = 300_000
 MOST_MESHES = 10_000  # largest number of meshes in a mesh file
 GREY: Rgba = (0.7, 0.7, 0.7, 1.0)  # colour of surfaces whose material or texture is missing
@@ -238,7 +238,8 @@ def _parse_element(kind: str, fields: list[str]) -> list[float]:
     count = 2 if kind == "vt" else 3
     values = [float(word) for word in fields[:count]]
     if kind == "vt" and len(values) == 1:
-        values.append(0.0)  # the second texture coordinate is optional and 0 by default
+        # A vertex of the file may omit the second texture coordinate, which is then 0.
+        values.append(0.0)
     if len(values) < count or not all(map(math.isfinite, values)):
         what = {"v": "vertex", "vt": "texture coordinate", "vn": "normal"}[kind]
         raise DescriptionError(f"a {what} needs {'two' if count == 2 else 'three'} finite numbers")

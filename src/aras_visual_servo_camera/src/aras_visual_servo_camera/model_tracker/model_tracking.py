@@ -35,19 +35,21 @@ SEARCH_RANGE = 10.0  # px; edges are searched up to this distance from their exp
 START_SEARCH_RANGES = (20.0, 10.0, 40.0)
 # Largest numbers of searches for the edges, and of accurate measurements of the edges, per image.
 MAX_SEARCHES, MAX_MEASUREMENTS = 4, 3
-# In each image, the edges are first searched repeatedly, and then measured accurately. The
-# measurement starts when a search changes the pose by less than this distance in the image, px.
+# Each image is processed in two phases: the edges are searched repeatedly, and then measured
+# accurately. The first phase ends when a search moves the solid in the image by less than this
+# distance, px.
 MEASUREMENT_RANGE = 0.7
 REPEAT_CHANGE = 0.1  # px; the edges are measured again if the pose has changed by more than this
-# Smallest change of grey level at an edge: in grey levels, and as a multiple of the noise.
+# At an edge, the grey level changes by at least MIN_CHANGE grey levels, and by at least
+# MIN_NOISE_RATIO times the standard deviation of the noise.
 MIN_CHANGE, MIN_NOISE_RATIO = 10.0, 3.5
-# Residuals of several standard deviations are rejected. The standard deviation is estimated, but
-# not below these limits, px: for searched and for measured edges, each in the first and in the last
-# step of a fit. The first limit is larger, because a fit with a wrong initial pose would otherwise
-# reject correct edges.
+# Lower limits, px, of the estimated standard deviation of the residuals, in the (first, last) step
+# of a fit to searched edges, and of a fit to measured edges. Residuals of several standard
+# deviations are rejected. With a small first limit, a fit with a wrong initial pose would reject
+# correct edges.
 SEARCH_SCALES, MEASUREMENT_SCALES = (0.5, 0.5), (0.3, 0.02)
 EDGE_ACCURACY = 0.03  # px, error of a measured edge in an image without noise
-LEVEL_TOLERANCE = 25.0  # largest difference of a measured grey level from the stored level
+LEVEL_TOLERANCE = 25.0  # largest difference of a measured grey level from the stored grey level
 # The solid is lost if fewer than MIN_INLIERS edge points are inliers, or less than the fraction
 # MIN_INLIER_SHARE of the visible edge points.
 MIN_INLIERS, MIN_INLIER_SHARE = 15, 0.45
@@ -207,7 +209,7 @@ class ModelTracking:
         return points
 
     def _predict_levels(self, samples: EdgePoints) -> np.ndarray:
-        """Return the stored grey levels (n, 2) on both sides of the points."""
+        """Return the stored grey levels (n, 2) on both sides of the edges at the sample points."""
         return predict_levels(samples.edges, samples.are_faces_visible, self._levels)
 
     def _fit_pose(

@@ -222,7 +222,7 @@ def build_surface_equations(vertices, faces, normals, measured_points, T, origin
 
 @jit("f8[:,::1], f8[::1], f8[::1]", allocates=False)
 def _remove_motion(A, b, free_motion):
-    """Change the normal equations A (v, w) = b so that their solution contains no free motion.
+    """Change the normal equations A (v, w) = b so that the solution does not contain a motion.
 
     free_motion: (6,) unit vector (v, w) of a motion that leaves the solid's surface unchanged.
     """

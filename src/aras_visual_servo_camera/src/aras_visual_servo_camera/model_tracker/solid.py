@@ -139,8 +139,8 @@ class Solid:
     def compute_section_corners(self) -> np.ndarray:
         """Compute the corners (4, 3), m, of the horizontal rectangle through the solid's middle.
 
-        It is the section of the bounding box at half of its height along z. Schemes for flat
-        targets use this rectangle instead of the solid.
+        It is the section of the bounding box at half of its height along z. Control schemes for
+        flat targets use this rectangle instead of the solid.
         """
         (x, y, z), (X, Y, Z) = self.compute_bounding_box()
         middle = 0.5 * (z + Z)
@@ -173,7 +173,7 @@ def _weld_vertices(corners: np.ndarray, tolerance: float) -> tuple[np.ndarray, n
 
 
 def _find_edges(faces: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return the vertices (E, 2) and the two faces (E, 2) of each edge, as in Solid."""
+    """Return the two vertices (E, 2) and the two faces (E, 2) of each edge, as indices."""
     start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
     face = np.repeat(np.arange(len(faces)), 3)
     forward = start < end

@@ -17,9 +17,9 @@ MAX_POINTS = 1200  # largest number of sample points on edges per image
 # ends.
 END_MARGIN, SHORT_EDGE = 4.0, 16.0
 BORDER = 5.0  # px; no points are sampled within this distance from the border of the image
-# A face is viewed edge-on if the cosine of the angle between its normal and the ray to the camera
-# is in this range. The creases of such a face are not used, because they nearly coincide in the
-# image, and a small error of the pose makes the face visible or invisible.
+# If the cosine of the angle between a face's normal and the ray to the camera is in this range, the
+# face is viewed edge-on. Its creases are not used: they nearly coincide in the image, and a small
+# error of the pose makes the face visible or invisible.
 GRAZING_COSINES = (-0.01, 0.03)
 # A face hides a point if the face is nearer to the camera by at least this fraction of the depth.
 OCCLUSION_TOLERANCE = 2e-3
@@ -301,7 +301,8 @@ def _sample_edges(vertices, faces, normals, edges, edge_faces, is_crease, is_out
                 continue
             w = projected[i, 2] + s * (projected[j, 2] - projected[i, 2])
             a, b = edge_faces[e]
-            # No face can hide an edge of a visible outermost face.
+            # An edge of a visible outermost face is never hidden, because no part of the solid is
+            # in front of the plane of this face.
             if not (
                 (front[a] and is_outermost[a]) or (front[b] and is_outermost[b])
             ) and _is_hidden(u, v, w, projected, faces, front_faces, a, b):

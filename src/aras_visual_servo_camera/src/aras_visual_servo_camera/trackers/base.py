@@ -46,8 +46,8 @@ class TrackedPoints(NamedTuple):
 class Tracker(ABC):
     """Base class of trackers, which find points of the target in an image.
 
-    Schemes use these points as the target's corners. A subclass implements `find`, and is selected
-    by 'package.module:Class'. Every tracker is a dataclass: its parameters are annotated
+    Schemes use these points as the target's corners. A subclass implements `find`. The user selects
+    it by 'package.module:Class'. Every tracker is a dataclass: its parameters are annotated
     attributes, or are declared with unit and bounds by `parameter`.
 
     Attributes:
@@ -56,7 +56,7 @@ class Tracker(ABC):
             points is known.
         has_colour: True if images are passed as RGB (rows, columns, 3); False if they are passed as
             grey levels (rows, columns).
-        accuracy: error of the points in noise-free images of the simulated arm, px.
+        accuracy: error of the points, px, measured in noise-free simulated images.
     """
 
     name: ClassVar[str] = ""
@@ -65,7 +65,7 @@ class Tracker(ABC):
     accuracy: ClassVar[float] = 0.01
 
     def __init_subclass__(cls, **options: Any) -> None:
-        """Make the subclass a dataclass. Its `name` is the class name until it is registered."""
+        """Make the subclass a dataclass, and set its `name` to the name of the class."""
         super().__init_subclass__(**options)
         cls.name = cls.__name__
         dataclass(eq=False)(cls)

@@ -128,15 +128,15 @@ class MarkerTracker(EdgeTracker):
                         f"brighter than its black rim, must be {MIN_CONTRAST:.0f} levels brighter; "
                         "use more light or a white margin"
                     )
-                # The length of the black part of the profile determines the position of the edge,
-                # even if the edge is blurred.
+                # The sum of the darkness along a profile is the length of its black part, which
+                # determines the position of the edge even if the edge is blurred.
                 darkness = (white - values) / (white - black)
                 edge_offset = np.trapezoid(darkness, across, axis=1) - reach
                 edge = stations + edge_offset[:, None] * normal
                 place, (dx, dy) = self._fit_robust_line(edge)
                 lines.append((place, np.array([dx, dy])))
                 near = edge[self._is_near(edge, *place, dx, dy)]
-                # Profiles less than one pixel apart have dependent errors, so they do not count as
+                # Profiles less than one pixel apart have correlated errors, so they do not count as
                 # separate points.
                 count = min(float(len(near)), RIM_PART * length)
                 sides.append(FittedLine.fit(near, np.array([-dy, dx]), count))

@@ -28,7 +28,7 @@ BEST_ACCURACY = 0.01
 class ModelTracker(Tracker):
     """The corners of the horizontal rectangle through a solid's middle, from the solid's pose.
 
-    With these points, schemes for points and poses can be used with a solid. The method
+    With these points, control schemes for flat targets can be used with a solid. The method
     `Solid.compute_section_corners` returns the points in the solid's frame.
 
     Attributes:

@@ -22,7 +22,7 @@ import arm_parts  # noqa: E402
 import gantry_parts  # noqa: E402
 from mesh_primitives import on_grid  # noqa: E402
 
-#: Function that returns the parts of a link in the frame of the link, by the link's name.
+# For each link, the function that returns its parts in the frame of the link.
 LINKS: dict[str, Callable[[], list[np.ndarray]]] = {
     "base_link": gantry_parts.base_link,
     "slider": gantry_parts.slider,

@@ -41,7 +41,10 @@ def make_noise(rng: np.random.Generator, shape: tuple[int, int], scales: tuple[i
 
 
 def mix_colours(share: np.ndarray, dark: tuple[int, ...], bright: tuple[int, ...]) -> np.ndarray:
-    """Return colours (H, W, 3) between `dark` and `bright`, in the order blue, green, red."""
+    """Return colours (H, W, 3) between `dark` and `bright`, in the order blue, green, red.
+
+    share: (H, W) fraction of `bright`, 0 to 1.
+    """
     return np.array(dark) + share[..., None] * (np.array(bright, float) - dark)
 
 
@@ -63,7 +66,7 @@ def draw_wood(rng: np.random.Generator, boards: int, size: int = 1024) -> np.nda
 
 
 def draw_bricks(rng: np.random.Generator, size: int = 1024) -> np.ndarray:
-    """Return a texture of 16 rows of 8 bricks in running bond."""
+    """Return a texture of 16 rows of 8 bricks; every second row is shifted by half a brick."""
     image = mix_colours(make_noise(rng, (size, size), (32, 8, 4)), (150, 158, 162), (186, 194, 198))
     rough = make_noise(rng, (size, size), (32, 8, 4))
     high, wide = size // 16, size // 8

@@ -172,7 +172,7 @@ def _rotation_from_quaternion(q: Sequence[float], where: str) -> np.ndarray:
 
 
 def _make_pose(R: np.ndarray, t: Sequence[float], where: str) -> np.ndarray:
-    """Return the pose (4, 4) of R and t. R is orthonormalised to remove rounding."""
+    """Return the pose (4, 4) of R and t. Rounding errors of R are removed by orthonormalisation."""
     R, t = np.asarray(R, float), np.asarray(t, float).ravel()
     if not (np.isfinite(R).all() and np.isfinite(t).all()) or t.shape != (3,):
         raise HandEyeError(f"{where}: the translation is {t.tolist()}, must be three finite "
@@ -369,7 +369,10 @@ def _read_entries(data: Mapping[str, Any], path: Path) -> np.ndarray:
 
 
 def _is_inverse(name: str) -> bool:
-    """Return whether a matrix with this name maps to the camera frame, such as gripper2cam."""
+    """Return whether a matrix with this name maps coordinates to the camera frame.
+
+    Examples of such names are gripper2cam and base_to_camera.
+    """
     return re.search(r"(2|_to_|to)(cam|camera|optical)\b", name.lower()) is not None
 
 

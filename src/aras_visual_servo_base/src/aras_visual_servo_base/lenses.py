@@ -75,9 +75,9 @@ def _tilt_homography(taux: float, tauy: float) -> np.ndarray:
 
 @functools.lru_cache(maxsize=32)
 def fold_radius(D: tuple[float, ...]) -> float:
-    """Return the undistorted radius at which the radial part of `brown` has its maximum.
+    """Return the undistorted radius at which the distorted radius of `brown` has its maximum.
 
-    Return infinity if the radial part increases monotonically.
+    Only the radial coefficients are considered. Return infinity if there is no maximum.
     """
     k1, k2, _, _, k3, k4, k5, k6 = (*D, *(0.0,) * (8 - len(D)))[:8]
     one = np.polynomial.Polynomial([1.0])
@@ -94,9 +94,10 @@ def fold_radius(D: tuple[float, ...]) -> float:
 def extrapolate_brown(
     x: np.ndarray, y: np.ndarray, D: tuple[float, ...]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Distort x and y (n,) with `brown`, and extrapolate linearly beyond the `fold_radius`.
+    """Distort x and y (n,) with `brown`, and extrapolate linearly beyond a certain radius.
 
-    Beyond this radius, the polynomial would map points outside of the field of view into the image.
+    Beyond this radius, which `fold_radius` returns, the polynomial would map points outside of the
+    field of view into the image.
     """
     fold = fold_radius(D)
     if math.isinf(fold):

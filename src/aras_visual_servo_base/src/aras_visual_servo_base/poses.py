@@ -64,7 +64,8 @@ class Pose(NamedTuple):
         return Pose(scale(rotate(back, self.xyz), -1.0), back)
 
     def apply(self, point: Vector3) -> Vector3:
-        """Return the coordinates in a of a point given in b."""
+        """Return the coordinates in frame a of a point that is given in frame b, for a pose a_T_b.
+        """
         return add(self.xyz, rotate(self.quat, point))
 
     def matrix(self) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Matching of messages that belong to one exposure but arrive on different topics."""
+"""Matching of messages that belong to one exposure of a camera but arrive on different topics."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class StampSynchronizer:
     """Matches messages of different kinds, such as 'image' and 'depth', with the same stamp."""
 
     def __init__(self, kinds: Sequence[str]) -> None:
-        """Create a synchronizer for exposures with one message of each of these kinds."""
+        """Create a synchronizer for exposures of a camera that have one message of each kind."""
         self._kinds = tuple(kinds)
         self._pending: dict[Hashable, dict[str, Any]] = {}
 

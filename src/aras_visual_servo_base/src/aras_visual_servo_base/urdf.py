@@ -33,7 +33,7 @@ JOINT_KINDS = (*MOVING_KINDS, "fixed", "floating", "planar")
 
 
 class FramedElement:
-    """Base class of elements with a frame.
+    """Base class of elements of a robot description that have a frame.
 
     The pose of the frame in the parent frame is `origin_xyz` (m) and `origin_rpy` (rad).
     """

@@ -15,8 +15,8 @@ MAX_CORNERS = 32
 # Smallest slope of the coverage (part of a pixel that the target covers) at an outline, 1/px. An
 # edge with a smaller slope is too blurred to be located.
 MIN_SLOPE = 0.05
-# The coverage is integrated along the normal of the edge, from -REACH to REACH px, over STEPS
-# intervals of STEP px.
+# The coverage (fraction of a pixel that the target covers) is integrated along the normal of the
+# edge, from -REACH to REACH px, over STEPS intervals of STEP px.
 STEPS, STEP, REACH = 16, 0.25, 2.0
 MAX_OFFSET = 1.5  # px
 
@@ -45,7 +45,8 @@ def locate_edge(weights, edge, found):
         u, v = edge[n, 0], edge[n, 1]
         left, right = max(u - 1, 0), min(u + 1, columns - 1)
         up, down = max(v - 1, 0), min(v + 1, rows - 1)
-        # The factor 1 / 8 scales the result of a Sobel kernel to the slope of the coverage, 1/px.
+        # The factor 1 / 8 scales the result of a Sobel kernel to the slope, 1/px, of the coverage
+        # (fraction of a pixel that the target covers).
         gx = (
             weights[up, right] + 2.0 * weights[v, right] + weights[down, right]
             - weights[up, left] - 2.0 * weights[v, left] - weights[down, left]
@@ -155,7 +156,7 @@ def _find_breaks(points, corners, breaks):
             the outline, starting at the first corner.
 
     Returns:
-        Number of indices.
+        Number of indices; it is smaller than k if several corners have the same nearest point.
     """
     total, first, count = len(points), 0, 0
     for k in range(len(corners)):
@@ -187,7 +188,7 @@ def _find_breaks(points, corners, breaks):
 def _fit_line(points, first, last, line):
     """Fit a line to the points of an outline from index `first` to index `last`.
 
-    The result is written to `line` (7,), in the order of `propagate_line_errors`.
+    The result is written to `line` (7,), whose elements `propagate_line_errors` lists.
     """
     total = len(points)
     count = (last - first) % total

@@ -1,4 +1,4 @@
-"""Fraction of each pixel that the segmented target covers, from the grey levels at its edge."""
+"""Estimate of the fraction of each pixel that the target covers, from the pixel's grey level."""
 
 from __future__ import annotations
 

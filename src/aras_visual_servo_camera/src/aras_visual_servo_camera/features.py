@@ -101,10 +101,10 @@ class FeatureSet:
         return not self.degenerate
 
     def __getitem__(self, name: str) -> float:
-        """Return the value of one feature.
+        """Return the value of the feature with this name.
 
         Raises:
-            DegenerateFeatureError: the feature is undefined for this shape.
+            DegenerateFeatureError: the feature is undefined for the shape in this view.
             FeatureError: the feature was not computed.
         """
         return float(self.values[self._find_index(name)])
@@ -113,7 +113,7 @@ class FeatureSet:
         """Return the row (6,) of the interaction matrix L for one feature.
 
         Raises:
-            DegenerateFeatureError: the feature is undefined for this shape.
+            DegenerateFeatureError: the feature is undefined for the shape in this view.
             FeatureError: the feature was not computed.
         """
         return self.L[self._find_index(name)]

@@ -77,14 +77,14 @@ class Plane(NamedTuple):
 
 
 def point_interaction(points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
-    """Return L of image points (x, y) with the inverse depths 1/Z: d(x, y)/dt = L v.
+    """Return the interaction matrix L of image points (x, y): d(x, y)/dt = L v.
 
     v is the twist of the camera in its own optical frame. This module's docstring contains the
     equations of x' and y'.
 
     Args:
         points: (n, 2) normalised coordinates x = X/Z, y = Y/Z.
-        inverse_depth: (n,) 1/Z of each point, where Z is the depth along the optical axis, 1/m.
+        inverse_depth: (n,) 1/Z of each point, 1/m, where Z is its depth along the optical axis.
 
     Returns:
         (2n, 6) with the rows of x_0, y_0, x_1, ...
@@ -102,7 +102,8 @@ def point_interaction(points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarr
 
 @jit("f8[:,:], f8[:], f8[:,::1]", allocates=False)
 def _write_point_interaction(points, inverse_depth, L):
-    """Write the interaction matrix of points (n, 2) into L (2n, 6), whose elements are 0."""
+    """Write the interaction matrix of points (n, 2) into L (2n, 6), which must contain only zeros.
+    """
     for k in range(len(points)):
         x, y, w = points[k, 0], points[k, 1], inverse_depth[k]
         L[2 * k, 0] = L[2 * k + 1, 1] = -w

@@ -82,8 +82,8 @@ def propagate_line_errors(lines, spread):
         lines: (n, 7) middle x and y, normal x and y, count, length and squares of each line, as in
             FittedLine.
         spread: (2n, 2n) array S to which the result is written. Column k is the change of the
-            points' coordinates (x_0, y_0, x_1, ...) if the error k has the size of its standard
-            deviation. Their covariance is S S^T.
+            intersections' coordinates (x_0, y_0, x_1, ...) if the k-th error has the size of its
+            standard deviation. The covariance of the coordinates is S S^T.
     """
     count = len(lines)
     for i in range(2 * count):

@@ -66,7 +66,7 @@ class DetectedMarker:
 class MarkerChoice:
     """The marker, or the board of markers, that is the target.
 
-    This module's docstring explains the forms of a choice.
+    This module's docstring explains how users choose a marker or a board.
 
     Attributes:
         dictionary: name of the dictionary; '' for any dictionary in SEARCHED_DICTIONARIES.
@@ -164,8 +164,8 @@ class MarkerChoice:
     def draw_marker(self, side: int) -> np.ndarray:
         """Draw the marker as an image of side x side pixels without a white rim.
 
-        Without a dictionary in the choice, the marker is from AprilTag 36h11. Without a number, it
-        is marker 0.
+        If the user chose no dictionary, the marker is from AprilTag 36h11. If the user chose no
+        number, it is marker 0.
 
         Raises:
             VisionError: the dictionary has no marker with this number.

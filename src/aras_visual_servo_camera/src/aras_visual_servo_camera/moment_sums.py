@@ -14,8 +14,8 @@ from .edge_pixels import find_edge_moment
 
 MAX_ORDER = 6
 SIZE = MAX_ORDER + 1
-# Number of samples whose powers are computed together, a power of two. Blocks of 256 samples have
-# 28 KiB of powers, which fit into the fastest cache of a processor.
+# Number of samples whose powers x^i and y^j are computed together; it must be a power of two. The
+# powers of 256 samples take 28 KiB, which fit into the fastest cache of a processor.
 BLOCK = 256
 
 
@@ -130,7 +130,7 @@ def translate(table, dx, dy):
     size = table.shape[0]
     rows, moved = np.zeros((size, size)), np.zeros((size, size))
     for i in range(size):
-        factor = 1.0  # C(i, k) dx^(i-k); it is 1 for k = i, where the loop starts
+        factor = 1.0  # `factor` is C(i, k) dx^(i-k); the loop starts at k = i, where it is 1
         for k in range(i, -1, -1):
             for j in range(size):
                 rows[i, j] += factor * table[k, j]

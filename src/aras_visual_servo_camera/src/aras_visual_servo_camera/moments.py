@@ -361,13 +361,13 @@ def _apply_extent(table: Array, extent: tuple[float, float, float]) -> Array:
 
 @lru_cache(maxsize=4096)
 def _compute_powers(size: int, coverage: bool) -> tuple[Array, Array]:
-    """Compute the powers (size, SIZE) of the coordinates of `size` pixels in a row.
+    """Compute the powers 0 to SIZE - 1 of the coordinates of `size` pixels in a row.
 
     The coordinates are relative to the middle of the row. With `coverage`, the power of a pixel is
     the mean over the pixel, otherwise the value at its centre.
 
     Returns:
-        The powers, and their derivatives.
+        The powers (size, SIZE), and their derivatives (size, SIZE).
     """
     u, k = np.arange(size) - 0.5 * (size - 1), np.arange(SIZE)
     if coverage:

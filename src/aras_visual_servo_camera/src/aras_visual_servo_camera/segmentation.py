@@ -66,7 +66,8 @@ class Segmentation:
         if self.marker and self.method == "label":
             raise SegmentationError("both marker and method 'label' define the pixels of the "
                                     "target: remove one of them")  # fmt: skip
-        if self.marker != "":  # not `if self.marker`: {} is an invalid board and must be rejected
+        # Not `if self.marker`, because the invalid setting {} must be rejected and not ignored.
+        if self.marker != "":
             from .markers import MarkerChoice
 
             try:

@@ -183,8 +183,9 @@ def segment(
         grey: (rows, columns) uint8 image.
         settings: method, rule for the component, and their parameters.
         colour: (rows, columns, 3) RGB image, for the methods 'colour' and 'nearest_colour'.
-        previous_centre: (column, row) of the target in the last image, for the component 'nearest'.
-        component_mask: (rows, columns) mask image, for the component 'mask'.
+        previous_centre: (column, row) of the target in the last image, for the rule 'nearest'.
+        component_mask: (rows, columns) image whose nonzero pixels mark the target, for the rule
+            'mask'.
         target_mask: (rows, columns) 255 on the target, 0 elsewhere, for the method 'label'.
 
     Raises:
@@ -276,7 +277,7 @@ def _count_components(mask: Mask) -> int:
     Counting the outer contours takes a tenth of the time that labelling of the pixels would take.
     """
     _, hierarchy = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE)
-    # outer contours have no parent (-1), contours of holes have one
+    # count the outer contours, which have no parent (-1), unlike the contours of holes
     return int((hierarchy[0, :, 3] < 0).sum())
 
 
@@ -295,8 +296,9 @@ def _choose_component(
         mask: (rows, columns) 255 for the pixels of target colour.
         box: bounding box of these pixels.
         settings: rule for the component and its parameters.
-        previous_centre: (column, row) of the target in the last image, for 'nearest'.
-        component_mask: (rows, columns) mask image, for 'mask'.
+        previous_centre: (column, row) of the target in the last image, for the rule 'nearest'.
+        component_mask: (rows, columns) image whose nonzero pixels mark the target, for the rule
+            'mask'.
 
     Returns:
         The mask of the component, its bounding box, and the number of all components.

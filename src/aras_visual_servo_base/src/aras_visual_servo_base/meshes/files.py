@@ -187,7 +187,7 @@ def write_obj(meshes: tuple[Mesh, ...], path: str) -> None:
 def _read_obj(data: bytes, folder: Path, states: dict[Path, _State | None]) -> list[Mesh]:
     """Read one mesh for each material in each group.
 
-    The normals of the file are used if all corners of the mesh have one.
+    The normals of the file are used if the file contains a normal for each corner of the mesh.
     """
     elements: dict[str, list[list[float]]] = {"v": [], "vt": [], "vn": []}
     faces: dict[tuple[int, str], list[list[tuple[int, ...]]]] = {}

@@ -105,7 +105,7 @@ class Mesh:
         low, high = self.positions.min(axis=0), self.positions.max(axis=0)
         if (point < low).any() or (point > high).any():
             return False
-        # direction of the ray; typical objects have no edge parallel to it
+        # direction of a ray from the point; typical objects have no edge parallel to it
         direction = np.array([0.5773, 0.5411, 0.6119])
         a, b, c = self.positions[self.triangles].astype(float).transpose(1, 0, 2)
         e1, e2, to = b - a, c - a, point - a
@@ -181,7 +181,7 @@ def from_indices(index: np.ndarray, v: np.ndarray, vt: np.ndarray, vn: np.ndarra
     mapped = bool(len(vt)) and (index[..., 1] >= 0).all()
     textured = texture is not None and mapped
     if textured:
-        # a texture that is too large is reported now, and not when it is rendered
+        # raise the error about a texture that is too large now, and not when it is rendered
         read_image_size(texture)
     else:
         texture = None

@@ -45,7 +45,8 @@ TUKEY_CONSTANT = 4.685  # the weight of a residual is zero beyond this many stan
 INLIER_DISTANCE = 1.0  # px; a measured edge is an inlier if the solid's edge is nearer than this
 # Assumed variance, m^2, of the pose along a motion that the edges do not determine.
 UNOBSERVABLE_VARIANCE = 1e4
-MAD_FACTOR = 1.4826  # ratio of the standard deviation to the median absolute deviation
+# Ratio of the standard deviation to the median absolute deviation, for a normal distribution.
+MAD_FACTOR = 1.4826
 
 
 @jit("f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[:,::1], f8[::1], f8, f8")

@@ -16,9 +16,10 @@ from ..errors import ModelError
 # Corners of triangles are merged if their distance is smaller than this fraction of the mesh's
 # size.
 WELD_TOLERANCE = 1e-6
-# If the normals of two faces differ by less than CREASE_ANGLE, the faces belong to a smooth
-# surface, such as a cylinder. Their common edge is then visible only on the outline. If the normals
-# differ by less than FLAT_ANGLE, the faces are one flat face, and the edge is never visible.
+# If the normals of two neighbouring faces differ by less than CREASE_ANGLE, the faces belong to a
+# smooth surface, such as that of a cylinder. Their common edge is then visible only where it is on
+# the outline of the solid. If the normals differ by less than FLAT_ANGLE, the common edge is never
+# visible.
 CREASE_ANGLE, FLAT_ANGLE = np.radians(35.0), 1e-4
 # A mesh is probably not in metres if its longest side, m, is outside this range.
 MIN_SIZE, MAX_SIZE = 2e-3, 5.0

@@ -1,4 +1,4 @@
-"""Sample points on the edges of a solid that are visible from a pose of the camera."""
+"""Selection of points on those edges of a solid that are visible to the camera."""
 
 from __future__ import annotations
 

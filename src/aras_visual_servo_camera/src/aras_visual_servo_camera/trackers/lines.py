@@ -33,7 +33,8 @@ class LineTracker(EdgeTracker):
     is_numbered = False
 
     def find_normalised(self, grey: NDArray[np.uint8], camera: CameraModel) -> np.ndarray:
-        """Find the intersections (4, 2), normalised, sorted by their angle about their mean."""
+        """Find the intersections (4, 2) of the lines, normalised, sorted by angle about their mean.
+        """
         scale = camera.pinhole.fx  # px of the undistorted image per normalised length of 1
         rough, width = self._find_rough_corners(grey, camera, scale)
         lines = []

@@ -26,8 +26,8 @@ def _across(outline_of_inset, inner: float, outer: float, bevel: float = 0.0) ->
     """Build a plate normal to a joint axis (y) with a bevelled outer edge.
 
     outline_of_inset: function that returns the plate's outline (x, z), shrunk by an inset, m.
-    inner, outer: positions of the plate's two faces along y, m. bevel: inset of the outline at the
-    outer face, and length of the bevel along y, m.
+    inner, outer: positions of the plate's two faces along y, m.
+    bevel: inset of the outline at the outer face, and length of the bevel along y, m.
     """
     sections = [(outline_of_inset(0.0), inner), (outline_of_inset(0.0), outer - bevel)]
     if bevel:

@@ -60,8 +60,8 @@ def undistort_points(xd, yd, D, tilt, is_tilted, largest_radius, out, valid):
     """Invert the distortion of n points by Newton's method.
 
     The distorted radius increases with the undistorted radius only up to a certain radius. A root
-    beyond this radius is wrong. It is detected by `largest_radius`, or because the determinant or
-    the trace of the Jacobian is not positive.
+    beyond this radius is wrong. A wrong root is recognised because its undistorted radius is above
+    `largest_radius`, or because the determinant or the trace of the Jacobian is not positive.
 
     Args:
         xd, yd: (n,) distorted coordinates, normalised.

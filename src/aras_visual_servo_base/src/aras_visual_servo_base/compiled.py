@@ -134,9 +134,9 @@ def jit(signature: str, allocates: bool = True) -> Callable[[Callable], Compiled
             function is compiled without reference counting and is faster.
     """
     def compile_function(function: Callable) -> CompiledFunction:
-        # `no_cfunc_wrapper`: no other language calls the function. `_nrt`, a private option of
-        # Numba, disables reference counting, which would take 28 % more processor time in a step of
-        # the simulated arm.
+        # No other language calls the function (`no_cfunc_wrapper`). Reference counting, which only
+        # the private option `_nrt` of Numba can disable, would increase the processor time of a
+        # step of the simulated arm by 28 %.
         made = CompiledFunction(function, partial(_compile, function, signature, {
             "nogil": True, "error_model": "numpy", "_nrt": allocates, "no_cfunc_wrapper": True,
         }))  # fmt: skip
@@ -253,7 +253,7 @@ def warn_uncached(reason: str) -> None:
 
 
 def column(number: int) -> property:
-    """Return a property that reads the element with this index from the object's array `row`."""
+    """Return a property that reads and writes element `number` of the object's array `row`."""
 
     def read(self: object) -> float:
         return self.row.item(number)

@@ -2,9 +2,9 @@
 
 `a_T_b` maps coordinates in b to a, and `a_R_b` maps directions. Lengths are in m, angles in rad.
 Quaternions are (x, y, z, w) with unit length. Poses have two representations: the class `Pose`,
-which contains tuples of floats, and NumPy arrays (4, 4). `Pose` is faster for single poses in a 1
-kHz loop. Arrays are for products with Jacobians and points. The functions before LINK_R_OPTICAL use
-tuples, those after it use arrays.
+which contains tuples of floats, and NumPy arrays (4, 4). `Pose` is faster for single poses in a
+fast loop. Arrays are for products with Jacobians and points. The functions before LINK_R_OPTICAL
+use tuples, those after it use arrays.
 """
 
 from __future__ import annotations

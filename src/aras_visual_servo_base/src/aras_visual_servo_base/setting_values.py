@@ -23,7 +23,7 @@ _TYPE_NAMES = {
 }  # fmt: skip
 # Numbers such as 1e1 and -.5, which are numbers in YAML 1.2 but texts in YAML 1.1.
 _TEXT_NUMBER = re.compile(r"[-+]?(\.\d+([eE][-+]?\d+)?|\d+(\.\d*)?[eE][-+]?\d+)", re.ASCII)
-_PLAIN_TYPES = {float, int, str, bool, type(None)}  # types of the numbers and texts in files
+_PLAIN_TYPES = {float, int, str, bool, type(None)}  # types of single values in a settings file
 LONGEST_VALUE = 200  # largest number of characters of a setting's value in an error message
 
 
@@ -103,9 +103,8 @@ def check_value(value: Any, where: str, fault: Fault, rules: Mapping[str, Any]) 
                 raise fault(f"{where} is {value}, must be {sign} {bound:g}{text}")
 
 
-# Users often give a number in the wrong unit. For each unit in which a setting is defined: the unit
-# that they often use instead, and the size of this other unit in the defined unit. If a number is
-# too large, the message suggests this mistake.
+# Units that users confuse. For each correct unit of a setting: the wrong unit, and the size of the
+# wrong unit in the correct one. If a number is too large, the message suggests this mistake.
 _COMMON_UNIT_MISTAKES = {"rad": ("degrees", math.pi / 180.0), "s": ("ms", 1e-3)}
 _BOUNDS = (
     ("least", ">=", lambda value, bound: value >= bound),

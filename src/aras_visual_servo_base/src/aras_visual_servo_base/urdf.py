@@ -334,8 +334,8 @@ def _read_limits(element: Element, kind: str, where: str) -> JointLimits | None:
     upper = parse_number(node.get("upper"), f"{where}: limit upper", 0.0)
     if bounded and lower > upper:
         raise DescriptionError(f"{where}: limit lower {lower} is above upper {upper}; swap them")
-    # `required` is the default: infinity for continuous joints, whose effort and velocity limits
-    # are optional; None makes the limits of other joints required
+    # default of the effort and velocity limits: infinity for a continuous joint; for other joints
+    # None, which means that the limits are required
     required = None if bounded else math.inf
     effort = parse_number(node.get("effort"), f"{where}: limit effort", required)
     velocity = parse_number(node.get("velocity"), f"{where}: limit velocity", required)

@@ -1,7 +1,7 @@
 """Changes of robot descriptions.
 
-A camera is moved, also to the pose of a hand-eye calibration, or the friction of the joints is
-removed.
+The functions move a camera, mount it at the pose of a hand-eye calibration, or remove the friction
+of the joints.
 """
 
 from __future__ import annotations
@@ -55,8 +55,8 @@ def check_optical(calibration: HandEyeCalibration) -> None:
 def mount_camera(urdf: str, calibration: HandEyeCalibration, link: str, camera_frame: str) -> str:
     """Return a robot description (URDF) whose camera has the pose of a hand-eye calibration.
 
-    The camera link, and with it all links that it carries, is moved to this pose. Its name follows
-    from the name of the optical frame: for `camera_optical_frame`, it is `camera_link`. If the
+    The camera link is moved, and all links that it carries move with it. The name of the camera
+    link follows from that of the optical frame: `camera_link` for `camera_optical_frame`. If the
     description does not contain the camera link or the optical frame, they are added. The optical
     frame is not added if a camera sensor of the camera link defines it.
 

@@ -34,9 +34,9 @@ OUTLINE_SAMPLES = 128  # number of points at which an outline is compared with a
 # Rms error of a corner, px, in addition to the error predicted by the line fits. It was measured on
 # 840 quadrilaterals with a width of 12 to 180 px and noise of up to 5 grey levels.
 CORNER_ACCURACY = 0.022
-# The outline is rejected if a corner is farther from the corresponding corner of the model, after
-# the model is fitted to the corners, than one pixel plus this fraction of the outline's radius (rms
-# distance of its points from their mean).
+# Largest accepted distance between a corner of the outline and the corresponding corner of the
+# fitted model: one pixel plus this fraction of the outline's radius (rms distance of its points
+# from their mean).
 MAX_CORNER_DISTANCE = 0.1
 
 

@@ -62,8 +62,8 @@ def locate_edge(weights, edge, found):
         covered = 0.0
         for k in range(STEPS + 1):
             at = k * STEP - REACH
-            # Bilinear interpolation between pixels; beyond the image's border, the coverage is
-            # constant. Positions have single precision, as in cv2.remap.
+            # Bilinear interpolation between pixels. Beyond the border of the image, the values of
+            # the border continue. Positions have single precision, as in cv2.remap.
             x, y = np.float32(u + nx * at), np.float32(v + ny * at)
             x0, y0 = int(np.floor(x)), int(np.floor(y))
             a, b = x - np.float32(x0), y - np.float32(y0)

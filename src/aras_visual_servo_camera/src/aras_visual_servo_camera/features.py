@@ -130,10 +130,10 @@ class FeatureSet:
 
 
 class _Node(NamedTuple):
-    """A feature, and the names of the moments and denominators in its formula.
+    """Formula of one feature, and the quantities from which the feature is computed.
 
-    A leaf is a quantity that has no formula, such as a moment. `_make_node` caches the node of each
-    name.
+    `leaves` are the names of quantities that have no formula, such as moments. `denominators` are
+    formulas that must not be zero.
     """
 
     # Formula of the feature; None for a quantity without formula, such as a moment.
@@ -448,7 +448,7 @@ class _View:
         return self.evaluate((name,), tuple(sorted(_make_node(name).leaves)))[0][0]
 
     def _get_leaf(self, name: str) -> float:
-        """Return the value of a quantity without formula: a raw moment, or alpha_full."""
+        """Return the value of a moment, or of alpha_full; these quantities have no formula."""
         moments = self.moments
         if moment := _parse_moment(name):
             return moments.m(*moment[1:])

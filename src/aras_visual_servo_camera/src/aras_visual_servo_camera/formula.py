@@ -69,9 +69,9 @@ class CompiledFormulas:
         self.used_leaves: set[str] = set()
         self._find_formula, self._same_slope = find_formula, same_slope
         self._lines: list[str] = []
-        # For each name of a formula or a variable: the name of its value in the generated source;
-        # and for each leaf (variable without formula), the name of the derivative with respect to
-        # the leaf.
+        # For each formula or variable: the variable of the generated source that contains its
+        # value; and for each leaf (variable without formula), the variable of the source that
+        # contains the derivative with respect to the leaf.
         self._local_names: dict[str, tuple[str, dict[str, str]]] = {}
         found = [self._get_locals(name) for name in names]
         values = _format_tuple(value for value, _ in found)
@@ -109,7 +109,8 @@ class CompiledFormulas:
         arguments = [self._get_locals(name) for name in formula.names]
         variable = f"_{len(self._local_names)}"
         partials = [f"{variable}_{k}" for k in range(len(arguments))]
-        # In the formula, replace each name by the name of its value in the generated source.
+        # In the formula, replace each name by the variable of the generated source that contains
+        # its value.
         local_values = {
             name: value for name, (value, _) in zip(formula.names, arguments, strict=True)
         }

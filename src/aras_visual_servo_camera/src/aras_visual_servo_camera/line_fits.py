@@ -19,10 +19,10 @@ from aras_visual_servo_base.compiled import jit
 
 from .polygons import Array
 
-# Weight of the average over all lines, if the variance of the points of one line is estimated. The
-# weight of its own points is their number of degrees of freedom. Its own points alone give too
-# small a variance if they are few, or if the line is parallel to the image rows or columns, where
-# all points have nearly the same error.
+# The variance of a line's points is estimated as a weighted mean: the average variance over all
+# lines has this weight, the variance of the line's own points has the weight of their degrees of
+# freedom. The latter alone is too small if the points are few, or if the line is parallel to the
+# image rows or columns, where all points have nearly the same error.
 SHARED_ERROR = 6.0
 PARALLEL = 0.05  # two lines are parallel if the sine of their angle is below this value
 

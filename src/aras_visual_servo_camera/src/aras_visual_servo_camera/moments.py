@@ -7,8 +7,8 @@ therefore depend only on the scene and the pose, not on the lens or the resoluti
 
 Every constructor first computes the moments about a point near the shape, and then translates them
 to the centre of gravity (mu) and to the optical axis (m). If the moments were computed about the
-optical axis, cancellation would increase the relative error of mu_ij by the factor (distance /
-size)^(i+j), where `distance` is the shape's distance from the axis.
+optical axis, cancellation would increase the relative error of mu_ij by the factor
+(distance / size)^(i+j), where `distance` is the shape's distance from the axis.
 
 In flat arrays and in the ImageMoments message, moments are in the exchange order: by i + j, and
 then by j, i.e. m00, m10, m01, m20, m11, m02, m30, ...

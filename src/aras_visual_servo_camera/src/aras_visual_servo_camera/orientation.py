@@ -84,7 +84,7 @@ def full_alpha(moments: Moments, alpha: float, plane: Plane, reference: Orientat
 
 
 def _pack_view(moments: Moments, plane: Plane) -> tuple[Array | float, ...]:
-    """Return the arguments that describe a view to compiled functions, as in VIEW_SIGNATURE."""
+    """Return the arguments of compiled functions that describe a view; see VIEW_SIGNATURE."""
     shrinking = 3.0 if moments.kind == DENSE else 0.0
     return moments.centred, *plane, moments.xg, moments.yg, shrinking
 
@@ -196,8 +196,8 @@ def _compute_plane_moments(centred, A, B, C, xg, yg, shrinking):
 def compute_upright_moments(centred, A, B, C, xg, yg, shrinking):
     """Compute the centred moments up to order 3 that a camera along the plane's normal measures.
 
-    Let d be the offset of an image point from the centre of gravity, Zg the depth there, and e = Zg
-    (A, B). In the plane, this offset is G d / (1 + e.d), with the matrix G of `_compute_plane_map`;
+    Let d be the offset of an image point from the centre of gravity, Zg the depth there, and
+    e = Zg (A, B). In the plane, this offset is G d / (1 + e.d), with the matrix G of `_compute_plane_map`;
     the element of a region's area is divided by (1 + e.d)^3. The powers of 1 + e.d are expanded up
     to the order of the given moments. The relative error is about (rg |e|)^(order - 2), where rg is
     the radius of gyration.

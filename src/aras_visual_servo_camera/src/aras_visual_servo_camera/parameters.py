@@ -37,8 +37,8 @@ class VisionParameters:
     """Private parameters of the node; the package's README explains each of them.
 
     Attributes:
-        mask_image: image file whose nonzero pixels mark the target, for component: mask; '' for
-            none.
+        mask_image: image file whose nonzero pixels mark the target, for the setting `component:
+            mask`; '' for none.
         desired_outline: x, y of the corners of the desired outline, normalised, for the overlay.
         log_period: minimum wall time between two log lines of the same kind, s.
     """

@@ -91,7 +91,7 @@ class Segmentation:
 
     @property
     def image_kinds(self) -> tuple[str, ...]:
-        """Kinds of images that the segmentation needs at each time: 'image', 'labels'."""
+        """Kinds of images that the segmentation needs for each measurement: 'image', 'labels'."""
         return ("image", "labels") if self.method == "label" else ("image",)
 
 

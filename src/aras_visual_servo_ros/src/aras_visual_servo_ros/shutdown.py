@@ -27,7 +27,7 @@ _started = threading.Event()
 _started.set()
 # part of the error message with which rospy refuses to publish after shutdown
 CLOSED_TOPIC_MESSAGE = "publish() to a closed topic"
-# Parameter whose changes rospy subscribes to when a node logs its first message.
+# Parameter to which rospy subscribes when a node logs its first message.
 SUBSCRIBED_PARAMETER = "/rosout_disable_topics_generation"
 
 

@@ -181,7 +181,7 @@ def from_indices(index: np.ndarray, v: np.ndarray, vt: np.ndarray, vn: np.ndarra
     mapped = bool(len(vt)) and (index[..., 1] >= 0).all()
     textured = texture is not None and mapped
     if textured:
-        # raise the error about a texture that is too large now, and not when it is rendered
+        # if the texture is too large, raise the error now, and not when it is rendered
         read_image_size(texture)
     else:
         texture = None

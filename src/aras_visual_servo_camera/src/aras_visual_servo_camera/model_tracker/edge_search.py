@@ -116,9 +116,11 @@ def measure_edges(grey, pixel, normal, room, expected_levels, min_change, tolera
         noise: rms noise of a pixel, grey levels.
 
     Returns:
-        (n, 4) with the columns 0: distance of the edge along the normal, px; 1, 2: grey levels on
-        the side of the normal and on the other side; 3: variance of the distance due to noise,
-        px^2. All four are NaN if no edge is measured.
+        (n, 4) with the columns
+            0: distance of the edge along the normal, px;
+            1, 2: grey levels on the side of the normal and on the other side;
+            3: variance of the distance due to noise, px^2.
+        All four are NaN if no edge is measured.
     """
     rows, columns = grey.shape
     found = np.full((len(pixel), 4), np.nan)

@@ -31,8 +31,8 @@ from aras_visual_servo_base.compiled import jit, jit_inline
 
 MAX_ITERATIONS = 6  # largest number of Gauss-Newton steps
 CONVERGED_CHANGE = 0.01  # px; the iteration stops if a step moves the edges by less than this
-# After each step, the lower limit of Tukey's scale is multiplied by this factor, until it reaches
-# the limit of the last step.
+# After each step, the lower limit of the scale of Tukey's function is multiplied by this factor,
+# until it reaches the limit of the last step.
 SCALE_REDUCTION = 0.3
 # Largest step, in radii of the solid, of a motion that the edges do not determine; damping limits
 # the step to about this length. The edges do not determine a motion if its standard deviation is
@@ -65,8 +65,8 @@ def build_edge_equations(
             candidate nearest to the projected point is used.
         weight: (n,) weight of each point.
         T: (4, 4) camera_T_solid.
-        origin: (3,) o, the centre of the rotation w in the camera's frame, m. unit: u, the length
-            by which angles are multiplied, m.
+        origin: (3,) o, the centre of the rotation w in the camera's frame, m.
+        unit: u, the length by which angles are multiplied, m.
         min_scale: lower limit of the scale of Tukey's function, px.
 
     Returns:
@@ -155,8 +155,8 @@ def _is_inside_triangle(x, y, z, a, b, c, n):
 def build_surface_equations(vertices, faces, normals, measured_points, T, origin, unit, min_scale):
     """Build the normal equations A (v, w) = b of the points of a depth image.
 
-    A residual is the distance (m) of a point from the face on its ray. It is weighted by the
-    inverse variance of the residuals, 1/m^2, times Tukey's function.
+    A residual is the distance (m) of a point from the solid's face that the ray of its pixel hits.
+    It is weighted by the inverse variance of the residuals, 1/m^2, times Tukey's function.
 
     Args:
         vertices, faces, normals: fields of Solid.
@@ -223,7 +223,7 @@ def build_surface_equations(vertices, faces, normals, measured_points, T, origin
 
 @jit("f8[:,::1], f8[::1], f8[::1]", allocates=False)
 def _remove_motion(A, b, free_motion):
-    """Change the normal equations A (v, w) = b so that the solution does not contain a motion.
+    """Change the normal equations A (v, w) = b so that the solution is orthogonal to `free_motion`.
 
     free_motion: (6,) unit vector (v, w) of a motion that leaves the solid's surface unchanged.
     """
@@ -287,8 +287,9 @@ def fit_pose(solid_points, image_points, gain, edge_offsets, weight, T, first_sc
         T: (4, 4) initial camera_T_solid.
         first_scale, last_scale: lower limit of the scale of Tukey's function in the first and in
             the last step, px.
-        middle: (3,) middle of the solid in its own frame, m. Rotations w are about this point.
-        radius: radius of the solid, m. Angles are multiplied by it, so that w is a length.
+        middle: (3,) middle of the solid in its own frame, m. Rotations are about this point.
+        radius: radius of the solid, m. Angles are multiplied by it, so that all unknowns are
+            lengths.
         free_motions: (k, 6) motions that leave the solid's surface unchanged, one in each row. The
             pose is not changed along these motions.
         vertices, faces, normals: fields of Solid.
@@ -369,11 +370,12 @@ def assess_pose(residuals, weight, A, free_motion_count, radius):
         radius: radius of the solid, m.
 
     Returns:
-        The number of inliers, whose residuals are below INLIER_DISTANCE; the rms of their
-        residuals, px; the ratio of their measured variance to the expected variance, at least 1;
-        the covariance (6, 6) of the pose's error (m, rad) about the solid's middle; whether there
-        is a motion that changes the position of the solid's surface, but that the edges do not
-        determine.
+        The number of inliers, whose residuals are below INLIER_DISTANCE;
+        the rms of the inliers' residuals, px;
+        the ratio of the measured to the expected variance of these residuals, at least 1;
+        the covariance (6, 6) of the pose's error (m, rad) about the solid's middle;
+        whether there is a motion that changes the position of the solid's surface, but that the
+        edges do not determine.
     """
     count, squares, weighted = 0, 0.0, 0.0
     for n in range(len(residuals)):

@@ -23,8 +23,9 @@ WELD_TOLERANCE = 1e-6
 CREASE_ANGLE, FLAT_ANGLE = np.radians(35.0), 1e-4
 # A mesh is probably not in metres if its longest side, m, is outside this range.
 MIN_SIZE, MAX_SIZE = 2e-3, 5.0
-# A motion leaves the surface unchanged if its eigenvalue, divided by the largest eigenvalue, is
-# below this value. An eigenvalue is the mean square of the velocity normal to the surface.
+# A motion leaves the surface unchanged if it moves the surface very little along the surface's
+# normals: the mean square of this velocity, divided by that of the motion with the largest value,
+# must be below this limit.
 FREE_MOTION_TOLERANCE = 1e-4
 # Triangles are dropped if their area is smaller than this fraction of the square of the mesh's
 # size.

@@ -47,7 +47,7 @@ class Tracker(ABC):
     """Base class of trackers, which find points of the target in an image.
 
     Schemes use these points as the target's corners. A subclass implements `find`. The user selects
-    it by 'package.module:Class'. Every tracker is a dataclass: its parameters are annotated
+    a subclass by 'package.module:Class'. Every tracker is a dataclass: its parameters are annotated
     attributes, or are declared with unit and bounds by `parameter`.
 
     Attributes:

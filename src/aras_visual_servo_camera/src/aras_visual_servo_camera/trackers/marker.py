@@ -24,8 +24,9 @@ RIM_FITS = 2  # number of times that lines are fitted to the edges of the black 
 RIM_STATIONS = (24, 64)  # smallest and largest number of profiles across an edge of the rim
 RIM_SPACING = 0.5  # distance between two profiles along an edge of the rim, px
 RIM_PART = 0.8  # profiles are taken from this fraction of an edge's length, around its middle
-# Half length of a profile: the larger of 1.5 px and 0.6 cells, but at most RIM_MAX_REACH. The rim
-# is one cell wide, so a profile across its outer edge does not reach its inner edge.
+# Half length of a profile: the larger of 1.5 px and 0.6 cells, but at most RIM_MAX_REACH. With 0.6
+# cells, a profile across the outer edge of the rim, which is one cell wide, does not reach its
+# inner edge.
 RIM_REACH = (1.5, 0.6)
 RIM_MAX_REACH = 8.0  # px
 RIM_STEP = 0.4  # approximate distance between two samples of a profile, px

@@ -145,6 +145,6 @@ def slider() -> list[np.ndarray]:
     parts.append(box(-0.05, 0.05, -0.02, 0.02, 0.024, 0.032))
     # The jaws of the belt clamp hold the lower strand of the belt.
     parts.append(extrude(rectangle(-0.03, 0.03, -0.018, 0.018), -0.0185, -0.006))
-    # Rotate the parts into the frame of the link: its -z, -x and y axes are the x, y and z axes of
-    # the world.
+    # Rotate the parts into the frame of the link. The -z, -x and y axes of this frame are the x, y
+    # and z axes of the world.
     return [np.stack([-p[..., 1], p[..., 2], -p[..., 0]], axis=-1) for p in parts]

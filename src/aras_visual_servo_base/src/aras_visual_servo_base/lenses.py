@@ -108,7 +108,7 @@ def extrapolate_brown(
 
 
 def kannala_brandt(theta: np.ndarray, D: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the radius (n,) in the image for angles theta (n,) from the axis, and its slope.
+    """Return the radius (n,) in the image for angles (n,) to the optical axis, and its slope.
 
     The radius is theta (1 + k1 theta^2 + k2 theta^4 + k3 theta^6 + k4 theta^8), with theta in rad
     and D = (k1, k2, k3, k4). The slope (n,) is its derivative with respect to theta.

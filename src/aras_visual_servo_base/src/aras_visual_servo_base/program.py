@@ -1,4 +1,4 @@
-"""Start of the workspace's programs."""
+"""Functions that start the programs of the workspace."""
 
 from __future__ import annotations
 

@@ -38,5 +38,5 @@ class StampSynchronizer:
         return entry
 
     def clear(self) -> None:
-        """Discard all incomplete exposures."""
+        """Discard the messages of all incomplete exposures."""
         self._pending.clear()

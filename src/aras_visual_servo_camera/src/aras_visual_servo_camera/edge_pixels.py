@@ -3,8 +3,8 @@
 The weight w of a pixel is the fraction of its square that the target covers. If the edge of the
 target is straight and parallel to a side of the square, the middle of the covered part is
 (1 - w) / 2 away from the middle of the square. The first moment of the covered part about the
-middle of the square is thus w (1 - w) / 2. It is directed towards the target, i.e. along the gradient
-of the weights. For an oblique edge, the error of this formula is at most 6 %.
+middle of the square is thus w (1 - w) / 2. It is directed towards the target, i.e. along the
+gradient of the weights. For an oblique edge, the error of this formula is at most 6 %.
 
 If the middle of the square were used instead of the middle of the covered part, all pixels of an
 edge along a row would have the same error, and the errors would add up. The angle of a nearly

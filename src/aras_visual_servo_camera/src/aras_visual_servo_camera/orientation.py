@@ -27,8 +27,8 @@ from .moments import DENSE, Moments
 from .polygons import Array
 
 # A shape is symmetric under half a turn if the norm of its third-order moments, divided by m00
-# rg^3, is below this value. The norm is up to 2e-3 for an image of a rectangle, because of pixels
-# and truncated series, and at least 1e-2 for shapes with a visible direction.
+# rg^3, is below this value. Measured norms: up to 2e-3 in images of rectangles, at least 1e-2 for
+# shapes with a visible direction.
 SYMMETRY_TOLERANCE = 0.003
 # Types of the arguments that describe a view: the centred moments; A, B, C of the plane; xg; yg;
 # and 3 for a region or 0 for a set of points.
@@ -165,7 +165,7 @@ def _compute_plane_moments(centred, A, B, C, xg, yg, shrinking):
     for order in range(min(3, known) + 1):
         k = order + shrinking
         # `projected[b]` is the integral of x^(order-b) y^b / (1 + e.d)^(order + shrinking), with e
-        # = (ex, ey) and d = (x, y).
+        # = (ex, ey) and d = (x, y); `shrinking` is 3 for a region and 0 for points.
         projected = np.zeros(order + 1)
         for b in range(order + 1):
             # Coefficient of t^r in the power series of (1 + t)^-k, which is (-1)^r C(k+r-1, r).
@@ -197,10 +197,10 @@ def compute_upright_moments(centred, A, B, C, xg, yg, shrinking):
     """Compute the centred moments up to order 3 that a camera along the plane's normal measures.
 
     Let d be the offset of an image point from the centre of gravity, Zg the depth there, and
-    e = Zg (A, B). In the plane, this offset is G d / (1 + e.d), with the matrix G of `_compute_plane_map`;
-    the element of a region's area is divided by (1 + e.d)^3. The powers of 1 + e.d are expanded up
-    to the order of the given moments. The relative error is about (rg |e|)^(order - 2), where rg is
-    the radius of gyration.
+    e = Zg (A, B). In the plane, this offset is G d / (1 + e.d), with the matrix G of
+    `_compute_plane_map`; the element of a region's area is divided by (1 + e.d)^3. The powers of
+    1 + e.d are expanded up to the order of the given moments. The relative error is about
+    (rg |e|)^(order - 2), where rg is the radius of gyration.
 
     Args:
         centred: (order+1, order+1) centred moments, mu_ij at [i, j].

@@ -1,4 +1,4 @@
-"""Compile the Numba functions of packages before the first start needs them.
+"""Compile the Numba functions of packages before the first start of a program needs them.
 
     python -m aras_visual_servo_base.compile_packages [--from FOLDER] [--processes N] PACKAGE...
 

@@ -30,7 +30,10 @@ def read_yaml(path: str | Path, fault: type[Exception], what: str = "") -> Any:
 
 
 def read_text(path: str | Path, fault: type[Exception], what: str = "") -> str:
-    """Return the text of a file with settings; see `read_yaml`."""
+    """Return the text of a file with settings.
+
+    The arguments and the errors are those of `read_yaml`.
+    """
     path = Path(path).expanduser()
     cannot = " ".join(filter(None, ("cannot read", what, str(path))))
     try:

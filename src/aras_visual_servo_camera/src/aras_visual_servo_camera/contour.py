@@ -83,7 +83,7 @@ def extract_outline(grey: NDArray[np.uint8], target: SegmentedTarget, camera: Ca
 
 
 def find_corners(outline: Array, max_bend: float = MAX_BEND) -> Array:
-    """Return the corners (n, 2) of a polygon from its outline; see `fit_corners`."""
+    """Return the corners (n, 2) that `fit_corners` computes from the outline of a polygon."""
     return fit_corners(outline, max_bend)[0]
 
 

@@ -77,7 +77,8 @@ def _compute_local_coverage(
         corner: (column, row) of the crop's first pixel.
 
     Returns:
-        The weights, `corner`, bg and fg, as in `compute_coverage`.
+        The weights (rows, columns) of the crop; `corner`; the mean grey levels of the background
+        and of the target in the crop.
     """
     around = cv2.dilate(inside, _make_square(1))
     core = cv2.erode(inside, _make_square(1), borderType=cv2.BORDER_REPLICATE)

@@ -244,7 +244,8 @@ def _compute_centred_rows(centred, A, B, C, xg, yg, order, delta):
         delta: 1 for a region, 0 for a set of points.
 
     Returns:
-        The matrix (2, 6) of xg and yg; and the matrix of the mu_ij, as in `_compute_rows`.
+        The matrix (2, 6) of xg and yg; and the matrix ((order+1)(order+2)/2, 6) of all mu_ij with i
+        + j <= order.
     """
     velocity = image_velocity(A, B, C, xg, yg)
     # About the centre of gravity, m10 = m01 = 0, so the interaction row of xg is that of m10

@@ -178,7 +178,8 @@ class MarkerChoice:
         """Find the chosen marker, or the visible markers of the board, in an image (rows, columns).
 
         Raises:
-            VisionError: no such marker is visible; the message lists other visible markers.
+            VisionError: neither the chosen marker nor a marker of the board is visible; the message
+                lists the markers that are visible.
         """
         other_names: list[str] = []
         for name in (self.dictionary,) if self.dictionary else SEARCHED_DICTIONARIES:

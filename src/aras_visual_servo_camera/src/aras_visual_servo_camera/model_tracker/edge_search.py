@@ -262,8 +262,9 @@ def update_levels(levels, edge, facing, values, residuals, inlier_distance):
     """Update the stored grey levels of the edges with the levels measured at their points.
 
     Args:
-        levels: (E, 2) stored grey levels, as in `predict_levels`. This array is changed.
-        edge, facing: as in `predict_levels`.
+        levels: (E, 2) stored grey levels on both sides of each of the solid's E edges. This array
+            is changed.
+        edge, facing: (n,), (n, 2) `edges` and `are_faces_visible` of EdgePoints.
         values: (n, 4) result of `measure_edges`.
         residuals: (n,) distances of the measured edges from the solid's edges at the fitted pose,
             px.

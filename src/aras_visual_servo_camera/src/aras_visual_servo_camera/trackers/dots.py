@@ -47,7 +47,7 @@ class DotTracker(Tracker):
     count: int = parameter(4, least=1, help="number of dots")
 
     def find(self, grey: NDArray[np.uint8]) -> np.ndarray:
-        """Find the `count` largest dots, as `Tracker.find` does."""
+        """Return the centres (n, 2) of the `count` largest dots in an image, px (column, row)."""
         level, mask = cv2.threshold(grey, 0, 255, cv2.THRESH_BINARY_INV | cv2.THRESH_OTSU)
         found, _, stats, _ = cv2.connectedComponentsWithStats(mask)
         dots = []

@@ -19,8 +19,7 @@ class EdgeTracker(Tracker):
     """Base class of trackers that fit lines; a subclass implements `find_normalised`."""
 
     def find(self, grey: NDArray[np.uint8]) -> np.ndarray:
-        """Find the points (n, 2), px, as `Tracker.find` does, in an image without lens distortion.
-        """
+        """Find the points (n, 2), px, in an image (rows, columns) without lens distortion."""
         rows, columns = grey.shape
         return self.find_normalised(grey, CameraModel(columns, rows, (1, 0, 0, 0, 1, 0, 0, 0, 1)))
 

@@ -243,9 +243,9 @@ class Moments:
             weight: (n,) weight of each sample, such as the area of a pixel.
             order: highest i + j, at most 6.
             kind: 'dense' for a region, 'points' for a set of points.
-            extent: variances (xx, xy, yy) of the coordinates within the area that one sample
-                represents, such as the square of a pixel. They are included to first order. None
-                for samples without extent.
+            extent: variances xx, yy and covariance xy of the coordinates within the area that one
+                sample represents, such as the square of a pixel, as (xx, xy, yy). They are included
+                to first order. None for samples without extent.
 
         Raises:
             MomentsError: the order is not 1 to 6, the arrays do not have the same shape (n,), or
@@ -347,7 +347,8 @@ def _apply_extent(table: Array, extent: tuple[float, float, float]) -> Array:
     """Add the effect of the samples' extent to their moments, to first order.
 
     The effect on m_ij is half of xx d2f/dx2 + 2 xy d2f/dxdy + yy d2f/dy2, summed over the samples
-    with their weights, where f = x^i y^j and (xx, xy, yy) is the extent.
+    with their weights, where f = x^i y^j and (xx, xy, yy) are the variances and the covariance of
+    the extent.
     """
     xx, xy, yy = extent
     k = np.arange(table.shape[0], dtype=float)

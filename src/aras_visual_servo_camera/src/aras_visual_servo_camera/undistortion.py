@@ -52,7 +52,11 @@ class PixelTables(NamedTuple):
     area: Array
 
     def compute_pixel_variance(self, column: int, row: int) -> tuple[float, float, float]:
-        """Compute the variances xx, xy, yy of normalised x and y over the square of one pixel."""
+        """Compute the variances and the covariance of normalised x and y over one pixel.
+
+        Returns:
+            Variance of x, covariance, variance of y.
+        """
         rows, columns = self.area.shape
         c0, c1 = max(column - 1, 0), min(column + 1, columns - 1)
         r0, r1 = max(row - 1, 0), min(row + 1, rows - 1)

@@ -31,7 +31,7 @@ from aras_visual_servo_bench.studies.pools import DaskPool, Pool
 from aras_visual_servo_bench.studies.progress import Progress
 from aras_visual_servo_bench.studies.study import Study
 from aras_visual_servo_bench.studies.study_folder import TIMES, StudyFolder
-from aras_visual_servo_bench.studies.work import limit_threads
+from aras_visual_servo_bench.studies.work import prepare_process
 
 LONG = {"experiment": {"plant": "bullet", "duration": 3.0, "time_after_convergence": None,
                        "start": {"height": [0.15, 0.4], "side": 0.05}}}  # fmt: skip
@@ -95,7 +95,7 @@ def same(one: Path, two: Path) -> bool:
 
 def alone(study: Study, count: int) -> float:
     """Return the processor time of a run without the engine, s: the smallest of `count` runs."""
-    limit_threads()
+    prepare_process()
     best = float("inf")
     for run in range(count):
         began = time.process_time()

@@ -231,7 +231,7 @@ def test_the_plane_comes_from_the_depth_image_where_that_is_asked_for(scheme):
 def test_a_goal_is_not_shown_where_the_target_is_not_in_view(features, scheme):
     away = posed(GOAL @ matrix_from_xyz_rpy((0.5, 0.0, 0.0), (0.0, 0.0, 0.0)))
     aside = flying(scheme=scheme, features=features, goal=away)
-    words = "goal: the target is not in the camera's view: give a goal"
+    words = "goal: the target is not in the camera's view; give a goal"
     if scheme == "luminance" and features == "exact":
         words = "scheme 'luminance' needs images: set features to images"
     for refuse in (check, assemble):

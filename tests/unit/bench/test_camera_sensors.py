@@ -121,7 +121,7 @@ def test_a_stretch_of_steps_sees_what_single_steps_see(robot, preset):
 
 @pytest.mark.parametrize(("keys", "told"), [
     ({"camera": {"effects": {"row_time": 2e-4}}}, "0.048 s in all, must be shorter than"),
-    ({"camera": {"effects": {"exposure_time": 0.05}}}, "exposure_time 0.05 s: must be shorter"),
+    ({"camera": {"effects": {"exposure_time": 0.05}}}, "exposure_time 0.05 s must be shorter"),
     ({"camera": {"effects": {"row_time": 1e-5}}, "plant": "ideal"}, "exposes the whole image at "
                                                                     "one"),
     ({"camera": {"effects": {"sensor": {"gain": 1.0}}}}, "full_well is missing"),

@@ -139,9 +139,9 @@ def test_an_unknown_figure_gets_the_list(short: Run) -> None:
     with pytest.raises(BenchError, match="did you mean 'features'") as error:
         short.plot("feature")
     assert all(name in str(error.value) for name in FIGURES)
-    with pytest.raises(BenchError, match="figure 'filmstrip': it needs stored images"):
+    with pytest.raises(BenchError, match="figure 'filmstrip', which needs stored images"):
         short.plot("filmstrip")
-    with pytest.raises(BenchError, match="'features': it needs a single run with images"):
+    with pytest.raises(BenchError, match="'features', which needs a single run with images"):
         without_measurements(short).plot("features")
 
 

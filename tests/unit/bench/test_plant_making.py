@@ -9,11 +9,13 @@ import pytest
 from aras_sim_bridge.camera.config import derive_seed
 from aras_sim_bridge.camera.effects import Effects
 from aras_sim_bridge.camera.vibration import Vibration
+from aras_visual_servo_base.memory import ByteLimitedCache
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.experiment import cameras
 from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.plants.imaging import capture
+from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_bench.setup.dynamic_arm_setup import (
     find_mounted_targets,
     take_first_images,
@@ -21,6 +23,7 @@ from aras_visual_servo_bench.setup.dynamic_arm_setup import (
 from aras_visual_servo_bench.setup.goal_teaching import needs_images, teach_goal
 from aras_visual_servo_bench.setup.imaging_setup import make_imaging_settings
 from aras_visual_servo_bench.setup.read_context import read_context
+from aras_visual_servo_bench.studies.study import Study
 from aras_visual_servo_bench.targets.textures import TexturedTarget
 from aras_visual_servo_controller.observation.frame import Frame
 from aras_visual_servo_controller.observation.observation import Need
@@ -267,3 +270,22 @@ def test_a_described_target_has_the_size_of_its_corners():
     taught(seen_larger)
     other = views(MOMENTS, label="target")  # it is not described
     taught(other, size=1.06)
+
+
+def test_runs_of_a_study_share_the_images_of_their_goals():
+    """A goal is rendered again only for a run whose goal looks different."""
+    study = Study.from_mapping({
+        "experiment": {"plant": "bullet", "scheme": "points", "noise": 3.0, "target": FLAT,
+                       "start": {"height": [0.15, 0.4]}},
+        "cases": [{}, {"gain": 2.0}, {"target.size": [0.06, 0.05]}],
+    })  # fmt: skip
+    sizes = []
+    images = ByteLimitedCache(10**8, lambda frames: sizes.append(len(frames)) or 1)
+    for run, count in enumerate((1, 1, 3)):  # the size of both is computed to add the second
+        parts = assemble(study.make_experiment(run), goal_images=images)
+        alone = assemble(study.make_experiment(run))
+        for made in (parts, alone):
+            made.plant.close()
+        assert parts.goal.features == alone.goal.features
+        np.testing.assert_array_equal(parts.plant.read_joints()[0], alone.plant.read_joints()[0])
+        assert len(sizes) == count

@@ -249,7 +249,7 @@ def test_each_joint_has_one_controller_of_one_kind(made):
     assert made().find_controllers(("a_j",)) == ({"a_j": "first"}, "position")
     assert made({"controllers": ("fast",)}).find_controllers(("b_j",))[1] == "velocity"
     for controllers, joints, why in (
-        (("frst",), ("a_j",), "robot.controllers: 'frst' is not in .*did you mean 'first'"),
+        (("frst",), ("a_j",), "names 'frst', which is not in .*did you mean 'first'"),
         (("first", "both"), ("a_j", "b_j", "c_j"), "no single-joint controller for b_j, c_j"),
         (
             ("first", "fast"),

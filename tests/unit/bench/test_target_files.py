@@ -325,7 +325,12 @@ def test_every_word_of_the_command_counts(tmp_path, capsys):
 
 # -- the launch files' script ----------------------------------------------------------------------
 
-SCRIPT = runpy.run_path(str(GAZEBO / "scripts" / "target_description"))
+SCRIPT = runpy.run_path(str(GAZEBO.parent / "aras_visual_servo_bench/scripts/target_description"))
+SHIPPED = {path.stem: path for path in (GAZEBO / "targets").glob("*.urdf")}
+
+
+def describe(target, size, folder):
+    return SCRIPT["describe"](target, SHIPPED, size, folder)
 
 
 @pytest.fixture
@@ -344,7 +349,7 @@ def outlines(monkeypatch):
 def test_a_picture_by_its_path_is_a_plane_of_that_size(tmp_path):
     picture = tmp_path / "mine.png"
     cv2.imwrite(str(picture), np.full((20, 30), 90, np.uint8))
-    text = SCRIPT["describe"](str(picture), (0.3, 0.2), tmp_path / "made")
+    text = describe(str(picture), (0.3, 0.2), tmp_path / "made")
     assert parse_urdf(text).static
     lines = next((tmp_path / "made").rglob("*.obj")).read_text().split("\n")
     corners = np.array([line.split()[1:] for line in lines if line.startswith("v ")], float)
@@ -354,7 +359,7 @@ def test_a_picture_by_its_path_is_a_plane_of_that_size(tmp_path):
 def test_an_outline_by_its_path_is_a_polygon_of_that_size(tmp_path, outlines):
     outline = tmp_path / "mine.svg"
     outline.write_text('<svg><polygon points="0,0 40,0 40,20 20,20 20,40 0,40"/></svg>')
-    text = SCRIPT["describe"](str(outline), (0.3, 0.2), tmp_path / "made")
+    text = describe(str(outline), (0.3, 0.2), tmp_path / "made")
     assert parse_urdf(text).static
     lines = next((tmp_path / "made").rglob("*.obj")).read_text().split("\n")
     corners = np.array([line.split()[1:] for line in lines if line.startswith("v ")], float)
@@ -366,18 +371,18 @@ def test_an_outline_without_what_makes_it_is_told(tmp_path, monkeypatch):
     (tmp_path / "mine.svg").write_text("<svg/>")
     monkeypatch.setitem(SCRIPT["make"].__globals__, "MAKER", ("/no/such/program",))
     with pytest.raises(ValueError, match="needs /no/such/program, which makes its mesh"):
-        SCRIPT["describe"](str(tmp_path / "mine.svg"), (0.1, 0.1), tmp_path)
+        describe(str(tmp_path / "mine.svg"), (0.1, 0.1), tmp_path)
 
 
 def test_a_name_comes_as_it_ships_or_in_another_size(tmp_path, outlines):
     shipped = (GAZEBO / "targets" / "poster.urdf").read_text()
-    assert SCRIPT["describe"]("poster", None, tmp_path) == shipped
-    assert parse_urdf(SCRIPT["describe"]("circle", (0.04, 0.06), tmp_path)).static
+    assert describe("poster", None, tmp_path) == shipped
+    assert parse_urdf(describe("circle", (0.04, 0.06), tmp_path)).static
     lines = next(tmp_path.rglob("*.obj")).read_text().split("\n")
     corners = np.array([line.split()[1:] for line in lines if line.startswith("v ")], float)
     assert np.ptp(corners, axis=0) == pytest.approx([0.04, 0.06, 0.0])
     with pytest.raises(ValueError, match="'aras' has one size"):
-        SCRIPT["describe"]("aras", (0.1, 0.1), tmp_path)
+        describe("aras", (0.1, 0.1), tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -391,7 +396,7 @@ def test_what_cannot_be_a_target_is_told(given, told, tmp_path, outlines):
     (tmp_path / "a.svg").write_text("<svg/>")
     (tmp_path / "b.SVG").write_text("no tree at all")
     with pytest.raises(ValueError, match=told):
-        SCRIPT["describe"](given.format(tmp_path), (0.1, 0.1), tmp_path)
+        describe(given.format(tmp_path), (0.1, 0.1), tmp_path)
 
 
 def test_a_picture_too_large_is_told_before_anything_is_written(tmp_path, monkeypatch, capsys):

@@ -113,7 +113,7 @@ def test_what_is_no_longer_than_noise_is_no_reversal():
 
 def test_the_loudest_of_the_later_half_is_looked_at():
     ringing = zigzag(0, 9, 0, 9, 0, 9)
-    assert rings(ringing, lambda t: 50.0 * (t < 0.5)) is not None
+    assert rings(ringing, lambda t: 50.0 * (t < 0.7)) is not None
     assert rings(ringing, lambda t: 50.0 * (t > 1.2)) is None  # that one makes a single step
     assert rings(ringing, lambda t: 8.0 * (t > 1.2)) is not None
 

@@ -185,9 +185,9 @@ def test_a_class_of_a_module_is_checked(tmp_path: Path, monkeypatch: pytest.Monk
 
 
 def test_a_feature_of_images_needs_a_function() -> None:
-    with pytest.raises(ConfigurationError, match="luminance needs image: give observe"):
+    with pytest.raises(ConfigurationError, match="luminance needs image: pass as observe"):
         check_interaction_matrix(FEATURES.create("luminance"))
-    with pytest.raises(ConfigurationError, match="reads cameras by name: give observe"):
+    with pytest.raises(ConfigurationError, match="reads cameras by name: pass as observe"):
         check_interaction_matrix(FEATURES.create("stereo_points"))
 
 

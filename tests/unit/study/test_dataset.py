@@ -231,11 +231,11 @@ def test_first_keeps_a_view_of_each_start():
 
 
 @pytest.mark.parametrize(("changes", "complaint"), [
-    ({"experiment": {"plant": "free"}}, "features: images"),
+    ({"experiment": {"plant": "free"}}, "set features to images"),
     ({"pictures": "none", "depth": True}, "set pictures to all or first"),
     ({"pictures": "some"}, "use one of none, first, all"),
     ({"experiment": SEVERAL, "vary": {"cameras": [SEVERAL["cameras"], {"right": {}}]}},
-     "left, right in one, right in another"),
+     "one run has left, right and another right"),
 ])  # fmt: skip
 def test_what_cannot_be_kept_is_refused(changes, complaint):
     with pytest.raises(StudyError, match=complaint):
@@ -300,4 +300,4 @@ def test_the_command_makes_a_data_set_and_its_card(tmp_path, monkeypatch, capsys
     assert main([*words, "--views"]) == 1
     assert "pictures was all, is first" in capsys.readouterr().err
     assert main(["dataset", str(file), "features=exact", "--out", str(tmp_path / "no")]) == 1
-    assert "features: images" in capsys.readouterr().err and not (tmp_path / "no").exists()
+    assert "set features to images" in capsys.readouterr().err and not (tmp_path / "no").exists()

@@ -216,7 +216,7 @@ def test_a_part_that_is_no_table_is_run_again_whatever_its_hash_says(tiny, tmp_p
     for content, told in (
         (b"no table", "^cannot read .*000001.parquet: "),
         (made.find_part(0).read_bytes(), ""),
-        (None, "000001.parquet is not a file: "),
+        (None, "000001.parquet is missing or not a file: "),
     ):
         made.find_part(1).unlink()
         if content is None:

@@ -283,8 +283,8 @@ def test_captions_define_what_is_shown(path, tmp_path):
     found = Results.read(write_study(tmp_path / "reduced", reduced, lambda study, run: {
         **rows.make_blank_row(study, run), "outcome": "x", "reduced": 1.0}))  # fmt: skip
     assert captions.describe_success([found]) == [
-        "Success (reduced): both the distance and the angle are at most a tenth of those at the "
-        "start."]  # fmt: skip
+        "Success (reduced): the final distance and angle to the goal are at most a tenth of the "
+        "initial ones."]  # fmt: skip
     both = captions.describe_success([results, found])
     assert both[0].startswith("Success in out: ") and both[1].startswith("Success in reduced (red")
 

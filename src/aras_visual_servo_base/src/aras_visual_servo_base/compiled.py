@@ -71,30 +71,33 @@ class CompiledFunction:
         py_func: the original Python function.
     """
 
+    def __new__(cls, *_: object) -> CompiledFunction:
+        """Create an instance of a class of its own, whose `__call__` can be replaced."""
+        return super().__new__(type(cls.__name__, (cls,), {}))
+
     def __init__(self, function: Callable, compile_function: Callable[[], Dispatcher]) -> None:
         functools.update_wrapper(self, function)
         self.py_func = function
         self._compile = compile_function
         self._dispatcher: Dispatcher | None = None
-        self._call: Callable = self._first_call
 
     def __call__(self, *arguments: object) -> object:
-        """Call the function.
+        """Compile the function and call it; later calls go directly to Numba's function.
 
         Raises:
             TypeError: the arguments do not have the declared types.
             CompilerError: Numba, which the first call needs, cannot be imported.
         """
-        return self._call(*arguments)
-
-    def _first_call(self, *arguments: object) -> object:
         return self.compile()(*arguments)
 
     def compile(self) -> Dispatcher:
         """Return Numba's compiled function; compile or load it first if necessary."""
         with _compile_lock:
             if self._dispatcher is None:
-                self._dispatcher = self._call = self._compile()
+                self._dispatcher = self._compile()
+                # Python looks for `__call__` in the class. A method in Python would take 0.2 µs
+                # for each call, of which there are thirty for an image.
+                type(self).__call__ = staticmethod(self._dispatcher)
         return self._dispatcher
 
     @property

@@ -41,6 +41,7 @@ from .polygons import Array
 
 PAPER_FEATURES = ("xn", "yn", "an", "alpha")
 
+CENTRED = 2  # row of mu00 in the array that `_compute_leaf_rows` builds
 _MOMENT = re.compile(r"(m|mu)(\d)(\d)\Z")
 
 
@@ -208,15 +209,16 @@ def _make_plan(names: tuple[str, ...], kind: str) -> _Plan:
     raw = [_find_leaf_order(n, kind) for n in leaves if re.match(r"m\d", n)]
     rest = [_find_leaf_order(n, kind) for n in leaves if not re.match(r"m\d", n)]
     centred_order, raw_order = max([1, *rest]), max([1, *raw]) if raw else -1
-    # Order of the rows: area, xg, yg, a row of zeros, all mu_ij, all m_ij.
-    first_raw = 4 + len(exponents(centred_order))
+    # Order of the rows: xg, yg, all mu_ij, all m_ij, and the area of a set of points. The area of a
+    # region is mu00. A quantity that does not depend on the camera has the row of mu10, which is 0.
+    first_raw, area = CENTRED + len(exponents(centred_order)), CENTRED if kind == DENSE else -1
 
     def find_position(leaf: str) -> int:
         if moment := _parse_moment(leaf):
             table, i, j = moment
             index = (i + j) * (i + j + 1) // 2 + j
-            return index + (first_raw if table == "m" else 4)
-        return {"a": 0, "xg": 1, "yg": 2}.get(leaf, 3)
+            return index + (first_raw if table == "m" else CENTRED)
+        return {"a": area, "xg": 0, "yg": 1}.get(leaf, CENTRED + 1)
 
     checked = tuple(n for n in names if _make_node(n).denominators or n == "alpha_full")
     return _Plan(
@@ -336,17 +338,12 @@ def _make_plane(moments: Moments, reference: Reference | None) -> Plane:
 
 def _compute_leaf_rows(moments: Moments, plane: Plane, plan: _Plan) -> Array:
     """Compute the interaction matrix (n, 6) of the n quantities in plan.leaves, in their order."""
-    centre, mu = compute_centred_interaction(moments, plane, plan.centred_order)
-    area = mu[:1]
-    if moments.kind != DENSE and "a" in plan.leaves:
-        area = mu[3:4] + mu[5:6]
-    stack = [area, centre, _NO_ROW, mu]
+    rows = compute_centred_interaction(moments, plane, plan.centred_order)
     if plan.raw_order > 0:
-        stack.append(compute_raw_interaction(moments, plane, plan.raw_order))
-    return np.concatenate(stack)[plan.row_indices]
-
-
-_NO_ROW = np.zeros((1, 6))
+        rows = np.vstack([rows, compute_raw_interaction(moments, plane, plan.raw_order)])
+    if moments.kind != DENSE and "a" in plan.leaves:
+        rows = np.vstack([rows, rows[CENTRED + 3] + rows[CENTRED + 5]])
+    return rows.take(plan.row_indices, axis=0)
 
 
 class _View:

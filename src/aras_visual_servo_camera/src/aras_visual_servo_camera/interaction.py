@@ -161,25 +161,26 @@ def compute_raw_interaction(moments: Moments, plane: Plane, order: int | None = 
     """
     order = _find_order(moments, order)
     return _compute_rows(
-        moments.raw, image_velocity(*plane, 0.0, 0.0), order, _compute_divergence(moments)
+        moments.raw, image_velocity(*plane, 0.0, 0.0), order, 1.0 if moments.kind == DENSE else 0.0
     )
 
 
 def compute_centred_interaction(
     moments: Moments, plane: Plane, order: int | None = None
-) -> tuple[Array, Array]:
-    """Compute the interaction matrices of the centre of gravity and of the centred moments.
+) -> Array:
+    """Compute the interaction matrix of the centre of gravity and of the centred moments.
 
     The arguments are those of `compute_raw_interaction`.
 
     Returns:
-        The matrix (2, 6) of xg and yg; and the matrix ((order+1)(order+2)/2, 6) of all mu_ij with
-        i + j <= order.
+        The matrix (2 + (order+1)(order+2)/2, 6) of xg, yg, and all mu_ij with i + j <= order. The
+        rows of mu10 and mu01 are 0.
     """
     order = _find_order(moments, order)
     return _compute_centred_rows(
-        moments.centred, *plane, moments.xg, moments.yg, order, _compute_divergence(moments)
-    )
+        moments.centred, *plane, moments.xg, moments.yg, order,
+        1.0 if moments.kind == DENSE else 0.0,
+    )  # fmt: skip
 
 
 def _find_order(moments: Moments, order: int | None) -> int:
@@ -192,14 +193,6 @@ def _find_order(moments: Moments, order: int | None) -> int:
             f"{order + 1}, got order {moments.order}; increase the order of the moments"
         )
     return order
-
-
-def _compute_divergence(moments: Moments) -> float:
-    """Return delta, the factor of div(x', y') in the derivative of a moment.
-
-    delta is 1 for a region and 0 for a set of points; this module's docstring contains the formula.
-    """
-    return 1.0 if moments.kind == DENSE else 0.0
 
 
 @jit("f8[:,:], f8[:,:], i8, f8")
@@ -234,7 +227,7 @@ def _compute_rows(table, velocity, order, delta):
 
 @jit("f8[:,:], f8, f8, f8, f8, f8, i8, f8")
 def _compute_centred_rows(centred, A, B, C, xg, yg, order, delta):
-    """Compute the interaction matrices of the centre of gravity and of the centred moments.
+    """Compute the interaction matrix of the centre of gravity and of the centred moments.
 
     Args:
         centred: (n, n) centred moments mu_ij at [i, j].
@@ -244,19 +237,22 @@ def _compute_centred_rows(centred, A, B, C, xg, yg, order, delta):
         delta: 1 for a region, 0 for a set of points.
 
     Returns:
-        The matrix (2, 6) of xg and yg; and the matrix ((order+1)(order+2)/2, 6) of all mu_ij with i
-        + j <= order.
+        ((order+1)(order+2)/2 + 2, 6), the rows of xg and yg, followed by those of all mu_ij with
+        i + j <= order, sorted by i + j, then j.
     """
     velocity = image_velocity(A, B, C, xg, yg)
     # About the centre of gravity, m10 = m01 = 0, so the interaction row of xg is that of m10
     # divided by m00.
-    first_rows, centre = _compute_rows(centred, velocity, 1, delta), np.empty((2, 6))
+    first_rows = _compute_rows(centred, velocity, 1, delta)
     for i in range(6):
         for k in range(2):
-            centre[k, i] = first_rows[1 + k, i] / centred[0, 0]
+            first_rows[1 + k, i] /= centred[0, 0]
             # Subtract the velocity of the centre of gravity from the constant terms of x' and y'.
-            velocity[i, 6 * k] -= centre[k, i]
+            velocity[i, 6 * k] -= first_rows[1 + k, i]
     rows = _compute_rows(centred, velocity, order, delta)
+    both = np.empty((2 + len(rows), 6))
     for i in range(6):
-        rows[1, i] = rows[2, i] = 0.0
-    return centre, rows
+        both[0, i], both[1, i] = first_rows[1, i], first_rows[2, i]
+        for k in range(len(rows)):
+            both[2 + k, i] = 0.0 if k in (1, 2) else rows[k, i]
+    return both

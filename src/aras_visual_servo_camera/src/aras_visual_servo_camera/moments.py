@@ -400,7 +400,7 @@ def _check_vertices(points: ArrayLike, label: str) -> Array:
         raise MomentsError(
             f"the {label} needs at least three points (x, y), got an array of shape {points.shape}"
         )
-    if not np.isfinite(points).all():
+    if not all(np.isfinite(points.ravel()).tolist()):
         raise MomentsError(f"the {label} has a coordinate that is not finite")
     return points
 

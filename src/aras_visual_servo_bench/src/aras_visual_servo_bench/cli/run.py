@@ -25,7 +25,7 @@ from ..studies.study_folder import StudyFolder, count_stored_runs
 from . import compilation
 
 SCREEN_ROWS = 40  # largest number of rows of a table that is printed
-SCREEN_METRICS = ("contradicts", "settled", "image_excursion")
+SCREEN_METRICS = ("contradicts", "settled", "final_distance", "image_excursion")
 
 
 def find_study_file(name: Path) -> Path:

@@ -26,7 +26,6 @@ from aras_visual_servo_controller.observation.camera_rig import MAX_WAITING_IMAG
 from ..errors import ExperimentError, require
 from ..targets.target_spec import PoseValues, TargetSpec
 from .packages import PackagePath
-from .polygon_drawing import draw_polygon
 
 if TYPE_CHECKING:
     from aras_visual_servo_base.hand_eye import HandEyeCalibration
@@ -382,11 +381,10 @@ def is_in_view(outline: np.ndarray, camera: CameraModel, margin: float = 2.0) ->
         outline: corners (n, 2) in normalised coordinates.
         margin: minimum distance of the outline from the image border, px.
     """
-    pixels = _project_outline(outline, camera)
-    (left, top), (right, bottom) = pixels.min(axis=0).tolist(), pixels.max(axis=0).tolist()
+    columns, rows = _project_outline(outline, camera).T.tolist()
     return (
-        left >= margin and right <= camera.width - 1 - margin
-        and top >= margin and bottom <= camera.height - 1 - margin
+        min(columns) >= margin and max(columns) <= camera.width - 1 - margin
+        and min(rows) >= margin and max(rows) <= camera.height - 1 - margin
     )  # fmt: skip
 
 
@@ -402,6 +400,8 @@ def draw_outline(outline: np.ndarray | None, camera: CameraModel) -> np.ndarray:
     Returns:
         Image (rows, columns), uint8.
     """
+    from .polygon_drawing import draw_polygon
+
     image = np.full((camera.height, camera.width), WHITE_LEVEL, np.uint8)
     if outline is not None:
         pixels = _project_outline(outline, camera)

@@ -140,6 +140,8 @@ class CompiledArmController:
         self._measured = np.array([offsets + Q, offsets + V])
         self._count = len(joints)
         self._joints = {name: k for k, name in enumerate(joints)}
+        # Rows of the loops of the running controllers, and for each row the index of its joint.
+        self._loops, self._columns = np.zeros((0, 0)), np.zeros(0, int)
 
     def start_cycles(self, time_ns: int, until_ns: int) -> JointStateController | None:
         """Return the joint state controller if compiled code can make the next loop updates.
@@ -161,12 +163,15 @@ class CompiledArmController:
         ends_ns, last_ns, n = time_ns + count * step_ns, self._last_ns(), self._count
         due = np.array(self._sampler.list_due_cycles(time_ns + step_ns, ends_ns, step_ns), int)
         stamps, samples = np.empty(len(due)), np.empty((len(due), 3, n))
-        columns = np.array([self._joints.get(name, n) for name in self._robot.loop.joint_names])
-        commands = np.full(len(columns), nan)
+        if loops is not self._loops:
+            names, self._loops = self._robot.loop.joint_names, loops
+            self._columns = np.array([self._joints.get(name, n) for name in names])
+        commands = np.full(len(loops), nan)
         start_ns, taken, end, bad, is_beyond = time_ns, 0, ALL_MADE, -1, True
         while is_beyond:
             time_ns, taken, end, bad, is_beyond, is_pending = run_cycles_with_loop(
-                time_ns, ends_ns, step_ns, last_ns, due, taken, self._measured, columns, commands,
+                time_ns, ends_ns, step_ns, last_ns, due, taken, self._measured, self._columns,
+                commands,
                 stamps, samples, loops, handles, drives, physics, self._state,
             )  # fmt: skip
             if is_beyond:

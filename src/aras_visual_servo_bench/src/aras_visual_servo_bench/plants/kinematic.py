@@ -125,7 +125,7 @@ class KinematicPlant(Plant):
             raise ExperimentError(
                 f"this plant accepts {' or '.join(sorted(self.outputs))} commands, not {kind}"
             )
-        if values.shape != self._state[Q].shape or not np.isfinite(values).all():
+        if values.shape != self._state[Q].shape or not all(np.isfinite(values).tolist()):
             raise ExperimentError(
                 f"a command must be {len(self.joint_names)} finite numbers, got {values}"
             )

@@ -24,7 +24,6 @@ from aras_visual_servo_controller.runner.loop_runner import LoopRunner
 from ..errors import log_once
 from ..experiment.experiment import Experiment
 from ..plants import JointReading
-from ..progress_bar import ProgressBar
 from ..recording.run import Run, Verdict
 from ..recording.run_recorder import RunRecorder
 from ..setup.assembly import Assembly, assemble
@@ -71,6 +70,8 @@ def run(
     """
     experiment = Experiment.load(experiment)
     if progress is True:
+        from ..progress_bar import ProgressBar
+
         bar, task = ProgressBar(sys.stderr), f"of {experiment.duration:g} s"
         try:
             return run(experiment, lambda fraction: bar.show(fraction, task))

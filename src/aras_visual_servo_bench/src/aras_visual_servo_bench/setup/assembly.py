@@ -40,7 +40,7 @@ from ..plants.kinematic import FreeCamera, KinematicArm
 from ..targets.geometry import PlacedTarget
 from .imaging_setup import make_imaging_settings
 from .read_context import SchemeWrapper, check_scheme, read_context
-from .setup_context import SetupContext
+from .setup_context import GoalImages, SetupContext
 
 if TYPE_CHECKING:
     from .postures import Postures
@@ -104,6 +104,7 @@ def assemble(
     wrap_scheme: SchemeWrapper | None = None,
     has_unread_cameras: bool = True,
     has_depth: bool = False,
+    goal_images: GoalImages | None = None,
 ) -> Assembly:
     """Make the plant, control loop, cameras and goal of an experiment, with the plant at its start.
 
@@ -113,6 +114,8 @@ def assemble(
             run, for example one that records its output; None: the scheme is used unchanged.
         has_unread_cameras: whether to make the cameras that the scheme does not read, too.
         has_depth: whether every camera delivers depth images, even if the scheme needs none.
+        goal_images: images of goals that runs share, so that each goal is rendered once; None: the
+            goal is rendered if its features need images.
 
     Returns:
         The objects of the run, for `Loop`.
@@ -121,7 +124,7 @@ def assemble(
         ExperimentError: the experiment cannot be run; the message names the wrong key and the
             remedy.
     """
-    context = read_context(experiment, wrap_scheme, has_unread_cameras, has_depth)
+    context = read_context(experiment, wrap_scheme, has_unread_cameras, has_depth, goal_images)
     try:
         check_scheme(context)
         location = read_goal(context)

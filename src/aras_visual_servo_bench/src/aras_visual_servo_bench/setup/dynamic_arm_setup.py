@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from functools import partial
+
 import numpy as np
 
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy
@@ -17,6 +20,11 @@ from ..targets.files import OCCLUDER_HEIGHT, write_description, write_occluder
 from .imaging_setup import make_imaging_settings, make_rendered_settings
 from .setup_context import SetupContext
 
+# Keys of an experiment that do not change the image of its goal, which has no random effects.
+WITHOUT_GOAL_IMAGE = (
+    "start", "seed", "noise", "delay", "commands", "law", "gain", "duration",
+    "time_after_convergence", "reached",
+)  # fmt: skip
 # longest simulated time until the image with which a goal is taught, ns
 FIRST_IMAGE_TIMEOUT_NS = 1_000_000_000
 # model of the demo's target, two plates
@@ -77,6 +85,20 @@ def make_dynamic_arm(
             spec.model, spec.link, context.experiment_target.pose_history
         ),
     )  # fmt: skip
+
+
+def take_goal_images(context: SetupContext, joints: np.ndarray) -> Mapping[str, Frame]:
+    """Return the images of `take_first_images`, from an earlier run with the same goal if possible.
+    """
+    if context.goal_images is None:
+        return take_first_images(context, joints)
+    settings = context.experiment.to_mapping()
+    key = (
+        repr({name: value for name, value in settings.items() if name not in WITHOUT_GOAL_IMAGE}),
+        context.robot.urdf, joints.tobytes(), tuple(context.needs.items()), context.has_depth,
+        context.labelled_link,
+    )  # fmt: skip
+    return context.goal_images.get(key, partial(take_first_images, context, joints))
 
 
 def take_first_images(context: SetupContext, joints: np.ndarray) -> dict[str, Frame]:

@@ -126,9 +126,9 @@ def show_goal(
     check_view(context, pose)
     control, images = context.control_camera.name, {}
     if needs_images(context):
-        from .dynamic_arm_setup import take_first_images
+        from .dynamic_arm_setup import take_goal_images
 
-        images = take_first_images(
+        images = take_goal_images(
             context, postures.find_joints(pose) if joints is None else joints
         )
     positions = {} if joints is None else dict(zip(arm.names, joints.tolist(), strict=True))

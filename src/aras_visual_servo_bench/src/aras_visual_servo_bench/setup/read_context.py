@@ -23,7 +23,7 @@ from ..experiment.robots import Robot
 from ..experiment.unused_settings import check_camera, check_settings
 from ..plants.base import CameraPlacement
 from ..targets.geometry import RoundTarget
-from .setup_context import SetupContext
+from .setup_context import GoalImages, SetupContext
 
 if TYPE_CHECKING:
     from ..experiment.added_links import MountedTarget
@@ -39,6 +39,7 @@ def read_context(
     wrap_scheme: SchemeWrapper | None = None,
     has_unread_cameras: bool = True,
     has_depth: bool = False,
+    goal_images: GoalImages | None = None,
 ) -> SetupContext:
     """Read the files of an experiment and choose its scheme.
 
@@ -47,6 +48,7 @@ def read_context(
             run; None: the scheme is used unchanged.
         has_unread_cameras: whether to include the cameras that the scheme does not read.
         has_depth: whether every camera delivers depth images, even if the scheme needs none.
+        goal_images: see SetupContext.
 
     Raises:
         ExperimentError: the experiment cannot be run.
@@ -78,6 +80,7 @@ def read_context(
         {name: observer.needs for name, observer in rig.observers.items()},
         target, targets, placements, has_depth,
         segmentation.label if segmentation.method == "label" else "",
+        goal_images,
     )  # fmt: skip
 
 

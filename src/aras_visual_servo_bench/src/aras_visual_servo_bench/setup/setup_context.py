@@ -7,7 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from aras_visual_servo_base.memory import ByteLimitedCache
 from aras_visual_servo_controller.kinematics import Arm
+from aras_visual_servo_controller.observation.frame import Frame
 from aras_visual_servo_controller.observation.observation import Need
 from aras_visual_servo_controller.schemes import JointController, Scheme
 from aras_visual_servo_controller.settings import Settings
@@ -18,6 +20,9 @@ from ..experiment.robots import Robot
 from ..plants.base import CameraPlacement
 from ..targets.geometry import PlacedTarget
 from ..targets.target_spec import TargetSpec
+
+# Images of goals, by what determines them; each value has one frame for each camera.
+GoalImages = ByteLimitedCache[tuple, Mapping[str, Frame]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +45,7 @@ class SetupContext:
         has_depth: whether every camera delivers depth images, even if the scheme needs none.
         labelled_link: model or 'model::link' to mark as the target in label images; '': label
             images are not needed.
+        goal_images: images of goals that were rendered for earlier runs; None if runs share none.
     """
 
     experiment: Experiment
@@ -54,6 +60,7 @@ class SetupContext:
     placements: Mapping[str, CameraPlacement]
     has_depth: bool = False
     labelled_link: str = ""
+    goal_images: GoalImages | None = None
 
     @property
     def has_free_camera(self) -> bool:

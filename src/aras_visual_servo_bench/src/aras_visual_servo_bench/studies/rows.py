@@ -154,7 +154,10 @@ def _run_experiment(
 ) -> dict[str, Any]:
     has_images = study.pictures != "none"
     recorder = images.ImageRecorder(has_images)
-    parts = assemble(experiment, has_unread_cameras=has_images, has_depth=study.depth)
+    parts = assemble(
+        experiment, has_unread_cameras=has_images, has_depth=study.depth,
+        goal_images=study.goal_images,
+    )  # fmt: skip
     loop = Loop(experiment, parts, on_frame=recorder.add_frame if study.has_image_rows else None)
     try:
         if study.pictures == "first":

@@ -15,11 +15,12 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from aras_visual_servo_base.lazy import import_later
+from aras_visual_servo_base.memory import ByteLimitedCache
 from aras_visual_servo_base.names import suggest
 from aras_visual_servo_base.settings import KeywordSettings, build, check, convert, parameter
 from aras_visual_servo_base.yaml_files import read_yaml
@@ -33,9 +34,13 @@ from ..metrics.formatting import format_count, format_rows
 from .columns import check_columns
 from .variations import Axis, RandomVariation, draw_values, parse_variation
 
+if TYPE_CHECKING:
+    from ..setup.setup_context import GoalImages
+
 # largest number of runs of a study: a scheduler handles at most 1e6 chunks, of 100 runs each
 MAX_RUNS = 100_000_000
 MAX_CHUNK = 10_000
+GOAL_IMAGE_BYTES = 20_000_000  # memory for the images of goals in each process
 IMAGE_CHUNK = 4  # maximum number of runs per chunk if images are stored, which need much memory
 IMAGE_CHOICES = ("none", "first", "all")
 SAMPLINGS, SEEDS = ("random", "sobol"), ("runs", "repeats", "counted")
@@ -226,6 +231,13 @@ class Study(KeywordSettings):
         return json.loads(json.dumps({
             f.name: getattr(self, f.name) for f in dataclasses.fields(self)
         }, default=_to_plain))  # fmt: skip
+
+    @cached_property
+    def goal_images(self) -> GoalImages:
+        """Images of goals, which the runs of this study share in one process."""
+        return ByteLimitedCache(
+            GOAL_IMAGE_BYTES, lambda frames: sum(frame.image.nbytes for frame in frames.values())
+        )
 
     @cached_property
     def digest(self) -> str:

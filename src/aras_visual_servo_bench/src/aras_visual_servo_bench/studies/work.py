@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import gc
 import json
 import os
 import pickle
@@ -26,6 +27,9 @@ ONE_THREAD = {
     "BLIS_NUM_THREADS": "1", "VECLIB_MAXIMUM_THREADS": "1", "NUMEXPR_NUM_THREADS": "1",
     "NUMBA_NUM_THREADS": "1", "OPENCV_FOR_THREADS_NUM": "1", "LP_NUM_THREADS": "1",
 }  # fmt: skip
+# Number of new objects after which Python searches for garbage. A run creates 2 000 objects that
+# exist until its end. With Python's 700, a run without images takes 5 % longer, one of the arm 4 %.
+OBJECTS_PER_COLLECTION = 20_000
 # time allowed for the start of a child process, added to the time limit of a run, s
 GRACE_TIME = 60.0
 # Maximum number of attempts of a run whose process dies. The process may have been killed from
@@ -69,15 +73,19 @@ def carry_out(task: StudyTask) -> rows.Rows:
             raise StudyError(
                 f"a worker has other versions: {difference}; install the same versions there"
             )
-    limit_threads()  # called before each chunk, because a worker can have started at any time
+    prepare_process()  # called before each chunk, because a worker can have started at any time
     return _run_isolated_chunk(task) if task.is_isolated else _run_directly(task)
 
 
-def limit_threads() -> None:
-    """Limit OpenCV to one thread; for other libraries, environment variables set the limit."""
+def prepare_process() -> None:
+    """Limit OpenCV to one thread, and collect garbage less often.
+
+    For other libraries than OpenCV, environment variables set the limit.
+    """
     import cv2
 
     cv2.setNumThreads(1)
+    gc.set_threshold(OBJECTS_PER_COLLECTION)
 
 
 @functools.lru_cache(maxsize=4)
@@ -181,7 +189,7 @@ def _run_as_child() -> None:
     output = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     text, start, stop = pickle.load(sys.stdin.buffer)
-    limit_threads()
+    prepare_process()
     study = _load_study(text)
     for run in range(start, stop):
         pickle.dump(rows.compute_row(study, run, make_worker_name()), output)

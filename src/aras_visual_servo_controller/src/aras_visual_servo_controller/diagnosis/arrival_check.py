@@ -18,7 +18,13 @@ import numpy as np
 from aras_visual_servo_base.compiled import jit
 
 from ..goals.goal import DEFAULT_DEPTH
-from ..kinematics.algebra import is_task_finite, solve_least_squares, svd
+from ..kinematics.algebra import (
+    is_task_finite,
+    multiply,
+    multiply_vector,
+    solve_least_squares,
+    svd,
+)
 from ..observation.recent_errors import RecentErrors
 from ..records.outcomes import ArrivalStatus, PoseUncertainty
 from .pose_uncertainty import (
@@ -60,8 +66,9 @@ MAX_WINDOW = 120  # largest number of images over which the error is averaged
 # camera are removed. So far from the goal, the linearisation by L is not valid.
 FAR_TOLERANCES = 12.0
 # The uncertainty of the pose is computed again when the mean error has decreased to this fraction
-# of its value at the last computation.
+# of its value at the last computation, but not if that was below NEGLIGIBLE_ERROR, in tolerances.
 RENEWAL_RATIO = 0.7
+NEGLIGIBLE_ERROR = 0.1
 # Largest difference between the camera's offset in the latest image and the mean offset, in
 # standard deviations. A larger difference shows that kinematics do not describe the camera's
 # motion.
@@ -126,11 +133,16 @@ class ArrivalCheck:
         if len(self._errors) and self._errors.width != len(error):
             self.clear()
         self._errors.add(observation.stamp, error)
-        free = None if scheme_output.task is None else split_directions(
-            observation, goal, scheme_output.task.modelled, ik_solution
-        )[1]  # fmt: skip
-        self._add_offset(scheme_output, observation, tolerances, free, goal.distance)
         settled, reason = self._has_settled(observation.stamp, tolerances), ""
+        free = None
+        if _is_far(error, tolerances):
+            self._offsets.clear()
+        else:
+            if scheme_output.task is not None:
+                free = split_directions(
+                    observation, goal, scheme_output.task.modelled, ik_solution
+                )[1]
+            self._add_offset(scheme_output, observation, free, goal.distance)
         offsets = None
         if settled and len(self._offsets):
             offsets, reason = compute_mean_offset(
@@ -180,7 +192,9 @@ class ArrivalCheck:
         self._images += 1
         # The margin is computed again after the error has decreased, because the features become
         # more accurate near the goal.
-        if self._margin is None or size < RENEWAL_RATIO * self._error_size:
+        if self._margin is None or (
+            self._error_size > NEGLIGIBLE_ERROR and size < RENEWAL_RATIO * self._error_size
+        ):
             self._error_size = size
             # The accuracy is estimated from the same images as the offset, so that both belong to
             # the same distance from the goal.
@@ -238,17 +252,13 @@ class ArrivalCheck:
             self._wrong_pose_reason = f"{OTHER_VIEW_REASON}: the target's outline has another shape"
 
     def _add_offset(
-        self, scheme_output: SchemeOutput, observation: Observation, tolerances: np.ndarray,
-        free: np.ndarray | None, depth: float,
+        self, scheme_output: SchemeOutput, observation: Observation, free: np.ndarray | None,
+        depth: float,
     ) -> None:
         """Store the camera's offset from its goal at this image.
 
-        All offsets are removed instead if the error is far from its tolerances, or if L does not
-        determine the offset.
+        All offsets are removed instead if L does not determine the offset.
         """
-        if _is_far(scheme_output.error, tolerances):
-            self._offsets.clear()
-            return
         offset = compute_offset(scheme_output, free, depth)
         if offset is None:
             self._offsets.clear()
@@ -408,11 +418,12 @@ def compute_offset(
     L, error = np.asarray(L, float), np.asarray(error, float)
     if not is_task_finite(L, error):
         return None
-    scale = np.array((1.0, 1.0, 1.0, depth, depth, depth))
-    L_free, tolerance = (L / scale) @ free.T, RANK_TOLERANCE
     if len(L) > MAX_ROWS:
-        L_free, error, tolerance = L_free.T @ L_free, L_free.T @ error, RANK_TOLERANCE**2
-    return solve_least_squares(L_free, error, tolerance) @ free / scale
+        scale = np.array((1.0, 1.0, 1.0, depth, depth, depth))
+        L_free = (L / scale) @ free.T
+        found = solve_least_squares(L_free.T @ L_free, L_free.T @ error, RANK_TOLERANCE**2)
+        return found @ free / scale
+    return _solve_offset(L, error, free, depth)
 
 
 def _compute_observable(scheme_output: SchemeOutput, free: np.ndarray, depth: float) -> np.ndarray:
@@ -432,6 +443,19 @@ def _compute_observable(scheme_output: SchemeOutput, free: np.ndarray, depth: fl
 def _compute_lengths(offset: Sequence[float]) -> tuple[float, float]:
     """Return the lengths of an offset's translation and rotation, m and rad."""
     return hypot(*offset[:3]), hypot(*offset[3:])
+
+
+@jit("f8[:,:], f8[:], f8[:,:], f8")
+def _solve_offset(L, error, free, depth):
+    """Compute `compute_offset` for L (k, 6) and error (k,)."""
+    scaled, turned = L.copy(), free.copy()
+    for j in range(3, 6):
+        for i in range(len(L)):
+            scaled[i, j] /= depth
+        for i in range(len(free)):
+            turned[i, j] /= depth
+    found = solve_least_squares(multiply(scaled, free.T), error, RANK_TOLERANCE)
+    return multiply_vector(turned.T, found)
 
 
 @jit("f8[:], f8[:]")

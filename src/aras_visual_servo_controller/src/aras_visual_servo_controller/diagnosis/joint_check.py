@@ -45,7 +45,9 @@ class JointCheck:
             names: names of the n joints.
             lengths: (n,) unit in which the motion of each joint is measured, rad or m.
         """
-        self._names, self._lengths = tuple(names), np.asarray(lengths, float)
+        self._names, waits = tuple(names), np.ones(len(names))
+        # Units of the columns of `_samples`: whether the loop waits, and the two velocities.
+        self._units = np.concatenate([waits, waits * lengths, waits * lengths])
         self._samples = RecentErrors()
         self._new_images = 0
         self.joints, self.reason = "", ""
@@ -63,9 +65,7 @@ class JointCheck:
             commanded, measured: (n,) velocities, rad/s or m/s.
         """
         samples = self._samples
-        samples.add(stamp, np.concatenate([
-            late, commanded / self._lengths, measured / self._lengths
-        ]))  # fmt: skip
+        samples.add(stamp, np.array((late, commanded, measured)).ravel())
         self._new_images += 1
         if self._new_images >= self.CHECK_PERIOD:
             self._new_images = 0
@@ -73,7 +73,7 @@ class JointCheck:
             self._judge(stamp - samples.stamps[0])
 
     def _judge(self, span: float) -> None:
-        rows = self._samples.errors
+        rows = self._samples.errors / self._units
         late, waiting_part, motion, commanded, speed_error, max_speed = _sum_rows(rows)
         lags = late > 0.0
         if waiting_part <= self.MAX_WAITING_PART:

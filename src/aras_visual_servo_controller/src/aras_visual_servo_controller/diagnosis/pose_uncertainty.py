@@ -355,7 +355,7 @@ def split_directions(
         scale = np.repeat((1.0, goal.distance), 3)
         return np.zeros(6), np.linalg.qr(scale[:, None] * ik_solution.jacobian)[0].T
     here, there = observation.world_T_camera, goal.world_T_camera
-    if modelled.all():
+    if all(modelled.tolist()):
         return NO_OFFSET, IDENTITY
     if here is None or there is None:
         return NO_OFFSET, IDENTITY[modelled]

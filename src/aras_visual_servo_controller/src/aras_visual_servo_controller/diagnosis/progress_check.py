@@ -56,14 +56,15 @@ MAX_PERIOD = 0.2
 class _ServoedImage:
     """Data of one image at which the camera was servoed.
 
-    The error (k,) and its size, the largest component, are in units of the tolerances (k,).
+    The error, a list of k numbers, and its size, the largest component, are in units of the
+    tolerances (k,).
     """
 
     stamp: float
     error_size: float
     state: ServoState
     full_rank: int
-    error: np.ndarray
+    error: list[float]
     tolerances: np.ndarray
     depth: float
     ik_solution: IKSolution | None
@@ -136,14 +137,15 @@ class ProgressCheck:
         """
         output = state.scheme_output
         error = output.error / tolerances
-        size = max(map(abs, error.tolist()))
+        values = error.tolist()
+        size = max(map(abs, values))
         if size >= 1.0:
             self._within_since = None
         elif self._within_since is None:
             self._within_since = state.stamp
-        modelled = 6 if output.task is None else int(output.task.modelled.sum())
+        modelled = 6 if output.task is None else output.task.modelled.tolist().count(True)
         self._window.append(
-            _ServoedImage(state.stamp, size, state, min(modelled, len(error)), error, tolerances,
+            _ServoedImage(state.stamp, size, state, min(modelled, len(error)), values, tolerances,
                           depth, state.ik_solution, is_stretched)
         )  # fmt: skip
         self._image_count += 1
@@ -413,4 +415,4 @@ def _is_within_tolerances(images: Sequence[_ServoedImage]) -> bool:
     errors = [s.error for s in images]
     if len({len(e) for e in errors}) != 1:
         return False
-    return bool((np.abs(np.array(errors).sum(axis=0)) < len(errors)).all())
+    return max([abs(sum(component)) for component in zip(*errors, strict=True)]) < len(errors)

@@ -222,7 +222,8 @@ class FeatureObserver:
         if contour is None and points is None:
             valid, reason = False, "the target is not in view"
         elif not (
-            np.isfinite(corners).all()
+            (corners is contour or all(np.isfinite(corners.ravel()).tolist()))
+            # `from_polygon` has checked the contour if there are moments.
             and (contour is None or moments is not None or np.isfinite(contour).all())
         ):
             valid, reason = False, "a coordinate of the target's outline or corners is not finite"

@@ -33,6 +33,9 @@ class Need(Enum):
     DEPTH = "depth"
     KERNEL = "kernel"
 
+    # The hash of Enum is a Python function, which each test of a set of needs would call.
+    __hash__ = object.__hash__
+
 
 # Quantities that are measured on the segmented target. If the target is not found, the observation
 # is not valid.

@@ -238,6 +238,6 @@ class CompiledUpdates:
         stopped = rows[STOPPED]
         servo.apply_updates(
             JointSample(stamps[-1], servo.arm.names, samples[-1, 0], samples[-1, 1]),
-            integrator.describe_stops(np.flatnonzero(stopped)) if stopped.any() else "",
+            integrator.describe_stops(np.flatnonzero(stopped)) if any(stopped.tolist()) else "",
         )
         runner.apply_updates(stamps, samples, rows[SENT_VALUES], clock.item(SENT_AT))

@@ -96,8 +96,7 @@ class ForeignWatch:
         received. In this case nothing is sent until the joint has been at rest for QUIET_TIME. Then
         the loop continues from the measured position.
         """
-        newest = self._history.newest
-        if newest is None or not self._servo.is_waiting_for_joints:
+        if not self._servo.is_waiting_for_joints or (newest := self._history.newest) is None:
             return False
         if command.stamp - newest.stamp > self._settings.watchdog:
             return False  # the present joint positions are unknown

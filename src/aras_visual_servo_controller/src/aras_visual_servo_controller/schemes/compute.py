@@ -73,7 +73,7 @@ def compute(
                     f"scheme {name} returned {field} that are not finite: {array.tolist()}"
                 )
     tolerances = to_float_array(getattr(scheme, "tolerances", None))
-    if tolerances is None or tolerances.shape != (count,) or not (tolerances > 0.0).all():
+    if tolerances is None or tolerances.shape != (count,) or not all((tolerances > 0.0).tolist()):
         raise SchemeError(
             f"scheme {name} has tolerances {getattr(scheme, 'tolerances', None)}, must have "
             f"{count} numbers above 0, one for each name"

@@ -13,7 +13,7 @@ from aras_visual_servo_base.names import format_error
 
 from ..errors import ConfigurationError, SchemeError
 from ..features.base import Feature, FeatureMeasurement
-from ..kinematics.algebra import is_measurement_finite
+from ..kinematics.algebra import are_finite, is_measurement_finite
 from .base import JointController, Scheme
 from .time_limit import call_user_code
 
@@ -102,10 +102,10 @@ def check_array(
         SchemeError: the value is not valid; the message names the class, the method, the value and
             what is needed.
     """
-    if type(value) is np.ndarray and value.dtype == float and value.shape == shape and (
-        np.isfinite(value).all()
-    ):
-        return value  # usually, the value is already valid
+    if type(value) is np.ndarray and value.dtype == float and value.shape == shape:
+        flat = value.ravel()
+        if are_finite(flat, flat, flat):
+            return value  # usually, the value is already valid
     return _read_shaped(f"{type(owner).__name__}.{method} returned", "", value, shape)
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from math import inf
+from typing import Any
 
 from aras_sim_bridge.control.controllers.base import (
     ClaimedResources,
@@ -34,6 +35,12 @@ class JointStateController(Controller):
 
     interface = STATE
     state_kind = "joint_states"
+    is_read_only = True
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        """Note whether the subclass inherits `update`, which only reads the joints."""
+        super().__init_subclass__(**options)
+        cls.is_read_only = cls.update is __class__.update
 
     def init(self, hardware: RobotHardware, parameters: Mapping, context: Context) -> None:
         """Read the parameters.
@@ -58,8 +65,8 @@ class JointStateController(Controller):
         extras = _read_extra_joints(parameters, where, set(names))
         self.names = (*names, *(name for name, *_ in extras))
         self._extra = tuple([e[k] for e in extras] for k in (1, 2, 3))
-        self._periods = 0
         self._start_ns: float | None = None
+        self._periods, self._due_ns = 0, inf
 
     @property
     def claimed_resources(self) -> tuple[ClaimedResources, ...]:
@@ -72,16 +79,7 @@ class JointStateController(Controller):
         super().starting(time_ns)
         if self._start_ns is None:
             self._start_ns = time_ns - 1.001 * self._step_ns
-
-    @property
-    def _due_ns(self) -> float:
-        # Multiply the period instead of adding periods, so that rounding errors do not accumulate.
-        return self._start_ns + (self._periods + 1) * self._step_ns
-
-    @property
-    def is_read_only(self) -> bool:
-        """Whether `update` only reads the joints: true unless a subclass overrides `update`."""
-        return type(self).update is JointStateController.update
+            self.count_samples(0)
 
     def idle_until(self, time_ns: int) -> float:
         """Return the time of the next sample."""
@@ -104,7 +102,7 @@ class JointStateController(Controller):
             # reset.
             self._start_ns = time_ns - 1.001 * self._step_ns
             self._periods = 0
-        self._periods += 1
+        self.count_samples(1)
         listener = self.on_state
         if listener is not None:
             listener(self.sample_joints(time_ns))
@@ -125,6 +123,8 @@ class JointStateController(Controller):
     def count_samples(self, count: int) -> None:
         """Record that `count` samples were published without calling `update`."""
         self._periods += count
+        # Multiply the period instead of adding periods, so that rounding errors do not accumulate.
+        self._due_ns = self._start_ns + (self._periods + 1) * self._step_ns
 
     def sample_joints(self, time_ns: int) -> JointStates:
         """Return the current states of all joints."""

@@ -14,7 +14,7 @@ from aras_visual_servo_base.settings import check, parameter
 from aras_visual_servo_controller.parameters import MODEL_TRACKER, OUTLINE_TRACKER
 
 from ...errors import ExperimentError
-from ..geometry import PolygonTarget, Target
+from ..geometry import ARAS, PolygonTarget, Target
 
 Corners = tuple[tuple[float, float], ...]
 
@@ -114,3 +114,12 @@ def make_ring(count: int) -> Corners:
     """Return the corners (x, y) of a regular polygon in a circle of diameter 1."""
     angles = 2.0 * np.pi * np.arange(count) / count
     return tuple(zip((0.5 * np.cos(angles)).tolist(), (0.5 * np.sin(angles)).tolist(), strict=True))
+
+
+@SHAPES.register("aras")
+class Plates(TargetShape):
+    """The two plates of the demo, of fixed size."""
+
+    def make(self) -> Target:
+        """Return the plates."""
+        return ARAS

@@ -1,1 +1,1 @@
-"""Diagnoses of a run, one class per file; `base.ORDER` defines their order."""
+"""Diagnoses of a run, grouped by what they find; `base.ORDER` defines their order."""

@@ -77,9 +77,10 @@ class CameraRetreat(RunDiagnosis):
             by_joints = predict_distance(observation.world_T_camera, goal)
             is_far = by_joints > self.CONFIRMED_PART * distance
         self._far_count = self._far_count + 1 if is_far else 0
-        if distance < self.RETURN_FACTOR * max(self._first_distance, 1.0):
-            self._outcome = Outcome()
-        if self._outcome.kind == "running" and self._far_count == self.MIN_IMAGES:
+        is_running = self._outcome.kind == "running"
+        if not is_running and distance < self.RETURN_FACTOR * max(self._first_distance, 1.0):
+            self._outcome, is_running = Outcome(), True
+        if is_running and self._far_count == self.MIN_IMAGES:
             text = (
                 f"the camera retreated to {distance:.1f} times the goal's distance from the target"
             )

@@ -76,8 +76,9 @@ class ShapeCheck:
 
     def __init__(self) -> None:
         self._mismatch_count = 0
-        # Moments of the goal, their squared spread relative to the area, and their elongation.
-        self._desired: tuple[Moments | None, float, float] = (None, 0.0, 0.0)
+        # Moments of the goal, their squared spread relative to the area, their elongation, and the
+        # tilt of the goal's plane.
+        self._desired: tuple[Moments | None, float, float, float] = (None, 0.0, 0.0, 0.0)
 
     def add(self, observation: Observation, goal: Goal) -> str:
         """Add one image and describe why the object cannot be the target; empty text if it can be.
@@ -85,12 +86,14 @@ class ShapeCheck:
         measured, desired = observation.moments, goal.moments
         if measured is None or desired is None or measured.kind != desired.kind:
             return ""
-        if self._is_tilted(observation, goal):
-            self._mismatch_count = 0
-            return ""
         if self._desired[0] is not desired:
             spread = gyration_radius(desired) ** 2 / desired.m00
-            self._desired = desired, spread, anisotropy(desired)
+            there = 0.0 if goal.plane is None else tilt(goal.plane)
+            self._desired = desired, spread, anisotropy(desired), there
+        here = 0.0 if observation.plane is None else tilt(observation.plane)
+        if here > self.MAX_TILT and abs(here - self._desired[3]) > self.MIN_TILT_DIFFERENCE:
+            self._mismatch_count = 0
+            return ""
         ratio = gyration_radius(measured) ** 2 / measured.m00 / self._desired[1]
         elongation_difference = abs(anisotropy(measured) - self._desired[2])
         is_different = not 1.0 / self.MAX_COMPACTNESS_RATIO < ratio < self.MAX_COMPACTNESS_RATIO
@@ -102,14 +105,6 @@ class ShapeCheck:
             f"the visible object is not the goal's target: its spread is {ratio:.2f} times that of "
             f"the target, and its elongation differs by {elongation_difference:.2f}"
         )
-
-    def _is_tilted(self, observation: Observation, goal: Goal) -> bool:
-        """Return whether the camera views the target far more obliquely than at the goal."""
-        if observation.plane is None:
-            return False
-        here = tilt(observation.plane)
-        there = 0.0 if goal.plane is None else tilt(goal.plane)
-        return here > self.MAX_TILT and abs(here - there) > self.MIN_TILT_DIFFERENCE
 
 
 def tilt(plane: Plane) -> float:

@@ -1,4 +1,6 @@
-"""Diagnosis of joints that do not follow their commands, or that oscillate without a command."""
+"""Diagnoses of a loop that does not control the arm: the scheme fails, the loop is stopped, joints
+do not follow their commands or oscillate without a command.
+"""
 
 from __future__ import annotations
 
@@ -7,11 +9,38 @@ from dataclasses import replace
 from ...records.outcomes import JOINTS_DO_NOT_FOLLOW, Outcome, make_outcome
 from ...records.remedy import Remedy
 from ...records.run_record import ImageRecord
-from ...records.state import CONVERGED
+from ...records.state import CONVERGED, STOPPED
 from ..advice import suggest_faster_joints
 from ..base import DIAGNOSES, RunDiagnosis
 from ..evidence import Evidence
 from ..joint_check import describe_foreign_nodes, join_names
+
+
+@DIAGNOSES.register("scheme_failed")
+class SchemeFailed(RunDiagnosis):
+    """Detection of a scheme that failed at an image."""
+
+    help = "the scheme raised an error or returned an impossible output"
+    reads = "output of the scheme for the image"
+    kinds = ("scheme_fault",)
+
+    def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome | None:
+        """Diagnose one image, see `RunDiagnosis.judge`."""
+        return make_outcome("scheme_fault", record.state.reason) if record.is_faulty else None
+
+
+@DIAGNOSES.register("stopped")
+class Stopped(RunDiagnosis):
+    """Detection of a loop that was stopped and waits for the command to start."""
+
+    help = "the loop was stopped and waits for start"
+    reads = "phase of the loop"
+    kinds = ("stopped",)
+
+    def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome | None:
+        """Diagnose one image, see `RunDiagnosis.judge`."""
+        state = record.state
+        return make_outcome("stopped", state.reason) if state.phase == STOPPED else None
 
 
 @DIAGNOSES.register("joints_do_not_follow")

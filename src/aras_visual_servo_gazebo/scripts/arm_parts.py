@@ -25,18 +25,20 @@ SMALL = 12  # number of segments of the round outline of a cover or a boss
 def _across(outline_of_inset, inner: float, outer: float, bevel: float = 0.0) -> np.ndarray:
     """Build a plate normal to a joint axis (y) with a bevelled outer edge.
 
+    outline_of_inset: function that returns the plate's outline (x, z), shrunk by an inset, m.
     inner, outer: positions of the plate's two faces along y, m.
-    outline_of_inset: function that returns the outline (x, z) for an inset (m).
+    bevel: inset of the outline at the outer face, and length of the bevel along y, m.
     """
     sections = [(outline_of_inset(0.0), inner), (outline_of_inset(0.0), outer - bevel)]
     if bevel:
         sections.append((outline_of_inset(bevel), outer))
-    # along_y expects outlines as (z, x); the reversed order of points keeps them counter-clockwise.
+    # along_y needs the coordinates (z, x). Swapping them makes an outline clockwise, so the order
+    # of its points is reversed, too.
     return along_y(loft([(outline[::-1, ::-1], y) for outline, y in sections]))
 
 
 def link0() -> list[np.ndarray]:
-    """Build the shoulder housing: flange below the carriage, motor at -x, round seat of J1."""
+    """Build the shoulder housing: a flange, the housing of the motor, and the seat of joint J1."""
     flange = extrude(rounded_rectangle(-0.169, 0.082, -0.093, 0.093, 0.012, 2), 0.0, 0.012)
 
     def belly(inset: float) -> np.ndarray:
@@ -58,7 +60,7 @@ def link0() -> list[np.ndarray]:
 
 
 def link1() -> list[np.ndarray]:
-    """Build the turntable below J1, the neck and the barrel of J2."""
+    """Build the turntable below joint J1, the neck, and the barrel of joint J2."""
     table = revolve([(0.0775, 0.003), (0.0775, 0.034), (0.054, 0.064)], ROUND)
     seal = cylinder(0.072, 0.0, 0.003, ROUND)
     neck = extrude(rounded_rectangle(-0.052, 0.052, -0.0505, 0.0505, 0.02, 3), 0.05, 0.132)
@@ -88,7 +90,7 @@ def link2() -> list[np.ndarray]:
 
 
 def link3() -> list[np.ndarray]:
-    """Build the forearm: a tongue at J3 that widens to the fork of J5."""
+    """Build the forearm: a tongue at joint J3 that widens to the fork of joint J5."""
     tongue = _across(lambda i: capsule(0.0, 0.0475, 0.085, 0.043, ROUND), -0.053, 0.053)
     body = extrude(rounded_rectangle(-0.041, 0.041, -0.0505, 0.0505, 0.010, 2), 0.05, 0.112)
     cheek = _across(lambda i: capsule(0.097, 0.0435 - i, 0.16, 0.041 - i, 20), 0.0245, 0.056, 0.004)
@@ -98,14 +100,14 @@ def link3() -> list[np.ndarray]:
 
 
 def link5() -> list[np.ndarray]:
-    """Build the wrist: the disc of J5 inside the fork of the forearm, and the stub of J6."""
+    """Build the wrist: the disc of joint J5 inside the forearm's fork, and the stub at joint J6."""
     disc = _across(lambda i: capsule(-0.015, 0.042, 0.0, 0.042, ROUND), -0.022, 0.022)
     stub = cylinder(0.0215, 0.02, 0.046, SMALL + 4)
     return [disc, stub]
 
 
 def link6() -> list[np.ndarray]:
-    """Build the flange of J6 and the square housing of the camera."""
+    """Build the flange at joint J6 and the square housing of the camera."""
     flange = revolve(
         [(0.026, -0.026), (0.030, -0.022), (0.030, -0.006), (0.037, -0.006), (0.037, 0.006)],
         20,

@@ -38,7 +38,10 @@ def base_link() -> list[np.ndarray]:
 
 
 def _profile(length_from: float, length_to: float, open_end: bool = False) -> np.ndarray:
-    """Build an aluminium profile along z; it has T-slots only if its end is visible."""
+    """Build an aluminium profile along z.
+
+    If `open_end`, the end is visible, so the profile has T-slots. Otherwise, it has simple grooves.
+    """
     if open_end:
         outline = slotted_square(PROFILE, opening=0.012, lip=0.006, cavity=0.024, depth=0.018)
     else:
@@ -61,7 +64,7 @@ def _frame() -> list[np.ndarray]:
 def _brackets() -> list[np.ndarray]:
     """Build the triangular corner brackets between the posts and the long sills."""
     leg = 0.06
-    # Coordinates are (z, x), as along_y expects.
+    # corners (z, x), because along_y turns the first axis into z and the second axis into x
     triangle = np.array([(0.0, 0.0), (leg, 0.0), (0.0, leg)])
     bracket = mirror(along_y(extrude(triangle, -0.018, 0.018)), 0)
     bracket = move(bracket, FRAME_X - PROFILE, FRAME_Y - PROFILE / 2, PROFILE)
@@ -89,8 +92,8 @@ def _drive() -> list[np.ndarray]:
     plate = rounded_corners(
         [(1.14, 1.575), (1.39, 1.585), (1.39, 1.665), (1.14, 1.66)], [0, 0.03, 0.03, 0], 3
     )
-    # Outlines are (x, z), but along_y expects (z, x). The reversed order of points keeps outlines
-    # counter-clockwise.
+    # `plate` has coordinates (x, z), but along_y needs (z, x). Swapping them makes an outline
+    # clockwise, so the order of its points is reversed, too.
     cheek = along_y(extrude(plate[:, ::-1][::-1], 0.016, 0.024))
     half = 0.0445
     gearbox = loft(
@@ -109,7 +112,7 @@ def _drive() -> list[np.ndarray]:
     profile += [(body, 0.09), (groove, 0.09), (groove, 0.098), (body, 0.098)]
     profile += [(body, 0.25), (body - 0.003, 0.254)]
     motor = revolve(profile, 20)
-    # For along_y, the first coordinate of a box is z, and the second coordinate is x.
+    # along_y turns the first axis of the box into z, and the second axis into x.
     terminals = box(0.02, 0.05, -0.022, 0.022, 0.15, 0.22)
     boss = cylinder(0.01, 0.25, 0.258, 8)
     out = [move(along_y(p), MOTOR_X, z=MOTOR_Z) for p in (gearbox, motor, terminals, boss)]
@@ -117,7 +120,10 @@ def _drive() -> list[np.ndarray]:
 
 
 def slider() -> list[np.ndarray]:
-    """Build the parts of the carriage in the slider's frame, with y up and z along world -x."""
+    """Build the parts of the carriage in the frame of the link `slider`.
+
+    The y axis of this frame is up, and its z axis is opposite to the x axis of the world.
+    """
     # The parts are built about the joint origin, with z up and x along the rail, and then rotated
     # into the frame of the link.
     plate = loft(
@@ -139,5 +145,6 @@ def slider() -> list[np.ndarray]:
     parts.append(box(-0.05, 0.05, -0.02, 0.02, 0.024, 0.032))
     # The jaws of the belt clamp hold the lower strand of the belt.
     parts.append(extrude(rectangle(-0.03, 0.03, -0.018, 0.018), -0.0185, -0.006))
-    # Rotation into the frame of the link, whose axes -z, -x, y are the world axes x, y, z.
+    # Rotate the parts into the frame of the link. The -z, -x and y axes of this frame are the x, y
+    # and z axes of the world.
     return [np.stack([-p[..., 1], p[..., 2], -p[..., 0]], axis=-1) for p in parts]

@@ -3,8 +3,8 @@
     python3 scripts/make_meshes.py [--out DIR]
 
 The shapes are new and have the outer dimensions of the original links. The output is bit-identical
-on every machine; a test compares it with the files in the repository. The format is STL, because
-PyBullet, rviz and the renderer of aras_sim_bridge use the URDF's colours for meshes in this format.
+on every machine; a test compares it with the files in the repository. STL files contain no colours,
+so PyBullet, rviz and the renderer of aras_sim_bridge use the colours of the URDF.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ import arm_parts  # noqa: E402
 import gantry_parts  # noqa: E402
 from mesh_primitives import on_grid  # noqa: E402
 
-#: Function that returns the parts of a link in the frame of the link, by the link's name.
+# For each link, the function that returns its parts in the frame of the link.
 LINKS: dict[str, Callable[[], list[np.ndarray]]] = {
     "base_link": gantry_parts.base_link,
     "slider": gantry_parts.slider,
@@ -38,7 +38,10 @@ _RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribut
 
 
 def link_parts(link: str) -> list[np.ndarray]:
-    """Return the parts of a link as triangles (n, 3, 3) in the link frame, m, rounded to a grid."""
+    """Return the parts of a link in the frame of the link, with all corners rounded to a grid.
+
+    Each part is an array (n, 3, 3) of triangles, m.
+    """
     return [on_grid(part) for part in LINKS[link]()]
 
 

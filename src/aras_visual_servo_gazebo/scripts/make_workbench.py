@@ -26,10 +26,10 @@ PAINTS = ((60, 90, 200), (170, 110, 40), (60, 150, 80), (40, 160, 220), (140, 70
 
 def make_noise(rng: np.random.Generator, shape: tuple[int, int], scales: tuple[int, ...]
            ) -> np.ndarray:
-    """Return smooth noise (H, W) between 0 and 1, which is a sum of noise fields.
+    """Return smooth noise (H, W) between 0 and 1.
 
-    scales: for each field, the distance between its knots, px; a field with a larger scale has a
-        larger weight.
+    scales: distances, px. For each of them, random values on a grid with this distance are
+        interpolated, and added with a weight that increases with the distance.
     """
     total = np.zeros(shape)
     for scale in scales:
@@ -41,7 +41,10 @@ def make_noise(rng: np.random.Generator, shape: tuple[int, int], scales: tuple[i
 
 
 def mix_colours(share: np.ndarray, dark: tuple[int, ...], bright: tuple[int, ...]) -> np.ndarray:
-    """Return colours (H, W, 3) between `dark` and `bright`, in the order blue, green, red."""
+    """Return colours (H, W, 3) between `dark` and `bright`, in the order blue, green, red.
+
+    share: (H, W) fraction of `bright`, 0 to 1.
+    """
     return np.array(dark) + share[..., None] * (np.array(bright, float) - dark)
 
 
@@ -63,7 +66,7 @@ def draw_wood(rng: np.random.Generator, boards: int, size: int = 1024) -> np.nda
 
 
 def draw_bricks(rng: np.random.Generator, size: int = 1024) -> np.ndarray:
-    """Return a texture of 16 rows of 8 bricks in running bond."""
+    """Return a texture of 16 rows of 8 bricks; every second row is shifted by half a brick."""
     image = mix_colours(make_noise(rng, (size, size), (32, 8, 4)), (150, 158, 162), (186, 194, 198))
     rough = make_noise(rng, (size, size), (32, 8, 4))
     high, wide = size // 16, size // 8
@@ -92,34 +95,34 @@ def draw_poster(rng: np.random.Generator, kind: int, size: int = 512) -> np.ndar
     heading = ("ROBOTICS", "MOMENTS", "FEATURES", "GEOMETRY", "CONTROL", "HORIZON")[kind % 6]
     draw_text(image, heading, (34, 78), 1.9, paints[0], 4)
     low, high = 105, 395
-    if kind % 6 == 0:  # nested circles
+    if kind % 6 == 0:  # draw nested circles
         for _ in range(26):
             centre = tuple(int(x) for x in rng.integers((40, low + 20), (size - 40, high - 20)))
             radius = int(rng.integers(10, 52))
             cv2.circle(image, centre, radius, paints[int(rng.integers(0, 8))], -1, cv2.LINE_AA)
             cv2.circle(image, centre, radius // 2, paper, 3, cv2.LINE_AA)
-    elif kind % 6 == 1:  # regions in which smooth noise is above a level
+    elif kind % 6 == 1:  # draw the regions in which smooth noise is above a level
         field = make_noise(rng, (high - low, size - 60), (48, 24))
         for level, paint in zip((0.35, 0.5, 0.65, 0.78), paints, strict=False):
             image[low:high, 30:size - 30][field > level] = paint
-    elif kind % 6 == 2:  # squares of all sizes
+    elif kind % 6 == 2:  # draw squares of all sizes
         for _ in range(120):
             x, y = int(rng.integers(32, size - 70)), int(rng.integers(low, high - 36))
             side = int(rng.integers(6, 36))
             cv2.rectangle(image, (x, y), (x + side, y + side), paints[int(rng.integers(0, 8))],
                           -1 if rng.random() < 0.7 else 2)
-    elif kind % 6 == 3:  # triangles
+    elif kind % 6 == 3:  # draw triangles
         points = rng.integers((32, low), (size - 32, high), (48, 2))
         for n in range(0, 48, 3):
             cv2.fillPoly(image, [points[n:n + 3]], paints[n // 3 % 8], cv2.LINE_AA)
-    elif kind % 6 == 4:  # curves
+    elif kind % 6 == 4:  # draw curves
         x = np.arange(40, size - 40)
         for n in range(9):
             swing = 30 + 10 * n
             y = (low + high) / 2 + swing * np.sin(x / (14 + 5 * n) + n) * np.exp(-x / 400)
             cv2.polylines(image, [np.stack([x, y], 1).astype(np.int32)], False, paints[n % 8], 3,
                           cv2.LINE_AA)
-    else:  # hills in front of a sky
+    else:  # draw hills in front of a sky
         for n, level in enumerate((0.25, 0.45, 0.62, 0.8)):
             ridge = high - (1 - level) * 260 + 60 * (make_noise(rng, (8, size), (64, 24))[4] - 0.5)
             for x in range(30, size - 30):

@@ -63,7 +63,7 @@ def rounded_corners(
         from_centre = corner + back * radii[i] / math.tan(half) - centre
         start = math.atan2(from_centre[1], from_centre[0])
         turn = math.pi - 2 * half
-        # At a reflex corner, the arc has the opposite direction.
+        # At a corner with an inner angle above 180°, the arc has the opposite direction.
         if back[0] * ahead[1] - back[1] * ahead[0] > 0:
             turn = -turn
         out.append(_arc(centre, radii[i], start, start + turn, steps))

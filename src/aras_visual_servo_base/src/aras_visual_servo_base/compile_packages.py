@@ -1,10 +1,10 @@
-"""Compile the Numba functions of packages before the first start needs them.
+"""Compile the Numba functions of packages before the first start of a program needs them.
 
     python -m aras_visual_servo_base.compile_packages [--from FOLDER] [--processes N] PACKAGE...
 
-The set-up calls this for the source packages. The installation calls it for the installed packages,
-with the folder of the source packages as `--from`. If an installed file is equal to its source
-file, the compiled functions of the source file are copied instead of compiled again.
+With `--from`, compiled functions are copied from the packages in FOLDER instead of compiled, if the
+file that defines them is the same there. The installation of the workspace uses this to copy the
+functions that were compiled for the source packages.
 """
 
 from __future__ import annotations
@@ -57,10 +57,14 @@ def _find_folder(package: str) -> Path:
 
 
 def copy_cache(package: str, folder: Path) -> None:
-    """Copy compiled functions from the sources below `folder` to the caches of a package.
+    """Copy compiled functions of a package from another copy of the package.
 
-    Only files of the package with the same content as their source are considered. Numba accepts
-    cached functions in any folder if the text of the file is the same.
+    A file is skipped if its text differs between the two copies. For equal files, Numba accepts the
+    compiled functions in any folder.
+
+    Args:
+        package: name of the package to whose caches the functions are copied.
+        folder: folder that contains the other copy.
     """
     parent = _find_folder(package)
     for path in find_sources(package):
@@ -163,7 +167,7 @@ def compile_packages(
     packages: Sequence[str], processes: int, folder: Path | None = None,
     report: Callable[[float], None] = lambda fraction: None,
 ) -> CompilationResult:  # fmt: skip
-    """Compile or load from the cache all functions of packages in parallel processes.
+    """Compile all functions of packages in parallel processes, or load them from the cache.
 
     Args:
         processes: largest number of processes.
@@ -200,7 +204,8 @@ def compile_packages(
                     if process.exitcode:
                         faults.append(_describe_failure(process.exitcode, part))
     finally:
-        for process, _ in running.values():  # after an exception, some processes still run
+        # After an exception, some processes are still running and must be ended.
+        for process, _ in running.values():
             process.terminate()
     return CompilationResult(faults, uncached)
 
@@ -229,11 +234,15 @@ def _import_modules(package: str, folder: Path | None) -> str:
 
 
 def _compile(packages: Sequence[str], sender: Connection) -> None:
-    """Compile packages; for each function, send '' or the reason why it cannot be cached."""
+    """Compile packages; for each function, send a text through `sender`.
+
+    The text is '', or the reason why the function cannot be cached.
+    """
     signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C ends the process without a traceback
     # the parent process already reports functions that cannot be cached
     logging.disable(logging.WARNING)
-    uncached_reasons.clear()  # the parent process may have had another reason before
+    # Discard reasons that this process has inherited from its parent by the fork.
+    uncached_reasons.clear()
     # Numba creates many objects, and garbage collection would take one eighth of the compilation
     # time.
     gc.disable()

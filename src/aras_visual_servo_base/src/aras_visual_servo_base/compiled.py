@@ -1,12 +1,14 @@
 """Compilation with Numba, for short loops and small matrices, where NumPy's calls take too long.
 
-The types of the arguments are declared, so that the set-up can compile all functions. Compiled
+The types of the arguments are declared, so that all functions can be compiled in advance. Compiled
 functions are cached in __pycache__ next to the source file, or in NUMBA_CACHE_DIR. A function is
-compiled again if its source file changes, and also if another module changes a compiled function or
-a constant that it uses; Numba by itself checks only the source file. A function is compiled or
-loaded from the cache at its first call, because no program calls more than half of the functions.
-The first call of any compiled function also imports Numba, which takes 0.2 s of processor time.
-Nodes call `compile_all` when they start, so that these calls do not delay their first image.
+compiled again if its source file changes. It is also compiled again if another module changes a
+compiled function or a constant that it uses, which Numba by itself would not notice.
+
+Each function is compiled or loaded from the cache only when it is first called, because no program
+calls more than half of the functions. Numba itself is imported at the first call of any of them,
+which takes 0.2 s of processor time. Nodes call `compile_all` when they start, so that their first
+image is not delayed.
 """
 
 from __future__ import annotations
@@ -52,10 +54,9 @@ def import_numba() -> ModuleType:
             f"cannot import Numba, which compiles functions ({error}): run ./setup.sh; without "
             "ROS, pip install --force-reinstall numba"
         ) from error
-    # To find a BLAS library for np.convolve and np.correlate, Numba imports SciPy's linear algebra.
-    # This takes 0.1 s of processor time, which is 12 % of a short run that compiles nothing. Numba
-    # has no public option to prevent the import. np.dot does not need it, because Numba searches
-    # for the BLAS of np.dot when it compiles a call of it.
+    # numba.np.arraymath imports SciPy's linear algebra, which takes 0.1 s of processor time, i.e.
+    # 12 % of a short run. Numba needs it only for np.convolve and np.correlate, which this project
+    # does not compile, and has no public option to prevent the import.
     import_without("scipy.linalg", "numba.np.arraymath")
     return numba
 
@@ -106,11 +107,11 @@ class CompiledFunction:
 
     @property
     def stats(self) -> object:
-        """Numba's statistics, which tell whether the function was compiled or loaded."""
+        """Numba's statistics: whether the function was compiled or loaded from the cache."""
         return self.compile().stats
 
-    # When a compiled function calls this function, Numba reads `_numba_type_` and
-    # `targetoptions`.
+    # Numba reads the properties `_numba_type_` and `targetoptions` when it compiles a function that
+    # calls this one.
     @property
     def _numba_type_(self) -> numba.types.Type:
         return import_numba().typeof(self.compile())
@@ -136,10 +137,9 @@ def jit(signature: str, allocates: bool = True) -> Callable[[Callable], Compiled
             function is compiled without reference counting and is faster.
     """
     def compile_function(function: Callable) -> CompiledFunction:
-        # No C wrapper is compiled, because no other language calls the function. `_nrt` is a
-        # private option of Numba, but no public option disables reference counting. With reference
-        # counting, a step of the simulated arm takes 8.0 µs of processor time instead of 6.2 µs
-        # (+28 %).
+        # No other language calls the function (`no_cfunc_wrapper`). Reference counting, which only
+        # the private option `_nrt` of Numba can disable, would increase the processor time of a
+        # step of the simulated arm by 28 %.
         made = CompiledFunction(function, partial(_compile, function, signature, {
             "nogil": True, "error_model": "numpy", "_nrt": allocates, "no_cfunc_wrapper": True,
         }))  # fmt: skip
@@ -256,7 +256,7 @@ def warn_uncached(reason: str) -> None:
 
 
 def column(number: int) -> property:
-    """Return a property for the element `number` of the object's attribute `row`, an array."""
+    """Return a property that reads and writes element `number` of the object's array `row`."""
 
     def read(self: object) -> float:
         return self.row.item(number)

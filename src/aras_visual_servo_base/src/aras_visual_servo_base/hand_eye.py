@@ -172,7 +172,7 @@ def _rotation_from_quaternion(q: Sequence[float], where: str) -> np.ndarray:
 
 
 def _make_pose(R: np.ndarray, t: Sequence[float], where: str) -> np.ndarray:
-    """Return the pose (4, 4) of R and t. R is orthonormalised to remove rounding."""
+    """Return the pose (4, 4) of R and t. Rounding errors of R are removed by orthonormalisation."""
     R, t = np.asarray(R, float), np.asarray(t, float).ravel()
     if not (np.isfinite(R).all() and np.isfinite(t).all()) or t.shape != (3,):
         raise HandEyeError(f"{where}: the translation is {t.tolist()}, must be three finite "
@@ -243,8 +243,8 @@ def _read_publisher_arguments(arguments: Sequence[str], path: Path) -> HandEyeCa
             (i for i, word in enumerate(arguments) if _parse_float(word) is None), len(arguments)
         )
         link, frame, *rest = (*arguments[count:], "", "")
-        # In ROS 1, the arguments of static_transform_publisher end with the period, a number, which
-        # is ignored.
+        # In ROS 1, the last argument of static_transform_publisher is a number, the period of the
+        # messages. It is dropped here.
         rest = [word for word in rest if word and _parse_float(word) is None]
         arguments = arguments[:count]
     numbers = [_parse_float(word) for word in arguments]
@@ -267,7 +267,7 @@ def _read_publisher_arguments(arguments: Sequence[str], path: Path) -> HandEyeCa
 
 
 def _find_publisher_text(text: str) -> str:
-    """Return the arguments of the publisher in the text of a Python launch file."""
+    """Return the arguments of static_transform_publisher in the text of a Python launch file."""
     code = re.sub(r"#.*", "", text)
     after = code[code.index(PUBLISHER) + len(PUBLISHER) :] if PUBLISHER in code else ""
     inside, closed, _ = after[max(after.find("arguments"), 0) :].partition("]")
@@ -301,7 +301,10 @@ def _read_mapping(text: str, path: Path) -> tuple[HandEyeCalibration, str]:
 
 
 def _read_ros(data: Mapping[str, Any], entry: Mapping[str, Any], where: str) -> HandEyeCalibration:
-    """Read easy_handeye's transformation, or a geometry_msgs/Transform."""
+    """Return the calibration in `entry`, from easy_handeye or a geometry_msgs/Transform.
+
+    `data` is the content of the file, which may name the link and the camera frame.
+    """
     parts = {key: entry.get(key) for key in ("x", "y", "z", "qx", "qy", "qz", "qw")}
     for key, names in (("translation", ("x", "y", "z")), ("rotation", ("qx", "qy", "qz", "qw"))):
         if isinstance(entry.get(key), Mapping):
@@ -366,7 +369,10 @@ def _read_entries(data: Mapping[str, Any], path: Path) -> np.ndarray:
 
 
 def _is_inverse(name: str) -> bool:
-    """Return whether a matrix with this name maps to the camera frame, such as gripper2cam."""
+    """Return whether a matrix with this name maps coordinates to the camera frame.
+
+    Examples of such names are gripper2cam and base_to_camera.
+    """
     return re.search(r"(2|_to_|to)(cam|camera|optical)\b", name.lower()) is not None
 
 

@@ -1,4 +1,4 @@
-"""Readers of image files, and of their size without decoding them."""
+"""Functions that read an image file, or only the size of the image without decoding it."""
 
 import warnings
 from pathlib import Path

@@ -1,7 +1,7 @@
-"""Imports that load only what a program needs.
+"""Lazy imports, which reduce the start time of programs.
 
-Exports of a package are imported when they are first used. A library can be imported without
-another library that it would import, but that the program does not need.
+A package's exported names are imported when they are first used. In addition, a library can be
+imported without those libraries that it imports by itself but the program does not need.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ def lazy_exports(package: str, places: Mapping[str, str]) -> tuple[Getter, Liste
         from .names import suggest  # imported here because it is only needed for errors
 
         hint = suggest(name, list_names())
-        # The statement `from package import name` calls this function, too. The statement would
-        # replace the message of an AttributeError, but keeps that of an ImportError.
+        # `from package import name` also calls this function. Python then replaces the message of
+        # an AttributeError by its own, but it keeps the message of an ImportError.
         if sys._getframe(1).f_globals.get("__name__") == "importlib._bootstrap":
             text = f"cannot import name {name!r} from {package!r}: {hint}"
             raise ImportError(text, name=package)
@@ -52,16 +52,19 @@ def lazy_exports(package: str, places: Mapping[str, str]) -> tuple[Getter, Liste
 
 
 def _is_module(name: str) -> bool:
-    """Return whether a module with this full name exists; its package must be imported."""
+    """Return whether a module with this full name exists.
+
+    The package that contains the module must have been imported.
+    """
     return name.rpartition(".")[2].isidentifier() and find_spec(name) is not None
 
 
 def import_later(place: str) -> Callable[..., Any]:
-    """Import a function 'package.module:name' when a method first needs it.
+    """Import and return the function 'package.module:name'.
 
-    Modules import only modules of lower layers. The only exception are methods of `Run`, `Study`
-    and `Results` that draw, write or compare: each calls one function of a higher layer, which it
-    imports by this function.
+    Modules are ordered in layers and import only modules of lower layers at their top. This
+    function is for the few methods that call a function of a higher layer: those of `Run`, `Study`
+    and `Results` that draw, write or compare results.
     """
     module, _, name = place.partition(":")
     return getattr(import_module(module), name)

@@ -44,7 +44,7 @@ def undistort_brown(
     Returns:
         Undistorted x and y (n,); and for each point whether it is valid (n,). A point is not valid
         if the iteration does not converge, or if its undistorted radius is above `largest_radius`
-        or above the `fold_radius`; its x and y are then 0.
+        or above the result of `fold_radius`. Its x and y are then 0.
     """
     xd, yd = np.asarray(xd, dtype=float), np.asarray(yd, dtype=float)
     out, valid = np.empty((2, xd.size)), np.empty(xd.size, np.bool_)
@@ -80,9 +80,9 @@ def _tilt_homography(taux: float, tauy: float) -> np.ndarray:
 
 @functools.lru_cache(maxsize=32)
 def fold_radius(D: tuple[float, ...]) -> float:
-    """Return the undistorted radius at which the radial part of `brown` has its maximum.
+    """Return the undistorted radius at which the distorted radius of `brown` has its maximum.
 
-    Return infinity if the radial part increases monotonically.
+    Only the radial coefficients are considered. Return infinity if there is no maximum.
     """
     k1, k2, _, _, k3, k4, k5, k6 = (*D, *(0.0,) * (8 - len(D)))[:8]
     one = np.polynomial.Polynomial([1.0])
@@ -99,9 +99,10 @@ def fold_radius(D: tuple[float, ...]) -> float:
 def extrapolate_brown(
     x: np.ndarray, y: np.ndarray, D: tuple[float, ...]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Distort x and y (n,) with `brown`, and extrapolate linearly beyond the `fold_radius`.
+    """Distort x and y (n,) with `brown`, and extrapolate linearly beyond a certain radius.
 
-    Beyond this radius, the polynomial would map points outside of the field of view into the image.
+    Beyond this radius, which `fold_radius` returns, the polynomial would map points outside of the
+    field of view into the image.
     """
     fold = fold_radius(D)
     if math.isinf(fold):
@@ -112,7 +113,7 @@ def extrapolate_brown(
 
 
 def kannala_brandt(theta: np.ndarray, D: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the radius (n,) in the image for angles theta (n,) from the axis, and its slope.
+    """Return the radius (n,) in the image for angles (n,) to the optical axis, and its slope.
 
     The radius is theta (1 + k1 theta^2 + k2 theta^4 + k3 theta^6 + k4 theta^8), with theta in rad
     and D = (k1, k2, k3, k4). The slope (n,) is its derivative with respect to theta.
@@ -187,9 +188,9 @@ def distort_points(x, y, D, tilt, is_tilted, out):
 def undistort_points(xd, yd, D, tilt, is_tilted, largest_radius, out, valid):
     """Invert the distortion of n points by Newton's method.
 
-    The polynomial is invertible up to the radius at which the image folds back (the fold). A root
-    beyond the fold is wrong. It is rejected by its radius, or because the determinant or the trace
-    of the Jacobian is not positive.
+    The distorted radius increases with the undistorted radius only up to a certain radius. A root
+    beyond this radius is wrong. A wrong root is recognised because its undistorted radius is above
+    `largest_radius`, or because the determinant or the trace of the Jacobian is not positive.
 
     Args:
         xd, yd: (n,) distorted coordinates, normalised.

@@ -27,8 +27,9 @@ class ByteLimitedCache(Generic[K, V]):
         Args:
             capacity: largest total size of the values, bytes.
             size: function that returns the size of a value, bytes.
-            drop: function that is called with each value that is removed, or that is not stored
-                because another thread was faster.
+            drop: function that is called with each value that is removed. It is also called with a
+                new value that is not stored, because another thread has just stored a value of the
+                same key.
         """
         self._capacity, self._size, self._drop = capacity, size, drop
         self._values: OrderedDict[K, V] = OrderedDict()

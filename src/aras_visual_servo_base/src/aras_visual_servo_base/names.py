@@ -22,7 +22,10 @@ def find_nearest(name: object, known_names: Iterable[str], cutoff: float = 0.6) 
 
 
 def suggest(name: object, known_names: Iterable[str]) -> str:
-    """Return a suggestion for an unknown name: the most similar name, or all known names."""
+    """Return a hint about an unknown name, for a message.
+
+    The hint is the most similar name, or a list of all known names if none is similar.
+    """
     known_names = [str(entry) for entry in known_names]
     near = find_nearest(name, known_names)
     if near:
@@ -66,13 +69,13 @@ def import_object(
     path: object = None,
     load: Callable[[str], ModuleType] = importlib.import_module,
 ) -> Any:
-    """Return the object that 'package.module:Name' refers to.
+    """Import the object with the path 'package.module:Name'.
 
     Args:
         kind: kind of the object, for messages, such as 'scheme' or 'metric'.
-        name: name that the user wrote.
+        name: text that the user wrote: the path, or a short name for it.
         fault: class of the exceptions to raise.
-        path: 'package.module:Name', if `name` is a short name for it; None if `name` is this path.
+        path: the path, if `name` is a short name; None if `name` is the path itself.
         load: function that imports a module.
 
     Raises:

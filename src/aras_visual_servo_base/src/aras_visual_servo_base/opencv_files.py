@@ -53,7 +53,7 @@ def _read_numbers(node: Any) -> list[float] | None:
 
 
 def _read_matrix(node: Any, where: str, error: type[SimError]) -> np.ndarray | None:
-    """Return a matrix (rows, cols), or None if the node is not a matrix.
+    """Return the matrix (rows, cols) in a node of the file, or None if the node is not a matrix.
 
     A vector of n elements is returned as a column (n, 1).
     """

@@ -1,10 +1,10 @@
 """Rotations, rigid poses and twists.
 
 `a_T_b` maps coordinates in b to a, and `a_R_b` maps directions. Lengths are in m, angles in rad.
-Quaternions are (x, y, z, w) with unit length. There are two representations. Tuples of floats are
-for single poses in a 1 kHz loop, where NumPy is slow; `Pose` and the functions in the first part of
-the file, up to LINK_R_OPTICAL, use them. The functions after it use arrays (4, 4) and (3, 3), which
-are for products with Jacobians and points.
+Quaternions are (x, y, z, w) with unit length. Poses have two representations: the class `Pose`,
+which contains tuples of floats, and NumPy arrays (4, 4). `Pose` is faster for single poses in a
+fast loop. Arrays are for products with Jacobians and points. The functions before LINK_R_OPTICAL
+use tuples, those after it use arrays.
 """
 
 from __future__ import annotations
@@ -64,7 +64,8 @@ class Pose(NamedTuple):
         return Pose(scale(rotate(back, self.xyz), -1.0), back)
 
     def apply(self, point: Vector3) -> Vector3:
-        """Return the coordinates in a of a point given in b."""
+        """Return the coordinates in frame a of a point that is given in frame b, for a pose a_T_b.
+        """
         return add(self.xyz, rotate(self.quat, point))
 
     def matrix(self) -> np.ndarray:
@@ -318,9 +319,9 @@ def rotation_vector(R: np.ndarray) -> np.ndarray:
 def rotation_vector_rate(rotation: np.ndarray) -> np.ndarray:
     """Return the matrix J (3, 3) that maps angular velocity to the rate of a rotation vector.
 
-    `rotation` is the rotation vector of a_R_b. J @ omega is its rate if omega (rad/s) is the
-    angular velocity of b relative to a in the axes of b. If omega is in the axes of a, use the
-    transpose of J. J is the inverse right Jacobian of SO(3).
+    `rotation` is the rotation vector of a_R_b. Let omega (rad/s) be the angular velocity of b
+    relative to a. The rate of the rotation vector is J @ omega if omega is in the axes of b, and
+    J.T @ omega if omega is in the axes of a. J is the inverse right Jacobian of SO(3).
     """
     K, angle = skew(rotation), float(np.linalg.norm(rotation))
     factor = 1.0 / 12.0
@@ -402,9 +403,9 @@ def compute_logarithm(
         factor = 0.5 * angle / sine if sine > 1e-6 else 0.5
         a, b, c = factor * a, factor * b, factor * c
     else:
-        # Near half a turn, the symmetric part is accurate: with the axis u, (R + R^T) / 2 -
-        # cosine I = (1 - cosine) u u^T. The column with the largest diagonal element is parallel
-        # to u.
+        # Near half a turn, use the symmetric part of R, which is accurate there: (R + R^T) / 2 -
+        # cos(angle) I = (1 - cos(angle)) u u^T, where u is the axis. Every column of this matrix is
+        # parallel to u; take the one with the largest diagonal element.
         if xx >= yy and xx >= zz:
             u, v, w = xx - cosine, 0.5 * (xy + yx), 0.5 * (xz + zx)
         elif yy >= zz:

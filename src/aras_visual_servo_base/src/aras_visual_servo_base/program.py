@@ -1,4 +1,4 @@
-"""Start of the workspace's programs."""
+"""Functions that start the programs of the workspace."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ def fast_imports() -> Iterator[None]:
 def run(module: str) -> NoReturn:
     """Import a module, call its `main`, and exit with the status that it returns.
 
-    If Numba cannot be imported, print this in one line and exit with the status 1. Until rospy
-    handles signals, Ctrl-C ends the program without a traceback.
+    If Numba cannot be imported, print the error in one line and exit with the status 1. Ctrl-C
+    during the start ends the program without a traceback.
     """
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     try:

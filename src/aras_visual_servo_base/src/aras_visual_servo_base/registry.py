@@ -71,9 +71,10 @@ class Registry(Mapping[str, type]):
             package: full name of the package whose modules declare entries.
             bases: base classes. Each entry must be derived from one of them.
             fault: class of the exceptions for wrong names and parameters.
-            fallbacks: registries that are searched after this one; their entries also belong to
-                this kind.
-            first: modules to import before the others, because most users need them.
+            fallbacks: registries of the same kind, in which a name is searched if it is not in this
+                one.
+            first: modules to import before the package's other modules, because most users need
+                them.
         """
         self.kind, self.bases, self.fault = kind, bases, fault
         self._package, self._fallbacks, self._first = package, fallbacks, first

@@ -41,7 +41,7 @@ def parse(
     if not xml.strip():
         raise DescriptionError(f"{what}: the description is empty")
     text = _remove_comments(xml).lstrip("\ufeff \t\r\n")
-    # number of lines that were removed before `text`
+    # number of lines of the document before `text`, which contain only comments or blanks
     first_line = xml.count("\n") - text.count("\n")
     builder = TreeBuilder()
     parser = expat.ParserCreate()

@@ -23,7 +23,7 @@ _TYPE_NAMES = {
 }  # fmt: skip
 # Numbers such as 1e1 and -.5, which are numbers in YAML 1.2 but texts in YAML 1.1.
 _TEXT_NUMBER = re.compile(r"[-+]?(\.\d+([eE][-+]?\d+)?|\d+(\.\d*)?[eE][-+]?\d+)", re.ASCII)
-_PLAIN_TYPES = {float, int, str, bool, type(None)}  # types of the numbers and texts in files
+_PLAIN_TYPES = {float, int, str, bool, type(None)}  # types of single values in a settings file
 LONGEST_VALUE = 200  # largest number of characters of a setting's value in an error message
 
 
@@ -41,7 +41,10 @@ def as_number(value: Any, infinite: bool = False) -> float | None:
 
 
 def convert_to_file_types(value: Any) -> Any:
-    """Convert a Python value to the lists, numbers and texts that represent it in a file."""
+    """Convert a Python value, such as a NumPy array or a path, to lists, numbers and texts.
+
+    A settings file can contain only these types. Values of other types are returned unchanged.
+    """
     if type(value) in _PLAIN_TYPES:
         return value
     if isinstance(value, list | tuple) and set(map(type, value)) <= _PLAIN_TYPES:
@@ -100,8 +103,8 @@ def check_value(value: Any, where: str, fault: Fault, rules: Mapping[str, Any]) 
                 raise fault(f"{where} is {value}, must be {sign} {bound:g}{text}")
 
 
-# For each unit of a setting: the unit that users often use by mistake, and the size of this unit in
-# the correct unit. A message suggests the mistake if a number is too large.
+# Units that users confuse. For each correct unit of a setting: the wrong unit, and the size of the
+# wrong unit in the correct one. If a number is too large, the message suggests this mistake.
 _COMMON_UNIT_MISTAKES = {"rad": ("degrees", math.pi / 180.0), "s": ("ms", 1e-3)}
 _BOUNDS = (
     ("least", ">=", lambda value, bound: value >= bound),
@@ -126,7 +129,7 @@ def join_path(where: str, key: Any) -> str:
 
 
 def describe_hint(hint: Any) -> str:
-    """Describe the values that an annotation accepts, for a message: 'a finite number'."""
+    """Describe the values that an annotation accepts, for a message, such as 'a finite number'."""
     if hint in _TYPE_NAMES:
         return _TYPE_NAMES[hint]
     origin, parts = typing.get_origin(hint), typing.get_args(hint)

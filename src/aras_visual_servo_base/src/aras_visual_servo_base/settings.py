@@ -2,16 +2,15 @@
 
 The annotation of a field defines the type of its value. Its metadata (see `parameter`) define the
 bounds. Supported annotations are float, int, bool, str, Path, Any, None, tuples (of fixed length,
-or `tuple[float, ...]`), Mapping, other dataclasses, and unions of these. The types of a union are
-tried in their order.
+or `tuple[float, ...]`), Mapping, other dataclasses, and unions of these, such as `float | None`.
+For a union, the types are tried in the order of the annotation.
 
 - Numbers must be finite. A whole number is also a float; true and false are not numbers. Numbers
   that YAML 1.1 reads as texts, such as 1e1 and -.5, are accepted as floats.
 - A value of the type int must be written without a decimal point and without an exponent. 10.0 and
   1e1 are errors.
 - A list of floats may be given as a text, as in a launch argument: '0 0 0.05'.
-- NumPy arrays and numbers, ranges and paths in Python are converted to the lists, numbers and texts
-  that represent them in a file.
+- In Python, values may also be NumPy arrays, NumPy numbers, `range` objects or paths.
 - Keys are texts. A key that is a whole number is converted to a text.
 
 An error message has one line. It names the full path of the key, its value, and what is expected,
@@ -84,16 +83,16 @@ def parameter(
         least, above, most, below: bounds of a number, or of each number in a list or mapping: >=,
             >, <=, <.
         choices: valid texts.
-        renamed: the new name of each renamed choice, by its old name, for error messages.
+        renamed: mapping from old names of choices to their new names, for error messages.
         expected: description of valid values, for messages; '' to derive it from the annotation.
-        name: whether a whole number is converted to a text. For example, roslaunch reads
-            start:=2016 as a number.
-        splits_words: whether a text is converted to the list of its words.
+        name: True if the value is a name (a text), so that a whole number is converted to a text.
+            For example, roslaunch reads start:=2016 as a number.
+        splits_words: True if a text is converted to the list of its words.
         infinite: whether infinity is valid.
-        internal: whether users cannot set the field.
+        internal: True if users cannot set the field.
         shorthand: whether users may give the value of this field instead of a mapping with the
             values of all fields.
-        importable: whether a class is converted to the text 'package.module:Class'.
+        importable: True if a class is converted to the text 'package.module:Class'.
         help: description of the setting, for tables and --help.
     """
     rules = {
@@ -128,8 +127,7 @@ def build(cls: type[T], values: Any, where: str, fault: Fault) -> T:
     """Create a dataclass from a mapping.
 
     Args:
-        where: name of the mapping, for messages, such as '', 'start', 'parameter ~' or 'goal.yaml:
-            '.
+        where: start of the names of keys in messages, such as 'start' or 'goal.yaml: '.
 
     Raises:
         fault: a key is unknown or missing, a value is invalid, or the class rejects the values.
@@ -201,8 +199,8 @@ def describe_unknown_key(
     """Return the message for an unknown key. It suggests the new name of the key, or a similar key.
 
     Args:
-        renamed: the new name of each renamed key, by its old name. Settings classes declare it as
-            `renamed_keys`.
+        renamed: mapping from old names of keys to their new names, which a class of settings
+            declares as `renamed_keys`.
     """
     head, colon, path = join_path(where, key).rpartition(": ")
     kind = path if path.startswith("parameter ") else f"key '{path}'"
@@ -269,7 +267,7 @@ def _convert(
     value: Any, hint: Any, where: str, fault: Fault, rules: Mapping[str, Any] = NO_RULES
 ) -> Any:
     if type(value) is hint and (hint in (str, bool) or hint is float and math.isfinite(value)):
-        return value  # usually, the value already has the right type
+        return value  # no conversion is necessary; this is the most frequent case
     origin = typing.get_origin(hint) or hint
     if origin in (typing.Union, types.UnionType):
         return _convert_union(value, hint, where, fault, rules)
@@ -288,7 +286,7 @@ def _convert(
     elif hint is int:
         fits = isinstance(value, numbers.Integral) and as_number(value) is not None
         found = int(value) if fits else None
-    else:  # values of type bool, str and None are not converted
+    else:  # bool, str and None: accept only values of this type, without conversion
         found = value if isinstance(value, hint) else None
     if found is None and hint is not type(None) or hint is type(None) and value is not None:
         expected = (
@@ -316,8 +314,8 @@ def _convert_union(
             return build(chosen, value, where, fault)
     expected_kind = Mapping if isinstance(value, Mapping) else tuple
     alike = [kind for kind in kinds if _is_kind(kind, expected_kind)]
-    # If the value is a mapping or a sequence, and only one type of the union is of this kind,
-    # convert the value to this type. The error message then names the invalid item.
+    # If the value is a mapping (or a sequence), and only one type of the union is a mapping (or a
+    # tuple), convert the value to this type. The error message then names the invalid item.
     if isinstance(value, Mapping | list | tuple) and len(alike) == 1:
         return _convert(value, alike[0], where, fault, rules)
     for kind in kinds:
@@ -334,7 +332,10 @@ def _is_kind(hint: Any, kind: type) -> bool:
 
 
 def _count_known_keys(values: Mapping, cls: type) -> int:
-    """Return the number of keys that are equal or similar to a field of the class."""
+    """Return how many keys of `values` are equal or similar to the name of a field of the class.
+
+    The class with the largest number is the one that the user probably means.
+    """
     known = _list_fields(cls)
     return sum(key in known or bool(find_nearest(key, known)) for key in values)
 
@@ -389,7 +390,8 @@ def check(settings: Any, fault: Fault, where: str = "") -> None:
             continue
         found = convert(value, hints[name], join_path(where, name), fault, field.metadata)
         if found is not value:
-            object.__setattr__(settings, name, found)  # also works for a frozen dataclass
+            # A frozen dataclass allows no other assignment.
+            object.__setattr__(settings, name, found)
 
 
 def to_mapping(settings: Any) -> dict[str, Any]:

@@ -1,12 +1,12 @@
-"""Matching of messages that belong to one exposure but arrive on different topics."""
+"""Matching of messages that belong to one exposure of a camera but arrive on different topics."""
 
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
 from typing import Any
 
-# Largest number of stored incomplete exposures, which wait for messages of some topics. If one
-# topic lags behind another by more exposures than this, exposures are lost.
+# Largest number of incomplete exposures that are stored until their other messages arrive. If there
+# are more, the oldest is discarded.
 MOST_PENDING = 8
 
 
@@ -14,7 +14,7 @@ class StampSynchronizer:
     """Matches messages of different kinds, such as 'image' and 'depth', with the same stamp."""
 
     def __init__(self, kinds: Sequence[str]) -> None:
-        """Create a synchronizer for exposures with one message of each of these kinds."""
+        """Create a synchronizer for exposures of a camera that have one message of each kind."""
         self._kinds = tuple(kinds)
         self._pending: dict[Hashable, dict[str, Any]] = {}
 
@@ -38,5 +38,5 @@ class StampSynchronizer:
         return entry
 
     def clear(self) -> None:
-        """Discard all incomplete exposures."""
+        """Discard the messages of all incomplete exposures."""
         self._pending.clear()

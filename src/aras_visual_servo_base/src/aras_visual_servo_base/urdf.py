@@ -1,8 +1,8 @@
 """Kinematic tree of a URDF: its links and joints, and the path between two links.
 
-The reader follows http://wiki.ros.org/urdf/XML. It reports errors for which urdfdom guesses a value
-or fails without a clear message. The simulator's package `description` reads inertias, visuals and
-collisions.
+The reader follows http://wiki.ros.org/urdf/XML. It reports errors that ROS's parser urdfdom would
+ignore or report without a clear message. Inertias, visuals and collisions are read by
+`aras_sim_bridge.description`.
 """
 
 import math
@@ -33,7 +33,7 @@ JOINT_KINDS = (*MOVING_KINDS, "fixed", "floating", "planar")
 
 
 class FramedElement:
-    """Base class of elements with a frame.
+    """Base class of elements of a robot description that have a frame.
 
     The pose of the frame in the parent frame is `origin_xyz` (m) and `origin_rpy` (rad).
     """
@@ -124,7 +124,7 @@ class Joint(FramedElement):
     def stops(self) -> tuple[float, float]:
         """Lower and upper stop, rad or m; infinite for a joint without position limits.
 
-        If the element `<limit>` has no attribute lower or upper, this stop is 0, as URDF defines.
+        A stop is 0 if the element `<limit>` does not define it, as URDF prescribes.
         """
         if self.limits is None or self.kind not in ("revolute", "prismatic"):
             return -math.inf, math.inf
@@ -236,7 +236,7 @@ def _build_tree(xml: str | Element) -> UrdfTree:
 
 
 def read_camera_pose(sensor: Element, node: Element, where: str) -> tuple[Vector3, Vector3]:
-    """Return xyz (m) and rpy (rad) of a camera in the link of its sensor.
+    """Return xyz (m) and rpy (rad) of a camera's pose in the frame of the link with its sensor.
 
     Args:
         sensor: <sensor> element.
@@ -334,7 +334,8 @@ def _read_limits(element: Element, kind: str, where: str) -> JointLimits | None:
     upper = parse_number(node.get("upper"), f"{where}: limit upper", 0.0)
     if bounded and lower > upper:
         raise DescriptionError(f"{where}: limit lower {lower} is above upper {upper}; swap them")
-    # effort and velocity limits of continuous joints are optional
+    # default of the effort and velocity limits: infinity for a continuous joint; for other joints
+    # None, which means that the limits are required
     required = None if bounded else math.inf
     effort = parse_number(node.get("effort"), f"{where}: limit effort", required)
     velocity = parse_number(node.get("velocity"), f"{where}: limit velocity", required)

@@ -1,4 +1,8 @@
-"""Changes of robot descriptions: a camera that is calibrated or moved, joints without friction."""
+"""Changes of robot descriptions.
+
+The functions move a camera, mount it at the pose of a hand-eye calibration, or remove the friction
+of the joints.
+"""
 
 from __future__ import annotations
 
@@ -51,10 +55,10 @@ def check_optical(calibration: HandEyeCalibration) -> None:
 def mount_camera(urdf: str, calibration: HandEyeCalibration, link: str, camera_frame: str) -> str:
     """Return a robot description (URDF) whose camera has the pose of a hand-eye calibration.
 
-    The camera link is moved, together with all links that are fixed to it. If the optical frame is
-    named `camera_optical_frame`, the camera link is `camera_link`. If the camera link does not
-    exist, it is added. The optical frame is also added, unless it exists or a camera sensor of the
-    camera link defines it.
+    The camera link is moved, and all links that it carries move with it. The name of the camera
+    link follows from that of the optical frame: `camera_link` for `camera_optical_frame`. If the
+    description does not contain the camera link or the optical frame, they are added. The optical
+    frame is not added if a camera sensor of the camera link defines it.
 
     Args:
         link: link that carries the camera; '' for the link that the calibration file names.
@@ -127,9 +131,10 @@ def _set_joint_pose(joint: ElementTree.Element, parent: str, parent_T_child: np.
 
 
 def move_camera(urdf: str, xyz: str, rpy: str) -> str:
-    """Return a robot description with camera_link moved relative to its pose.
+    """Return a robot description in which camera_link is displaced from its present pose.
 
-    A new link camera_mount takes the former pose of camera_link, which is attached to it.
+    A new link, camera_mount, is added at the former pose of camera_link, and camera_link is
+    attached to it.
 
     Args:
         xyz: translation, m, as in the attribute xyz of a URDF.

@@ -30,7 +30,10 @@ def read_yaml(path: str | Path, fault: type[Exception], what: str = "") -> Any:
 
 
 def read_text(path: str | Path, fault: type[Exception], what: str = "") -> str:
-    """Return the text of a file with settings; see `read_yaml`."""
+    """Return the text of a file with settings.
+
+    The arguments and the errors are those of `read_yaml`.
+    """
     path = Path(path).expanduser()
     cannot = " ".join(filter(None, ("cannot read", what, str(path))))
     try:
@@ -65,7 +68,9 @@ def parse_yaml(text: str, where: str, fault: type[Exception]) -> Any:
     try:
         return pickle.loads(_parse(text))
     except (yaml.YAMLError, RecursionError, ValueError) as error:
-        # PyYAML raises a ValueError for a number with 5000 digits or a date such as 2026-13-01.
+        # PyYAML raises a ValueError for some invalid values, such as the date 2026-13-01 or a
+        # number with 5000 digits. For such a number, the hint to use a function of `sys` is cut
+        # off.
         words = " ".join(str(error).split()).partition("; use sys.")[0]
         raise fault(f"{where} is not valid YAML: {words}") from None
 

@@ -1,10 +1,10 @@
 """Outline and corners of the segmented target, with sub-pixel accuracy, in normalised coordinates.
 
 The coverage of a pixel is the fraction of it that the target covers. The outline has one point for
-each pixel at the target's edge: from this pixel, the edge is searched along the gradient of the
-coverage. Corners are the intersections of straight lines that are fitted to the sides of the
-target. The lines are fitted in normalised coordinates, in which the sides are straight for any
-lens.
+each pixel at the target's edge. The point is found with sub-pixel accuracy along the gradient of
+the coverage at this pixel. Corners are the intersections of straight lines that are fitted to the
+sides of the target. The lines are fitted in normalised coordinates, in which the sides are straight
+for any lens.
 """
 
 from __future__ import annotations
@@ -21,12 +21,11 @@ from .polygons import Array, signed_area
 from .segmented_target import SegmentedTarget
 from .undistortion import CameraModel
 
-# A side is split in two if it deviates from a line by more than MAX_BEND (as a fraction of the
-# outline's length) and by more than MIN_BEND (px). A side shorter than MIN_SIDE (px) is a blunted
-# corner. Measured on images of quadrilaterals with noise of up to 5 grey levels: with these limits,
-# four corners are found in every image if the quadrilateral is 17 to 40 px wide. With MAX_BEND
-# alone, five to eight corners were found in a fifth of these images, and in most images of
-# quadrilaterals that were 10 to 17 px wide.
+# A side is split in two if it deviates from a straight line by more than both limits: MAX_BEND
+# (fraction of the outline's length) and MIN_BEND (px). A side shorter than MIN_SIDE (px) is
+# replaced by one corner. Measured on noisy images of quadrilaterals 17 to 40 px wide: with these
+# limits, four corners are found in every image; without MIN_BEND, five to eight are found in a
+# fifth of the images.
 MAX_BEND, MIN_BEND, MIN_SIDE = 0.012, 1.2, 2.0
 # Number of times that lines are fitted to the sides: first between the rough corners, then between
 # the corners of the first fit.
@@ -35,8 +34,9 @@ OUTLINE_SAMPLES = 128  # number of points at which an outline is compared with a
 # Rms error of a corner, px, in addition to the error predicted by the line fits. It was measured on
 # 840 quadrilaterals with a width of 12 to 180 px and noise of up to 5 grey levels.
 CORNER_ACCURACY = 0.022
-# Largest accepted distance of a corner from its position in the fitted model, as a fraction of the
-# rms distance of the outline's points from their mean. One pixel is added to this limit.
+# Largest accepted distance between a corner of the outline and the corresponding corner of the
+# fitted model: one pixel plus this fraction of the outline's radius (rms distance of its points
+# from their mean).
 MAX_CORNER_DISTANCE = 0.1
 
 
@@ -83,17 +83,18 @@ def extract_outline(grey: NDArray[np.uint8], target: SegmentedTarget, camera: Ca
 
 
 def find_corners(outline: Array, max_bend: float = MAX_BEND) -> Array:
-    """Return the corners (n, 2) of a polygon from its outline; see `fit_corners`."""
+    """Return the corners (n, 2) that `fit_corners` computes from the outline of a polygon."""
     return fit_corners(outline, max_bend)[0]
 
 
 def fit_corners(outline: Array, max_bend: float = MAX_BEND) -> tuple[Array, Array]:
     """Compute the corners of a polygon, and their uncertainty, from its outline.
 
-    The sides are found by the Douglas-Peucker algorithm. A line is fitted to each side by total
-    least squares, without the points next to its ends. The corners are the intersections of
-    neighbouring lines. The fit is then repeated between these corners. Before the first fit, each
-    side shorter than MIN_SIDE pixels is replaced by one corner in its middle.
+    The Douglas-Peucker algorithm divides the outline into sides. Each side shorter than MIN_SIDE
+    pixels is then replaced by one corner in its middle. A line is fitted to each remaining side by
+    total least squares, without the points next to the corners. The intersections of neighbouring
+    lines are the new corners. The lines are then fitted again, to the points between the new
+    corners.
 
     Args:
         outline: (m, 2) closed outline, as `extract_outline` returns it.
@@ -101,9 +102,8 @@ def fit_corners(outline: Array, max_bend: float = MAX_BEND) -> tuple[Array, Arra
             The limit is at least MIN_BEND pixels.
 
     Returns:
-        The corners (n, 2), ordered in the direction from the x axis to the y axis; and their
-        uncertainty (2n, 2n), which `compute_crossing_spread` computes from the scatter of the
-        outline about the lines.
+        The corners (n, 2), clockwise in the image (y is down); and an array S (2n, 2n), where S S^T
+        is the covariance of the corners' coordinates (x_0, y_0, x_1, ...).
 
     Raises:
         SegmentationError: the outline has fewer than three or more than 32 sides.
@@ -130,22 +130,22 @@ def match_corners(outline: Array, model: Array) -> Array:
 
     Args:
         outline: (m, 2) closed outline, as `extract_outline` returns it.
-        model: (n, 2) corners of the same target in another view of the same side.
+        model: (n, 2) corners of the same target in another image, which must not show its back.
 
     Returns:
         The corners (n, 2), in the order of the model's corners.
 
     Raises:
-        SegmentationError: two corners are at the same point of the outline, or the outline does
-            not show the model.
+        SegmentationError: two corners are at the same point of the outline, or the outline does not
+            show the model.
     """
     points, middle, _, _ = _centre_polygon(outline)
     model_points, _, _, _ = _centre_polygon(model)
     outline_samples, model_samples = _resample(points), _resample(model_points)
     origin = model_samples.mean()
     model_samples = model_samples - origin
-    # Circular correlation of the two outlines by the correlation theorem. Entry k belongs to a
-    # shift of the start point by k samples.
+    # Circular correlation of the outline with the model's outline, by the correlation theorem.
+    # Entry k is for a shift of the start point by k samples.
     correlation = np.fft.ifft(np.fft.fft(outline_samples) * np.conj(np.fft.fft(model_samples)))
     similarity = (
         correlation[int(np.abs(correlation).argmax())] / np.vdot(model_samples, model_samples).real
@@ -173,7 +173,7 @@ def match_corners(outline: Array, model: Array) -> Array:
 
 
 def _centre_polygon(polygon: Array) -> tuple[Array, tuple[float, float], float, float]:
-    """Return a polygon (n, 2) relative to its middle, ordered from the x axis to the y axis.
+    """Return a polygon (n, 2) relative to its middle, clockwise in the image (y is down).
 
     Returns:
         The points (n, 2); the polygon's middle; the median length of its sides; its perimeter.
@@ -206,7 +206,7 @@ def _fit_sides(points: Array, corners: Array) -> tuple[Array, Array]:
         corners: (k, 2) rough corners.
 
     Returns:
-        The corners (n, 2); and the lines (n, 7), as in `propagate_line_errors`.
+        The corners (n, 2), and the lines (n, 7), whose columns `propagate_line_errors` describes.
 
     Raises:
         SegmentationError: the outline has fewer than three or more than 32 sides.

@@ -1,4 +1,7 @@
-"""Compiled loops of `contour`: points of an outline between pixels, and lines through its sides."""
+"""Compiled loops of the module `contour`.
+
+They locate the points of an outline with sub-pixel accuracy, and fit lines to its sides.
+"""
 
 from __future__ import annotations
 
@@ -12,8 +15,8 @@ MAX_CORNERS = 32
 # Smallest slope of the coverage (part of a pixel that the target covers) at an outline, 1/px. An
 # edge with a smaller slope is too blurred to be located.
 MIN_SLOPE = 0.05
-# The coverage is integrated along the normal of the edge, from -REACH to REACH px, over STEPS
-# intervals of STEP px.
+# The coverage (fraction of a pixel that the target covers) is integrated along the normal of the
+# edge, from -REACH to REACH px, over STEPS intervals of STEP px.
 STEPS, STEP, REACH = 16, 0.25, 2.0
 MAX_OFFSET = 1.5  # px
 
@@ -22,9 +25,10 @@ MAX_OFFSET = 1.5  # px
 def locate_edge(weights, edge, found):
     """Locate the target's edge next to the pixels of its outline.
 
-    The coverage is integrated along the normal from two pixels inside the target, where it is one,
-    to two pixels outside, where it is zero. The integral is the covered length, which is exact even
-    if the edge is blurred by a symmetric kernel.
+    The coverage, i.e. the fraction of a pixel that the target covers, is integrated along the
+    normal of the edge. The path leads from two pixels inside the target, where the coverage is one,
+    to two pixels outside, where it is zero. The integral is the length of the path inside the
+    target, even if the edge is blurred by a symmetric kernel.
 
     Args:
         weights: (rows, columns) coverage.
@@ -33,7 +37,7 @@ def locate_edge(weights, edge, found):
             where the coverage changes too little are omitted.
 
     Returns:
-        Number of points.
+        Number of located points.
     """
     rows, columns = weights.shape
     count = 0
@@ -41,7 +45,8 @@ def locate_edge(weights, edge, found):
         u, v = edge[n, 0], edge[n, 1]
         left, right = max(u - 1, 0), min(u + 1, columns - 1)
         up, down = max(v - 1, 0), min(v + 1, rows - 1)
-        # The factor 1 / 8 scales the result of a Sobel kernel to the slope of the coverage, 1/px.
+        # The factor 1 / 8 scales the result of a Sobel kernel to the slope, 1/px, of the coverage
+        # (fraction of a pixel that the target covers).
         gx = (
             weights[up, right] + 2.0 * weights[v, right] + weights[down, right]
             - weights[up, left] - 2.0 * weights[v, left] - weights[down, left]
@@ -57,9 +62,8 @@ def locate_edge(weights, edge, found):
         covered = 0.0
         for k in range(STEPS + 1):
             at = k * STEP - REACH
-            # Bilinear interpolation between pixels; beyond the image's border, the coverage is
-            # constant. Positions have single precision, so that the corners equal those computed
-            # with cv2.remap to 1e-9.
+            # Bilinear interpolation between pixels. Beyond the border of the image, the values of
+            # the border continue. Positions have single precision, as in cv2.remap.
             x, y = np.float32(u + nx * at), np.float32(v + ny * at)
             x0, y0 = int(np.floor(x)), int(np.floor(y))
             a, b = x - np.float32(x0), y - np.float32(y0)
@@ -77,7 +81,7 @@ def locate_edge(weights, edge, found):
 
 @jit("f8[:,:], f8[:,::1]")
 def centre_polygon(polygon, points):
-    """Write a polygon relative to its middle, ordered from the x axis to the y axis.
+    """Write a polygon relative to its middle, clockwise in the image (y is down).
 
     Args:
         polygon: (n, 2) points.
@@ -152,7 +156,7 @@ def _find_breaks(points, corners, breaks):
             the outline, starting at the first corner.
 
     Returns:
-        Number of indices.
+        Number of indices; it is smaller than k if several corners have the same nearest point.
     """
     total, first, count = len(points), 0, 0
     for k in range(len(corners)):
@@ -163,8 +167,8 @@ def _find_breaks(points, corners, breaks):
                 place, least = n, dx * dx + dy * dy
         if k == 0:
             first = place
-        # The indices of the corners are sorted by their distance along the outline from the first
-        # corner.
+        # Find the place of this index: the indices are sorted by their distance along the outline
+        # from the first corner.
         place = (place - first) % total
         n = count
         while n > 0 and breaks[n - 1] > place:
@@ -184,13 +188,13 @@ def _find_breaks(points, corners, breaks):
 def _fit_line(points, first, last, line):
     """Fit a line to the points of an outline from index `first` to index `last`.
 
-    The result is written to `line` (7,), in the order of `propagate_line_errors`.
+    The result is written to `line` (7,), whose elements `propagate_line_errors` lists.
     """
     total = len(points)
     count = (last - first) % total
     count = total if count == 0 else count
-    # The grey levels near a corner depend on both sides, so points near the ends of a side are
-    # omitted: three at each end, or a third of the points if there are fewer than nine.
+    # The grey levels near a corner depend on both sides that meet there. Therefore, at each end of
+    # a side, three points are omitted, or a third of its points if it has fewer than nine.
     cut = min(3, count // 3)
     size = count - 2 * cut + 1
     x = y = 0.0
@@ -231,7 +235,7 @@ def fit_sides(points, rough, repeats, corners, lines):
             `propagate_line_errors`. Line k leads from corner k to the next corner.
 
     Returns:
-        n; if it is below 3 or above MAX_CORNERS, there is no result.
+        The number n of corners; if it is below 3 or above MAX_CORNERS, the arrays are not valid.
     """
     breaks = np.empty(max(len(rough), MAX_CORNERS), np.int64)
     count = 0

@@ -1,4 +1,4 @@
-"""Fraction of each pixel that the segmented target covers, from the grey levels at its edge."""
+"""Estimate of the fraction of each pixel that the target covers, from the pixel's grey level."""
 
 from __future__ import annotations
 
@@ -16,9 +16,8 @@ from .segmented_target import Mask, SegmentedTarget
 # Half width, px, of the square around a pixel over which the local grey level of the background or
 # of the target is averaged.
 BAND_WIDTH = 3
-# Smallest difference between the local grey levels of background and target with which the weight
-# of an edge pixel is computed. If the difference is smaller, the weight is 1 for a pixel in the
-# target's mask, and 0 for other pixels.
+# If the local grey levels of background and target differ by less than this, the weight of an edge
+# pixel is not computed from them: it is 1 for a pixel in the target's mask, otherwise 0.
 MIN_CONTRAST = 8.0
 
 
@@ -35,12 +34,13 @@ def compute_coverage(
 
     If the grey levels vary over the image (`target.is_uneven`), bg and fg are computed for each
     pixel, as means over its neighbourhood. The band is then one pixel wide on each side of the
-    edge, and the weights are clipped to [0, 1]. A pixel at which bg and fg differ too little has
-    the weight 1 if it is in the target's mask, otherwise 0.
+    edge, and the weights are clipped to [0, 1]. Where bg and fg differ by less than MIN_CONTRAST,
+    the weight is 1 in the target's mask, otherwise 0.
 
     Returns:
-        The weights (rows, columns) of a crop of the image; (column, row) of the crop's first pixel;
-        bg; fg. If `target.is_uneven`, the returned bg and fg are the means over the crop.
+        The weights (rows, columns) of a crop of the image around the target; (column, row) of the
+        crop's first pixel; bg; fg. If `target.is_uneven`, the returned bg and fg are the means over
+        the crop.
 
     Raises:
         SegmentationError: bg and fg differ by less than one grey level.
@@ -69,7 +69,7 @@ def compute_coverage(
 def _compute_local_coverage(
     image: Mask, inside: Mask, corner: tuple[int, int]
 ) -> tuple[NDArray[np.float64], tuple[int, int], float, float]:
-    """Compute the coverage of a target whose grey levels vary over the image.
+    """Compute the result of `compute_coverage` for grey levels that vary over the image.
 
     Args:
         image: (rows, columns) grey levels of the crop.
@@ -77,7 +77,8 @@ def _compute_local_coverage(
         corner: (column, row) of the crop's first pixel.
 
     Returns:
-        The weights, `corner`, bg and fg, as in `compute_coverage`.
+        The weights (rows, columns) of the crop; `corner`; the mean grey levels of the background
+        and of the target in the crop.
     """
     around = cv2.dilate(inside, _make_square(1))
     core = cv2.erode(inside, _make_square(1), borderType=cv2.BORDER_REPLICATE)

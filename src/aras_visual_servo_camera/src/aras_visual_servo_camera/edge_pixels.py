@@ -3,9 +3,8 @@
 The weight w of a pixel is the fraction of its square that the target covers. If the edge of the
 target is straight and parallel to a side of the square, the middle of the covered part is
 (1 - w) / 2 away from the middle of the square. The first moment of the covered part about the
-middle of the square is thus w (1 - w) / 2, directed towards the target. For an oblique edge, the
-error of this formula is at most 6 %. The weights increase towards the target, so their gradient
-gives the direction.
+middle of the square is thus w (1 - w) / 2. It is directed towards the target, i.e. along the
+gradient of the weights. For an oblique edge, the error of this formula is at most 6 %.
 
 If the middle of the square were used instead of the middle of the covered part, all pixels of an
 edge along a row would have the same error, and the errors would add up. The angle of a nearly
@@ -21,14 +20,14 @@ from aras_visual_servo_base.compiled import jit, jit_inline
 
 @jit_inline
 def find_edge_moment(weights, row, column):
-    """Compute the first moments of a pixel's covered part about the pixel's middle, px.
+    """Compute w times the vector from a pixel's middle to the middle of its covered part, px.
 
     Args:
-        weights: (rows, columns) covered fraction of each pixel.
+        weights: (rows, columns) covered fraction w of each pixel.
         row, column: the pixel, whose weight is neither 0 nor 1.
 
     Returns:
-        Moment in the direction of u (columns), and moment in the direction of v (rows).
+        The components along u (columns) and along v (rows).
     """
     rows, columns = weights.shape
     weight = weights[row, column]
@@ -79,8 +78,9 @@ def locate_covered_parts(x, y, area, weights, left, top, found):
             if weight != 1.0:
                 up, down = max(row - 1, 0), min(row + 1, last_row)
                 before, after = max(column - 1, 0), min(column + 1, last_column)
-                # If a neighbour of this pixel is outside the range of the lens model, the slope of
-                # the tables of x, y and area is not valid.
+                # To convert the offset from px to normalised units, differences between the
+                # neighbours' values of x, y and area are used. They are invalid if a neighbour is
+                # outside the range of the lens model, where its area is 0.
                 if min(area[row, before], area[row, after], area[up, column],
                        area[down, column]) > 0.0:  # fmt: skip
                     u, v = find_edge_moment(weights, i, j)

@@ -16,8 +16,8 @@ from __future__ import annotations
 from .formula import Formula
 
 _SOURCES = {
-    # Centre of gravity and area, normalised so that they are linear in the camera's translation
-    # (Tahri and Chaumette 2005).
+    # an, xn and yn: area and centre of gravity, normalised so that they are linear in the camera's
+    # translation (Tahri and Chaumette 2005).
     "an": "Z_star * sqrt(a_star / a)",
     "xn": "an * xg",
     "yn": "an * yg",
@@ -73,8 +73,8 @@ _SOURCES = {
     "C8": "I12 / I10",
     "C9": "I13 / I15",
     "C10": "I14 / I15",
-    # Features of Chaumette 2004: Sx and Sy are for asymmetric objects, Px and Py for symmetric
-    # objects.
+    # Features of Chaumette 2004, with intermediate formulas such as cos2. Sx and Sy are for
+    # asymmetric objects, Px and Py for symmetric objects.
     "cos2": "mu20 - mu02",
     "sin2": "2 * mu11",
     "cos3": "mu03 - 3 * mu21",
@@ -89,9 +89,9 @@ _SOURCES = {
     "Sy": "(sin3 * cos4 - cos3 * sin4) / K",
     "Px": "J1 / J3**2",
     "Py": "a * J2 / J3**3",
-    # Sxn, Syn and Pyn are Sx, Sy and Py with m00 instead of a. For a region, a is m00, so they are
-    # equal. For a set of points, a = mu20 + mu02 depends on the scale, so only the formulas with
-    # m00 are invariant to scale.
+    # Kn, Sxn, Syn and Pyn are K, Sx, Sy and Py with m00 instead of a. For a region, a is m00, so
+    # they are equal. For a set of points, a = mu20 + mu02 depends on the scale, so only the
+    # formulas with m00 are invariant to scale.
     "Kn": "J1 * J3 * sqrt(J3) / sqrt(m00)",
     "Sxn": "(cos3 * cos4 + sin3 * sin4) / Kn",
     "Syn": "(sin3 * cos4 - cos3 * sin4) / Kn",

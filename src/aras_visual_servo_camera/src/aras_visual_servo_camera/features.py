@@ -85,7 +85,8 @@ class FeatureSet:
         names: k names, in the requested order.
         values: (k,) values of the features, read-only.
         L: (k, 6) interaction matrix, read-only: d(values)/dt = L (vx, vy, vz, wx, wy, wz).
-        degenerate: for each feature that is undefined for this shape, the reason by name.
+        degenerate: for each feature that is undefined for this shape, the reason. The keys are the
+            names of the features.
         plane: the target's plane for which L was computed.
     """
 
@@ -101,10 +102,10 @@ class FeatureSet:
         return not self.degenerate
 
     def __getitem__(self, name: str) -> float:
-        """Return the value of one feature.
+        """Return the value of the feature with this name.
 
         Raises:
-            DegenerateFeatureError: the feature is undefined for this shape.
+            DegenerateFeatureError: the feature is undefined for the shape in this view.
             FeatureError: the feature was not computed.
         """
         return float(self.values[self._find_index(name)])
@@ -113,7 +114,7 @@ class FeatureSet:
         """Return the row (6,) of the interaction matrix L for one feature.
 
         Raises:
-            DegenerateFeatureError: the feature is undefined for this shape.
+            DegenerateFeatureError: the feature is undefined for the shape in this view.
             FeatureError: the feature was not computed.
         """
         return self.L[self._find_index(name)]
@@ -130,13 +131,14 @@ class FeatureSet:
 
 
 class _Node(NamedTuple):
-    """A feature, and the leaves and denominators that it depends on.
+    """Formula of one feature, and the quantities from which the feature is computed.
 
-    A leaf is a quantity that has no formula, such as a moment. `_make_node` caches the node of each
-    name.
+    `leaves` are the names of quantities that have no formula, such as moments. `denominators` are
+    formulas that must not be zero.
     """
 
-    formula: Formula | None  # formula of the feature; None for a leaf
+    # Formula of the feature; None for a quantity without formula, such as a moment.
+    formula: Formula | None
     leaves: frozenset[str]
     denominators: tuple[str, ...]
 
@@ -183,13 +185,13 @@ def _find_leaf_order(leaf: str, kind: str) -> int:
 class _Plan(NamedTuple):
     """The quantities from which a list of features is computed; it is cached for each list.
 
-    A leaf is a quantity that has no formula, such as a moment. Each leaf has a row (6,) of the
+    A leaf is a quantity that has no formula, such as a moment. Its row is a row (6,) of the
     interaction matrix.
 
     Attributes:
         leaves: names of the leaves.
-        centred_order: highest order of the centred moments whose rows are needed.
-        raw_order: highest order of the raw moments whose rows are needed; -1 if none is needed.
+        centred_order: highest order of those centred moments whose rows must be computed.
+        raw_order: highest order of those raw moments whose rows must be computed; -1 for none.
         row_indices: index of each leaf's row in the array that `_compute_leaf_rows` builds.
         checked_names: names of the features that can be undefined.
     """
@@ -207,9 +209,8 @@ def _make_plan(names: tuple[str, ...], kind: str) -> _Plan:
     raw = [_find_leaf_order(n, kind) for n in leaves if re.match(r"m\d", n)]
     rest = [_find_leaf_order(n, kind) for n in leaves if not re.match(r"m\d", n)]
     centred_order, raw_order = max([1, *rest]), max([1, *raw]) if raw else -1
-    # The rows of all leaves are stacked in this order: xg, yg, all mu_ij, all m_ij, and the area of
-    # a set of points. The area of a region is mu00. A leaf that does not depend on the camera has
-    # the row of mu10, which is 0.
+    # Order of the rows: xg, yg, all mu_ij, all m_ij, and the area of a set of points. The area of a
+    # region is mu00. A quantity that does not depend on the camera has the row of mu10, which is 0.
     first_raw, area = CENTRED + len(exponents(centred_order)), CENTRED if kind == DENSE else -1
 
     def find_position(leaf: str) -> int:
@@ -237,9 +238,10 @@ def _compile_plan(names: tuple[str, ...], leaves: tuple[str, ...]) -> CompiledFo
 def _list_leaf_indices(
     names: tuple[str, ...], leaves: tuple[str, ...]
 ) -> tuple[tuple[str, tuple[int, int] | None], ...]:
-    """Return the name and the indices of each leaf; ('', None) if it affects no feature.
+    """Return the name of each leaf and its indices: (i, j) for a centred moment mu_ij, else None.
 
-    The indices are (i, j) for a centred moment mu_ij, and None for any other leaf.
+    A leaf is a quantity that has no formula, such as a moment. The result for a leaf that affects
+    none of the features is ('', None).
     """
     used, found = _compile_plan(names, leaves).used_leaves, []
     for name in leaves:
@@ -250,9 +252,13 @@ def _list_leaf_indices(
 
 
 def compute_required_order(names: Iterable[str], kind: str = DENSE) -> int:
-    """Return the order of moments from which L of the features can be computed.
+    """Return the order of moments that is needed to compute L of the features.
 
     This order is one higher than the order needed for the values of the features.
+
+    Args:
+        names: names of the features.
+        kind: 'dense' for moments of a region, 'points' for moments of a set of points.
     """
     plan = _make_plan(tuple(names), kind)
     return max(plan.centred_order, plan.raw_order) + 1
@@ -331,7 +337,7 @@ def _make_plane(moments: Moments, reference: Reference | None) -> Plane:
 
 
 def _compute_leaf_rows(moments: Moments, plane: Plane, plan: _Plan) -> Array:
-    """Compute the interaction matrix (n, 6) of the plan's n leaves, in the order of plan.leaves."""
+    """Compute the interaction matrix (n, 6) of the n quantities in plan.leaves, in their order."""
     rows = compute_centred_interaction(moments, plane, plan.centred_order)
     if plan.raw_order > 0:
         rows = np.vstack([rows, compute_raw_interaction(moments, plane, plan.raw_order)])
@@ -341,7 +347,7 @@ def _compute_leaf_rows(moments: Moments, plane: Plane, plan: _Plan) -> Array:
 
 
 class _View:
-    """Evaluates features of one view and their derivatives with respect to the moments."""
+    """Values of features in one view, and their derivatives with respect to the moments."""
 
     def __init__(
         self, moments: Moments, plane: Plane, reference: Reference | None, tolerance: float
@@ -361,8 +367,9 @@ class _View:
         """Evaluate the features, with zeros for those that are undefined.
 
         Returns:
-            The values (k,); for each feature, its derivatives with respect to plan.leaves; and for
-            each undefined feature, the reason by name.
+            The values (k,); for each feature, its derivatives with respect to the quantities in
+            plan.leaves; and for each undefined feature, the reason. The keys are the names of the
+            features.
 
         Raises:
             FeatureError: the order of the moments is too low.
@@ -417,7 +424,9 @@ class _View:
     def evaluate(
         self, names: tuple[str, ...], leaves: tuple[str, ...]
     ) -> tuple[tuple[float, ...], tuple[tuple[float, ...], ...]]:
-        """Return the values of the features and their derivatives with respect to `leaves`.
+        """Return the values of the features, and their derivatives with respect to `leaves`.
+
+        leaves: names of quantities without formula, such as moments.
 
         Raises:
             ZeroDivisionError: a feature divides by zero.
@@ -436,7 +445,7 @@ class _View:
         return self.evaluate((name,), tuple(sorted(_make_node(name).leaves)))[0][0]
 
     def _get_leaf(self, name: str) -> float:
-        """Return the value of a leaf: a raw moment, or alpha_full, which needs the reference."""
+        """Return the value of a moment, or of alpha_full; these quantities have no formula."""
         moments = self.moments
         if moment := _parse_moment(name):
             return moments.m(*moment[1:])

@@ -56,6 +56,8 @@ class CompiledFormulas:
     ) -> None:
         """Write the source of `evaluate` and compile it.
 
+        A leaf is a variable that has no formula, such as a moment.
+
         Args:
             names: names of the formulas or leaves whose values `evaluate` returns.
             find_formula: function that returns the formula of a name, or None for a leaf.
@@ -67,8 +69,9 @@ class CompiledFormulas:
         self.used_leaves: set[str] = set()
         self._find_formula, self._same_slope = find_formula, same_slope
         self._lines: list[str] = []
-        # For each formula or leaf: the variable in the generated source that contains its value,
-        # and, for each leaf, the variable that contains the derivative with respect to the leaf.
+        # For each formula or variable: the variable of the generated source that contains its
+        # value; and for each leaf (variable without formula), the variable of the source that
+        # contains the derivative with respect to the leaf.
         self._local_names: dict[str, tuple[str, dict[str, str]]] = {}
         found = [self._get_locals(name) for name in names]
         values = _format_tuple(value for value, _ in found)
@@ -82,6 +85,8 @@ class CompiledFormulas:
 
     def _get_locals(self, name: str) -> tuple[str, dict[str, str]]:
         """Return the names of the variables that represent a formula or leaf in the source.
+
+        A leaf is a variable that has no formula, such as a moment.
 
         The first call for each formula writes the lines of source that set these variables.
 

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from .errors import ImageError
 
-# Images of a servo loop are too small for several threads. At 320 x 240 pixels, OpenCV's threads
-# spend twice as much processor time waiting as segmentation and moments take.
+# Images of a servo loop are too small for several threads. At 320 x 240 pixels, OpenCV's waiting
+# threads take twice as much processor time as segmentation and moments together.
 cv2.setNumThreads(1)
 
 # For each encoding: bytes per channel, number of channels, OpenCV's code of the conversion to grey,

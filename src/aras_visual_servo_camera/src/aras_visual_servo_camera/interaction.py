@@ -77,14 +77,14 @@ class Plane(NamedTuple):
 
 
 def point_interaction(points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
-    """Return L of image points (x, y) with the inverse depths 1/Z: d(x, y)/dt = L v.
+    """Return the interaction matrix L of image points (x, y): d(x, y)/dt = L v.
 
     v is the twist of the camera in its own optical frame. This module's docstring contains the
     equations of x' and y'.
 
     Args:
         points: (n, 2) normalised coordinates x = X/Z, y = Y/Z.
-        inverse_depth: (n,) 1/Z of each point, where Z is the depth along the optical axis, 1/m.
+        inverse_depth: (n,) 1/Z of each point, 1/m, where Z is its depth along the optical axis.
 
     Returns:
         (2n, 6) with the rows of x_0, y_0, x_1, ...
@@ -102,7 +102,8 @@ def point_interaction(points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarr
 
 @jit("f8[:,:], f8[:], f8[:,::1]", allocates=False)
 def _write_point_interaction(points, inverse_depth, L):
-    """Write the interaction matrix of points (n, 2) into L (2n, 6), whose elements are 0."""
+    """Write the interaction matrix of points (n, 2) into L (2n, 6), which must contain only zeros.
+    """
     for k in range(len(points)):
         x, y, w = points[k, 0], points[k, 1], inverse_depth[k]
         L[2 * k, 0] = L[2 * k + 1, 1] = -w
@@ -114,7 +115,7 @@ def _write_point_interaction(points, inverse_depth, L):
 
 @jit("f8, f8, f8, f8, f8")
 def image_velocity(A, B, C, x0, y0):
-    """Compute the velocity (x', y') of the image of the plane 1/Z = A x + B y + C.
+    """Compute the velocity (x', y') of image points of the plane 1/Z = A x + B y + C.
 
     The velocity is a polynomial in a = x - x0 and b = y - y0.
 
@@ -236,7 +237,8 @@ def _compute_centred_rows(centred, A, B, C, xg, yg, order, delta):
         delta: 1 for a region, 0 for a set of points.
 
     Returns:
-        The rows of xg and yg, followed by those of the mu_ij, as in `_compute_rows`.
+        ((order+1)(order+2)/2 + 2, 6), the rows of xg and yg, followed by those of all mu_ij with
+        i + j <= order, sorted by i + j, then j.
     """
     velocity = image_velocity(A, B, C, xg, yg)
     # About the centre of gravity, m10 = m01 = 0, so the interaction row of xg is that of m10

@@ -1,9 +1,10 @@
-"""Arrays that the original ARAS simulator published.
+"""Features in the formats of the original ARAS simulator.
 
-The simulator of 2015 published kernel features, and that of 2016 published image moments. Both are
-computed from a binary image (0 or 255) with the fixed threshold 250. The units and conventions are
-those that the controllers of the original simulator need: x increases from row to row and y from
-column to column, m00 is a number of pixels, and alpha is multiplied by 0.1.
+The original simulator published kernel features in its version of 2015, and image moments in that
+of 2016. Both are computed from a binary image (0 or 255) with the fixed threshold 250. The units
+and conventions are those that the controllers of the original simulator need: x increases from row
+to row and y from column to column, and m00 is a number of pixels. The orientation alpha of the
+target's main axis is multiplied by 0.1.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ class KernelFeatures:
     """Kernel features and their Jacobian.
 
     Attributes:
-        values: (4,) kernel0 ... kernel3; kernel3 is the orientation of the main axis, rad.
+        values: (4,) kernel0 ... kernel3, which `compute_kernel_features` defines.
         jacobian: (4, 4) Jacobian of the features; its columns belong to the camera's translation
             along x, y, z and its rotation theta about the optical axis.
         inverse: (4, 4) inverse of the Jacobian.

@@ -23,7 +23,8 @@ LabelCallback = Callable[[str, ImageMessage], None]
 class LabelTopics:
     """Subscribers to the label images of one camera and to the names of the labels.
 
-    A label is the number of a link in a label image. Its name is 'model::link'.
+    A label is the number that the pixels of one link of a model have in a label image. Its name is
+    'model::link'.
 
     Attributes:
         topic: resolved name of the topic of the label images.
@@ -31,7 +32,7 @@ class LabelTopics:
     """
 
     def __init__(self, camera: str, label: str, callback: LabelCallback) -> None:
-        """Subscribe to both topics.
+        """Subscribe to the label images and to the names of the labels.
 
         Args:
             camera: namespace of the camera's topics.
@@ -52,7 +53,7 @@ class LabelTopics:
     def for_segmentation(
         cls, segmentation: Segmentation, camera: str, callback: LabelCallback
     ) -> LabelTopics | None:
-        """Return the subscribers that a segmentation needs; return None if it uses no labels."""
+        """Return the subscribers for segmentation by label; None for any other method."""
         return (
             cls(camera, segmentation.label, callback)
             if "labels" in segmentation.image_kinds

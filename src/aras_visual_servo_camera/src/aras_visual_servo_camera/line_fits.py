@@ -3,9 +3,9 @@
 Let a line n . p = d be fitted to m edge points p whose distances from the line have the standard
 deviation sigma. The offset of the line at the middle of the points then has the standard deviation
 sigma / sqrt(m). The angle of the line has the standard deviation sigma / sqrt(sum of r^2), where r
-is the distance of a point from the middle. Both errors are independent. A corner is the
-intersection of two lines, and neighbouring corners share a line, so their errors are correlated.
-Acute corners and corners of short sides have the largest errors.
+is the distance, along the line, of a point from the middle of the points. Both errors are
+independent. A corner is the intersection of two lines, and neighbouring corners share a line, so
+their errors are correlated. Acute corners and corners of short sides have the largest errors.
 """
 
 from __future__ import annotations
@@ -19,11 +19,10 @@ from aras_visual_servo_base.compiled import jit
 
 from .polygons import Array
 
-# The variance assumed for a line's points is a weighted mean of two values: the variance of its own
-# points (weight: their number of degrees of freedom) and the average variance over all lines
-# (weight SHARED_ERROR). The variance of a line's own points alone is too small if there are few
-# points, or if the line is parallel to the rows or columns, so that all its points have nearly the
-# same error.
+# The variance of a line's points is estimated as a weighted mean: the average variance over all
+# lines has this weight, the variance of the line's own points has the weight of their degrees of
+# freedom. The latter alone is too small if the points are few, or if the line is parallel to the
+# image rows or columns, where all points have nearly the same error.
 SHARED_ERROR = 6.0
 PARALLEL = 0.05  # two lines are parallel if the sine of their angle is below this value
 
@@ -64,7 +63,8 @@ def compute_crossing_spread(lines: Sequence[FittedLine]) -> Array:
     """Compute the uncertainty of the intersections of n lines, each with the line before it.
 
     Returns:
-        (2n, 2n) array S, see `propagate_line_errors`.
+        (2n, 2n) array S, where S S^T is the covariance of the intersections' coordinates (x_0, y_0,
+        x_1, ...).
     """
     rows = np.array([(*line.middle, *line.normal, *line[2:]) for line in lines])
     spread = np.empty((2 * len(rows), 2 * len(rows)))
@@ -82,8 +82,8 @@ def propagate_line_errors(lines, spread):
         lines: (n, 7) middle x and y, normal x and y, count, length and squares of each line, as in
             FittedLine.
         spread: (2n, 2n) array S to which the result is written. Column k is the change of the
-            points' coordinates (x_0, y_0, x_1, ...) if the error k has the size of its standard
-            deviation. Their covariance is S S^T.
+            intersections' coordinates (x_0, y_0, x_1, ...) if the k-th error has the size of its
+            standard deviation. The covariance of the coordinates is S S^T.
     """
     count = len(lines)
     for i in range(2 * count):
@@ -104,7 +104,7 @@ def propagate_line_errors(lines, spread):
             determinant = ax * by - ay * bx
             pa, qa = by / determinant, -bx / determinant
             pb, qb = -ay / determinant, ax / determinant
-        else:  # the lines are parallel: as for a singular matrix, ignore the smaller singular value
+        else:  # for parallel lines, ignore the smaller singular value, which is nearly zero
             sign = 1.0 if cosine >= 0.0 else -1.0
             scale = 0.5 / (1.0 + abs(cosine))
             pa, qa = scale * (ax + sign * bx), scale * (ay + sign * by)
@@ -129,6 +129,6 @@ def propagate_line_errors(lines, spread):
 def compute_rms_deviation(spread: Array) -> float:
     """Return the rms of the standard deviations of n points' coordinates.
 
-    spread: (2n, m) uncertainty of the points, such as the result of `compute_crossing_spread`.
+    spread: (2n, m) array S, where S S^T is the covariance of the coordinates.
     """
     return float(np.sqrt((spread**2).sum() / len(spread)))

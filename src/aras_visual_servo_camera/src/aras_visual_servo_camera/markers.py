@@ -1,6 +1,6 @@
 """Choice and detection of ArUco and AprilTag markers with OpenCV.
 
-A choice has one of these forms:
+The setting that chooses the target's marker or board has one of these forms:
 
 - `5`: marker number 5; the dictionaries in SEARCHED_DICTIONARIES are tried until it is found;
 - `DICT_5X5_100:5`, or `5X5_100:5`: marker number 5 of this dictionary;
@@ -66,7 +66,7 @@ class DetectedMarker:
 class MarkerChoice:
     """The marker, or the board of markers, that is the target.
 
-    This module's docstring explains the forms of a choice.
+    This module's docstring explains how users choose a marker or a board.
 
     Attributes:
         dictionary: name of the dictionary; '' for any dictionary in SEARCHED_DICTIONARIES.
@@ -83,7 +83,7 @@ class MarkerChoice:
 
     @classmethod
     def read(cls, entry: str | int | Mapping[str, Any], where: str = "marker") -> MarkerChoice:
-        """Parse a choice.
+        """Parse the setting that chooses a marker or a board.
 
         Args:
             entry: choice in one of the forms of this module's docstring.
@@ -164,8 +164,8 @@ class MarkerChoice:
     def draw_marker(self, side: int) -> np.ndarray:
         """Draw the marker as an image of side x side pixels without a white rim.
 
-        Without a dictionary in the choice, the marker is from AprilTag 36h11. Without a number, it
-        is marker 0.
+        If the user chose no dictionary, the marker is from AprilTag 36h11. If the user chose no
+        number, it is marker 0.
 
         Raises:
             VisionError: the dictionary has no marker with this number.
@@ -178,7 +178,8 @@ class MarkerChoice:
         """Find the chosen marker, or the visible markers of the board, in an image (rows, columns).
 
         Raises:
-            VisionError: no such marker is visible; the message lists other visible markers.
+            VisionError: neither the chosen marker nor a marker of the board is visible; the message
+                lists the markers that are visible.
         """
         other_names: list[str] = []
         for name in (self.dictionary,) if self.dictionary else SEARCHED_DICTIONARIES:
@@ -205,9 +206,9 @@ class MarkerChoice:
         return self.number is None or number == self.number
 
     def compute_marker_corners(self, name: str) -> np.ndarray:
-        """Return the corners (4, 2) on the board, m, of the marker `DICTIONARY:number`.
+        """Return the corners (4, 2), m, of one of the board's markers, in the axes of the board.
 
-        The axes are those of the board, where y is up.
+        name: `DICTIONARY:number` of the marker. The y axis of the board is up.
         """
         x, y, turn = self.board[int(name.rpartition(":")[2])]
         half = 0.5 * self.marker_size

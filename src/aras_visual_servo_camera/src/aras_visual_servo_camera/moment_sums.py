@@ -1,7 +1,7 @@
 """Sums of moments over images and samples, as compiled loops.
 
 A table (7, 7) contains the moment m_ij at [i, j], and zeros for i + j > MAX_ORDER. The functions
-write their result to an array that the caller gives.
+write their result to an array that is one of their arguments.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from .edge_pixels import find_edge_moment
 
 MAX_ORDER = 6
 SIZE = MAX_ORDER + 1
-# Number of samples whose powers are computed together, a power of two. Blocks of 256 samples have
-# 28 KiB of powers, which fit into the fastest cache of a processor.
+# Number of samples whose powers x^i and y^j are computed together; it must be a power of two. The
+# powers of 256 samples take 28 KiB, which fit into the fastest cache of a processor.
 BLOCK = 256
 
 
@@ -28,8 +28,8 @@ def sum_image(weights, u_powers, v_powers, u_slopes, v_slopes, has_edges, table)
         u_powers, v_powers: (columns, SIZE), (rows, SIZE) powers of the coordinates of the columns
             and the rows.
         u_slopes, v_slopes: derivatives of these powers.
-        has_edges: whether a weight is the covered fraction of the pixel's square. The covered part
-            of a pixel with a weight other than 0 and 1 is then located as in `edge_pixels`.
+        has_edges: True if the weights are the covered fractions of the pixels. The covered part of
+            a partly covered pixel is then located as in the module `edge_pixels`.
         table: (SIZE, SIZE) array to which the moments are written.
     """
     table[:] = 0.0
@@ -106,9 +106,9 @@ def sum_samples(x, y, weight, table):
                 px[k + 1, n] = px[k, n] * px[1, n]
         for i in range(SIZE):
             for j in range(SIZE - i):
-                # Sum the products: add the second half of the array to the first half until one
-                # element is left. The compiler can vectorise this loop without changing the order
-                # of the summands, unlike a plain sum.
+                # Sum the products: add the second half of the array to the first half, until one
+                # element is left. Unlike a plain sum, this loop can be vectorised without changing
+                # the order of the summands.
                 for n in range(padded):
                     products[n] = px[i, n] * py[j, n]
                 half = padded // 2
@@ -130,7 +130,7 @@ def translate(table, dx, dy):
     size = table.shape[0]
     rows, moved = np.zeros((size, size)), np.zeros((size, size))
     for i in range(size):
-        factor = 1.0  # C(i, k) dx^(i-k); it is 1 for k = i, where the loop starts
+        factor = 1.0  # `factor` is C(i, k) dx^(i-k); the loop starts at k = i, where it is 1
         for k in range(i, -1, -1):
             for j in range(size):
                 rows[i, j] += factor * table[k, j]

@@ -8,7 +8,7 @@ therefore depend only on the scene and the pose, not on the lens or the resoluti
 Every constructor first computes the moments about a point near the shape, and then translates them
 to the centre of gravity (mu) and to the optical axis (m). If the moments were computed about the
 optical axis, cancellation would increase the relative error of mu_ij by the factor
-(distance / size)^(i+j), where distance is that of the shape from the axis.
+(distance / size)^(i+j), where `distance` is the shape's distance from the axis.
 
 In flat arrays and in the ImageMoments message, moments are in the exchange order: by i + j, and
 then by j, i.e. m00, m10, m01, m20, m11, m02, m30, ...
@@ -243,9 +243,9 @@ class Moments:
             weight: (n,) weight of each sample, such as the area of a pixel.
             order: highest i + j, at most 6.
             kind: 'dense' for a region, 'points' for a set of points.
-            extent: variance (xx, xy, yy) of the points in the area that a sample represents, such
-                as the square of a pixel. Its effect is included to first order. None for samples
-                without extent.
+            extent: variances xx, yy and covariance xy of the coordinates within the area that one
+                sample represents, such as the square of a pixel, as (xx, xy, yy). They are included
+                to first order. None for samples without extent.
 
         Raises:
             MomentsError: the order is not 1 to 6, the arrays do not have the same shape (n,), or
@@ -295,7 +295,8 @@ class Moments:
         """
         _check_computable(order)
         rows, columns = weights.shape
-        # compiled functions take arrays in C order only if they are writable; else this is a copy
+        # Compiled functions that take arrays in C order need writable arrays; `require` copies the
+        # array if necessary.
         weights = np.require(weights, np.float64, ("C", "W"))
         if coverage and full_scale != 1.0:
             weights, full_scale = weights / full_scale, 1.0
@@ -311,9 +312,9 @@ class Moments:
         return cls._from_table(table, x0, y0, order, DENSE)
 
     def add(self, raw: Array) -> Moments:
-        """Return the moments after a change of the shape.
+        """Return the moments of the union of this shape and a shape with the moments `raw`.
 
-        raw: (order+1, order+1) raw moments of the change, m_ij at [i, j].
+        raw: (order+1, order+1) raw moments, m_ij at [i, j]. Negative moments remove a part.
         """
         return self._from_table(self.raw + raw, 0.0, 0.0, self.order, self.kind)
 
@@ -345,8 +346,9 @@ def _select_triangle(table: Array, order: int) -> Array:
 def _apply_extent(table: Array, extent: tuple[float, float, float]) -> Array:
     """Add the effect of the samples' extent to their moments, to first order.
 
-    The effect on m_ij is half of the sum of xx d2f/dx2 + 2 xy d2f/dxdy + yy d2f/dy2 over the
-    samples, where f = x^i y^j and (xx, xy, yy) is the extent.
+    The effect on m_ij is half of xx d2f/dx2 + 2 xy d2f/dxdy + yy d2f/dy2, summed over the samples
+    with their weights, where f = x^i y^j and (xx, xy, yy) are the variances and the covariance of
+    the extent.
     """
     xx, xy, yy = extent
     k = np.arange(table.shape[0], dtype=float)
@@ -360,13 +362,13 @@ def _apply_extent(table: Array, extent: tuple[float, float, float]) -> Array:
 
 @lru_cache(maxsize=4096)
 def _compute_powers(size: int, coverage: bool) -> tuple[Array, Array]:
-    """Compute the powers (size, SIZE) of the coordinates of `size` pixels in a row.
+    """Compute the powers 0 to SIZE - 1 of the coordinates of `size` pixels in a row.
 
     The coordinates are relative to the middle of the row. With `coverage`, the power of a pixel is
     the mean over the pixel, otherwise the value at its centre.
 
     Returns:
-        The powers, and their derivatives.
+        The powers (size, SIZE), and their derivatives (size, SIZE).
     """
     u, k = np.arange(size) - 0.5 * (size - 1), np.arange(SIZE)
     if coverage:

@@ -46,7 +46,7 @@ class CameraNode:
         rospy.Subscriber(IMAGE_TOPIC, ImageMessage, partial(self._add_image, "image"), **options)
 
     def spin(self) -> None:
-        """Run until shutdown or until the ROS master has stopped, and log missing images."""
+        """Run until shutdown or until the ROS master has stopped; log if no images arrive."""
         for _ in iterate_at_period(0.2):
             if time.monotonic() - self._last_image > self.parameters.log_period:
                 label_topic = f" and {self._label_topics.topic}" if self._label_topics else ""

@@ -27,8 +27,8 @@ from .moments import DENSE, Moments
 from .polygons import Array
 
 # A shape is symmetric under half a turn if the norm of its third-order moments, divided by m00
-# rg^3, is below this value. The norm of a rectangle is up to 2e-3, because of the pixels and the
-# truncated expansion. The norm of shapes with a visible direction is at least 1e-2.
+# rg^3, is below this value. Measured norms: up to 2e-3 in images of rectangles, at least 1e-2 for
+# shapes with a visible direction.
 SYMMETRY_TOLERANCE = 0.003
 # Types of the arguments that describe a view: the centred moments; A, B, C of the plane; xg; yg;
 # and 3 for a region or 0 for a set of points.
@@ -84,7 +84,7 @@ def full_alpha(moments: Moments, alpha: float, plane: Plane, reference: Orientat
 
 
 def _pack_view(moments: Moments, plane: Plane) -> tuple[Array | float, ...]:
-    """Return the arguments, of the types VIEW_SIGNATURE, that describe a view."""
+    """Return the arguments of compiled functions that describe a view; see VIEW_SIGNATURE."""
     shrinking = 3.0 if moments.kind == DENSE else 0.0
     return moments.centred, *plane, moments.xg, moments.yg, shrinking
 
@@ -96,8 +96,8 @@ def rotate_third(third, angle):
     third: mu30, mu21, mu12, mu03 of the shape. The result has the same order.
     """
     a, b, c, d = third
-    # The complex moment mu30 + mu12 + i (mu21 + mu03) rotates by the angle. The complex moment mu30
-    # - 3 mu12 + i (3 mu21 - mu03) rotates by three times the angle.
+    # If the shape rotates by the angle a, the complex moment mu30 + mu12 + i (mu21 + mu03) is
+    # multiplied by exp(i a), and mu30 - 3 mu12 + i (3 mu21 - mu03) by exp(3 i a).
     once = complex(a + c, b + d) * complex(cos(angle), sin(angle))
     thrice = complex(a - 3 * c, 3 * b - d) * complex(cos(3 * angle), sin(3 * angle))
     m30, m12 = (3 * once.real + thrice.real) / 4, (once.real - thrice.real) / 4
@@ -120,8 +120,8 @@ def compute_third_product(p, q):
 def _compute_plane_map(A, B, C, xg, yg, ex, ey):
     """Compute the matrix G (2, 2) that maps offsets in the image to offsets in the target's plane.
 
-    The axes of the offsets in the target's plane are those of the image after the smallest rotation
-    that makes the image plane parallel to the target's plane.
+    The axes in the target's plane result from those of the image by the smallest rotation that
+    makes the image plane parallel to the target's plane.
 
     Args:
         A, B, C: the target's plane, 1/Z = A x + B y + C.
@@ -147,12 +147,12 @@ def _compute_plane_map(A, B, C, xg, yg, ex, ey):
 def _compute_plane_moments(centred, A, B, C, xg, yg, shrinking):
     """Compute the moments of the target in its plane, up to order 3.
 
-    They are moments about the point of the plane whose image is the centre of gravity (xg, yg). The
-    arguments and symbols are those of `compute_upright_moments`.
+    The moments are about the point of the plane whose image is the centre of gravity (xg, yg). The
+    arguments are those of `compute_upright_moments`, whose docstring defines e, d and G.
 
     Returns:
-        (4, 4). Entry [i, j] is the integral of x^i y^j / (1 + e.d)^k over the image of the target,
-        where (x, y) = G d and k = i + j + shrinking.
+        (4, 4). Entry [i, j] is the integral of x^i y^j / (1 + e.d)^(i + j + shrinking) over the
+        image of the target, where (x, y) = G d.
     """
     inverse_depth = A * xg + B * yg + C
     ex, ey = A / inverse_depth, B / inverse_depth
@@ -164,23 +164,23 @@ def _compute_plane_moments(centred, A, B, C, xg, yg, shrinking):
         of_x_tilt[r + 1], of_y_tilt[r + 1] = of_x_tilt[r] * ex, of_y_tilt[r] * ey
     for order in range(min(3, known) + 1):
         k = order + shrinking
-        # `projected[b]` is the integral of x^(order-b) y^b / (1 + e.d)^k, with e = (ex, ey) and d =
-        # (x, y).
+        # `projected[b]` is the integral of x^(order-b) y^b / (1 + e.d)^(order + shrinking), with e
+        # = (ex, ey) and d = (x, y); `shrinking` is 3 for a region and 0 for points.
         projected = np.zeros(order + 1)
         for b in range(order + 1):
             # Coefficient of t^r in the power series of (1 + t)^-k, which is (-1)^r C(k+r-1, r).
             # Here t = ex x + ey y.
             binomial = 1.0
             for r in range(known - order + 1):
-                choice = 1.0  # C(r, y), a binomial coefficient of t^r = (ex x + ey y)^r
+                choice = 1.0  # binomial coefficient C(r, y) in the expansion of (ex x + ey y)^r
                 for y in range(r + 1):
                     moment = centred[order - b + r - y, b + y]
                     projected[b] += binomial * choice * of_x_tilt[r - y] * of_y_tilt[y] * moment
                     choice *= (r - y) / (y + 1.0)
                 binomial *= -(k + r) / (r + 1.0)
         for of_x in range(order + 1):
-            # Coefficients of the polynomial (gx.d)^of_x (gy.d)^(order - of_x), by increasing powers
-            # of y, where d = (x, y).
+            # Coefficients of the polynomial (gx.d)^of_x (gy.d)^(order - of_x) in d = (x, y), by
+            # increasing powers of y. gx and gy are the rows of G.
             form = np.zeros(order + 1)
             form[0] = 1.0
             for step in range(order):
@@ -196,12 +196,11 @@ def _compute_plane_moments(centred, A, B, C, xg, yg, shrinking):
 def compute_upright_moments(centred, A, B, C, xg, yg, shrinking):
     """Compute the centred moments up to order 3 that a camera along the plane's normal measures.
 
-    Let d be the offset of an image point from the centre of gravity, Zg the depth there,
-    e = Zg (A, B), and G the matrix of `_compute_plane_map`. The offset of this point in the plane
-    is G d / (1 + e.d), and the area of a region's element is divided by (1 + e.d)^3. The powers of
-    1 + e.d are expanded up to the order of the given moments. The remainder is of the order of
-    (rg |e|)^(order - 2), where rg is the radius of gyration. It is small if the target is small
-    compared with its distance.
+    Let d be the offset of an image point from the centre of gravity, Zg the depth there, and
+    e = Zg (A, B). In the plane, this offset is G d / (1 + e.d), with the matrix G of
+    `_compute_plane_map`; the element of a region's area is divided by (1 + e.d)^3. The powers of
+    1 + e.d are expanded up to the order of the given moments. The relative error is about
+    (rg |e|)^(order - 2), where rg is the radius of gyration.
 
     Args:
         centred: (order+1, order+1) centred moments, mu_ij at [i, j].
@@ -210,7 +209,8 @@ def compute_upright_moments(centred, A, B, C, xg, yg, shrinking):
         shrinking: 3 for a region, 0 for a set of points.
 
     Returns:
-        (4, 4) mu_ij at [i, j]. All moments of the same order i + j have an unknown common factor.
+        (4, 4) mu_ij at [i, j]. They have an unknown scale: all moments of one order i + j are
+        multiplied by the same unknown factor.
     """
     table = _compute_plane_moments(centred, A, B, C, xg, yg, shrinking)
     return translate(table, -table[1, 0] / table[0, 0], -table[0, 1] / table[0, 0])
@@ -218,9 +218,12 @@ def compute_upright_moments(centred, A, B, C, xg, yg, shrinking):
 
 @jit(VIEW_SIGNATURE)
 def _compute_orientation(centred, A, B, C, xg, yg, shrinking):
-    """Return True and the fields of Orientation, or False and zeros if they are undefined.
+    """Compute the fields of Orientation, with a flag that is False if they are undefined.
 
     The arguments are those of `compute_upright_moments`.
+
+    Returns:
+        True and the fields; or False and zeros.
     """
     undefined = False, 0.0, 0.0, (0.0, 0.0, 0.0, 0.0)
     if len(centred) < 4:

@@ -73,8 +73,8 @@ def _draw_text(image: NDArray, text: str) -> None:
     room = image.shape[1] - 2 * margin
     lines = _wrap_text(text, lambda words: cv2.getTextSize(words, font, scale, 1)[0][0] <= room)
     lines = lines[: max((image.shape[0] // 2 - margin) // step, 1)]
-    # Behind the text, the image is lightened. A border around small letters would look like a
-    # second text.
+    # Make the text legible: lighten the image behind it. (A border around small letters would be
+    # confused with the letters.)
     top = image.shape[0] - len(lines) * step - margin
     image[max(top, 0) :] = image[max(top, 0) :] // 5 + 204
     for number, line in enumerate(lines):

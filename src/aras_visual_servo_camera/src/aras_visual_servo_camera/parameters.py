@@ -19,13 +19,14 @@ from .segmentation import Segmentation
 
 
 def copy_parameter(settings: type, name: str) -> Any:
-    """Return the dataclass field of a node parameter that has the name of a setting.
-
-    The parameter has the default and the bounds of the setting.
+    """Copy the declaration of a setting to a parameter of the node with the same name.
 
     Args:
         settings: dataclass that contains the setting.
         name: name of the setting.
+
+    Returns:
+        Dataclass field with the default, unit and bounds of the setting.
     """
     field = settings.__dataclass_fields__[name]
     return parameter(field.default, **field.metadata)
@@ -36,7 +37,8 @@ class VisionParameters:
     """Private parameters of the node; the package's README explains each of them.
 
     Attributes:
-        mask_image: image file of the mask for the component 'mask'; '' for none.
+        mask_image: image file whose nonzero pixels mark the target, for the setting `component:
+            mask`; '' for none.
         desired_outline: x, y of the corners of the desired outline, normalised, for the overlay.
         log_period: minimum wall time between two log lines of the same kind, s.
     """
@@ -74,7 +76,8 @@ class VisionParameters:
                 "parameter ~desired_outline must be empty, or a list of x and y of at least three "
                 "corners"
             )
-        _ = self.pipeline_settings  # raises a ParameterError if settings conflict
+        # Raises a ParameterError if the segmentation settings are invalid.
+        _ = self.pipeline_settings
 
     @classmethod
     def from_mapping(cls, mapping: Mapping[str, Any]) -> VisionParameters:
@@ -96,7 +99,8 @@ class VisionParameters:
 
     @cached_property
     def pipeline_settings(self) -> PipelineSettings:
-        """Settings of the pipeline; raises ParameterError if settings conflict."""
+        """Settings of the pipeline; raises ParameterError if the segmentation settings are invalid.
+        """
         try:
             segmentation = Segmentation(
                 method=self.segmentation, **self._select_settings(Segmentation)
@@ -108,7 +112,7 @@ class VisionParameters:
         )
 
     def _select_settings(self, settings: type) -> dict[str, Any]:
-        """Return, by name, the values of the parameters that are settings of the given class."""
+        """Return those parameters, by name, that are also fields of the dataclass `settings`."""
         shared = (field.name for field in fields(settings) if hasattr(self, field.name))
         return {name: getattr(self, name) for name in shared}
 

@@ -74,7 +74,8 @@ class Pipeline:
 
         Args:
             settings: settings of segmentation and moments.
-            component_mask: mask image (rows, columns) for the component 'mask'.
+            component_mask: (rows, columns) image whose nonzero pixels mark the target. It is needed
+                if the setting `component` is 'mask'.
         """
         self.settings = settings
         self.component_mask = component_mask
@@ -114,8 +115,8 @@ class Pipeline:
                    image.target_mask)  # fmt: skip
         target = segment(grey, *options)
         if target.reason and grey is not image.grey:
-            # No target was found in the image whose blind pixels are masked. Segment the original
-            # image, so that the reported reason applies to it.
+            # No target was found in the image without the pixels that the lens model excludes.
+            # Segment the original image, so that the reported reason applies to it.
             target = segment(image.grey, *options)
         reason = target.reason
         if not reason and camera is None:
@@ -137,10 +138,10 @@ class Pipeline:
         return TargetDetection(not reason, reason, target, moments, camera)
 
     def _mask_blind_pixels(self, grey: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Return the image with the background's level in pixels outside the lens model's range.
+        """Return the image with the background's grey level in pixels that the lens model excludes.
 
         Otherwise, a dark object at the rim of a fisheye image could be taken for the target. A
-        target that extends beyond the range is still rejected, because its moments are computed
+        target that extends into these pixels is still rejected, because its moments are computed
         from the original image.
         """
         camera = self.camera
@@ -166,7 +167,7 @@ class Pipeline:
         return compute_original_moments(self.make_original_mask(image), self.camera.pinhole)
 
     def compute_kernel_data(self, image: Image) -> list[float]:
-        """Compute the 20 numbers of the layout 'kernel'.
+        """Compute the inverse Jacobian (16 numbers) and the kernel features (4) of the target.
 
         Raises:
             DegenerateFeatureError: there is no target.
@@ -178,7 +179,8 @@ class Pipeline:
 
         A pixel is 255 if its grey level is at most the threshold, otherwise 0. The setting
         `original_threshold` is the threshold of an image whose white background has the level 255.
-        In other images, it is multiplied by W / 255, where W is the most frequent level above 127.
+        In other images, it is multiplied by W / 255, where W is the level of the background, i.e.
+        the most frequent level above 127.
         """
         bright = np.bincount(image.grey.ravel(), minlength=256)[128:]
         white = 128 + int(bright.argmax()) if bright.any() else 255

@@ -29,8 +29,8 @@ def next_vertices(vertices: Array) -> Array:
 def signed_area(polygon: Array) -> float:
     """Compute the signed area of a closed polygon (n, 2) by the shoelace formula.
 
-    The area is positive if the vertices are in the direction from the x axis to the y axis. The
-    edges must not cross.
+    The area is positive if the vertices are clockwise in an image (y is down), and negative if they
+    are counter-clockwise. The edges must not cross.
     """
     x, y = polygon.T
     return 0.5 * float(np.dot(x, next_vertices(y)) - np.dot(y, next_vertices(x)))

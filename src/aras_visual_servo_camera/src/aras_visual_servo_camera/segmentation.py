@@ -18,7 +18,7 @@ MAX_HSV = (179, 255, 255)  # largest hue, saturation and value in OpenCV's HSV i
 
 @dataclass(frozen=True)
 class Segmentation:
-    """Settings that define the pixels of the target and its connected component.
+    """Settings that define which pixels of an image can belong to the target, and which do.
 
     Attributes:
         method: 'fixed' (threshold), 'otsu' (Otsu's threshold), 'adaptive' (threshold relative to
@@ -36,9 +36,9 @@ class Segmentation:
         colour_distance: for 'nearest_colour', largest distance of a target pixel from
             `near_colour`, in CIELAB, where lightness has a weight of a quarter.
         label: for 'label', name of the target: 'model' or 'model::link'.
-        component: which connected component is the target: 'all' together, the 'largest', the one
-            'nearest' to the last position of the target, or the one with most pixels inside a mask
-            image ('mask').
+        component: which of the connected components of these pixels is the target: 'all' together,
+            the 'largest', the one 'nearest' to the last position of the target, or the one that
+            shares most pixels with a mask image ('mask').
         marker: ArUco or AprilTag marker, or board of markers, whose pixels are the target; '' for
             none. It overrides `component`. The docstring of the module `markers` explains its
             forms.
@@ -66,7 +66,8 @@ class Segmentation:
         if self.marker and self.method == "label":
             raise SegmentationError("both marker and method 'label' define the pixels of the "
                                     "target: remove one of them")  # fmt: skip
-        if self.marker != "":  # not `if self.marker`: {} is an invalid board and must be rejected
+        # Not `if self.marker`, because the invalid setting {} must be rejected and not ignored.
+        if self.marker != "":
             from .markers import MarkerChoice
 
             try:
@@ -90,7 +91,7 @@ class Segmentation:
 
     @property
     def image_kinds(self) -> tuple[str, ...]:
-        """Kinds of images that the segmentation needs from each exposure: 'image', 'labels'."""
+        """Kinds of images that the segmentation needs for each measurement: 'image', 'labels'."""
         return ("image", "labels") if self.method == "label" else ("image",)
 
 

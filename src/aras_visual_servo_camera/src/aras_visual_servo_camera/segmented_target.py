@@ -48,7 +48,7 @@ class SegmentedTarget:
         component_count: number of connected components of target colour in the image.
         component: rule by which the target was chosen among the components, as in Segmentation, or
             'marker'.
-        is_uneven: True if the grey levels of target and background can vary over the image.
+        is_uneven: True if the segmentation method allows several grey levels on the target.
     """
 
     mask: Mask
@@ -183,8 +183,9 @@ def segment(
         grey: (rows, columns) uint8 image.
         settings: method, rule for the component, and their parameters.
         colour: (rows, columns, 3) RGB image, for the methods 'colour' and 'nearest_colour'.
-        previous_centre: (column, row) of the target in the last image, for the component 'nearest'.
-        component_mask: (rows, columns) mask image, for the component 'mask'.
+        previous_centre: (column, row) of the target in the last image, for the rule 'nearest'.
+        component_mask: (rows, columns) image whose nonzero pixels mark the target, for the rule
+            'mask'.
         target_mask: (rows, columns) 255 on the target, 0 elsewhere, for the method 'label'.
 
     Raises:
@@ -273,10 +274,10 @@ def find_touched_borders(box: Box, shape: tuple[int, ...]) -> tuple[str, ...]:
 def _count_components(mask: Mask) -> int:
     """Return the number of connected components of a mask.
 
-    Their outer contours are counted, which takes a tenth of the time of labelling their pixels.
+    Counting the outer contours takes a tenth of the time that labelling of the pixels would take.
     """
     _, hierarchy = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE)
-    # outer contours have no parent (-1), contours of holes have one
+    # count the outer contours, which have no parent (-1), unlike the contours of holes
     return int((hierarchy[0, :, 3] < 0).sum())
 
 
@@ -295,8 +296,9 @@ def _choose_component(
         mask: (rows, columns) 255 for the pixels of target colour.
         box: bounding box of these pixels.
         settings: rule for the component and its parameters.
-        previous_centre: (column, row) of the target in the last image, for 'nearest'.
-        component_mask: (rows, columns) mask image, for 'mask'.
+        previous_centre: (column, row) of the target in the last image, for the rule 'nearest'.
+        component_mask: (rows, columns) image whose nonzero pixels mark the target, for the rule
+            'mask'.
 
     Returns:
         The mask of the component, its bounding box, and the number of all components.
@@ -327,7 +329,8 @@ def _choose_component(
         chosen = int(distance.argmin())
     else:
         chosen = 1 + int(stats[1:, cv2.CC_STAT_AREA].argmax())
-    if count == 2:  # `mask` has only one component, so no pixels are removed
+    # Besides the background, `mask` has only one component, so no pixels are removed.
+    if count == 2:
         return mask, box, 1
     left, top, width, height = (int(k) for k in stats[chosen, :4])
     new_box = (box[0] + left, box[1] + top, width, height)

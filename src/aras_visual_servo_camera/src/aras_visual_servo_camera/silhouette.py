@@ -16,10 +16,10 @@ from .errors import ModelError
 from .interaction import Plane
 
 SILHOUETTE_SAMPLES = 360  # number of sample points at equal distances along the outline
-# Largest rms deviation of the outline from the plane, as a fraction of the outline's depth. It was
-# determined with boxes up to 0.24 m high and a camera 0.25 m above and up to 0.12 m to the side.
-# All runs with a deviation of up to 0.088 and a height of up to 0.18 m converged. With a deviation
-# of 0.101, the target was lost in three of five runs.
+# Largest rms deviation of the outline from the plane, as a fraction of the outline's depth.
+# Measured in runs with boxes up to 0.24 m high below a camera at a height of 0.25 m: all runs with
+# a deviation of up to 0.088 (boxes up to 0.18 m high) converged; with 0.101, three of five runs
+# lost the target.
 MAX_PLANE_DEVIATION = 0.09
 
 

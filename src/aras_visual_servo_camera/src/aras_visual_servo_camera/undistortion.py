@@ -2,9 +2,9 @@
 
 The supported models are the pinhole camera, plumb_bob, rational_polynomial and the fisheye model.
 
-A distorted image is not resampled. Instead, the undistorted position of each pixel's centre and the
-area of its undistorted square are computed once for each camera. Weighted sums over these pixels
-have the exact area for any lens.
+Instead of resampling distorted images, the module computes once for each camera where the centre of
+each pixel is in normalised coordinates, and which area the pixel has there. Moments are sums over
+pixels with these areas.
 """
 
 from __future__ import annotations
@@ -52,7 +52,11 @@ class PixelTables(NamedTuple):
     area: Array
 
     def compute_pixel_variance(self, column: int, row: int) -> tuple[float, float, float]:
-        """Compute the variances xx, xy, yy of the points in one pixel's square, normalised."""
+        """Compute the variances and the covariance of normalised x and y over one pixel.
+
+        Returns:
+            Variance of x, covariance, variance of y.
+        """
         rows, columns = self.area.shape
         c0, c1 = max(column - 1, 0), min(column + 1, columns - 1)
         r0, r1 = max(row - 1, 0), min(row + 1, rows - 1)

@@ -34,16 +34,15 @@ def accept_in_threads() -> None:
 def find_publishers() -> None:
     """Patch rospy so that a subscriber connects to every publisher of a topic exactly once.
 
-    This corrects two errors of rospy that may prevent a node from ever receiving the messages of a
-    publisher.
+    This corrects two errors of rospy. Each of them may prevent a node from receiving a publisher's
+    messages at all.
 
-    Duplicate connections: rospy handles the master's update about a topic with two publishers
-    twice, and two threads connect to the same publisher. rospy then closes the first connection,
-    and sometimes also the second one, which may have the same file descriptor.
+    Duplicate connections: if a topic has two publishers, two threads of rospy may connect to the
+    same publisher. rospy then closes one of these connections, and sometimes both.
 
-    Lost updates: if two updates about a topic are pending, rospy drops the older one. If a
-    publisher starts just after this node has subscribed, the reply to the subscription may arrive
-    after the update that announces the publisher; rospy then drops this update.
+    Lost updates: the master sends the list of a topic's publishers when a node subscribes, and
+    again when a publisher starts. If both lists are pending, rospy uses only the one that arrived
+    last. If they arrived in the wrong order, the new publisher is missing in it.
     """
     connect = masterslave.ROSHandler._connect_topic
     if connect.__module__ == __name__:

@@ -14,8 +14,8 @@ import rospy
 def check_log_folder(name: str) -> None:
     """Use a temporary log folder if the log folder of this node is not writable.
 
-    A message in one line names both folders. Call this before rospy.init_node. roslaunch sets the
-    log folder of each node by the remapping __log. Without this remapping, the log folder is
+    The change is reported in one line. Call this before rospy.init_node. roslaunch sets the log
+    folder of each node by the remapping __log. Without this remapping, the log folder is
     ROS_LOG_DIR, or else the folder `log` in ROS_HOME.
     """
     mappings = rospy.names.get_mappings()

@@ -88,7 +88,7 @@ class ReconfigureServer:
         self._values = {field.name: values.get(field.name, field.default) for field in fields}
         self._apply = apply
         self._lock = threading.Lock()
-        # with this lock, requests wait until the service and the topics are advertised
+        # Requests wait for this lock until the service and the topics are advertised.
         with self._lock:
             self._service = rospy.Service(
                 f"{self._namespace}/set_parameters", Reconfigure, self._on_request

@@ -20,8 +20,8 @@ from .master_watch import MasterWatch
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 HELP_OPTIONS = {"-h", "--help"}
-# If a signal arrives during init_node, the process is ended when rospy's shutdown has taken this
-# time, s. Without a master, the shutdown would never finish.
+# Longest time, s, that rospy's shutdown may take if a signal arrives during rospy.init_node. Then
+# the process is ended, because the shutdown never finishes if there is no master.
 PATIENCE = 2.0
 _started = threading.Event()
 _started.set()
@@ -42,7 +42,7 @@ class _ShutdownLogFilter(logging.Filter):
 
 
 def init_node(name: str, about: str = "", **options: bool) -> None:
-    """Call rospy.init_node(name, **options) such that Ctrl-C works at any time.
+    """Call rospy.init_node(name, **options), and let Ctrl-C and SIGTERM end the node at any time.
 
     Call this in the main thread. If Ctrl-C is pressed during rospy.init_node, the program ends
     without waiting for rospy's locks or printing rospy's exceptions. If `about` is not empty, the
@@ -70,11 +70,11 @@ def init_node(name: str, about: str = "", **options: bool) -> None:
 
 
 def _unregister(_reason: str) -> None:
-    """Unregister this node's subscription to SUBSCRIBED_PARAMETER, because rospy does not do it.
+    """Unregister this node's subscription to the parameter SUBSCRIBED_PARAMETER.
 
-    Otherwise, the master stores the address of this node after its end. When a node of the same
-    name starts, the master requests the process at this address to shut down. By then, a different
-    node may use this address.
+    rospy does not do this when the node ends, so the master would keep the node's address. When a
+    node of the same name starts later, the master would ask the process at this address to shut
+    down, which may be a different node by then.
     """
     with contextlib.suppress(OSError, rosgraph.MasterException):  # no master
         rosgraph.Master(rospy.get_name()).unsubscribeParam(
@@ -85,12 +85,10 @@ def _unregister(_reason: str) -> None:
 def end_on_signals() -> None:
     """Handle Ctrl-C and SIGTERM in a separate thread instead of rospy's signal handler.
 
-    Call this in the main thread. rospy would shut the node down inside the signal handler, which
-    Python runs in the main thread at any point. If this handler interrupts the main thread while
-    the main thread logs a message, the shutdown waits forever for a lock that the main thread
-    itself has acquired. Moreover, the kernel may deliver a signal to any thread, so that a waiting
-    main thread does not wake up. Here, Python's C signal handler writes the number of the signal to
-    a pipe, and a separate thread reads it.
+    Call this in the main thread. rospy's handler has two errors. It shuts the node down while the
+    main thread is interrupted, and waits forever if the main thread holds a lock that the shutdown
+    needs, such as the lock of the log. Moreover, a main thread that waits does not notice a signal
+    that the kernel delivers to another thread.
     """
     logging.getLogger("rosout").addFilter(_ShutdownLogFilter())
     read_end, write_end = os.pipe()
@@ -107,8 +105,8 @@ def end_on_signals() -> None:
 def _wait_for_signal(read_end: int) -> None:
     while (number := os.read(read_end, 1)[0]) not in SIGNALS:
         pass
-    # The shutdown runs in a thread that is not a daemon. Python waits for such a thread at exit, so
-    # all shutdown hooks can finish.
+    # Shut rospy down in a new thread that is not a daemon, because Python waits for such a thread
+    # at exit. All shutdown hooks can therefore finish.
     reason = signal.Signals(number).name
     thread = threading.Thread(target=rospy.signal_shutdown, args=(reason,), name="shutdown")
     # The current thread is a daemon, and a new thread inherits this flag.
@@ -116,7 +114,8 @@ def _wait_for_signal(read_end: int) -> None:
     thread.start()
     if not _started.is_set():
         thread.join(PATIENCE)
-        # Without a master, the shutdown thread waits for a lock that init_node does not release.
+        # The shutdown has not finished: without a master, it waits for a lock that init_node does
+        # not release.
         if thread.is_alive():
             os._exit(128 + number)
 

@@ -18,8 +18,8 @@ from .mesh import Mesh, check_reach, from_indices
 
 # Errors that pycollada ignores: unsupported or missing parts of materials.
 _UNSUPPORTED = [collada.common.DaeUnsupportedError, collada.common.DaeBrokenRefError]
-# Largest number of nodes. Without this limit, a file of a few kB could exhaust the memory, if each
-# of its nodes contains two references to the next node.
+# Largest number of nodes in a scene. A file of a few kB can describe so many nodes that the memory
+# is exhausted, if each node refers twice to the next one.
 _MOST_NODES = 100_000
 
 
@@ -186,7 +186,8 @@ def _find_geometries(scene: collada.scene.Scene | None
 
 
 def _triangulate(polygons: collada.polylist.Polylist) -> collada.triangleset.TriangleSet:
-    if (polygons.vcounts < 3).any():  # the function _check_primitive does not check <polygons>
+    # This is checked here, because _check_primitive does not check <polygons>.
+    if (polygons.vcounts < 3).any():
         raise DescriptionError("<polygons> has a polygon with fewer than three corners")
     return polygons.triangleset()
 

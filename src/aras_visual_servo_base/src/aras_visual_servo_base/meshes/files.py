@@ -1,11 +1,10 @@
 """Readers of STL, OBJ, COLLADA and glTF files, which check and cache them.
 
-Invalid files are rejected, such as a file with a face that refers to a missing vertex, with a
-number that cannot be parsed, or without triangles. A library that silently repairs such errors
-would render or simulate another shape than intended. Therefore STL and OBJ files are read here
-without a library. For example, in OBJ files trimesh 5.2 interprets corner 0 as corner 1, counts the
-negative indices of `f -4 -3 -2` from the last vertex of the whole file instead of the last vertex
-before this line, and accepts `v 1 2` as a vertex. Moreover, importing trimesh takes 0.6 s.
+Invalid files are rejected, for example if a face refers to a missing vertex, if a number cannot be
+parsed, or if there are no triangles. A library that silently repairs such errors could render or
+simulate another shape than intended. Therefore STL and OBJ files are parsed here, and not by
+trimesh: trimesh 5.2 accepts some invalid OBJ files and misreads negative indices, and its import
+takes 0.6 s.
 """
 
 from __future__ import annotations
@@ -27,8 +26,8 @@ from ..urdf import Rgba
 from .mesh import Mesh, from_corners, from_indices
 
 LARGEST_FILE = 256 * 1024 * 1024  # largest size of a mesh file, bytes
-# Largest number of triangles in a mesh file. Reading 300 000 triangles from an STL file takes 3 s.
-# Simulated time stops for another 3 s while Bullet and the renderer load the mesh.
+# Largest number of triangles in a mesh file. With 300 000 triangles, reading an STL file takes 3 s,
+# and simulated time stops for another 3 s while Bullet and the renderer load the mesh.
 MOST_TRIANGLES = 300_000
 MOST_MESHES = 10_000  # largest number of meshes in a mesh file
 GREY: Rgba = (0.7, 0.7, 0.7, 1.0)  # colour of surfaces whose material or texture is missing
@@ -171,7 +170,10 @@ def write_stl(meshes: tuple[Mesh, ...], path: str) -> None:
 # ---------------------------------------------------------------------- OBJ
 
 def write_obj(meshes: tuple[Mesh, ...], path: str) -> None:
-    """Write the triangles of meshes to an OBJ file, with one object for each `Mesh.piece`."""
+    """Write the triangles of meshes to an OBJ file, with one object for each collision body.
+
+    All meshes with the same `Mesh.piece` form one collision body.
+    """
     lines, first = [], 1
     for number in sorted({mesh.piece for mesh in meshes}):
         lines.append(f"o piece{number}")
@@ -185,7 +187,7 @@ def write_obj(meshes: tuple[Mesh, ...], path: str) -> None:
 def _read_obj(data: bytes, folder: Path, states: dict[Path, _State | None]) -> list[Mesh]:
     """Read one mesh for each material in each group.
 
-    The normals of the file are used if all corners of the mesh have one.
+    The normals of the file are used if the file contains a normal for each corner of the mesh.
     """
     elements: dict[str, list[list[float]]] = {"v": [], "vt": [], "vn": []}
     faces: dict[tuple[int, str], list[list[tuple[int, ...]]]] = {}
@@ -236,7 +238,8 @@ def _parse_element(kind: str, fields: list[str]) -> list[float]:
     count = 2 if kind == "vt" else 3
     values = [float(word) for word in fields[:count]]
     if kind == "vt" and len(values) == 1:
-        values.append(0.0)  # the second texture coordinate is optional and 0 by default
+        # A vertex of the file may omit the second texture coordinate, which is then 0.
+        values.append(0.0)
     if len(values) < count or not all(map(math.isfinite, values)):
         what = {"v": "vertex", "vt": "texture coordinate", "vn": "normal"}[kind]
         raise DescriptionError(f"a {what} needs {'two' if count == 2 else 'three'} finite numbers")
@@ -262,7 +265,10 @@ def _parse_corner(text: str, counts: list[int]) -> tuple[int, ...]:
 
 def _read_mtl(path: Path, states: dict[Path, _State | None]
               ) -> dict[str, tuple[Rgba | None, str | None]]:
-    """Return (rgba, texture file) of each material by name; {} if the MTL file is missing."""
+    """Return (rgba, texture file) of each material by name; {} if the MTL file is missing.
+
+    The size and the time of the file's last change are added to `states`.
+    """
     materials: dict[str, tuple[Rgba | None, str | None]] = {}
     states[path] = _read_state(path)
     if states[path] is None:

@@ -54,7 +54,7 @@ def read(data: bytes, path: Path, check_size: Callable[[int, int], None],
         """Reads the files that the glTF file refers to."""
 
         def __init__(self) -> None:
-            """Do nothing; `get` uses the variable `path` of the enclosing function."""
+            """Do nothing: `get` reads `path` from the enclosing function."""
 
         def get(self, name: str) -> bytes:
             file = (path.parent / name).resolve()

@@ -16,13 +16,14 @@ CREASE_ANGLE = np.radians(35.0)
 # smoothing increases with the square of the number of faces.
 _MOST_CORNERS = 128
 _LARGEST_COORDINATE = 1e9  # largest number in a mesh file, in any unit
-# Triangles are dropped if twice their area is smaller than this, in the squared unit of the file.
+# A triangle is dropped if its doubled area is smaller than this, in the squared length unit of the
+# mesh file.
 _LEAST_AREA = 1e-18
 
 
 @dataclass(frozen=True)
 class Mesh:
-    """Triangles with a colour or a texture. The unit is m or that of a file.
+    """Triangles with a colour or a texture. Lengths are in m, or in the unit of the mesh file.
 
     Attributes:
         positions: (V, 3) float32, positions of the vertices.
@@ -32,8 +33,8 @@ class Mesh:
             texture.
         texture: image file of the texture; None without texture.
         rgba: colour of the material; None if the material has none.
-        piece: number of the collision body to which the mesh belongs. All meshes of a file with
-            the same number form one body; the groups of an OBJ file are separate bodies.
+        piece: number of the collision body to which the mesh belongs. All meshes of a file with the
+            same number form one body. In an OBJ file, each group has its own number.
     """
 
     positions: np.ndarray
@@ -51,7 +52,12 @@ class Mesh:
         return sum(array.nbytes for array in arrays if array is not None)
 
     def transform(self, a_T_b: np.ndarray, scale: np.ndarray | float = 1.0) -> Mesh:
-        """Return a copy that is scaled, then transformed from frame b to a by a_T_b (4, 4)."""
+        """Return a copy in frame a of this mesh in frame b.
+
+        Args:
+            a_T_b: (4, 4) pose of frame b in frame a.
+            scale: factor, or factors along x, y, z, by which the mesh is scaled first, in frame b.
+        """
         scale = np.broadcast_to(np.asarray(scale, dtype=float), (3,))
         positions = (self.positions * scale) @ a_T_b[:3, :3].T + a_T_b[:3, 3]
         normals = normalise((self.normals / scale) @ a_T_b[:3, :3].T)
@@ -73,7 +79,7 @@ class Mesh:
         axis = np.abs(self.normals).argmax(axis=1)
         sign = np.take_along_axis(self.normals, axis[:, None], axis=1)[:, 0] > 0.0
         across = np.where(axis == 0, share[:, 1], share[:, 0])
-        # seen from outside, the texture's first coordinate increases to the right
+        # flip `across` on those sides of the box where the image would be mirrored
         across = np.where(sign == (axis == 1), 1.0 - across, across)
         up = np.where(axis == 2, share[:, 1], share[:, 2])
         return replace(self, uv=np.stack([across, up], axis=1).astype(np.float32), texture=texture)
@@ -99,7 +105,7 @@ class Mesh:
         low, high = self.positions.min(axis=0), self.positions.max(axis=0)
         if (point < low).any() or (point > high).any():
             return False
-        # direction of the ray; typical objects have no edge parallel to it
+        # direction of a ray from the point; typical objects have no edge parallel to it
         direction = np.array([0.5773, 0.5411, 0.6119])
         a, b, c = self.positions[self.triangles].astype(float).transpose(1, 0, 2)
         e1, e2, to = b - a, c - a, point - a
@@ -175,7 +181,7 @@ def from_indices(index: np.ndarray, v: np.ndarray, vt: np.ndarray, vn: np.ndarra
     mapped = bool(len(vt)) and (index[..., 1] >= 0).all()
     textured = texture is not None and mapped
     if textured:
-        # a texture that is too large is reported now, and not when it is rendered
+        # if the texture is too large, raise the error now, and not when it is rendered
         read_image_size(texture)
     else:
         texture = None
@@ -244,9 +250,9 @@ def _find_unique_rows(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _smooth(point: np.ndarray, weighted: np.ndarray, unit: np.ndarray, cosine: float) -> np.ndarray:
     """Compute a smooth normal at each of n corners of triangles.
 
-    The smooth normal is the mean, weighted by area, of the normals of some faces at the corner's
-    vertex: those whose normal differs from that of the corner's own face by at most the crease
-    angle.
+    Each corner belongs to one face. Its smooth normal is the mean of the normals, weighted by area,
+    of those faces at the same vertex whose normals differ from its own face's normal by at most the
+    crease angle.
 
     Args:
         point: (n,) number of the vertex of each corner.
@@ -266,7 +272,7 @@ def _smooth(point: np.ndarray, weighted: np.ndarray, unit: np.ndarray, cosine: f
     crowded = count > _MOST_CORNERS
     total[order[crowded]] = weighted[order[crowded]]
     count = np.where(crowded, 0, count)
-    # Compare corner i of each vertex with corner i + shift of the same vertex, for all shifts.
+    # At each vertex, compare the face of every corner with the face of every other corner.
     for shift in range(int(count.max())):
         some = np.flatnonzero(count > shift)
         corner = order[some]

@@ -15,9 +15,8 @@ from aras_visual_servo_base.compiled import jit
 MAX_CANDIDATES = 4  # largest number of edge candidates per sample point
 # largest number of pixels over which the grey level on one side of an edge is averaged
 MAX_LEVEL_PIXELS = 3
-# Grey levels are summed over an interval that is longer than the edge's blur by this length at each
-# end, px. The interval therefore contains the edge even if the edge is this far from its expected
-# place.
+# The grey levels are summed over the blurred edge and this length at each end, px. The interval
+# therefore contains the edge even if the edge is this far from its expected place.
 SEARCH_SLACK = 0.35
 MAX_DISTANCE = 1.5  # px; largest distance of a measured edge from its expected place
 # Largest deviation of a pixel's grey level from the mean on its side of the edge, as a fraction of
@@ -30,7 +29,7 @@ NOISE_ROWS = 8  # number of image rows in which the noise is measured
 
 @jit("u1[:,:], f8[:,::1], f8[:,::1], f8[:,::1], f8, f8, f8")
 def find_candidates(grey, pixel, normal, expected_levels, reach, min_change, tolerance):
-    """Find the edges near each point: local maxima of the change of grey level.
+    """Find the edges near each sample point: local maxima of the change of grey level.
 
     Args:
         grey: (rows, columns) image.
@@ -108,7 +107,7 @@ def find_candidates(grey, pixel, normal, expected_levels, reach, min_change, tol
 
 @jit("u1[:,:], f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8, f8, f8")
 def measure_edges(grey, pixel, normal, room, expected_levels, min_change, tolerance, noise):
-    """Measure the edge at each point from the sum of the grey levels across it.
+    """Measure the edge at each point from the sum of grey levels along a row or column across it.
 
     Args:
         grey: (rows, columns) image.
@@ -139,7 +138,8 @@ def measure_edges(grey, pixel, normal, room, expected_levels, min_change, tolera
         inside = counted = 0
         slope_of = 0.0
         for _ in range(3):
-            # Half length of the interval that contains all pixels crossed by the edge, px.
+            # `half` is half of the length over which the edge crosses pixels of this row or column,
+            # px. `slope` is the shift of the edge from one row or column to the next, px.
             half = 0.5 * (1.0 + slope) + SEARCH_SLACK
             first, last = int(np.ceil(place - half)), int(np.floor(place + half))
             before = min(
@@ -172,7 +172,7 @@ def measure_edges(grey, pixel, normal, room, expected_levels, min_change, tolera
             for i in range(behind):
                 spread = max(spread, abs(values[count - 1 - i] - right))
             slope_of = max(spread - 3.0 * noise, 0.0)
-            # the grey level varies along the line: extrapolate it to the edge from both sides
+            # the grey level varies next to the edge: extrapolate it from each side to the edge
             if slope_of > 0.0:
                 left, right = values[before - 1], values[count - behind]
                 if before > 1:
@@ -216,8 +216,8 @@ def measure_edges(grey, pixel, normal, room, expected_levels, min_change, tolera
 def estimate_noise(grey):
     """Estimate the standard deviation of a pixel's noise, in grey levels.
 
-    The estimate is the median of second differences along some rows. It is correct if more than
-    half of these pixels are in smooth regions of the image.
+    It is computed from the median absolute second difference of the grey levels along some rows. It
+    is correct if more than half of the pixels of these rows are in smooth regions of the image.
     """
     rows, columns = grey.shape
     counts, total = np.zeros(1021, np.int64), 0
@@ -227,7 +227,7 @@ def estimate_noise(grey):
             counts[abs(bend)] += 1
             total += 1
     low, high, passed = -1, -1, 0
-    for bend in range(len(counts)):  # find `low` and `high`, whose mean is the median of |bend|
+    for bend in range(len(counts)):  # The median of |bend| is the mean of `low` and `high`.
         passed += counts[bend]
         if low < 0 and 2 * passed >= total:
             low = bend
@@ -262,10 +262,12 @@ def update_levels(levels, edge, facing, values, residuals, inlier_distance):
     """Update the stored grey levels of the edges with the levels measured at their points.
 
     Args:
-        levels: (E, 2) stored grey levels, as in `predict_levels`. This array is changed.
-        edge, facing: as in `predict_levels`.
+        levels: (E, 2) stored grey levels on both sides of each of the solid's E edges. This array
+            is changed.
+        edge, facing: (n,), (n, 2) `edges` and `are_faces_visible` of EdgePoints.
         values: (n, 4) result of `measure_edges`.
-        residuals: (n,) distances of the measured edges from the fitted pose's edges, px.
+        residuals: (n,) distances of the measured edges from the solid's edges at the fitted pose,
+            px.
         inlier_distance: points with residuals of this size or more are ignored, px.
     """
     total, count = np.zeros(levels.shape), np.zeros(levels.shape)

@@ -35,25 +35,27 @@ SEARCH_RANGE = 10.0  # px; edges are searched up to this distance from their exp
 START_SEARCH_RANGES = (20.0, 10.0, 40.0)
 # Largest numbers of searches for the edges, and of accurate measurements of the edges, per image.
 MAX_SEARCHES, MAX_MEASUREMENTS = 4, 3
-# In each image, the edges are first searched repeatedly, and then measured accurately. The
-# measurement starts when a search changes the pose by less than this distance in the image, px.
+# Each image is processed in two phases: the edges are searched repeatedly, and then measured
+# accurately. The first phase ends when a search moves the solid in the image by less than this
+# distance, px.
 MEASUREMENT_RANGE = 0.7
 REPEAT_CHANGE = 0.1  # px; the edges are measured again if the pose has changed by more than this
-# Smallest change of grey level at an edge: in grey levels, and as a multiple of the noise.
+# At an edge, the grey level changes by at least MIN_CHANGE grey levels, and by at least
+# MIN_NOISE_RATIO times the standard deviation of the noise.
 MIN_CHANGE, MIN_NOISE_RATIO = 10.0, 3.5
-# Lower limits of the estimated standard deviation of the residuals, px, in the (first, last) step
-# of a fit, for searched and for measured edges. Residuals of several standard deviations are
-# rejected. If the first limit were as small as the last, a fit with a wrong initial pose would
-# reject correct edges.
+# Lower limits, px, of the estimated standard deviation of the residuals, in the (first, last) step
+# of a fit to searched edges, and of a fit to measured edges. Residuals of several standard
+# deviations are rejected. With a small first limit, a fit with a wrong initial pose would reject
+# correct edges.
 SEARCH_SCALES, MEASUREMENT_SCALES = (0.5, 0.5), (0.3, 0.02)
 EDGE_ACCURACY = 0.03  # px, error of a measured edge in an image without noise
-LEVEL_TOLERANCE = 25.0  # largest difference of a measured grey level from the stored level
+LEVEL_TOLERANCE = 25.0  # largest difference of a measured grey level from the stored grey level
 # The solid is lost if fewer than MIN_INLIERS edge points are inliers, or less than the fraction
 # MIN_INLIER_SHARE of the visible edge points.
 MIN_INLIERS, MIN_INLIER_SHARE = 15, 0.45
 DEPTH_SPACING = 8  # px; every DEPTH_SPACING-th pixel of a depth image is used
-# The edges are first measured at their expected places, without a search. The search is skipped if
-# the fraction of inliers in this measurement is above MIN_SHARE_RATIO times that in the last image.
+# The edges are first measured at their expected places. If the fraction of inliers is above
+# MIN_SHARE_RATIO times the fraction in the previous image, no search for the edges is needed.
 MIN_SHARE_RATIO = 0.9
 MIN_ROOM = 4.0  # px; an edge point cannot be measured if another edge is nearer than this
 NO_POINTS = np.empty((0, 3))
@@ -68,10 +70,9 @@ class TrackedPose:
         covariance: (6, 6) covariance of the pose's error. The error is a translation (m) and a
             rotation (rad) about the middle of the solid, in the camera's axes. The covariance is
             very large in directions that the edges do not determine.
-        unrepeatable_part: the part of the error that changes from image to image even if the camera
-            is at rest, as a fraction (0 to 1) of the error's standard deviations. It is computed
-            from the excess of the residuals over the expected noise and measurement error. It is 1
-            if the edges do not determine the pose.
+        unrepeatable_part: standard deviation of the error's part that changes from image to image
+            even if the camera is at rest, divided by that of the whole error, 0 to 1. It is 1 if
+            the edges do not determine the pose.
         inlier_share: fraction of the visible edge points whose measured edge agrees with the pose
             (inliers).
         inlier_count: number of inliers.
@@ -208,14 +209,14 @@ class ModelTracking:
         return points
 
     def _predict_levels(self, samples: EdgePoints) -> np.ndarray:
-        """Return the stored grey levels (n, 2) on both sides of the points."""
+        """Return the stored grey levels (n, 2) on both sides of the edges at the sample points."""
         return predict_levels(samples.edges, samples.are_faces_visible, self._levels)
 
     def _fit_pose(
         self, samples: EdgePoints, edge_offsets: np.ndarray, weight: np.ndarray, pose: np.ndarray,
         scales: tuple[float, float],
     ) -> tuple[np.ndarray, float, np.ndarray, np.ndarray]:  # fmt: skip
-        """Call `fit_pose` with the fields of the samples and of the solid."""
+        """Fit a pose to edge points of the solid with `fit_pose`."""
         solid = self.solid
         return fit_pose(
             samples.solid_points, samples.image_points, samples.gains, edge_offsets, weight,

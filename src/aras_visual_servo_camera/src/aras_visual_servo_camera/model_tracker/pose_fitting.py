@@ -31,18 +31,22 @@ from aras_visual_servo_base.compiled import jit, jit_inline
 
 MAX_ITERATIONS = 6  # largest number of Gauss-Newton steps
 CONVERGED_CHANGE = 0.01  # px; the iteration stops if a step moves the edges by less than this
-SCALE_REDUCTION = 0.3  # each step multiplies the lower limit of Tukey's scale by this factor
-# Damping limits the steps of motions that the edges do not determine to about this length, in radii
-# of the solid (5 mm for a radius of 5 cm). A motion is not determined if its standard deviation is
+# After each step, the lower limit of the scale of Tukey's function is multiplied by this factor,
+# until it reaches the limit of the last step.
+SCALE_REDUCTION = 0.3
+# Largest step, in radii of the solid, of a motion that the edges do not determine; damping limits
+# the step to about this length. The edges do not determine a motion if its standard deviation is
 # larger than this length.
 MAX_FREE_STEP = 0.1
-# Lower limit of the estimated standard deviation of the points of a depth image, in radii of the
-# solid (0.3 mm for a radius of 5 cm).
+# Lower limit of the estimated standard deviation of depth points from the solid's faces, in radii
+# of the solid (0.3 mm for a radius of 5 cm).
 FLATNESS = 6e-3
 TUKEY_CONSTANT = 4.685  # the weight of a residual is zero beyond this many standard deviations
 INLIER_DISTANCE = 1.0  # px; a measured edge is an inlier if the solid's edge is nearer than this
-UNOBSERVABLE_VARIANCE = 1e4  # m^2, variance of a motion that the edges do not determine
-MAD_FACTOR = 1.4826  # ratio of the standard deviation to the median absolute deviation
+# Assumed variance, m^2, of the pose along a motion that the edges do not determine.
+UNOBSERVABLE_VARIANCE = 1e4
+# Ratio of the standard deviation to the median absolute deviation, for a normal distribution.
+MAD_FACTOR = 1.4826
 
 
 @jit("f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[:,::1], f8[::1], f8, f8")
@@ -55,13 +59,14 @@ def build_edge_equations(
 
     Args:
         solid_points: (n, 3) points on the solid's edges, in its frame, m.
-        image_points: (n, 2) image points q at which they are expected, normalised.
-        gain: (n, 2) g.
+        image_points: (n, 2) image points q at which the edge points are expected, normalised.
+        gain: (n, 2) g, the change of an edge's distance, px, per unit of normalised x and y.
         edge_offsets: (n, c) distances d of the candidate edges, px; NaN if there are fewer. The
             candidate nearest to the projected point is used.
         weight: (n,) weight of each point.
         T: (4, 4) camera_T_solid.
-        origin, unit: o (3,), m, and u, m.
+        origin: (3,) o, the centre of the rotation w in the camera's frame, m.
+        unit: u, the length by which angles are multiplied, m.
         min_scale: lower limit of the scale of Tukey's function, px.
 
     Returns:
@@ -150,7 +155,8 @@ def _is_inside_triangle(x, y, z, a, b, c, n):
 def build_surface_equations(vertices, faces, normals, measured_points, T, origin, unit, min_scale):
     """Build the normal equations A (v, w) = b of the points of a depth image.
 
-    The weights of the residuals are in 1/m^2.
+    A residual is the distance (m) of a point from the solid's face that the ray of its pixel hits.
+    It is weighted by the inverse variance of the residuals, 1/m^2, times Tukey's function.
 
     Args:
         vertices, faces, normals: fields of Solid.
@@ -217,7 +223,7 @@ def build_surface_equations(vertices, faces, normals, measured_points, T, origin
 
 @jit("f8[:,::1], f8[::1], f8[::1]", allocates=False)
 def _remove_motion(A, b, free_motion):
-    """Change the normal equations A (v, w) = b so that their solution contains no free motion.
+    """Change the normal equations A (v, w) = b so that the solution is orthogonal to `free_motion`.
 
     free_motion: (6,) unit vector (v, w) of a motion that leaves the solid's surface unchanged.
     """
@@ -281,8 +287,9 @@ def fit_pose(solid_points, image_points, gain, edge_offsets, weight, T, first_sc
         T: (4, 4) initial camera_T_solid.
         first_scale, last_scale: lower limit of the scale of Tukey's function in the first and in
             the last step, px.
-        middle: (3,) middle of the solid in its own frame, m; o is this point in the camera's frame.
-        radius: radius of the solid, m, which is used for u.
+        middle: (3,) middle of the solid in its own frame, m. Rotations are about this point.
+        radius: radius of the solid, m. Angles are multiplied by it, so that all unknowns are
+            lengths.
         free_motions: (k, 6) motions that leave the solid's surface unchanged, one in each row. The
             pose is not changed along these motions.
         vertices, faces, normals: fields of Solid.
@@ -364,8 +371,8 @@ def assess_pose(residuals, weight, A, free_motion_count, radius):
 
     Returns:
         The number of inliers, whose residuals are below INLIER_DISTANCE;
-        the rms of their residuals, px;
-        the weighted sum of their squares, divided by its expected value, at least 1;
+        the rms of the inliers' residuals, px;
+        the ratio of the measured to the expected variance of these residuals, at least 1;
         the covariance (6, 6) of the pose's error (m, rad) about the solid's middle;
         whether there is a motion that changes the position of the solid's surface, but that the
         edges do not determine.

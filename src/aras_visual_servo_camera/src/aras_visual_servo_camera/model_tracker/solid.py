@@ -16,14 +16,16 @@ from ..errors import ModelError
 # Corners of triangles are merged if their distance is smaller than this fraction of the mesh's
 # size.
 WELD_TOLERANCE = 1e-6
-# If the normals of two faces differ by less than CREASE_ANGLE, the faces belong to a smooth
-# surface, such as a cylinder. Their common edge is then visible only on the outline. If the normals
-# differ by less than FLAT_ANGLE, the faces are one flat face, and the edge is never visible.
+# If the normals of two neighbouring faces differ by less than CREASE_ANGLE, the faces belong to a
+# smooth surface, such as that of a cylinder. Their common edge is then visible only where it is on
+# the outline of the solid. If the normals differ by less than FLAT_ANGLE, the common edge is never
+# visible.
 CREASE_ANGLE, FLAT_ANGLE = np.radians(35.0), 1e-4
-MIN_SIZE, MAX_SIZE = 2e-3, 5.0  # m; a mesh outside this range is probably not in metres
-# Each eigenvector of the surface's slippage matrix (6, 6) is a motion. If the eigenvalue of the
-# motion, divided by the largest eigenvalue, is below this value, the motion leaves the surface
-# unchanged.
+# A mesh is probably not in metres if its longest side, m, is outside this range.
+MIN_SIZE, MAX_SIZE = 2e-3, 5.0
+# A motion leaves the surface unchanged if it moves the surface very little along the surface's
+# normals: the mean square of this velocity, divided by that of the motion with the largest value,
+# must be below this limit.
 FREE_MOTION_TOLERANCE = 1e-4
 # Triangles are dropped if their area is smaller than this fraction of the square of the mesh's
 # size.
@@ -42,7 +44,8 @@ class Solid:
         edges: (E, 2) indices of the start and the end of each edge.
         edge_faces: (E, 2) indices of the two faces of each edge. The direction of the edge is
             counter-clockwise around the first face.
-        is_crease: (E,) True if the edge is a crease; any other edge is visible only on the outline.
+        is_crease: (E,) True if the angle between the two faces is large (crease). Any other edge is
+            on a smooth surface, and is visible only where it is on the outline of the solid.
         is_outermost: (F,) True if no part of the solid is in front of the plane of the face.
         name: name of the solid, for messages.
     """
@@ -138,8 +141,8 @@ class Solid:
     def compute_section_corners(self) -> np.ndarray:
         """Compute the corners (4, 3), m, of the horizontal rectangle through the solid's middle.
 
-        It is the section of the bounding box at half of its height along z. Schemes for flat
-        targets use this rectangle instead of the solid.
+        It is the section of the bounding box at half of its height along z. Control schemes for
+        flat targets use this rectangle instead of the solid.
         """
         (x, y, z), (X, Y, Z) = self.compute_bounding_box()
         middle = 0.5 * (z + Z)
@@ -172,7 +175,7 @@ def _weld_vertices(corners: np.ndarray, tolerance: float) -> tuple[np.ndarray, n
 
 
 def _find_edges(faces: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return the vertices (E, 2) and the two faces (E, 2) of each edge, as in Solid."""
+    """Return the two vertices (E, 2) and the two faces (E, 2) of each edge, as indices."""
     start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
     face = np.repeat(np.arange(len(faces)), 3)
     forward = start < end

@@ -1,4 +1,4 @@
-"""Sample points on the edges of a solid that are visible from a pose of the camera."""
+"""Selection of points on those edges of a solid that are visible to the camera."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ MAX_POINTS = 1200  # largest number of sample points on edges per image
 # ends.
 END_MARGIN, SHORT_EDGE = 4.0, 16.0
 BORDER = 5.0  # px; no points are sampled within this distance from the border of the image
-# A face is viewed edge-on if the cosine of the angle between its normal and the ray to the camera
-# is in this range. The creases of such a face are not used, because they nearly coincide in the
-# image, and a small error of the pose makes the face visible or invisible.
+# If the cosine of the angle between a face's normal and the ray to the camera is in this range, the
+# face is viewed edge-on. Its creases are not used: they nearly coincide in the image, and a small
+# error of the pose makes the face visible or invisible.
 GRAZING_COSINES = (-0.01, 0.03)
 # A face hides a point if the face is nearer to the camera by at least this fraction of the depth.
 OCCLUSION_TOLERANCE = 2e-3
@@ -36,9 +36,9 @@ class EdgePoints(NamedTuple):
         image_points: (n, 2) points in the image, normalised.
         pixels: (n, 2) points in the image, px (column, row).
         normals: (n, 2) unit normal of the edge in the image, px, towards its first face.
-        gains: (n, 2) change of the distance along the normal, px, per unit of normalised x and y.
-        room: (n, 2) distance to the next other edge before and after the point, px, along the row
-            or column on which the edge is searched.
+        gains: (n, 2) displacement along `normals`, px, if normalised x or y changes by 1.
+        room: (n, 2) distances, px, from the point to the nearest other edges on its two sides,
+            along the row or column on which the edge is searched.
         edges: (n,) index of the edge.
         are_faces_visible: (n, 2) whether the first and the second face of the edge are visible.
     """
@@ -141,7 +141,7 @@ def _is_hidden(u, v, w, projected, faces, front_faces, face, other_face):
 
 @jit("f8[:,::1], i8[:,::1], i8[::1], i8, i8")
 def _sort_into_bands(projected, edges, visible_edges, axis, size):
-    """Sort the visible edges into bands of BAND rows or columns.
+    """Sort the visible edges into bands of the image, which have BAND rows or columns each.
 
     Args:
         projected: (V, 3) u, v and inverse depth of the vertices.
@@ -301,7 +301,8 @@ def _sample_edges(vertices, faces, normals, edges, edge_faces, is_crease, is_out
                 continue
             w = projected[i, 2] + s * (projected[j, 2] - projected[i, 2])
             a, b = edge_faces[e]
-            # No face can hide an edge of a visible outermost face.
+            # An edge of a visible outermost face is never hidden, because no part of the solid is
+            # in front of the plane of this face.
             if not (
                 (front[a] and is_outermost[a]) or (front[b] and is_outermost[b])
             ) and _is_hidden(u, v, w, projected, faces, front_faces, a, b):

@@ -1,9 +1,7 @@
 """Base class and registry of the trackers, which find the points of a target in an image.
 
-By default, a tracker finds points in px, and the lens distortion is removed afterwards. Trackers
-that fit lines remove it before, because a lens bends straight lines. `is_numbered` is True if each
-point can be identified (corners of a marker), and False if only the cyclic order of the points is
-known (dots, intersections of lines).
+By default, a tracker finds points in px, from which the lens distortion is then removed. Trackers
+that fit lines remove the distortion before the fit, because a lens bends straight lines.
 """
 
 from __future__ import annotations
@@ -33,9 +31,8 @@ class TrackedPoints(NamedTuple):
         repeatability: standard deviation of the part of the error that changes from image to image
             even if the camera is at rest, a normalised length.
         marker: `DICTIONARY:number` of the marker to which the points belong; '' for none.
-        spread: (2n, m) uncertainty of the points from the scatter of edge points about the fitted
-            lines; None if it is unknown. Column k is the change of x_0, y_0, x_1, ... if an
-            independent error k has the size of its standard deviation.
+        spread: (2n, m) array S, where S S^T is the covariance of the coordinates (x_0, y_0, x_1,
+            ...), normalised; None if it is unknown.
     """
 
     points: np.ndarray
@@ -49,8 +46,8 @@ class TrackedPoints(NamedTuple):
 class Tracker(ABC):
     """Base class of trackers, which find points of the target in an image.
 
-    Schemes use these points as the target's corners. A subclass implements `find`, and is selected
-    by 'package.module:Class'. Every tracker is a dataclass: its parameters are annotated
+    Schemes use these points as the target's corners. A subclass implements `find`. The user selects
+    a subclass by 'package.module:Class'. Every tracker is a dataclass: its parameters are annotated
     attributes, or are declared with unit and bounds by `parameter`.
 
     Attributes:
@@ -59,7 +56,7 @@ class Tracker(ABC):
             points is known.
         has_colour: True if images are passed as RGB (rows, columns, 3); False if they are passed as
             grey levels (rows, columns).
-        accuracy: error of the points in noise-free images of the simulated arm, px.
+        accuracy: error of the points, px, measured in noise-free simulated images.
     """
 
     name: ClassVar[str] = ""
@@ -68,7 +65,7 @@ class Tracker(ABC):
     accuracy: ClassVar[float] = 0.01
 
     def __init_subclass__(cls, **options: Any) -> None:
-        """Make the subclass a dataclass. Its `name` is the class name until it is registered."""
+        """Make the subclass a dataclass, and set its `name` to the name of the class."""
         super().__init_subclass__(**options)
         cls.name = cls.__name__
         dataclass(eq=False)(cls)

@@ -13,10 +13,10 @@ from ..segmented_target import find_touched_borders
 from .base import TRACKERS, Tracker, sort_by_angle
 
 MIN_DOT_AREA = 4  # pixels; smaller dots have no reliable centre
-# The roundness of a dot is its area, divided by the area of the ellipse in its bounding box. It is
-# 1.27 for an upright rectangle. A dot is accepted if its roundness is between MIN_ROUNDNESS and
-# MAX_ROUNDNESS. For a dot of at most COARSE_AREA pixels, whose shape is rough, MIN_COARSE_ROUNDNESS
-# is the only limit. MAX_ELONGATION is the largest ratio of the sides of the bounding box.
+# Roundness is a dot's area, divided by the area of the ellipse in its bounding box: 1 for an
+# ellipse, 1.27 for an upright rectangle. A dot larger than COARSE_AREA (pixels) must have a
+# roundness between MIN_ROUNDNESS and MAX_ROUNDNESS, a smaller dot one above MIN_COARSE_ROUNDNESS.
+# The ratio of the bounding box's sides must not exceed MAX_ELONGATION.
 MIN_ROUNDNESS, MAX_ROUNDNESS, COARSE_AREA, MIN_COARSE_ROUNDNESS, MAX_ELONGATION = (
     0.8,
     1.15,
@@ -47,7 +47,7 @@ class DotTracker(Tracker):
     count: int = parameter(4, least=1, help="number of dots")
 
     def find(self, grey: NDArray[np.uint8]) -> np.ndarray:
-        """Find the `count` largest dots, as `Tracker.find` does."""
+        """Return the centres (n, 2) of the `count` largest dots in an image, px (column, row)."""
         level, mask = cv2.threshold(grey, 0, 255, cv2.THRESH_BINARY_INV | cv2.THRESH_OTSU)
         found, _, stats, _ = cv2.connectedComponentsWithStats(mask)
         dots = []

@@ -19,8 +19,7 @@ class EdgeTracker(Tracker):
     """Base class of trackers that fit lines; a subclass implements `find_normalised`."""
 
     def find(self, grey: NDArray[np.uint8]) -> np.ndarray:
-        """Find the points (n, 2), px, as `Tracker.find` does, in an image without lens distortion.
-        """
+        """Find the points (n, 2), px, in an image (rows, columns) without lens distortion."""
         rows, columns = grey.shape
         return self.find_normalised(grey, CameraModel(columns, rows, (1, 0, 0, 0, 1, 0, 0, 0, 1)))
 
@@ -35,7 +34,7 @@ class EdgeTracker(Tracker):
             grey: (rows, columns) image.
             camera: intrinsics and distortion.
             scale: px of the undistorted image per normalised length of 1.
-            stations: (n, 2) points on the line, px of the undistorted image.
+            stations: (n, 2) points on the line, one for each profile, px of the undistorted image.
             normal: (2,) unit normal of the line.
             across: (m,) distances of the samples from a station along the normal, px.
 

@@ -25,22 +25,23 @@ class LineTracker(EdgeTracker):
     """The intersections of the four outermost lines of a dark drawing, such as a grid or a frame.
 
     Profiles of grey levels are sampled across each drawn line. On each profile, the middle of the
-    drawn line is the mean position, weighted by darkness. A straight line is fitted to these
-    middles. Profiles that contain another drawn line are not used. The error is a few hundredths of
-    a pixel for any lens.
+    drawn line is the mean of the samples' positions, weighted by darkness. A straight line is
+    fitted to these middles. Profiles that contain another drawn line are not used. The error is a
+    few hundredths of a pixel for any lens.
     """
 
     is_numbered = False
 
     def find_normalised(self, grey: NDArray[np.uint8], camera: CameraModel) -> np.ndarray:
-        """Find the intersections (4, 2), normalised, sorted by their angle about their mean."""
+        """Find the intersections (4, 2) of the lines, normalised, sorted by angle about their mean.
+        """
         scale = camera.pinhole.fx  # px of the undistorted image per normalised length of 1
         rough, width = self._find_rough_corners(grey, camera, scale)
         lines = []
         for start, end in zip(rough, np.roll(rough, -1, axis=0), strict=True):
-            # The rough side is the outer edge of a drawn line, so the middle of the line is half a
-            # line width inside it. The second fit starts from the first, so a smaller search range
-            # suffices.
+            # The middle of a drawn line is searched half a line width inside its outer edge. In the
+            # second round, the line is already known from the first, so the search range is
+            # smaller.
             for reach in (1.5 * width + 3.0, width + 2.0):
                 points, direction = self._fit_side(grey, camera, scale, (start, end), reach)
                 along = (np.array([start, end]) - points) @ direction

@@ -24,8 +24,9 @@ RIM_FITS = 2  # number of times that lines are fitted to the edges of the black 
 RIM_STATIONS = (24, 64)  # smallest and largest number of profiles across an edge of the rim
 RIM_SPACING = 0.5  # distance between two profiles along an edge of the rim, px
 RIM_PART = 0.8  # profiles are taken from this fraction of an edge's length, around its middle
-# Half length of a profile: 1.5 px or 0.6 cells, whichever is longer, but at most RIM_MAX_REACH.
-# With 0.6 cells, the profile contains both black and white, but ends inside the rim.
+# Half length of a profile: the larger of 1.5 px and 0.6 cells, but at most RIM_MAX_REACH. With 0.6
+# cells, a profile across the outer edge of the rim, which is one cell wide, does not reach its
+# inner edge.
 RIM_REACH = (1.5, 0.6)
 RIM_MAX_REACH = 8.0  # px
 RIM_STEP = 0.4  # approximate distance between two samples of a profile, px
@@ -41,9 +42,8 @@ class MarkerTracker(EdgeTracker):
     only three pixels wide.
     """
 
-    # Error of a corner, px. It is 0.005 px in images without overexposed white. If white is
-    # overexposed, an edge is displaced by some hundredths of a pixel, depending on the position of
-    # the edge between the texels of the simulated marker's texture.
+    # Error of a corner, px, in images in which white is overexposed. Overexposure displaces edges
+    # by some hundredths of a pixel. Without it, the error is 0.005 px.
     accuracy = 0.025
 
     marker: str | Mapping[str, Any] | MarkerChoice = parameter(
@@ -86,8 +86,8 @@ class MarkerTracker(EdgeTracker):
                 f"{self.choice}: the visible markers do not determine its plane; check the "
                 "markers' positions on the board"
             )
-        # If markers are hidden, the corners of the board are extrapolated, which increases their
-        # error.
+        # Ratio of the board's size to the size of the visible part. If markers are hidden, the
+        # corners of the board are extrapolated, which increases their error by this factor.
         beyond = np.ptp(rectangle, axis=0).max() / np.ptp(places, axis=0).max()
         points = cv2.perspectiveTransform(rectangle[None], H)[0]
         return TrackedPoints(points, None, accuracy * max(beyond, 1.0))
@@ -129,15 +129,15 @@ class MarkerTracker(EdgeTracker):
                         f"brighter than its black rim, must be {MIN_CONTRAST:.0f} levels brighter; "
                         "use more light or a white margin"
                     )
-                # The length of the black part of the profile determines the position of the edge,
-                # even if the edge is blurred.
+                # The sum of the darkness along a profile is the length of its black part, which
+                # determines the position of the edge even if the edge is blurred.
                 darkness = (white - values) / (white - black)
                 edge_offset = np.trapezoid(darkness, across, axis=1) - reach
                 edge = stations + edge_offset[:, None] * normal
                 place, (dx, dy) = self._fit_robust_line(edge)
                 lines.append((place, np.array([dx, dy])))
                 near = edge[self._is_near(edge, *place, dx, dy)]
-                # Profiles less than one pixel apart have dependent errors, so they do not count as
+                # Profiles less than one pixel apart have correlated errors, so they do not count as
                 # separate points.
                 count = min(float(len(near)), RIM_PART * length)
                 sides.append(FittedLine.fit(near, np.array([-dy, dx]), count))

@@ -1,4 +1,4 @@
-"""Tracker of a solid by its edges, for schemes that need points."""
+"""Tracker of the pose of a solid, which returns four points of the solid instead of the pose."""
 
 from __future__ import annotations
 
@@ -20,14 +20,15 @@ from ..undistortion import CameraModel
 from .base import TRACKERS, TrackedPoints, Tracker
 from .start_pose import StartPose
 
-BEST_ACCURACY = 0.01  # px; error of the points in addition to the error due to the pose
+# Error of the points, px, added to the error that follows from the covariance of the pose.
+BEST_ACCURACY = 0.01
 
 
 @TRACKERS.register("model")
 class ModelTracker(Tracker):
     """The corners of the horizontal rectangle through a solid's middle, from the solid's pose.
 
-    With these points, schemes for points and poses can be used with a solid. The method
+    With these points, control schemes for flat targets can be used with a solid. The method
     `Solid.compute_section_corners` returns the points in the solid's frame.
 
     Attributes:
@@ -78,7 +79,7 @@ class ModelTracker(Tracker):
         found = tracking.track(grey, camera, expected, depth)
         if found.loss_reason:
             if self._world_T_solid is None or self._start_pose.kind == "marker":
-                tracking.start(None)  # track the next image from the start pose again
+                tracking.start(None)  # so that the next image is tracked from the start pose
             raise VisionError(found.loss_reason)
         pose = found.camera_T_solid
         if world_T_camera is not None:
@@ -93,7 +94,7 @@ class ModelTracker(Tracker):
 
 
 def _compute_plane(pose: np.ndarray, points: np.ndarray) -> Plane | None:
-    """Return the plane of the points, which is a plane z = const. in the solid's frame.
+    """Return the plane of the rectangle, whose normal is the z axis of the solid.
 
     Args:
         pose: (4, 4) camera_T_solid.

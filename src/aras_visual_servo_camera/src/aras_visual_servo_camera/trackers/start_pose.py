@@ -24,7 +24,8 @@ START_FORMS = (
 class StartPose:
     """Start pose of a solid, from a parameter with one of three keys.
 
-    - `pose`: x, y, z, roll, pitch, yaw of the solid in the base of the arm (the world), m and rad.
+    - `pose`: x, y, z, roll, pitch, yaw of the solid in the frame of the arm's base (the world), m
+      and rad.
     - `marker`: an ArUco or AprilTag marker on the solid. `size` is the side of its black square, m.
       `pose` is the pose of its middle in the solid's frame; x is to the right and y is up when the
       marker is upright. `number` is a choice as in MarkerChoice, by default the largest visible

@@ -22,7 +22,7 @@ OPPOSING_CORRELATION = -0.7
 # MAX_MOTION_RATIO and MAX_MOTION_RATIO. A moving target causes ratios outside this range: the
 # features move farther than predicted, or hardly at all if the camera follows the target.
 MAX_MOTION_RATIO = 2.0
-# L is wrong if the ratio of measured to predicted motion is lower than this.
+# L is wrong if the features move less than this fraction of the motion that L predicts.
 MIN_MOTION_RATIO = 0.2
 # The scheme is wrong if the unexplained steps of its features exceed those of the target's centre
 # by this factor, both in tolerances.
@@ -139,7 +139,7 @@ class MotionCheck:
 
     @property
     def is_interaction_wrong(self) -> bool:
-        """Return whether a wrong L explains that the features contradict the camera's motion.
+        """Return whether the features contradict the camera's motion because L is wrong.
 
         This is the case if the target's centre moves as predicted from the camera's motion.
         """

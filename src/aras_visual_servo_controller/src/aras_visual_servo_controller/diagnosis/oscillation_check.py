@@ -13,11 +13,11 @@ MAX_CHANCE = 1e-8
 
 
 class OscillationCheck:
-    """Test for large reversals of the error that do not decay and have a dominant frequency.
+    """Detection of an oscillation: the error changes its direction regularly and does not decay.
 
-    Noise reverses as often, but it has no dominant frequency. The period of an oscillation is
-    unknown. Therefore time spans of different lengths (SPANS) are searched, the longer ones less
-    often.
+    The changes must be large and have a dominant frequency; noise has none. As the period of an
+    oscillation is unknown, time spans of different lengths (SPANS) are searched, the longer ones
+    less often.
     """
 
     # Lengths of the time spans in which an oscillation is searched for, s. A delay of 0.4 s causes

@@ -190,7 +190,8 @@ def suggest_larger_target(noise: float, *others: Change) -> Remedy:
 
 
 def suggest_faster_joints(advice: Remedy) -> Remedy:
-    """Add a change to the advice: a smaller `lag`, the time by which the joints follow too late."""
+    """Add a smaller time constant of the joints (setting `lag`) to the advice for joints that
+    lag."""
     return Remedy(advice.advice, *advice.changes, multiply("lag", 0.02))
 
 

@@ -48,7 +48,7 @@ class StepCheck:
     Attributes:
         jumps: jumps of the error within the last JUMP_WINDOW seconds.
         first_jump: first jump of the run; None if there was none.
-        unchanged_since: time at which the error stopped changing although the camera's motion
+        unchanged_since: time since which the error has been constant although the camera's motion
             should have changed it by MIN_PREDICTED_MOTION tolerances, s; None while the error
             changes.
         occluded_since: time at which a part of the target inside the image became invisible, s;
@@ -62,9 +62,9 @@ class StepCheck:
 
     # The error jumps repeatedly if it has jumped FREQUENT_JUMPS times within JUMP_WINDOW seconds.
     JUMP_WINDOW, FREQUENT_JUMPS = 2.0, 4
-    # A step of the error between two images is a jump if it exceeds MIN_JUMP tolerances and is more
-    # than JUMP_FACTOR times as large as the typical step and as the step explained by the camera's
-    # motion.
+    # A step of the error between two images is a jump if it exceeds MIN_JUMP tolerances and
+    # JUMP_FACTOR times the larger of two values: the typical step, and the step that the camera's
+    # motion explains.
     MIN_JUMP, JUMP_FACTOR = 20.0, 8.0
     STEP_MEMORY = 0.9  # weight of the old value in the running means of the steps
     # `unchanged_since` is set if the error has not changed in UNCHANGED_IMAGES images although the
@@ -80,7 +80,8 @@ class StepCheck:
     # tolerances, and if a steady drift explains more than MIN_DRIFT_PART of the squared steps.
     # For noise in n images, this part is only about 1/n.
     MIN_DRIFT, MIN_DRIFT_PART = 2.5, 0.7
-    MAX_REST_MOTION = 0.05  # largest predicted motion of a camera at rest, in tolerances
+    # A camera is at rest if its motion should move no feature by more than this many tolerances.
+    MAX_REST_MOTION = 0.05
     # Smallest and largest number of images in which a drift of the features is searched for while
     # the camera is at rest.
     MIN_REST_IMAGES, MAX_REST_IMAGES = 4, 30
@@ -102,7 +103,8 @@ class StepCheck:
         """Create the check.
 
         Args:
-            min_row: predicted motion that completes a row, in tolerances; see MIN_ROW.
+            min_row: predicted motion over which measured and predicted motion are summed before
+                they are compared, in tolerances; see MIN_ROW.
         """
         self._min_row = min_row
         self.jumps: deque[Jump] = deque(maxlen=self.FREQUENT_JUMPS)
@@ -113,18 +115,18 @@ class StepCheck:
         self._last_measurement: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
         self.typical_step, self._count = 1.0, 0
         self._same_count, self._same_stamp, self._path = 0, 0.0, 0.0
-        # Since the camera is at rest: number of images, sum of the squared steps of the features,
-        # and sum of the steps (k,), in tolerances.
+        # Sums over the images since the camera came to rest: number of images, squared steps of the
+        # features, and steps (k,), in tolerances.
         self._rest_sums: tuple[int, float, np.ndarray | float] = 0, 0.0, 0.0
         self.has_drift = False
         self._steps: deque[tuple[float, float, float]] = deque(maxlen=self.RECENT_IMAGES)
         # Predicted squared distance of the camera from the target in the last image, relative to
         # that at the goal.
         self._scale = 1.0
-        # Area of the target in the last image, corrected for the distance, relative to the area at
-        # the goal.
+        # Area of the target in the last image relative to the goal's, after the effect of the
+        # distance has been removed.
         self._last_area = 0.0
-        # Running mean of the target's corrected area, and its typical relative deviation.
+        # Running mean of such areas, and their typical relative deviation from the mean.
         self._mean_area = self._area_deviation = 0.0
         # Number of images since a part of the target disappeared, and the stamp (s) of the first of
         # these images.
@@ -154,8 +156,8 @@ class StepCheck:
         whole = rest = predicted = 0.0
         for step in self._steps:
             whole, rest, predicted = whole + step[0], rest + step[1], predicted + step[2]
-        # If the features move less, the camera's motion could explain their motion with a wrong
-        # mounting of the camera.
+        # A smaller motion of the features may also be due to a wrong mounting of the camera, so it
+        # is not attributed to the target.
         return rest / whole if whole > max(self.MIN_JUMP, self.JUMP_FACTOR * predicted) else 0.0
 
     @property
@@ -409,7 +411,8 @@ def _compare_step(
         dt: time between the two images, s.
         tolerances: (k,) tolerance of each component of the error.
         is_angle: (k,) whether each component is an angle, which may wrap.
-        min_row: predicted motion, in tolerances, that completes a row.
+        min_row: predicted motion after which a row, the sum over successive steps, is complete, in
+            tolerances.
         row: (2, k) measured and predicted motion of the incomplete row; modified in place.
         sums: (3, k) sums over complete rows of measured times predicted motion, measured motion
             squared, predicted motion squared; modified in place.

@@ -189,8 +189,8 @@ class Luminance(Feature):
         weight = np.abs(goal_image - np.median(goal_image)).ravel() * depth**3
         centre = directions @ (weight * depth) / max(weight.sum(), np.finfo(float).tiny)
         for folds in SYMMETRY_ORDERS:
-            # Rotation matrix of the plane's points X about the normal through their centre: X' = R
-            # (X - centre) + centre. It maps the image by a homography.
+            # A rotation of the plane's points X about their centre gives X' = R (X - centre) +
+            # centre. As plane . X = 1, this is the homography R + (centre - R centre) plane^T.
             turn = cv2.Rodrigues(2.0 * np.pi / folds * normal)[0]
             X, Y, Z = (turn + np.outer(centre - turn @ centre, plane)) @ directions
             u, v = (

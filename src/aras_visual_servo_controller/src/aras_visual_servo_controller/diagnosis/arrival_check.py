@@ -81,7 +81,7 @@ VIEW_PERIOD = 8
 ALIKE_REASON = "several camera poses give the same image points as the goal"
 OTHER_VIEW_REASON = "every feature is at its goal, but the image differs from the goal's"
 NO_LIMIT = np.full(2, np.inf)
-ROUNDING = 1e-9  # numerical tolerance of times (s), angles (rad), and lengths (m at DEFAULT_DEPTH)
+ROUNDING = 1e-9  # numerical tolerance of times (s), angles (rad) and lengths (m)
 
 
 class ArrivalCheck:
@@ -554,7 +554,7 @@ def _average_offsets(rows, observable, count, limit):
                 mean = total[n, a] / count
                 variances[n, a // 3] += max(square[n, a, a] / count - mean * mean, 0.0) / count
             scatter[n] = variances[n, 0] / limit[0] ** 2 + variances[n, 1] / limit[1] ** 2
-        # Scatter[1] is NaN if camera poses are unknown; then n = 0.
+        # If camera poses are unknown, scatter[1] is NaN and n becomes 0.
         n = 1 if scatter[1] <= scatter[0] else 0
         is_enough = variances[n, 0] <= limit[0] ** 2 and variances[n, 1] <= limit[1] ** 2
         if is_enough or count == m:

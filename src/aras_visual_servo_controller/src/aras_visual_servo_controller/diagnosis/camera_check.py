@@ -45,8 +45,8 @@ class CameraCheck:
     weight.
     """
 
-    # Predicted motion of the features that completes one row of the fit, in tolerances. With less
-    # motion, noise and joint friction would dominate the row.
+    # A row of the fit sums the motion of the features over successive images until the predicted
+    # motion reaches this, in tolerances. In a smaller sum, noise and joint friction would dominate.
     MIN_ROW = 3.0
     # Largest number of images per row of the fit. If the features move by less than MIN_ROW in so
     # many images, these images are discarded, because the target itself may have moved.
@@ -72,7 +72,7 @@ class CameraCheck:
     # least this many tolerances. The limit is larger than for a translation, because shaking joints
     # tilt the camera by angles that are not measured.
     MIN_ROTATION = 8.0
-    MIN_NOISE = 0.05  # lower bound of the estimated noise of a row, in tolerances
+    MIN_NOISE = 0.05  # lower bound of the estimated noise of a summed motion, in tolerances
     # Ratio of the rms motion of the features due to shaking joints to the upper bound that
     # `_estimate_shaking` computes. It was measured in a recorded run.
     SHAKING_FACTOR = 0.3
@@ -155,12 +155,12 @@ class CameraCheck:
             self._start_row(error)
 
     def _start_row(self, error: np.ndarray) -> None:
-        """Start a new row of the fit at an image with this error (k,)."""
+        """Start a new row of the fit, a sum of motions, at an image with this error (k,)."""
         self._start_error, self._parts = error, np.zeros((len(error), 6))
         self._images, self._shaking, self._target_motion = 0, 0.0, np.zeros(len(error))
 
     def _add_row(self, predicted: float, measured: np.ndarray) -> None:
-        """Add a row to the normal equations of the fit.
+        """Add the sums over the latest images to the normal equations, as one row of the fit.
 
         Args:
             predicted: largest predicted motion of a feature, in tolerances.
@@ -374,8 +374,8 @@ def _predict_motion(
     Args:
         error_before, error: (k,) error at the previous and at the present image.
         L_before, L: (k, 6) interaction matrix at each of the two images.
-        error_drift_before, error_drift: (k,) or (1,) drift of each error due to the target's
-            motion.
+        error_drift_before, error_drift: (k,) or (1,) rate of each error component due to the
+            target's motion, per s.
         motion: (6,) camera motion between the two images.
         dt: time between the two images, s.
         tolerances: (k,) unit of `parts`.

@@ -13,10 +13,10 @@ from .joint_check import join_names
 from .step_check import StepCheck
 from .target_check import TargetCheck, compute_centre
 
-# The features agree with L if the correlation of measured and predicted motion exceeds this.
+# Smallest correlation of measured and predicted feature motion at which the features agree with L.
 MIN_CORRELATION = 0.5
-# A feature moves opposite to its prediction if the correlation of measured and predicted motion is
-# below this.
+# A feature moves opposite to its prediction by L if the correlation of its measured and predicted
+# motion is below this.
 OPPOSING_CORRELATION = -0.7
 # The correlation of measured and predicted motion is evaluated only if their ratio is between 1 /
 # MAX_MOTION_RATIO and MAX_MOTION_RATIO. A moving target causes ratios outside this range: the

@@ -150,7 +150,7 @@ def _find_dominant_wave(stamps, error, near_frequency):
 
 @jit("f8[:,:]")
 def _find_largest_error(errors):
-    """Return the index of the error component (m, k) whose second half has the largest range."""
+    """Return the index of the component of errors (m, k) that varies most in the second half."""
     largest, largest_range = 0, -1.0
     for column in range(errors.shape[1]):
         late = errors[len(errors) // 2 :, column]

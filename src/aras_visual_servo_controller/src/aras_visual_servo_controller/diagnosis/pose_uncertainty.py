@@ -72,13 +72,14 @@ MAX_LINEAR_OFFSET = 0.05
 # The limit is larger than MAX_LINEAR_OFFSET, because several images are averaged.
 MAX_SCATTER = 0.08
 # An unmeasured direction of camera motion is treated as a pure translation if its translation
-# exceeds its scaled rotation by this factor; if not, as a rotation about an axis.
+# exceeds its rotation times the target's depth by this factor; otherwise as a rotation about an
+# axis.
 MIN_TRANSLATION_RATIO = 20.0
 # The part of the error that no camera motion explains is evaluated only if L has at most this many
 # rows. Features with more components declare their accuracy.
 MAX_RESIDUAL_ROWS = 64
 # A direction of camera motion is measured poorly if its singular value of L is below this fraction
-# of the largest one. A nearby pose in this direction may have the same features.
+# of the largest one.
 WEAK_DIRECTION = 0.05
 # When an offset is computed from the change of the target's plane, camera motions are ignored if
 # they change the plane by less than this fraction of the most effective motion.
@@ -213,7 +214,8 @@ class ArrivalMargin:
         Args:
             observation: observation of the image.
             offsets: mean offset and its covariance.
-            unseen_motion: (6,) motion that the image shows but no feature measures, scaled.
+            unseen_motion: (6,) camera motion that the image shows but no feature measures, in m
+                (rotations times the target's depth).
             poses: ambiguous poses at which the camera may be.
 
         Returns:
@@ -282,12 +284,12 @@ class ArrivalMargin:
             offset: (6,) offset of the camera from the goal by features, m and rad.
 
         Returns:
-            The combined offset (6,), scaled.
+            The combined offset (6,), in m (rotations times the target's depth).
         """
         return offset * self._scale + self._coupling @ self._compute_held_offset(observation)
 
     def compute_covariance(self, offsets: PoseOffsets) -> np.ndarray:
-        """Return the covariance (6, 6) of the mean offset, scaled.
+        """Return the covariance (6, 6) of the mean offset, in m^2 (rotations times the depth).
 
         It is the sum of the scatter that remains in the mean and of the accuracy of the features.
         """
@@ -305,7 +307,8 @@ class ArrivalMargin:
 
         Args:
             observation: observation with the camera's pose.
-            offset: (6,) offset of the camera from the goal by features, scaled.
+            offset: (6,) offset of the camera from the goal by features, in m (rotations times the
+                target's depth).
 
         Returns:
             Distance, m, and angle, rad.
@@ -360,7 +363,8 @@ def split_directions(
         ik_solution: joint velocities with the arm's Jacobian; None for a free camera.
 
     Returns:
-        The offset (6,) along the held directions, and the directions (f, 6) of the task, scaled.
+        The offset (6,) along the held directions, and the directions (f, 6) of the task. Rotations
+        are multiplied by the target's depth.
     """
     if ik_solution is not None and ik_solution.jacobian.shape[1] < 6:
         scale = np.repeat((1.0, goal.distance), 3)
@@ -436,16 +440,18 @@ def compute_confidence_length(mean, covariance):
 
 @jit("f8[:], f8[:,:], f8[:,:], f8, f8[:,:], f8[:], f8[:]")
 def _compute_bounds(mean, scatter, measured, scatter_part, coupling, held_offset, scale):
-    """Return 99.7 % bounds of an offset's translation and rotation, both scaled to m.
+    """Return 99.7 % bounds of an offset's translation and rotation, the latter times the depth, m.
 
     Args:
         mean: (6,) mean offset that the images show, m and rad.
         scatter: (6, 6) covariance of the offset of a single image, m and rad.
-        measured: (6, 6) covariance due to the accuracy of the features, scaled.
+        measured: (6, 6) covariance due to the accuracy of the features, scaled by `scale`.
         scatter_part: fraction of `scatter` that remains in the mean.
-        coupling: (6, 6) matrix that maps `held_offset` to the offset that it causes, scaled.
-        held_offset: (6,) offset along the directions that kinematics hold constant, scaled.
-        scale: (6,) factors that scale an offset.
+        coupling: (6, 6) matrix that maps `held_offset` to its contribution to the offset of the
+            camera.
+        held_offset: (6,) offset along the directions that kinematics hold constant, scaled by
+            `scale`.
+        scale: (6,) factors 1 for translations, and the target's depth for rotations.
     """
     known, covariance, factors = np.empty(6), np.empty((6, 6)), np.empty(2)
     for block in range(2):

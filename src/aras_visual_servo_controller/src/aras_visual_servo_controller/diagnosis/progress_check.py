@@ -35,7 +35,8 @@ MIN_IMAGE_PART = 0.6
 # error is too noisy to show whether the camera is at its goal.
 MIN_NOISE = 1.0  # scatter from image to image, in tolerances
 MIN_NOISE_PART = 0.5  # scatter from image to image, as a fraction of the total scatter
-FULL_SPEED = 0.99  # a joint limits the motion if its limits scale all velocities by less than this
+# A joint limits the motion if its limit reduces all velocities to less than this fraction.
+FULL_SPEED = 0.99
 # The run needs more time if a joint limits the motion in more than this fraction of the run's
 # images.
 MIN_SLOWED_PART = 0.3

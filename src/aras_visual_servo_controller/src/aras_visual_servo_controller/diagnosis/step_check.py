@@ -74,7 +74,9 @@ class StepCheck:
     # large, in tolerances; then noise is a small part of the sum. The sums of measured and of
     # predicted steps are together called a row.
     MIN_ROW = 8.0
-    MIN_ROWS = 5  # smallest number of rows from which a correlation is computed
+    # Smallest number of sums from which the correlation of measured and predicted motion is
+    # computed.
+    MIN_ROWS = 5
     RECENT_IMAGES = 5
     # The features drift although the camera is at rest if their motion exceeds MIN_DRIFT
     # tolerances, and if a steady drift explains more than MIN_DRIFT_PART of the squared steps.
@@ -176,7 +178,7 @@ class StepCheck:
 
     @property
     def feature_correlations(self) -> np.ndarray | None:
-        """Return the correlation (k,) of each feature's motion with its prediction by L, -1 to 1.
+        """Return the correlation (k,) of measured with predicted motion of each feature, -1 to 1.
 
         The correlation of a feature with too little predicted motion is 0. Return None if there are
         no data.
@@ -190,7 +192,7 @@ class StepCheck:
 
     @property
     def correlation(self) -> float:
-        """Return the correlation of all features' motion with the prediction by L, -1 to 1.
+        """Return the correlation of measured with predicted motion of all features, -1 to 1.
 
         Return 1 if the predicted motion is too small.
         """
@@ -203,7 +205,8 @@ class StepCheck:
 
     @property
     def has_enough_motion(self) -> bool:
-        """Return whether the camera has moved the features far enough for a correlation."""
+        """Return whether the camera has moved far enough to compare measured with predicted motion.
+        """
         return (
             self._correlation_sums is not None
             and self._correlation_sums[2].sum() >= self.MIN_ROWS * self._min_row**2
@@ -353,9 +356,9 @@ class StepCheck:
 def predict_area(observation: Observation, goal: Goal) -> float:
     """Return the area that the target should have in this view, relative to the goal.
 
-    The area is predicted from the estimated plane. A small patch of a plane n . P = d, at depth Z,
-    has an image area of d / Z^3 times its own area. The plane gives 1 / Z and n / d. Without a
-    plane, the area is assumed to be inversely proportional to the squared distance.
+    The image area of a small patch at depth Z, in a plane at the distance d from the camera, is d /
+    Z^3 times the area of the patch. Both d and Z follow from the estimated plane. Without a plane,
+    the area is assumed to be inversely proportional to the squared distance.
     """
     measured, desired, plane = observation.moments, goal.moments, observation.plane
     if plane is None or goal.plane is None:
@@ -405,8 +408,8 @@ def _compare_step(
     Args:
         error_before, error: (k,) error at the previous and at the present image.
         L_before, L: (k, 6) interaction matrix at each of the two images.
-        error_drift_before, error_drift: (k,) or (1,) drift of each error due to the target's
-            motion.
+        error_drift_before, error_drift: (k,) or (1,) rate of each error component due to the
+            target's motion, per s.
         motion: (6,) motion of the camera between the two images.
         dt: time between the two images, s.
         tolerances: (k,) tolerance of each component of the error.

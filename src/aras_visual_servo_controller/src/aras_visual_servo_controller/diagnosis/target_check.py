@@ -143,7 +143,7 @@ class TargetCheck:
     and 0.9 for image noise.
     """
 
-    ROW_PERIOD = 0.12  # one row of the fit is the motion during at least this time, s
+    ROW_PERIOD = 0.12  # motions are summed over at least this time (s) to one row of the fit
     SPAN = 6.0  # time over which the target's motion is fitted, s
     MIN_ROWS = 10  # number of rows (motions of ROW_PERIOD) before the first fit
     CHECK_PERIOD = 5  # number of new rows (motions of ROW_PERIOD) between two fits
@@ -255,7 +255,7 @@ class TargetCheck:
         return self._motion_text
 
     def _start_row(self) -> None:
-        """Start a new row of the fit at this image."""
+        """Start a new row of the fit, which sums the motions after this image."""
         self._time, self._image_count = 0.0, 0
         self._motion = np.zeros(6)
 
@@ -303,7 +303,8 @@ class TargetCheck:
         return ""
 
     def _explain_motion(self, rows: _RowSums, depth: float, residual: float) -> str:
-        """Describe the target motion that explains the residual; empty text if none does."""
+        """Describe the target motion that explains the residual of the fit; empty text if none
+        does."""
         effect, motion = rows.translation_effect, rows.feature_motion - rows.rotation_effect
         columns = np.column_stack([effect, rows.drift])
         camera_residual = np.inf
@@ -400,8 +401,8 @@ def _add_step(
     Args:
         error_before, error: (k,) error at the previous and at the present image.
         L_before, L: (k, 6) interaction matrix at each of the two images.
-        error_drift_before, error_drift: (k,) or (1,) drift of each error due to the target's
-            motion.
+        error_drift_before, error_drift: (k,) or (1,) rate of each error component due to the
+            target's motion, per s.
         tolerances_before, tolerances: (k,) tolerances at each of the two images.
         dt: time between the two images, s.
         feature_motion: (k,) sum of the feature motions; modified in place.

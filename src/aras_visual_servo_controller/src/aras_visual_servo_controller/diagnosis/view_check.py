@@ -31,7 +31,7 @@ NOISE_DEVIATIONS = 3.0
 MAX_WINDOW = 120  # largest number of images that are averaged
 # Tolerances of the scale-free central moments. At the end of converged runs, second-order moments
 # differ from the goal's by up to 0.2 %, third-order moments by up to 6e-5. At a wrong pose, rotated
-# by 18 degrees, they differ by 0.6 % and 5e-4.
+# by 18 degrees, they differ by 0.6 % and 5e-4; only the third-order tolerance detects this pose.
 SECOND_ORDER_TOLERANCE = 0.02  # relative to the goal's largest second-order moment
 THIRD_ORDER_TOLERANCE = 2.5e-4
 # Tolerance of the target's centre (normalised) and size (relative), in addition to the noise and to

@@ -59,7 +59,7 @@ class NumberedPoints(PointFeature):
     def _match_to_goal(
         self, observation: Observation, desired: np.ndarray
     ) -> tuple[np.ndarray, str]:
-        """Return the points (n, 2) in the goal's order, and the rotation that they leave open.
+        """Return the points (n, 2) in the goal's order, and the angle by which it is ambiguous.
 
         Raises:
             MeasurementError: the number of points differs from the goal's, or a coordinate is not

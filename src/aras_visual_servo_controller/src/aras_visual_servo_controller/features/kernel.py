@@ -132,7 +132,7 @@ class Kernel(Feature):
 
 
 def _compute_interaction(J: np.ndarray, K: np.ndarray, depth: float) -> np.ndarray:
-    """Compute L (4, 6) with dk/dt = L v from the original's J (4, 4); see the module docstring."""
+    """Compute L (4, 6) with dk/dt = L v from the published J (4, 4); see the module docstring."""
     area = DELTA_X * DELTA_Y
     fx, fy = K[0, 0], K[1, 1]
     # The kernels count pixels from 1, the camera matrix K counts pixels from 0.

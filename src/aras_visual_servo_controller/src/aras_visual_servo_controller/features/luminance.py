@@ -36,7 +36,8 @@ GREY_NOISE = 0.2
 NEIGHBOUR_FACTOR = 3.5
 SYMMETRY_ORDERS = (8, 7, 6, 5, 4, 3, 2)  # orders of the image's rotational symmetry that are tested
 MAX_DEPTH = 500.0  # depths of the plane are limited to this, in units of the goal's distance
-MIN_OVERLAP = 0.3  # smallest part of the image that has to stay visible in a tested rotation
+# Smallest part of the image that stays inside the image when it is rotated to test a symmetry.
+MIN_OVERLAP = 0.3
 BORDER = 10  # border of the image that is ignored, px, because new parts of the scene enter there
 # The image has too little texture if an eigenvalue of L^T L is below this fraction of the largest.
 EIGENVALUE_TOLERANCE = 1e-12

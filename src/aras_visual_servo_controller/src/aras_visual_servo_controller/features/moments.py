@@ -122,7 +122,7 @@ class _GoalMoments:
         return np.transpose(columns) / STEP
 
     def select_formulas(self, moments: Moments) -> tuple[str, ...]:
-        """Return the formulas, with alpha over the full turn if shape and moments allow it."""
+        """Return the formulas; alpha covers the full turn if the shape has a known direction."""
         if not self._has_direction or moments.order < FULL_ALPHA_ORDER:
             return self._formulas
         return self._full_formulas
@@ -188,7 +188,7 @@ class MomentFeature(Feature):
         """Return the accuracy of s for random displacements of the goal's outline."""
         goal_moments = self._prepare_goal(goal)
         if not observation.pixel_count:
-            # Without pixels, the outline is exact except for the noise of its corners.
+            # An exact camera counts no pixels; only the noise of the corners changes its outline.
             noise = observation.corner_accuracy
             is_known = noise and observation.moments is not None
             return noise * goal_moments.slopes if is_known else None

@@ -154,7 +154,7 @@ class PointFeature(Feature):
     def _match_to_goal(
         self, observation: Observation, desired: np.ndarray
     ) -> tuple[np.ndarray, str]:
-        """Return the points (n, 2) in the goal's order, and the rotation that they leave open.
+        """Return the points (n, 2) in the goal's order, and the angle by which it is ambiguous.
 
         Raises:
             MeasurementError: the number of points differs from the goal's, or a coordinate is not
@@ -191,11 +191,11 @@ class PointFeature(Feature):
             raise MeasurementError(f"{message}; {error}") from error
 
     def _match_outline(self, points: np.ndarray, desired: np.ndarray) -> tuple[np.ndarray, str]:
-        """Return outline points (n, 2) in the goal's order, and the rotation that they leave open.
+        """Return outline points (n, 2) in the goal's order, and the angle by which it is ambiguous.
 
         Each of the n cyclic shifts is fitted by a similarity transform. If several shifts fit about
-        equally well, the one whose rotation is nearest to that of the previous image is used, and
-        the rotation angle between them is returned as text.
+        equally well, the one whose rotation is nearest to that of the previous image is used. The
+        angle between them is returned as text ('90°'); it is empty if only one shift fits.
         """
         matched = np.empty(points.shape)
         count, self._match_rotation = match_outline(points, desired, self._match_rotation, matched)

@@ -152,8 +152,11 @@ class StereoPoints(Feature):
             raise ConfigurationError(f"{goal.name}: {error}") from error
 
     def _match_points(self, observation: Observation, goal: Goal) -> tuple[np.ndarray, str]:
-        """Return the points (2, n, 2) of both cameras in the goal's order, and the open
-        rotation."""
+        """Return the points (2, n, 2) of both cameras in the goal's order, and their ambiguity.
+
+        The ambiguity is the rotation by which the order is ambiguous, as text ('180°'); empty if
+        none.
+        """
         found, ambiguities = [], []
         views = (observation.cameras[name] for name in self.cameras)
         for numbering, view, goal_points in zip(

@@ -112,7 +112,7 @@ class ArrivalCheck:
         # that cannot be ruled out.
         self._other_pose, self._possible_poses = None, ()
         self._wrong_pose_reason, self._unseen_motion, self._images = "", np.zeros(6), 0
-        self._error_size = 0.0  # mean error, in tolerances, at the last computation of `_margin`
+        self._error_size = 0.0  # mean error, in tolerances, when `_margin` was last computed
 
     def add(
         self,
@@ -159,7 +159,8 @@ class ArrivalCheck:
                 self._view_check.clear()
             self._is_reached, self._margin = False, None
             return ArrivalStatus(pending_reason=reason)
-        if not self._is_reached:  # the camera has just arrived: ignore the images from before
+        # The camera has just arrived: ignore the images that precede the arrival.
+        if not self._is_reached:
             self._images = 0
             self._view_check.retain(max(1 if offsets is None else offsets.count, MIN_VIEWS))
         self._is_reached = True
@@ -274,8 +275,8 @@ class ArrivalCheck:
     def _has_settled(self, stamp: float, tolerances: np.ndarray) -> bool:
         """Return whether the mean error of the last `hold` seconds is within `tolerances` (k,)."""
         recent = self._errors
-        # One image from before the last `hold` seconds is kept, which shows that the images cover
-        # all of these seconds.
+        # One image older than `hold` seconds is kept. It shows that the images cover the whole
+        # averaging time.
         stamps = recent.stamps
         old_count = int(stamps.searchsorted(stamp - self.hold + ROUNDING, "right"))
         min_count = MIN_IMAGES if self.hold > 0.0 else 1
@@ -320,7 +321,7 @@ def compute_mean_offset(
     if (np.abs(latest - mean) > OUTLIER_DEVIATIONS * noise).any():
         mean, scatter, count = latest, np.diag(noise**2), 1
     off = _compute_lengths(mean.tolist())
-    # Rounding errors can make a variance negative.
+    # Negative variances, which rounding errors can cause, are set to 0.
     deviations = np.sqrt(np.maximum(scatter.diagonal(), 0.0) / count)
     unknown = _compute_lengths((KNOWN_DEVIATIONS * deviations).tolist())
     offsets = PoseOffsets(mean, scatter, count, compute_speed(stamps, rows))

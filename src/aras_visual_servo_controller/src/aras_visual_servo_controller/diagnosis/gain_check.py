@@ -83,8 +83,7 @@ class GainCheck:
 
     @property
     def delay_outcome(self) -> Outcome | None:
-        """Return the outcome for a gain that is too high for the delay from image to command, or
-        None."""
+        """Return the outcome for a gain too high for the delay from image to command, or None."""
         gain, age = find_gain(self._scheme), self._mean_age
         if gain is None or age is None or gain * age < MAX_GAIN_TIMES_AGE:
             return None

@@ -303,8 +303,7 @@ class TargetCheck:
         return ""
 
     def _explain_motion(self, rows: _RowSums, depth: float, residual: float) -> str:
-        """Describe the target motion that explains the residual of the fit; empty text if none
-        does."""
+        """Describe the target motion that explains the residual; empty text if no motion does."""
         effect, motion = rows.translation_effect, rows.feature_motion - rows.rotation_effect
         columns = np.column_stack([effect, rows.drift])
         camera_residual = np.inf

@@ -29,8 +29,9 @@ TIME_CONSTANTS = 8.0  # time that a run needs to reach its goal, in time constan
 # If the noise of the error is at most this many tolerances, a larger target is suggested. If it is
 # greater, less image noise is suggested.
 NOISE_OF_SMALL_TARGET = 2.0
-NOISE_WHEN_UNKNOWN = 50.0  # noise of the error, in tolerances, if it was not measured
-TOLERATED_NOISE = 0.5  # noise of the error that the suggested change leaves, in tolerances
+NOISE_WHEN_UNKNOWN = 50.0  # noise of the error, in units of the tolerance, if it was not measured
+# Noise of the error that the suggested change leaves, in units of the tolerance.
+TOLERATED_NOISE = 0.5
 SETTLING_TIME = 3.0  # time for which the error has to stay small, including a reserve, s
 # Schemes that can turn the camera by 180 degrees on a straight path from most starts.
 HALF_TURN_SCHEMES = "pose, two_and_half_d or polar_points"
@@ -107,9 +108,9 @@ def suggest_more_time(duration: float, size: float, rate: float, linear: bool = 
 
     Args:
         duration: time limit of the run, s; inf if there is none.
-        size: size of the error, in tolerances.
-        rate: rate at which the error decreases: in 1/s for an exponential decrease, in tolerances
-            per second for a linear one.
+        size: size of the error, in units of the tolerance.
+        rate: rate at which the error decreases: in 1/s for an exponential decrease, in units of the
+            tolerance per second for a linear one.
         linear: whether the error decreases linearly, because joints are at their speed limits.
     """
     advice = "allow more time, or raise the gain"
@@ -172,7 +173,7 @@ def suggest_larger_target(noise: float, *others: Change) -> Remedy:
     The suggestion is a larger target if that is sufficient, otherwise less jitter and image noise.
 
     Args:
-        noise: scatter of the error, in tolerances; 0 if it is unknown.
+        noise: scatter of the error, in units of the tolerance; 0 if it is unknown.
         others: further changes that the run needs.
     """
     noise = noise or NOISE_WHEN_UNKNOWN
@@ -190,8 +191,9 @@ def suggest_larger_target(noise: float, *others: Change) -> Remedy:
 
 
 def suggest_faster_joints(advice: Remedy) -> Remedy:
-    """Add a smaller time constant of the joints (setting `lag`) to the advice for joints that
-    lag."""
+    """Suggest a smaller time constant of the joints (setting `lag`) in addition to the given
+    advice.
+    """
     return Remedy(advice.advice, *advice.changes, multiply("lag", 0.02))
 
 

@@ -53,8 +53,8 @@ GOAL_TOLERANCE = (8e-4, 3.5e-3)
 HYSTERESIS = 1.5
 # The uncertainty of a mean offset is estimated as this number of its standard deviations.
 KNOWN_DEVIATIONS = 2.0
-# Largest rms deviation of the errors from their mean, in tolerances. A larger deviation is due to
-# motion, not to noise.
+# Largest rms deviation of the errors from their mean, in units of the tolerance. A larger deviation
+# is due to motion, not to noise.
 MAX_SCATTER = 3.0
 # The mean of a few images could hide a motion. If fewer than FEW_IMAGES images are averaged, each
 # single image therefore has to be within the tolerances.
@@ -65,7 +65,8 @@ MAX_WINDOW = 120  # largest number of images over which the error is averaged
 # camera are removed. So far from the goal, the linearisation by L is not valid.
 FAR_TOLERANCES = 12.0
 # The uncertainty of the pose is computed again each time the mean error has decreased by this
-# factor. It is not computed again once the mean error is below NEGLIGIBLE_ERROR, in tolerances.
+# factor. It is not computed again once the mean error is below NEGLIGIBLE_ERROR, in units of the
+# tolerance.
 RENEWAL_RATIO = 0.7
 NEGLIGIBLE_ERROR = 0.1
 # Largest difference between the camera's offset in the latest image and the mean offset, in
@@ -112,7 +113,8 @@ class ArrivalCheck:
         # that cannot be ruled out.
         self._other_pose, self._possible_poses = None, ()
         self._wrong_pose_reason, self._unseen_motion, self._images = "", np.zeros(6), 0
-        self._error_size = 0.0  # mean error, in tolerances, when `_margin` was last computed
+        # Mean error, in units of the tolerance, when `_margin` was last computed.
+        self._error_size = 0.0
 
     def add(
         self,

@@ -46,18 +46,20 @@ class CameraCheck:
     """
 
     # A row of the fit sums the motion of the features over successive images until the predicted
-    # motion reaches this, in tolerances. In a smaller sum, noise and joint friction would dominate.
+    # motion reaches this, in units of the tolerance. In a smaller sum, noise and joint friction
+    # would dominate.
     MIN_ROW = 3.0
     # Largest number of images per row of the fit. If the features move by less than MIN_ROW in so
     # many images, these images are discarded, because the target itself may have moved.
     MAX_IMAGES_PER_ROW = 4
-    # The fit is evaluated once the predicted motions of the features add up to this, in tolerances.
+    # The fit is evaluated once the predicted motions of the features add up to this, in units of
+    # the tolerance.
     MIN_PATH = 40.0
     # One factor on all translations, which accounts for a wrong depth, is fitted to the motion of
     # the features. The camera model is wrong if the residual of this fit exceeds both
     # MAX_MISFIT_PART and MIN_MISFIT.
     MAX_MISFIT_PART = 0.04  # residual as a fraction of the squared motion
-    MIN_MISFIT = 1.5  # rms residual, in tolerances
+    MIN_MISFIT = 1.5  # rms residual, in units of the tolerance
     # A wrong camera model is reported only if the correlation between the residuals of successive
     # rows of the fit is at least this.
     MIN_CORRELATION = 0.2
@@ -72,7 +74,8 @@ class CameraCheck:
     # least this many tolerances. The limit is larger than for a translation, because shaking joints
     # tilt the camera by angles that are not measured.
     MIN_ROTATION = 8.0
-    MIN_NOISE = 0.05  # lower bound of the estimated noise of a summed motion, in tolerances
+    # Lower bound of the estimated noise of a summed motion, in units of the tolerance.
+    MIN_NOISE = 0.05
     # Ratio of the rms motion of the features due to shaking joints to the upper bound that
     # `_estimate_shaking` computes. It was measured in a recorded run.
     SHAKING_FACTOR = 0.3
@@ -163,8 +166,8 @@ class CameraCheck:
         """Add the sums over the latest images to the normal equations, as one row of the fit.
 
         Args:
-            predicted: largest predicted motion of a feature, in tolerances.
-            measured: (k,) measured motion of the features, in tolerances.
+            predicted: largest predicted motion of a feature, in units of the tolerance.
+            measured: (k,) measured motion of the features, in units of the tolerance.
         """
         weight = 1.0 / (1.0 + self.SHAKING_FACTOR * self._shaking)
         parts, measured = weight * self._parts, weight * measured
@@ -191,7 +194,7 @@ class CameraCheck:
         """Return an upper bound of the feature motion that the joint speeds do not explain.
 
         Between two images, a joint may move differently than its speeds at these images predict.
-        The bound is in tolerances of the features.
+        The bound is in units of the tolerance of the features.
 
         Args:
             before, now: joint positions and velocities at the previous and at the present image.
@@ -301,9 +304,9 @@ def _fit_scales(
     Returns:
         Seven values. The first three belong to a fit in which all translations share one factor and
         the rotations have the factor 1: this factor; the residual as a fraction of `square`; the
-        rms residual in tolerances. The other four describe the wrong scale: the index of its
-        direction, -1 if no scale is wrong; the index of the direction that it is compared with, the
-        same for a rotation; and both scales, the second of which is 1 for a rotation.
+        rms residual in units of the tolerance. The other four describe the wrong scale: the index
+        of its direction, -1 if no scale is wrong; the index of the direction that it is compared
+        with, the same for a rotation; and both scales, the second of which is 1 for a rotation.
     """
     translation_square = translation_right = coupling = 0.0
     for i in range(3):
@@ -380,15 +383,15 @@ def _predict_motion(
         dt: time between the two images, s.
         tolerances: (k,) unit of `parts`.
         parts: (k, 6) motion of each feature due to each direction of the camera, summed over the
-            images of a row, in tolerances; modified in place.
+            images of a row, in units of the tolerance; modified in place.
         target_motion: (k,) motion of each feature due to the target, summed over the images of a
             row; modified in place.
         is_angle: (k,) whether each component is an angle, which may wrap.
 
     Returns:
-        The largest predicted motion of a feature in this row, in tolerances; whether an angle
-        wrapped; the largest change of the predicted motion due to the difference of the two L, in
-        tolerances.
+        The largest predicted motion of a feature in this row, in units of the tolerance; whether an
+        angle wrapped; the largest change of the predicted motion due to the difference of the two
+        L, in units of the tolerance.
     """
     widest, greatest, wrapped, interaction_change = 0.0, 0.0, False, 0.0
     for i in range(len(error)):
@@ -414,9 +417,10 @@ def _predict_motion(
 
 @jit("f8[:], f8[:], f8[:], f8[:], f8, f8, f8[:,:], f8[:,:], f8[:]", allocates=False)
 def _compute_unexplained(q_before, v_before, q, v, dt, late, jacobian, L, tolerances):
-    """Return the largest feature motion that the joint speeds do not explain, in tolerances.
+    """Return the largest feature motion that the joint speeds do not explain.
 
-    A joint may move differently between two images than its speeds at these images predict.
+    A joint may move differently between two images than its speeds at these images predict. The
+    result is in units of the tolerance.
 
     Args:
         q_before, q: (n,) joint positions at two images.

@@ -44,7 +44,7 @@ class Evidence:
             the first.
         is_running_away: whether the target itself must have moved, because the features have just
             moved farther than any camera motion explains.
-        error: (k,) error of the latest image, in tolerances.
+        error: (k,) error of the latest image, in units of the tolerance.
         tolerances: (k,) tolerances of the scheme.
         is_angle: (k,) whether each component is an angle, which may wrap.
         target_motion: motion of the target, as text; empty if it is at rest.

@@ -49,7 +49,7 @@ class GainCheck:
 
         Args:
             stamp: stamp of the image, s.
-            error: (k,) error of the image, in tolerances.
+            error: (k,) error of the image, in units of the tolerance.
             scheme: scheme whose gain is checked.
             age: age of the image when its command acts, s.
         """

@@ -25,11 +25,11 @@ MAX_MOTION_RATIO = 2.0
 # L is wrong if the features move less than this fraction of the motion that L predicts.
 MIN_MOTION_RATIO = 0.2
 # The scheme is wrong if the unexplained steps of its features exceed those of the target's centre
-# by this factor, both in tolerances.
+# by this factor, both in units of the tolerance.
 SCATTER_FACTOR = 50.0
-# The motion of the target's centre is added up until its prediction reaches this, in tolerances;
-# then the measured and the predicted sum are compared. The limit is small, because a camera that
-# moves in a wrong direction loses its target within 0.2 s.
+# The motion of the target's centre is added up until its prediction reaches this, in units of the
+# tolerance; then the measured and the predicted sum are compared. The limit is small, because a
+# camera that moves in a wrong direction loses its target within 0.2 s.
 CENTRE_MIN_ROW = 3.0
 # The scheme's L is wrong if the features contradict the camera's motion, but the measured and
 # predicted motion of the target's centre have at least this correlation.

@@ -25,7 +25,7 @@ class OscillationCheck:
     SPANS = (2.0, 5.0, 12.0)
     # number of images between two searches for an oscillation, for each of SPANS
     CHECK_PERIODS = (1, 6, 12)
-    # smallest peak-to-peak height of an oscillation, in tolerances; noise is smaller
+    # smallest peak-to-peak height of an oscillation, in units of the tolerance; noise is smaller
     MIN_HEIGHT = 6.0
     MIN_REVERSALS = 5
     # If no frequency can be determined, an error oscillates only if the mean number of images
@@ -36,7 +36,7 @@ class OscillationCheck:
         self._errors, self._new_images = RecentErrors(), 0
 
     def add(self, stamp: float, error: np.ndarray) -> float | None:
-        """Add the error (k,) of an image, in tolerances.
+        """Add the error (k,) of an image, in units of the tolerance.
 
         Return the frequency of its oscillation (Hz), or None if it does not oscillate.
         """
@@ -187,8 +187,8 @@ def _find_frequency(stamps, errors, min_height, reversals):
 
     Args:
         stamps: (m,) stamps of the images, s.
-        errors: (m, k) errors, in tolerances.
-        min_height: smallest peak-to-peak height, in tolerances.
+        errors: (m, k) errors, in units of the tolerance.
+        min_height: smallest peak-to-peak height, in units of the tolerance.
         reversals: smallest number of reversals.
     """
     count = len(stamps)

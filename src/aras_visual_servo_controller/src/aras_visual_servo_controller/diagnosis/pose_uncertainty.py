@@ -299,11 +299,12 @@ class ArrivalMargin:
     def _compute_plane_offset(
         self, observation: Observation, offset: np.ndarray
     ) -> tuple[float, float]:
-        """Compute the camera offset that the predicted plane of the target shows.
+        """Compute how far the camera is from its goal according to the plane of the target.
 
-        Kinematics predict the plane, which differs from the goal's by the effect of the offset.
-        Only camera directions that the features measure poorly are evaluated. A camera motion v, w
-        changes the plane p by (p . v) p + p x w and its normal n by n x w.
+        Kinematics predict the target's plane p in the camera frame. The result is the camera motion
+        that explains, in addition to `offset`, how p differs from the plane at the goal. A camera
+        motion v, w changes p by (p . v) p + p x w, and its normal n by n x w. If the goal was
+        taught with this camera, only directions that the features measure poorly are evaluated.
 
         Args:
             observation: observation with the camera's pose.

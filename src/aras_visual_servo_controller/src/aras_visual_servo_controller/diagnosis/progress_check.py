@@ -33,7 +33,7 @@ SLOW_PROGRESS = 0.98
 MIN_IMAGE_PART = 0.6
 # If the scatter of the error from image to image exceeds both MIN_NOISE and MIN_NOISE_PART, the
 # error is too noisy to show whether the camera is at its goal.
-MIN_NOISE = 1.0  # scatter from image to image, in tolerances
+MIN_NOISE = 1.0  # scatter from image to image, in units of the tolerance
 MIN_NOISE_PART = 0.5  # scatter from image to image, as a fraction of the total scatter
 # A joint limits the motion if its limit reduces all velocities to less than this fraction.
 FULL_SPEED = 0.99
@@ -112,8 +112,8 @@ class ProgressCheck:
         self._window: deque[_ServoedImage] = deque()
         self._duration = duration
         self._image_count = self._slowed_count = 0
-        # Time (s) and size of the error (in tolerances) at two images: `_first` is the first image,
-        # and `_last_slowed` the last one at which joint limits slowed the motion.
+        # Time (s) and size of the error (in units of the tolerance) at two images: `_first` is the
+        # first image, and `_last_slowed` the last one at which joint limits slowed the motion.
         self._first: tuple[float, float] | None = None
         self._last_slowed, self._limiting_joint = (0.0, 0.0), ""
         # Stamp (s) since which all components of the error have been within their tolerances; None
@@ -129,7 +129,7 @@ class ProgressCheck:
         self, state: ServoState, tolerances: np.ndarray, depth: float = DEFAULT_DEPTH,
         is_stretched: bool = False,
     ) -> np.ndarray:
-        """Add one image and return its error (k,), in tolerances.
+        """Add one image and return its error (k,), in units of the tolerance.
 
         Args:
             state: state of the loop at the image.
@@ -213,15 +213,19 @@ class ProgressCheck:
 
     @property
     def noise(self) -> float:
-        """Return the scatter of the largest error component from image to image, in tolerances.
+        """Return the scatter of the largest error component from image to image.
 
-        Return 0 if the scatter is small, or if a motion or an oscillation causes it.
+        The unit is the tolerance of the component. Return 0 if the scatter is small, or if a motion
+        or an oscillation causes it.
         """
         return _estimate_noise(self._window)
 
     @property
     def _halves(self) -> tuple[float, float]:
-        """Return the mean errors in the first and the second half of WINDOW, in tolerances."""
+        """Return the mean sizes of the error in the first and the second half of WINDOW.
+
+        The unit is the tolerance.
+        """
         images = list(self._window)
         half = len(images) // 2
         before, after = (
@@ -312,9 +316,10 @@ def _compute_speed(twist: np.ndarray, depth: float) -> float:
 
 
 def _estimate_noise(images: Sequence[_ServoedImage]) -> float:
-    """Return the scatter of the largest error component from image to image, in tolerances.
+    """Return the scatter of the largest error component from image to image.
 
-    Return 0 if the scatter is small, or if a motion or an oscillation causes it.
+    The unit is the tolerance of the component. Return 0 if the scatter is small, or if a motion or
+    an oscillation causes it.
     """
     if len({len(s.error) for s in images}) != 1 or len(images) < 10:
         return 0.0

@@ -57,7 +57,7 @@ class StepCheck:
         names: (k,) names of the features.
         next_region: ranges of x and y, normalised, in which the target may be in the next image;
             None if the target has not been visible.
-        typical_step: usual size of the unexplained steps, in tolerances.
+        typical_step: usual size of the unexplained steps, in units of the tolerance.
     """
 
     # The error jumps repeatedly if it has jumped FREQUENT_JUMPS times within JUMP_WINDOW seconds.
@@ -71,8 +71,8 @@ class StepCheck:
     # features should have moved by MIN_PREDICTED_MOTION tolerances.
     MIN_PREDICTED_MOTION, UNCHANGED_IMAGES = 5.0, 8
     # The steps of successive images are added up until their predicted motion is at least this
-    # large, in tolerances; then noise is a small part of the sum. The sums of measured and of
-    # predicted steps are together called a row.
+    # large, in units of the tolerance; then noise is a small part of the sum. The sums of measured
+    # and of predicted steps are together called a row.
     MIN_ROW = 8.0
     # Smallest number of sums from which the correlation of measured and predicted motion is
     # computed.
@@ -106,7 +106,7 @@ class StepCheck:
 
         Args:
             min_row: predicted motion over which measured and predicted motion are summed before
-                they are compared, in tolerances; see MIN_ROW.
+                they are compared, in units of the tolerance; see MIN_ROW.
         """
         self._min_row = min_row
         self.jumps: deque[Jump] = deque(maxlen=self.FREQUENT_JUMPS)
@@ -118,7 +118,7 @@ class StepCheck:
         self.typical_step, self._count = 1.0, 0
         self._same_count, self._same_stamp, self._path = 0, 0.0, 0.0
         # Sums over the images since the camera came to rest: number of images, squared steps of the
-        # features, and steps (k,), in tolerances.
+        # features, and steps (k,), in units of the tolerance.
         self._rest_sums: tuple[int, float, np.ndarray | float] = 0, 0.0, 0.0
         self.has_drift = False
         self._steps: deque[tuple[float, float, float]] = deque(maxlen=self.RECENT_IMAGES)
@@ -288,7 +288,7 @@ class StepCheck:
 
         Args:
             moved: squared length of the step.
-            step: (k,) change of the features, in tolerances.
+            step: (k,) change of the features, in units of the tolerance.
         """
         images, square, sums = self._rest_sums
         images, square, sums = self._rest_sums = images + 1, square + moved, sums + step
@@ -415,15 +415,15 @@ def _compare_step(
         tolerances: (k,) tolerance of each component of the error.
         is_angle: (k,) whether each component is an angle, which may wrap.
         min_row: predicted motion after which a row, the sum over successive steps, is complete, in
-            tolerances.
+            units of the tolerance.
         row: (2, k) measured and predicted motion of the incomplete row; modified in place.
         sums: (3, k) sums over complete rows of measured times predicted motion, measured motion
             squared, predicted motion squared; modified in place.
 
     Returns:
-        The largest unexplained step, in tolerances; the index of its feature; the explained step of
-        this feature; the sums of the squares of all steps and of the unexplained steps, in
-        tolerances; the largest predicted step; whether an angle wrapped.
+        The largest unexplained step, in units of the tolerance; the index of its feature; the
+        explained step of this feature; the sums of the squares of all steps and of the unexplained
+        steps, in units of the tolerance; the largest predicted step; whether an angle wrapped.
     """
     largest, at, explained, square, unexplained, path, longest = -1.0, 0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(len(error)):

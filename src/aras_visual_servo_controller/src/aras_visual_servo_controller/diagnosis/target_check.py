@@ -23,12 +23,12 @@ from ..schemes.base import SchemeOutput
 
 @dataclass(frozen=True, eq=False)
 class _Row:
-    """One row of the fit: motion of k features over at least ROW_PERIOD, in tolerances.
+    """One row of the fit: motion of k features over at least ROW_PERIOD, in units of the tolerance.
 
     Attributes:
         stamp: middle of the period, s.
         feature_motion: (k,) measured motion.
-        L: (k, 6) mean interaction matrix, in tolerances.
+        L: (k, 6) mean interaction matrix, in units of the tolerance.
         motion: (6,) motion of the camera.
         drift: (k, 6) motion of the features that each component of the target's twist causes in
             this period, per unit. The twist is in world axes; its reference point is the camera's
@@ -43,7 +43,7 @@ class _Row:
 
 
 class _RowSums:
-    """Sums over groups of `rows_per_sum` successive rows of the fit, in tolerances.
+    """Sums over groups of `rows_per_sum` successive rows of the fit, in units of the tolerance.
 
     Attributes:
         feature_motion: (n,) measured motion of the features; n is the number of groups times the
@@ -155,7 +155,7 @@ class TargetCheck:
     # sum over many rows shows its motion, and has no more noise than one row.
     ROWS_PER_SUM = (1, 3, 6, 12)
     # A motion of the target is fitted only if the rms residual for a target at rest exceeds this,
-    # in tolerances. There is one value for each number in ROWS_PER_SUM.
+    # in units of the tolerance. There is one value for each number in ROWS_PER_SUM.
     MIN_RESIDUAL = (0.3, 0.3, 0.3, 0.15)
     MIN_SUMMED_NUMBERS = 12  # smallest number of values in a fit if rows are summed in groups
     # An oscillation of the target is fitted only to rows that cover at least this time, s.
@@ -303,7 +303,14 @@ class TargetCheck:
         return ""
 
     def _explain_motion(self, rows: _RowSums, depth: float, residual: float) -> str:
-        """Describe the target motion that explains the residual; empty text if no motion does."""
+        """Describe the target motion that explains the features' motion; empty text if none does.
+
+        Args:
+            rows: measured motion of the features, and the effects of the camera's and target's
+                motions.
+            depth: fitted factor on the camera's translations.
+            residual: squared motion of the features that the camera's motion does not explain.
+        """
         effect, motion = rows.translation_effect, rows.feature_motion - rows.rotation_effect
         columns = np.column_stack([effect, rows.drift])
         camera_residual = np.inf
@@ -447,8 +454,8 @@ def _fit_camera(columns: np.ndarray, feature_motion: np.ndarray, min_factor: flo
     Args:
         columns: (n, 18) effects of the camera's motion, see `_compute_mixed_effects`.
         feature_motion: (n,) measured motion of the features.
-        min_factor: smallest accepted singular value of the fitted 3x3 matrices, which map the axes
-            of translation and of rotation to wrong axes.
+        min_factor: smallest accepted ratio of the fitted to the predicted effect of a translation
+            or a rotation about any axis.
     """
     identity = np.vstack([np.eye(3)] * 2).ravel()
     _, factors = _fit_columns(columns, feature_motion - columns @ identity)

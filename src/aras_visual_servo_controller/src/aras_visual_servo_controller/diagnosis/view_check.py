@@ -49,7 +49,7 @@ PLACE_FEATURES = ("xg", "yg", "area")  # features of the target's position and s
 
 
 class ViewCheck:
-    """Comparison of the goal with the mean of the images that show an arrival."""
+    """Comparison of the goal with the mean of the images since the camera's arrival."""
 
     def __init__(self) -> None:
         self._views = RecentErrors()
@@ -218,8 +218,8 @@ def _compute_difference(measured: Moments | None, desired: Moments | None) -> np
     """Return the difference (10,) between a view and the goal.
 
     The ten values are the differences of the seven second- and third-order central moments of the
-    outline, in tolerances, of the target's centre (normalised) and of the logarithm of its size.
-    Return zeros if view and goal cannot be compared.
+    outline, in units of the tolerance, of the target's centre (normalised) and of the logarithm of
+    its size. Return zeros if view and goal cannot be compared.
     """
     if measured is None or desired is None or measured.kind != desired.kind or desired.m00 <= 0.0:
         return np.zeros(SHAPE_NUMBERS + len(PLACE_FEATURES))

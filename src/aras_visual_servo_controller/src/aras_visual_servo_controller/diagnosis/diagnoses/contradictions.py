@@ -1,4 +1,4 @@
-"""Diagnoses of features that contradict the images, or the camera model."""
+"""Diagnoses of features whose motion contradicts the images, L or the camera model."""
 
 from __future__ import annotations
 

@@ -352,8 +352,8 @@ def _estimate_offset(
 ) -> PoseOffsets:
     """Return the more accurate of two mean offsets: of the latest images, or of all settled images.
 
-    More images average the noise better. But while the camera still approaches its goal, the
-    offsets of all settled images scatter more than the latest ones.
+    The mean over more images has less noise. But while the camera still approaches its goal, the
+    older offsets are too large.
 
     Args:
         offsets: mean offset of the latest images.

@@ -414,8 +414,8 @@ def _compare_step(
         dt: time between the two images, s.
         tolerances: (k,) tolerance of each component of the error.
         is_angle: (k,) whether each component is an angle, which may wrap.
-        min_row: predicted motion after which a row, the sum over successive steps, is complete, in
-            units of the tolerance.
+        min_row: predicted motion, in units of the tolerance, at which a row (a sum over successive
+            steps) is complete.
         row: (2, k) measured and predicted motion of the incomplete row; modified in place.
         sums: (3, k) sums over complete rows of measured times predicted motion, measured motion
             squared, predicted motion squared; modified in place.

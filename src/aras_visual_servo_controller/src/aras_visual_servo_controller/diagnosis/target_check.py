@@ -163,8 +163,8 @@ class TargetCheck:
     # The target moves if a motion of the target reduces the residual to less than this fraction of
     # the residual for a target at rest.
     MAX_RESIDUAL_PART = 0.1
-    # The target moves only if the residual for a moving target is also less than this fraction of
-    # the residual for a wrong camera model.
+    # A moving target is reported only if its residual is also less than this fraction of the
+    # residual for a wrong camera model.
     MAX_CAMERA_PART = 0.5
     # Smallest factor on the camera's translations that a wrong depth can explain. A smaller factor
     # shows that the camera follows a moving target.

@@ -345,8 +345,8 @@ def wrap_together(is_angle: np.ndarray, period: float = 2.0 * np.pi) -> np.ndarr
 
     If each angle were wrapped separately, rounding would give some of them the sign + and others -,
     and their effects would cancel. Therefore all angles are wrapped to within half a period of
-    their common angle, which is the angle of the sum of their unit vectors. If it is half a period,
-    it is taken as positive.
+    their common angle, which is the angle of the sum of their unit vectors. A common angle of half
+    a period is taken as positive.
     """
     unit = np.exp(2j * np.pi / period * is_angle).sum(axis=0)
     common = float(np.angle(unit)) * period / (2.0 * np.pi)

@@ -191,8 +191,7 @@ def suggest_larger_target(noise: float, *others: Change) -> Remedy:
 
 
 def suggest_faster_joints(advice: Remedy) -> Remedy:
-    """Add a smaller time constant of the joints (setting `lag`) to the given advice.
-    """
+    """Add a smaller time constant of the joints (setting `lag`) to the given advice."""
     return Remedy(advice.advice, *advice.changes, multiply("lag", 0.02))
 
 

@@ -332,8 +332,7 @@ class ArrivalMargin:
         return split_directions(observation, self._goal, self._modelled, self._ik_solution)[0]
 
     def _compute_scatter_part(self, offsets: PoseOffsets) -> float:
-        """Return the ratio of the variance of the mean offset to that of one image's offset.
-        """
+        """Return the ratio of the variance of the mean offset to that of one image's offset."""
         return 1.0 / max(offsets.count - 1, 1) + self._systematic_part**2
 
     def _bound_unseen_motion(self) -> tuple[float, float]:

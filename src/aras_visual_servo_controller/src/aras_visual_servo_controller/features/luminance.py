@@ -266,8 +266,7 @@ class LuminanceMap(Luminance):
         raise NotImplementedError
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
-        """Return the accuracy of s: that of one grey level, because the rows of B have length 1.
-        """
+        """Return the accuracy of s: that of one grey level, because the rows of B have length 1."""
         return GREY_NOISE * np.eye(len(self._basis))
 
     def _reduce(self, error: np.ndarray, L: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -81,8 +81,7 @@ class Matches(Luminance):
         )  # fmt: skip
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | float | None:
-        """Return the accuracy of s: the rms error of the matches that no camera motion explains.
-        """
+        """Return the accuracy of s: the rms error of the matches that no camera motion explains."""
         return self._match_error
 
     def detect_keypoints(self, grey: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:

@@ -14,23 +14,24 @@ from ..schemes.base import JointController, Scheme, SchemeBase
 # T). Its error decays fastest without oscillation at the gain 1 / (e T) = 1.5 f. The suggested
 # factor is smaller than 1.5, to leave a reserve.
 GAIN_PER_HERTZ = 1.2  # suggested gain per frequency of the oscillation, 1/s per Hz
-# In theory a loop that oscillates at the frequency f has a gain of 2 pi f or more. The test accepts
-# a configured gain down to this fraction of 2 pi f: if L is too small, the effective gain is higher
-# than the configured one.
+# A loop that oscillates at the frequency f has, in theory, a gain of 2 pi f or more. If L is too
+# small, the effective gain is higher than the configured one. Therefore a configured gain of at
+# least this fraction of 2 pi f is accepted as the cause of an oscillation.
 MIN_GAIN_PART = 0.3
 MAX_GAIN_FACTOR = 0.6  # a suggested gain is at most this fraction of the present gain
 MIN_GAIN_FACTOR = 0.02  # a suggested gain is at least this fraction of the present gain
 TIME_RESERVE = 1.5  # safety factor on the predicted time to the goal
 MAX_TIME_FACTOR = 50.0  # the suggested duration is at most this many times the present one
-# Additional factor on the remaining time if a joint moves at its speed limit, because later a
-# different joint may be the slowest one.
+# Factor on the remaining time if a joint moves at its speed limit. Another joint may reach its
+# limit later and slow the arm down further.
 LINEAR_RESERVE = 2.0
 TIME_CONSTANTS = 8.0  # time that a run needs to reach its goal, in time constants (1 / gain)
-# A larger target is suggested if the noise of the error is at most this many tolerances. Above this
-# limit, less image noise is suggested.
+# If the noise of the error is at most this many tolerances, a larger target is suggested. If it is
+# greater, less image noise is suggested.
 NOISE_OF_SMALL_TARGET = 2.0
-NOISE_WHEN_UNKNOWN = 50.0  # noise of the error, in tolerances, if it was not measured
-TOLERATED_NOISE = 0.5  # noise of the error that the suggested change leaves, in tolerances
+NOISE_WHEN_UNKNOWN = 50.0  # noise of the error, in units of the tolerance, if it was not measured
+# Noise of the error that the suggested change leaves, in units of the tolerance.
+TOLERATED_NOISE = 0.5
 SETTLING_TIME = 3.0  # time for which the error has to stay small, including a reserve, s
 # Schemes that can turn the camera by 180 degrees on a straight path from most starts.
 HALF_TURN_SCHEMES = "pose, two_and_half_d or polar_points"
@@ -90,7 +91,9 @@ def suggest_gain(
 
 
 def _compute_duration(gain: float, duration: float) -> tuple[Change, ...]:
-    """Return the change that extends the time limit of a run, or () if the run has enough time.
+    """Suggest a longer duration if a run has too little time at this gain.
+
+    Return the change of the setting `duration`, or () if the present duration is sufficient.
 
     Args:
         gain: gain of the control law, 1/s.
@@ -105,9 +108,9 @@ def suggest_more_time(duration: float, size: float, rate: float, linear: bool = 
 
     Args:
         duration: time limit of the run, s; inf if there is none.
-        size: size of the error, in tolerances.
-        rate: rate at which the error decreases: in 1/s for an exponential decrease, in tolerances
-            per second for a linear one.
+        size: size of the error, in units of the tolerance.
+        rate: rate at which the error decreases: in 1/s for an exponential decrease, in units of the
+            tolerance per second for a linear one.
         linear: whether the error decreases linearly, because joints are at their speed limits.
     """
     advice = "allow more time, or raise the gain"
@@ -123,7 +126,12 @@ def suggest_more_time(duration: float, size: float, rate: float, linear: bool = 
 
 
 def suggest_scheme(candidate: Outcome, scheme: Scheme | JointController) -> Remedy:
-    """Suggest another scheme after a camera retreat, a local minimum or a singularity."""
+    """Suggest another scheme for a run that a camera retreat, local minimum or singularity stopped.
+
+    Args:
+        candidate: outcome that names the cause.
+        scheme: scheme of the run.
+    """
     is_user = is_user_scheme(scheme)
     if candidate.kind == "singular":
         advice = (
@@ -146,7 +154,10 @@ def suggest_scheme(candidate: Outcome, scheme: Scheme | JointController) -> Reme
 
 
 def _suggest_replacement(scheme: Scheme | JointController, name: str) -> tuple[Change, ...]:
-    """Return the change to scheme `name`, or to a closer start if that scheme is already in use."""
+    """Suggest the scheme `name`, or a start closer to the goal if that scheme is already in use.
+
+    Return the changes of the settings.
+    """
     features = getattr(scheme, "features", ())
     if any(feature.name == name for feature in features):
         return (START_CLOSER,)
@@ -162,7 +173,7 @@ def suggest_larger_target(noise: float, *others: Change) -> Remedy:
     The suggestion is a larger target if that is sufficient, otherwise less jitter and image noise.
 
     Args:
-        noise: scatter of the error, in tolerances; 0 if it is unknown.
+        noise: scatter of the error, in units of the tolerance; 0 if it is unknown.
         others: further changes that the run needs.
     """
     noise = noise or NOISE_WHEN_UNKNOWN
@@ -180,7 +191,7 @@ def suggest_larger_target(noise: float, *others: Change) -> Remedy:
 
 
 def suggest_faster_joints(advice: Remedy) -> Remedy:
-    """Return the advice with a smaller setting `lag`, for joints that follow too slowly."""
+    """Add a smaller time constant of the joints (setting `lag`) to the given advice."""
     return Remedy(advice.advice, *advice.changes, multiply("lag", 0.02))
 
 

@@ -24,26 +24,26 @@ from ..features.pose import are_collinear, refine_pose
 from ..goals.goal import Goal
 from ..observation.observation import Observation
 
-# A pose is ambiguous if each image point is closer to its point at the goal than both
-# MAX_POINT_DISTANCE and MAX_RADIUS_PART. At so small a distance, the features may count as
-# converged.
+# At an ambiguous pose, the target's points have almost the same image as at the goal. No image
+# point differs from its position at the goal by more than MAX_POINT_DISTANCE or MAX_RADIUS_PART, so
+# the features may count as converged.
 MAX_POINT_DISTANCE = 5e-3  # distance between two image points, normalised
 MAX_RADIUS_PART = 0.1  # distance between two image points, in radii of the target's image
 # Two poses are the same if they differ by less than this: translation as a fraction of the depth,
 # rotation in rad.
 SAME_POSE = 2e-3
-# If the target plane at a pose differs from the goal's by less than this, the pose is the goal
-# turned about the target's normal, as for a symmetric target. Such a pose is not listed as
-# ambiguous.
+# If the target plane in the camera frame differs by less than this between a pose and the goal, the
+# pose is not listed as ambiguous: the camera has only turned about the target's normal, and the
+# target is symmetric. The difference is an angle (rad) plus the logarithm of a distance ratio.
 SAME_PLANE = 0.02
-# Kinematics predict the target's plane in the camera frame. The prediction is compared with the
-# plane at each of two poses. It selects one of them if the difference there is less than this
-# fraction of the difference at the other.
+# Kinematics predict the target's plane in the camera frame. To decide between two poses, this plane
+# is compared with the plane at each pose. A pose is chosen if its difference is less than this
+# fraction of the other pose's difference.
 NEARER_FACTOR = 0.5
-# The image decides between two poses if the sums of squared image errors of their fits differ by
-# more than this many variances of a corner.
+# The image decides between two poses if the sums of their squared image errors differ by more than
+# this many variances of a measured corner position.
 MIN_FIT_DIFFERENCE = 25.0
-EXACT_ACCURACY = 1e-6  # assumed accuracy of points without noise, normalised
+EXACT_ACCURACY = 1e-6  # standard deviation assumed for exact image points, normalised
 # largest residual when an affine map is fitted to the goal's points, in radii of the target
 AFFINE_TOLERANCE = 0.1
 
@@ -117,8 +117,9 @@ class AmbiguousPoses:
     def _compare_fit(self, observation: Observation, pose: AmbiguousPose) -> float:
         """Return by how much better the image fits this pose than the goal.
 
-        The result is the squared image error at the goal minus that at the pose, in units of the
-        variance of a corner. It is 0 if the corners cannot be matched with the goal's points.
+        The result is the squared image error at the goal minus that at the pose, divided by the
+        variance of a measured corner position. It is 0 if the corners cannot be matched with the
+        goal's points.
         """
         corners = _match_corners(observation.corners, self._points)
         if corners is None:
@@ -193,7 +194,10 @@ def _compare_planes(one: np.ndarray, other: np.ndarray) -> float:
 
 
 def _is_same_pose(one: np.ndarray, other: np.ndarray, depth: float) -> bool:
-    """Return whether two camera poses (4, 4) differ by less than SAME_POSE."""
+    """Return whether two camera poses (4, 4) differ by less than SAME_POSE.
+
+    The translation is divided by the target's `depth`, m.
+    """
     distance, angle = pose_difference(one, other)
     return distance / depth + angle < SAME_POSE
 

@@ -44,18 +44,17 @@ if TYPE_CHECKING:
     from .ambiguous_poses import AmbiguousPoses
 
 # Largest offset from the goal of a camera that has arrived: translation as a fraction of the
-# target's depth, rotation in rad. It is chosen so that the offset times OFFSET_FACTORS, which
-# account for an inaccurate L, stays below NEGLIGIBLE_UNCERTAINTY. The tolerances of the features
-# alone may allow a larger offset in a direction that hardly changes the features: with four points
-# on a plane tilted by 40 degrees, it was 6 mm.
+# target's depth, rotation in rad. The limit is needed in addition to the tolerances of the
+# features, because some directions of camera motion hardly change the features. Times
+# OFFSET_FACTORS, it is below NEGLIGIBLE_UNCERTAINTY.
 GOAL_TOLERANCE = (8e-4, 3.5e-3)
 # After its arrival, the camera may exceed the tolerances of the features and GOAL_TOLERANCE by this
 # factor.
 HYSTERESIS = 1.5
 # The uncertainty of a mean offset is estimated as this number of its standard deviations.
 KNOWN_DEVIATIONS = 2.0
-# Largest rms deviation of the errors from their mean, in tolerances. A larger deviation is due to
-# motion, not to noise.
+# Largest rms deviation of the errors from their mean, in units of the tolerance. A larger deviation
+# is due to motion, not to noise.
 MAX_SCATTER = 3.0
 # The mean of a few images could hide a motion. If fewer than FEW_IMAGES images are averaged, each
 # single image therefore has to be within the tolerances.
@@ -65,8 +64,9 @@ MAX_WINDOW = 120  # largest number of images over which the error is averaged
 # If an error exceeds this number of tolerances (four times MAX_SCATTER), the stored offsets of the
 # camera are removed. So far from the goal, the linearisation by L is not valid.
 FAR_TOLERANCES = 12.0
-# The uncertainty of the pose is computed again when the mean error has decreased to this fraction
-# of its value at the last computation, but not if that was below NEGLIGIBLE_ERROR, in tolerances.
+# The uncertainty of the pose is computed again each time the mean error has decreased by this
+# factor. It is not computed again once the mean error is below NEGLIGIBLE_ERROR, in units of the
+# tolerance.
 RENEWAL_RATIO = 0.7
 NEGLIGIBLE_ERROR = 0.1
 # Largest difference between the camera's offset in the latest image and the mean offset, in
@@ -82,7 +82,7 @@ VIEW_PERIOD = 8
 ALIKE_REASON = "several camera poses give the same image points as the goal"
 OTHER_VIEW_REASON = "every feature is at its goal, but the image differs from the goal's"
 NO_LIMIT = np.full(2, np.inf)
-ROUNDING = 1e-9  # numerical tolerance of times (s), angles (rad), and lengths (m at DEFAULT_DEPTH)
+ROUNDING = 1e-9  # numerical tolerance of times (s), angles (rad) and lengths (m)
 
 
 class ArrivalCheck:
@@ -109,10 +109,12 @@ class ArrivalCheck:
         self._view_check.clear()
         self._is_reached = False
         self._margin: ArrivalMargin | None = None
-        # Ambiguous pose at which the camera is, and all ambiguous poses at which the camera may be.
+        # Ambiguous pose at which the camera is (None if it is at none), and all ambiguous poses
+        # that cannot be ruled out.
         self._other_pose, self._possible_poses = None, ()
         self._wrong_pose_reason, self._unseen_motion, self._images = "", np.zeros(6), 0
-        self._error_size = 0.0  # mean error, in tolerances, at the last computation of `_margin`
+        # Mean error, in units of the tolerance, when `_margin` was last computed.
+        self._error_size = 0.0
 
     def add(
         self,
@@ -159,7 +161,8 @@ class ArrivalCheck:
                 self._view_check.clear()
             self._is_reached, self._margin = False, None
             return ArrivalStatus(pending_reason=reason)
-        if not self._is_reached:  # the camera has just arrived: ignore the images from before
+        # The camera has just arrived: ignore the images that precede the arrival.
+        if not self._is_reached:
             self._images = 0
             self._view_check.retain(max(1 if offsets is None else offsets.count, MIN_VIEWS))
         self._is_reached = True
@@ -227,13 +230,14 @@ class ArrivalCheck:
         return ArrivalStatus(True, "", self._wrong_pose_reason, uncertainty)
 
     def _compare_views(self, offset: np.ndarray, ambiguity: str) -> None:
-        """Compare the images since the arrival with the goal.
+        """Compare the images since the arrival with the goal, and store the results.
 
-        Store the reason why the camera is at another pose than the goal (empty if it is not), and
-        the camera motion that the images show although no feature measures it.
+        The results are the reason why the camera is at another pose than the goal (empty if it is
+        not), and the camera motion that the images show although no feature measures it.
 
         Args:
-            offset: (6,) offset of the camera from the goal by features and kinematics, scaled.
+            offset: (6,) offset of the camera from the goal by features and kinematics, m (rotations
+                are multiplied by the target's depth).
             ambiguity: rotational symmetry of the target, as text.
         """
         place, self._unseen_motion = self._view_check.compare_place(offset)
@@ -257,7 +261,7 @@ class ArrivalCheck:
     ) -> None:
         """Store the camera's offset from its goal at this image.
 
-        All offsets are removed instead if L does not determine the offset.
+        If L does not determine the offset, remove all stored offsets.
         """
         offset = compute_offset(scheme_output, free, depth)
         if offset is None:
@@ -273,8 +277,8 @@ class ArrivalCheck:
     def _has_settled(self, stamp: float, tolerances: np.ndarray) -> bool:
         """Return whether the mean error of the last `hold` seconds is within `tolerances` (k,)."""
         recent = self._errors
-        # One image from before the last `hold` seconds is kept, which shows that the images cover
-        # all of these seconds.
+        # One image older than `hold` seconds is kept. It shows that the images cover the whole
+        # averaging time.
         stamps = recent.stamps
         old_count = int(stamps.searchsorted(stamp - self.hold + ROUNDING, "right"))
         min_count = MIN_IMAGES if self.hold > 0.0 else 1
@@ -297,20 +301,19 @@ def compute_mean_offset(
     was_reached: bool,
     depth: float = DEFAULT_DEPTH,
 ) -> tuple[PoseOffsets, str]:
-    """Compute the mean offset of the camera from its goal, and state why it is too large.
+    """Compute the mean offset of the camera from its goal, and describe why it is too large.
 
     Args:
         stamps: (m,) stamps of the images, s.
         rows: (m, 22) one row per image: the offset L^+ e (6,) in the camera's frame, m and rad, and
             `world_T_camera` (16,), NaN if the pose is unknown.
-        observable: L^+ L (6, 6), the part of a motion that changes the offsets.
+        observable: L^+ L (6, 6), which maps a camera motion to the change of the offset L^+ e.
         settled_images: number of images since the features settled.
         was_reached: whether the camera had arrived at the previous image.
         depth: depth of the target at the goal, m.
 
     Returns:
-        The mean offset at the last image; the reason why it is too large, empty if it is small
-        enough.
+        The mean offset at the last image; a text that says why it is too large, empty if it is not.
     """
     near = GOAL_TOLERANCE[0] * depth, GOAL_TOLERANCE[1]
     mean, scatter, count, enough = _average_offsets(
@@ -320,7 +323,7 @@ def compute_mean_offset(
     if (np.abs(latest - mean) > OUTLIER_DEVIATIONS * noise).any():
         mean, scatter, count = latest, np.diag(noise**2), 1
     off = _compute_lengths(mean.tolist())
-    # Rounding errors can make a variance negative.
+    # Negative variances, which rounding errors can cause, are set to 0.
     deviations = np.sqrt(np.maximum(scatter.diagonal(), 0.0) / count)
     unknown = _compute_lengths((KNOWN_DEVIATIONS * deviations).tolist())
     offsets = PoseOffsets(mean, scatter, count, compute_speed(stamps, rows))
@@ -349,8 +352,8 @@ def _estimate_offset(
 ) -> PoseOffsets:
     """Return the more accurate of two mean offsets: of the latest images, or of all settled images.
 
-    More images average the noise better. But while the camera still approaches its goal, the
-    offsets of all settled images scatter more than the latest ones.
+    The mean over more images has less noise. But while the camera still approaches its goal, the
+    older offsets are too large.
 
     Args:
         offsets: mean offset of the latest images.
@@ -371,8 +374,9 @@ def _estimate_offset(
 def compute_speed(stamps: np.ndarray, rows: np.ndarray) -> tuple[float, float]:
     """Return the camera's speed relative to its goal between the last two images, m/s and rad/s.
 
-    The smaller of two estimates is returned, because each of them may be too large: the one by
-    kinematics if the target moves with the camera, the one by the images if they are noisy.
+    The speed is estimated from kinematics and from the images, and the smaller estimate is
+    returned. The first is too large if the target moves with the camera, the second if the images
+    are noisy.
 
     Args:
         stamps, rows: see `compute_mean_offset`.
@@ -389,10 +393,10 @@ def compute_speed(stamps: np.ndarray, rows: np.ndarray) -> tuple[float, float]:
 
 
 def _estimate_noise(offsets: np.ndarray, depth: float = DEFAULT_DEPTH) -> np.ndarray:
-    """Estimate the standard deviation (6,) of offsets (m, 6) from differences between images.
+    """Estimate the standard deviation (6,) of noisy offsets (m, 6), one per image.
 
-    Second differences are used if there are enough images, because a slow motion hardly changes
-    them.
+    The estimate uses the differences of successive offsets. If there are enough images, it uses
+    second differences, which a slow motion hardly changes.
     """
     order = 2 if len(offsets) > 2 else 1
     steps = offsets[1:] - offsets[:-1]
@@ -447,7 +451,7 @@ def _compute_lengths(offset: Sequence[float]) -> tuple[float, float]:
 
 @jit("f8[:,:], f8[:], f8[:,:], f8")
 def _solve_offset(L, error, free, depth):
-    """Compute `compute_offset` for L (k, 6) and error (k,)."""
+    """Return the offset (6,) of `compute_offset` for given L (k, 6) and error (k,)."""
     scaled, turned = L.copy(), free.copy()
     for j in range(3, 6):
         for i in range(len(L)):
@@ -469,7 +473,11 @@ def _is_far(error, tolerances):
 
 @jit("f8[:,:], f8[:]")
 def _is_within(errors, limit):
-    """Return whether errors (m, k) have means within the limits (k,) and a small scatter."""
+    """Return whether the mean errors of m images are within the limits (k,), with little scatter.
+
+    The rms deviation of the errors (m, k) from their mean must be below MAX_SCATTER times the
+    limit.
+    """
     count = errors.shape[0]
     for k in range(errors.shape[1]):
         mean, square = 0.0, 0.0
@@ -485,7 +493,7 @@ def _is_within(errors, limit):
 
 @jit("f8[:,:], i8")
 def _compute_motion_since(rows, i):
-    """Return the camera's motion (6,) since image i, in its present frame.
+    """Return the camera's motion (6,) from image i to the last image, in the last camera frame.
 
     The motion is small, so the rotation vector is the skew-symmetric part of the rotation matrix.
 
@@ -516,14 +524,14 @@ def _average_offsets(rows, observable, count, limit):
     Args:
         rows: (m, 22) offset and pose of each image, the present one last; see
             `compute_mean_offset`.
-        observable: L^+ L (6, 6), the part of a motion that changes the offsets.
-        count: minimum number of latest images; it is doubled until the standard deviation of the
-            mean is within the limit.
-        limit: (2,) limit of this standard deviation, m and rad.
+        observable: L^+ L (6, 6), which maps a camera motion to the change of the offset L^+ e.
+        count: smallest number of images to average. The number is doubled until the standard
+            deviation of the mean is within `limit`.
+        limit: (2,) largest standard deviation of the mean, m and rad.
 
     Returns:
-        The mean (6,); the covariance (6, 6) of the offsets; the number of images; whether the
-        standard deviation of the mean is within the limit.
+        The mean (6,); the covariance (6, 6) of the offsets; the number of averaged images; whether
+        the standard deviation of the mean is within `limit`.
     """
     m = rows.shape[0]
     count = min(max(count, 1), m)
@@ -549,7 +557,8 @@ def _average_offsets(rows, observable, count, limit):
                 mean = total[n, a] / count
                 variances[n, a // 3] += max(square[n, a, a] / count - mean * mean, 0.0) / count
             scatter[n] = variances[n, 0] / limit[0] ** 2 + variances[n, 1] / limit[1] ** 2
-        n = 1 if scatter[1] <= scatter[0] else 0  # scatter[1] is NaN if camera poses are unknown
+        # If camera poses are unknown, scatter[1] is NaN and n becomes 0.
+        n = 1 if scatter[1] <= scatter[0] else 0
         is_enough = variances[n, 0] <= limit[0] ** 2 and variances[n, 1] <= limit[1] ** 2
         if is_enough or count == m:
             mean, scattered = total[n] / count, square[n] / count

@@ -19,7 +19,8 @@ class RunDiagnosis(ABC):
     Attributes:
         name: name under which the diagnosis is registered.
         help: what the diagnosis detects.
-        reads: data that the diagnosis uses, each with its file, for the table in the README.
+        reads: data that the diagnosis uses, as text for the table in the README; it also names the
+            module that evaluates them.
         kinds: kinds of the outcomes that the diagnosis reports.
     """
 

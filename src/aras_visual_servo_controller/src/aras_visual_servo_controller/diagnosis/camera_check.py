@@ -15,53 +15,53 @@ from ..schemes.base import SchemeOutput
 
 
 class CameraCheck:
-    """Comparison of the motion of the features with the prediction by L and the camera's motion.
+    """Check of the camera model: features must move as L and the camera's motion predict.
 
-    For each of the six directions of the camera, the check fits one scale: the ratio of measured to
-    predicted motion of the features. If the camera model is correct, the scales of the rotations
-    are 1. The scales of the three translations are equal, but not 1 if the depth is wrong; a wrong
-    depth is not a fault. A wrong focal length, mounting or distortion gives different scales. The
-    fit uses all images of the run. Each row of its linear system is a sum over up to
-    MAX_IMAGES_PER_ROW images, so that even a slow motion exceeds the noise.
+    For each of the six directions of camera motion, the check fits a scale: the ratio of measured
+    to predicted motion of the features. With a correct camera model, the scales of the three
+    rotations are 1. The scales of the three translations are equal to each other; a wrong depth
+    changes them together and is not a fault. A wrong focal length, mounting or distortion gives
+    different scales.
 
-    Measured on the simulated arm with a correct camera model: the fit leaves 0.06 % of the squared
-    motion of the features unexplained for moments and 1.6 % for points. On a loaded machine, 2.7 %
-    remain unexplained for points; this corresponds to 0.4 tolerances per image. No two scales
-    differ both by more than 0.04 and by more than 2.4 standard deviations. With 0.9 times the true
-    focal length, the scales differ by 0.10 (11 standard deviations) if the camera descends by a
-    centimetre and also moves sideways. If the camera makes only one of these two motions, a wrong
-    focal length cannot be distinguished from a wrong depth.
+    The fit is a linear least-squares problem. Each of its rows is the sum of the feature motions
+    over up to MAX_IMAGES_PER_ROW images, so that even a slow motion exceeds the noise. The target's
+    own motion that a scheme reports (`SchemeOutput.error_drift`) is subtracted first.
 
-    The target's own motion that a scheme reports (`SchemeOutput.error_drift`) is subtracted first.
-    A wrong camera model is reported only if the residuals of successive rows are correlated. Their
-    correlation is 0.8 for a wrong mounting, -0.5 for image noise and 0 for a target that was pushed
-    once.
+    A wrong camera model is reported only if the residuals of successive rows are correlated with
+    each other. This correlation is 0.8 for a wrong mounting, -0.5 for image noise and 0 for a
+    target that was pushed once.
 
-    The mean L of two images predicts the change of the features between them only if L changes
-    little. Other pairs of images are skipped, for example if a scheme turns the camera by 20
-    degrees from image to image.
+    Measured on the simulated arm with a correct camera model, the fit leaves 0.06 % of the squared
+    motion of moments unexplained, and up to 2.7 % for points. No two scales differ both by more
+    than 0.04 and by more than 2.4 standard deviations. With 0.9 times the true focal length, the
+    scales differ by 0.10, or 11 standard deviations, if the camera both descends by a centimetre
+    and moves sideways. If it makes only one of these motions, a wrong focal length has the same
+    effect as a wrong depth.
 
-    The camera's motion is computed from the joint positions at the exposures. If joint states
-    arrive late, these positions are extrapolated and nothing is compared. On a loaded machine, late
-    commands let the joints speed up and slow down between two joint states. If the joint speeds at
-    two images do not explain the distance that the joints moved in between, the image gets a
-    smaller weight.
+    Image pairs are skipped if L changes much between them, because their mean L then does not
+    predict the change of the features. They are also skipped if joint states arrive late, because
+    the camera's motion is computed from the joint positions at the exposures. If the joint speeds
+    at two images do not explain how far the joints moved in between, the pair gets a smaller
+    weight.
     """
 
-    # Predicted motion of the features that completes one row of the fit, in tolerances. With less
-    # motion, noise and joint friction would dominate the row.
+    # A row of the fit sums the motion of the features over successive images until the predicted
+    # motion reaches this, in units of the tolerance. In a smaller sum, noise and joint friction
+    # would dominate.
     MIN_ROW = 3.0
     # Largest number of images per row of the fit. If the features move by less than MIN_ROW in so
     # many images, these images are discarded, because the target itself may have moved.
     MAX_IMAGES_PER_ROW = 4
-    MIN_PATH = 40.0  # predicted motion of the features before the first decision, in tolerances
+    # The fit is evaluated once the predicted motions of the features add up to this, in units of
+    # the tolerance.
+    MIN_PATH = 40.0
     # One factor on all translations, which accounts for a wrong depth, is fitted to the motion of
     # the features. The camera model is wrong if the residual of this fit exceeds both
     # MAX_MISFIT_PART and MIN_MISFIT.
     MAX_MISFIT_PART = 0.04  # residual as a fraction of the squared motion
-    MIN_MISFIT = 1.5  # rms residual, in tolerances per image
-    # A wrong camera model is reported only if the residuals of successive rows of the fit have at
-    # least this correlation.
+    MIN_MISFIT = 1.5  # rms residual, in units of the tolerance
+    # A wrong camera model is reported only if the correlation between the residuals of successive
+    # rows of the fit is at least this.
     MIN_CORRELATION = 0.2
     # The scale of a camera motion (measured / predicted motion of the features) is wrong if it
     # differs from its expected value by more than MIN_DIFFERENCE plus MIN_DEVIATIONS standard
@@ -74,15 +74,16 @@ class CameraCheck:
     # least this many tolerances. The limit is larger than for a translation, because shaking joints
     # tilt the camera by angles that are not measured.
     MIN_ROTATION = 8.0
-    MIN_NOISE = 0.05  # lower bound of the estimated noise of a row, in tolerances
-    # Rms motion of the features due to shaking joints in a recorded run, as a fraction of the upper
-    # bound that `_estimate_shaking` computes.
+    # Lower bound of the estimated noise of a summed motion, in units of the tolerance.
+    MIN_NOISE = 0.05
+    # Ratio of the rms motion of the features due to shaking joints to the upper bound that
+    # `_estimate_shaking` computes. It was measured in a recorded run.
     SHAKING_FACTOR = 0.3
-    # Fraction of an image period in which a joint may still move at its previous speed.
+    # Largest delay of a change of the joint speeds, as a fraction of an image period.
     LATE_PART = 0.25
-    # The mean L of two images is used only if the predictions by the two L differ by less than this
-    # fraction of the predicted motion. For six moments and rotations near 180 degrees, they differ
-    # by 0.5 to 2 times the predicted motion, and the mean L leaves a third of the motion
+    # A pair of images is used only if its motions predicted by the first L and by the second L
+    # differ by less than this fraction of the motion. With larger differences, the mean of both L
+    # is inaccurate: near a rotation of 180 degrees it leaves a third of the motion of moments
     # unexplained.
     MAX_L_CHANGE = 0.3
 
@@ -98,7 +99,8 @@ class CameraCheck:
         self._last_measurement: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
         self._normal, self._right = np.zeros((6, 6)), np.zeros(6)
         self._square = self._path_length = 0.0
-        # Last row of the fit, and sums of the products of successive rows.
+        # Last row of the fit: predicted motion (k, 6) and measured motion (k,). The sums
+        # `_next_...` of products of successive rows give the correlation of their residuals.
         self._last_row: tuple[np.ndarray, np.ndarray] | None = None
         self._next_normal, self._next_right = np.zeros((6, 6)), np.zeros(6)
         self._next_square = 0.0
@@ -156,16 +158,16 @@ class CameraCheck:
             self._start_row(error)
 
     def _start_row(self, error: np.ndarray) -> None:
-        """Start a new row of the fit at an image with this error (k,)."""
+        """Start a new row of the fit, a sum of motions, at an image with this error (k,)."""
         self._start_error, self._parts = error, np.zeros((len(error), 6))
         self._images, self._shaking, self._target_motion = 0, 0.0, np.zeros(len(error))
 
     def _add_row(self, predicted: float, measured: np.ndarray) -> None:
-        """Add a row to the normal equations of the fit.
+        """Add the sums over the latest images to the normal equations, as one row of the fit.
 
         Args:
-            predicted: largest predicted motion of a feature, in tolerances.
-            measured: (k,) measured motion of the features, in tolerances.
+            predicted: largest predicted motion of a feature, in units of the tolerance.
+            measured: (k,) measured motion of the features, in units of the tolerance.
         """
         weight = 1.0 / (1.0 + self.SHAKING_FACTOR * self._shaking)
         parts, measured = weight * self._parts, weight * measured
@@ -192,7 +194,7 @@ class CameraCheck:
         """Return an upper bound of the feature motion that the joint speeds do not explain.
 
         Between two images, a joint may move differently than its speeds at these images predict.
-        The bound is in tolerances of the features.
+        The bound is in units of the tolerance of the features.
 
         Args:
             before, now: joint positions and velocities at the previous and at the present image.
@@ -243,11 +245,11 @@ class CameraCheck:
         )
 
     def _is_smooth(self, depth: float, misfit: float) -> bool:
-        """Return whether the residuals of successive rows are correlated.
+        """Return whether successive rows of the fit have correlated residuals.
 
         Args:
-            depth: fitted factor on all translations; the rotations have the factor 1.
-            misfit: residual of this fit as a fraction of the squared motion.
+            depth: fitted factor on all translations; the factor on the rotations is 1.
+            misfit: residual of the fit as a fraction of the squared motion of the features.
         """
         scale = np.array([depth] * 3 + [1.0] * 3)
         product = self._next_square - scale @ self._next_right + scale @ self._next_normal @ scale
@@ -287,24 +289,24 @@ def _fit_scales(
     deviations,
     min_noise,
 ):
-    """Fit the scale of the features' motion for each direction of the camera.
+    """Fit a scale of the features' motion to each direction of the camera, and find a wrong scale.
 
     The scales of the translations are compared with each other in pairs, and the scale of each
     rotation is compared with 1.
 
     Args:
         normal, right: (6, 6), (6,) normal equations of the fit, `normal @ scale = right`.
-        square: squared motion of the features.
-        rows: number of values in the normal equations.
+        square: sum of the squared motions of the features.
+        rows: number of motions in this sum.
         min_translation, min_rotation, min_difference, deviations, min_noise: see the constants of
             CameraCheck.
 
     Returns:
-        The factor on all translations that fits best if the rotations have the scale 1; the
-        residual of this fit as a fraction of the squared motion; the rms residual in tolerances;
-        the index of the direction with a wrong scale (-1 if there is none); the index of the
-        direction that it is compared with (the same index for a rotation); the scales of these two
-        directions (for a rotation, the second one is 1).
+        Seven values. The first three belong to a fit in which all translations share one factor and
+        the rotations have the factor 1: this factor; the residual as a fraction of `square`; the
+        rms residual in units of the tolerance. The other four describe the wrong scale: the index
+        of its direction, -1 if no scale is wrong; the index of the direction that it is compared
+        with, the same for a rotation; and both scales, the second of which is 1 for a rotation.
     """
     translation_square = translation_right = coupling = 0.0
     for i in range(3):
@@ -318,7 +320,7 @@ def _fit_scales(
     expected, damped = np.ones(6), normal.copy()
     for i in range(6):
         expected[i] = depth if i < 3 else 1.0
-        damped[i, i] += 0.1  # in a direction without motion, the scale keeps its expected value
+        damped[i, i] += 0.1  # regularisation: a direction without motion keeps its expected scale
     spread = _invert(damped)
     scale, left, misfit = np.zeros(6), square, square
     for i in range(6):
@@ -340,8 +342,7 @@ def _fit_scales(
             if not is_rotation:
                 variance += spread[j, j] - 2.0 * spread[i, j]
             deviation, unit = np.sqrt(variance), 1.0 if is_rotation else abs(depth)
-            # An error in the camera's measured motion makes the fitted scales too small by this
-            # bias.
+            # Errors of the measured camera motion reduce the fitted scales by about this amount.
             bias = max(left, 0.0) * variance
             excess = (abs(difference) - deviations * noise * deviation) / unit - bias
             excess -= min_difference
@@ -376,21 +377,21 @@ def _predict_motion(
     Args:
         error_before, error: (k,) error at the previous and at the present image.
         L_before, L: (k, 6) interaction matrix at each of the two images.
-        error_drift_before, error_drift: (k,) or (1,) drift of each error due to the target's
-            motion.
+        error_drift_before, error_drift: (k,) or (1,) rate of each error component due to the
+            target's motion, per s.
         motion: (6,) camera motion between the two images.
         dt: time between the two images, s.
         tolerances: (k,) unit of `parts`.
         parts: (k, 6) motion of each feature due to each direction of the camera, summed over the
-            images of a row, in tolerances; modified in place.
+            images of a row, in units of the tolerance; modified in place.
         target_motion: (k,) motion of each feature due to the target, summed over the images of a
             row; modified in place.
         is_angle: (k,) whether each component is an angle, which may wrap.
 
     Returns:
-        The largest predicted motion of a feature in this row, in tolerances; whether an angle
-        wrapped; the largest change of the predicted motion due to the difference of the two L, in
-        tolerances.
+        The largest predicted motion of a feature in this row, in units of the tolerance; whether an
+        angle wrapped; the largest change of the predicted motion due to the difference of the two
+        L, in units of the tolerance.
     """
     widest, greatest, wrapped, interaction_change = 0.0, 0.0, False, 0.0
     for i in range(len(error)):
@@ -416,9 +417,10 @@ def _predict_motion(
 
 @jit("f8[:], f8[:], f8[:], f8[:], f8, f8, f8[:,:], f8[:,:], f8[:]", allocates=False)
 def _compute_unexplained(q_before, v_before, q, v, dt, late, jacobian, L, tolerances):
-    """Return the largest feature motion that the joint speeds do not explain, in tolerances.
+    """Return the largest feature motion that the joint speeds do not explain.
 
-    A joint may move differently between two images than its speeds at these images predict.
+    A joint may move differently between two images than its speeds at these images predict. The
+    result is in units of the tolerance.
 
     Args:
         q_before, q: (n,) joint positions at two images.

@@ -31,9 +31,8 @@ IMMEDIATE = (
 )  # fmt: skip
 # Stops by the watchdog are forgotten if no further stop follows within this time, s.
 RECOVERY_TIME = 10.0
-# Images come rarely if the median period of the latest MEDIAN_PERIODS images is longer than this
-# part of the watchdog's time. Otherwise the gaps in which the watchdog stopped the arm are
-# exceptions, and a longer watchdog or a lower gain is no remedy.
+# Images come rarely if the median period of the latest MEDIAN_PERIODS images exceeds this fraction
+# of the watchdog's time. Only then are a longer watchdog and a lower gain suggested as a remedy.
 RARE_PART = 0.5
 MEDIAN_PERIODS = 30
 
@@ -78,8 +77,10 @@ class Diagnosis:
         # Stamp (s) and fault of each image for which the scheme failed.
         self._faults: list[tuple[float, str]] = []
         self._image_count = 0
-        self._stamps: deque[float] = deque(maxlen=MEDIAN_PERIODS + 1)  # of the latest images, s
-        self._longest_gap = 0.0  # longest time without an image since the first of the stops, s
+        # Stamps of the latest images, s.
+        self._stamps: deque[float] = deque(maxlen=MEDIAN_PERIODS + 1)
+        # Longest time without an image since the watchdog first stopped the arm, s.
+        self._longest_gap = 0.0
         self._outcome_stamp = -np.inf  # time at which the present outcome was first reported, s
         # Kind of outcome that may replace the present one, and the time (s) at which this kind was
         # first found.
@@ -213,7 +214,8 @@ class Diagnosis:
             found = diagnosis.judge(record, evidence)
             if found is not None:
                 break
-        # After repeated stops by the watchdog, images between the stops do not change the outcome.
+        # After repeated stops by the watchdog, the images that arrive between two stops do not
+        # change the outcome.
         is_recent = stamp - self._starvation_stamp < RECOVERY_TIME
         is_starved = found.kind == "running" and is_recent and self._starvation_count > 1
         evidence.current_outcome = (

@@ -31,7 +31,7 @@ DRIFT_OUTCOME = make_outcome(
 
 
 class Evidence:
-    """Findings about a run so far, to which the diagnoses add each image in their order.
+    """Findings about a run so far; all diagnoses read them and add the latest image to them.
 
     Attributes:
         run_context: arm, goal, scheme and settings, which do not change during the run.
@@ -42,9 +42,9 @@ class Evidence:
         last_touched_borders: image borders that the target touched last, as text.
         measured_stamp: stamp of the last image for which the scheme computed a task, s; None before
             the first.
-        is_running_away: whether the features have just moved farther than any camera motion
-            explains, so that the target itself must have moved.
-        error: (k,) error of the latest image, in tolerances.
+        is_running_away: whether the target itself must have moved, because the features have just
+            moved farther than any camera motion explains.
+        error: (k,) error of the latest image, in units of the tolerance.
         tolerances: (k,) tolerances of the scheme.
         is_angle: (k,) whether each component is an angle, which may wrap.
         target_motion: motion of the target, as text; empty if it is at rest.

@@ -49,7 +49,7 @@ class GainCheck:
 
         Args:
             stamp: stamp of the image, s.
-            error: (k,) error of the image, in tolerances.
+            error: (k,) error of the image, in units of the tolerance.
             scheme: scheme whose gain is checked.
             age: age of the image when its command acts, s.
         """
@@ -83,7 +83,7 @@ class GainCheck:
 
     @property
     def delay_outcome(self) -> Outcome | None:
-        """Return the outcome for a gain that is too high for the age of the images, or None."""
+        """Return the outcome for a gain too high for the delay from image to command, or None."""
         gain, age = find_gain(self._scheme), self._mean_age
         if gain is None or age is None or gain * age < MAX_GAIN_TIMES_AGE:
             return None

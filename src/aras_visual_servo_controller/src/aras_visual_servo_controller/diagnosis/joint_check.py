@@ -34,8 +34,8 @@ class JointCheck:
     # both MIN_SPEED_ERROR (rad/s or m/s) and SPEED_ERROR_FACTOR times its rms commanded velocity.
     MIN_SPEED_ERROR, SPEED_ERROR_FACTOR = 0.5, 3.0
     CHECK_PERIOD = 5  # number of images between two evaluations of the joints
-    # An oscillation of a joint is detected from joint states that cover at least this duration, s.
-    # A lagging joint is detected after SPAN.
+    # Joint states that cover at least this duration (s) are needed to detect an oscillation of a
+    # joint.
     MIN_SPAN = 0.3
 
     def __init__(self, names: Sequence[str] = (), lengths: np.ndarray | float = 1.0) -> None:
@@ -43,10 +43,11 @@ class JointCheck:
 
         Args:
             names: names of the n joints.
-            lengths: (n,) unit in which the motion of each joint is measured, rad or m.
+            lengths: (n,) motion of each joint (rad or m) that counts as one unit.
         """
         self._names, waits = tuple(names), np.ones(len(names))
-        # Units of the columns of `_samples`: whether the loop waits, and the two velocities.
+        # Units in which the columns of `_samples` are stored: 1 for the flags of waiting, and
+        # `lengths` for commanded and measured velocities.
         self._units = np.concatenate([waits, waits * lengths, waits * lengths])
         self._samples = RecentErrors()
         self._new_images = 0

@@ -13,23 +13,23 @@ from .joint_check import join_names
 from .step_check import StepCheck
 from .target_check import TargetCheck, compute_centre
 
-# The features agree with L if the correlation of measured and predicted motion exceeds this.
+# Smallest correlation of measured and predicted feature motion at which the features agree with L.
 MIN_CORRELATION = 0.5
-# A feature moves opposite to its prediction if the correlation of measured and predicted motion is
-# below this.
+# A feature moves opposite to its prediction by L if the correlation of its measured and predicted
+# motion is below this.
 OPPOSING_CORRELATION = -0.7
 # The correlation of measured and predicted motion is evaluated only if their ratio is between 1 /
 # MAX_MOTION_RATIO and MAX_MOTION_RATIO. A moving target causes ratios outside this range: the
 # features move farther than predicted, or hardly at all if the camera follows the target.
 MAX_MOTION_RATIO = 2.0
-# L is wrong if the ratio of measured to predicted motion is lower than this.
+# L is wrong if the features move less than this fraction of the motion that L predicts.
 MIN_MOTION_RATIO = 0.2
 # The scheme is wrong if the unexplained steps of its features exceed those of the target's centre
-# by this factor, both in tolerances.
+# by this factor, both in units of the tolerance.
 SCATTER_FACTOR = 50.0
-# The motion of the target's centre is added up until its prediction reaches this, in tolerances;
-# then the measured and the predicted sum are compared. The limit is small, because a camera that
-# moves in a wrong direction loses its target within 0.2 s.
+# The motion of the target's centre is added up until its prediction reaches this, in units of the
+# tolerance; then the measured and the predicted sum are compared. The limit is small, because a
+# camera that moves in a wrong direction loses its target within 0.2 s.
 CENTRE_MIN_ROW = 3.0
 # The scheme's L is wrong if the features contradict the camera's motion, but the measured and
 # predicted motion of the target's centre have at least this correlation.
@@ -139,7 +139,7 @@ class MotionCheck:
 
     @property
     def is_interaction_wrong(self) -> bool:
-        """Return whether a wrong L explains that the features contradict the camera's motion.
+        """Return whether the features contradict the camera's motion because L is wrong.
 
         This is the case if the target's centre moves as predicted from the camera's motion.
         """

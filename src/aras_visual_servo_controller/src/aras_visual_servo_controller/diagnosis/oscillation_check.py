@@ -13,11 +13,11 @@ MAX_CHANCE = 1e-8
 
 
 class OscillationCheck:
-    """Test for large reversals of the error that do not decay and have a dominant frequency.
+    """Detection of an oscillation: the error changes its direction regularly and does not decay.
 
-    Noise reverses as often, but it has no dominant frequency. The period of an oscillation is
-    unknown. Therefore time spans of different lengths (SPANS) are searched, the longer ones less
-    often.
+    The changes must be large and have a dominant frequency; noise has none. As the period of an
+    oscillation is unknown, time spans of different lengths (SPANS) are searched, the longer ones
+    less often.
     """
 
     # Lengths of the time spans in which an oscillation is searched for, s. A delay of 0.4 s causes
@@ -25,7 +25,7 @@ class OscillationCheck:
     SPANS = (2.0, 5.0, 12.0)
     # number of images between two searches for an oscillation, for each of SPANS
     CHECK_PERIODS = (1, 6, 12)
-    # smallest peak-to-peak height of an oscillation, in tolerances; noise is smaller
+    # smallest peak-to-peak height of an oscillation, in units of the tolerance; noise is smaller
     MIN_HEIGHT = 6.0
     MIN_REVERSALS = 5
     # If no frequency can be determined, an error oscillates only if the mean number of images
@@ -36,7 +36,7 @@ class OscillationCheck:
         self._errors, self._new_images = RecentErrors(), 0
 
     def add(self, stamp: float, error: np.ndarray) -> float | None:
-        """Add the error (k,) of an image, in tolerances.
+        """Add the error (k,) of an image, in units of the tolerance.
 
         Return the frequency of its oscillation (Hz), or None if it does not oscillate.
         """
@@ -150,7 +150,7 @@ def _find_dominant_wave(stamps, error, near_frequency):
 
 @jit("f8[:,:]")
 def _find_largest_error(errors):
-    """Return the index of the error component (m, k) whose second half has the largest range."""
+    """Return the index of the component of errors (m, k) that varies most in the second half."""
     largest, largest_range = 0, -1.0
     for column in range(errors.shape[1]):
         late = errors[len(errors) // 2 :, column]
@@ -187,8 +187,8 @@ def _find_frequency(stamps, errors, min_height, reversals):
 
     Args:
         stamps: (m,) stamps of the images, s.
-        errors: (m, k) errors, in tolerances.
-        min_height: smallest peak-to-peak height, in tolerances.
+        errors: (m, k) errors, in units of the tolerance.
+        min_height: smallest peak-to-peak height, in units of the tolerance.
         reversals: smallest number of reversals.
     """
     count = len(stamps)

@@ -1,9 +1,12 @@
 """Upper bound of the distance between an arrived camera and its goal, exceeded in 0.3 % of runs.
 
-The bound is the sum of the mean offset by L; the noise of this mean; twice the accuracy of the
-features, because the goal was measured in the same way; the offset along directions that kinematics
-control; the motion along directions that nothing measures; and the distance of other poses from
-which the target looks the same.
+The bound is a sum of
+
+- the mean offset of the camera, which follows from the error and L, and the noise of this mean;
+- twice the accuracy of the features, once for the image and once for the goal;
+- the offset along camera directions that the features do not control but kinematics hold constant;
+- the motion along directions that neither features nor kinematics measure;
+- the distance of other camera poses from which the target looks the same.
 
 Offsets are scaled in this module: rotations are multiplied by the target's depth, so that all six
 components are in m.
@@ -38,51 +41,48 @@ if TYPE_CHECKING:
 # If the uncertainty of the camera's pose is below this, 'converged' is reported without the
 # uncertainty. Translation as a fraction of the target's depth (0.3 mm at 0.2 m), rotation in rad.
 NEGLIGIBLE_UNCERTAINTY = (1.5e-3, radians(0.3))
-# A camera is at rest if it moves less than this between two images according to the joints:
-# translation as a fraction of the depth, rotation in rad.
+# A camera is at rest if, according to the joints, it moves less than this between two images:
+# translation as a fraction of the target's depth, rotation in rad.
 REST_MOTION = (5e-5, 1e-4)
 # After an image, the camera keeps its speed for at most this time, s, because the next command
 # takes effect gradually.
 REACTION_TIME = 0.06
-# Factors on the translation and the rotation of an offset that exceeds the noise. They account for
-# an L that is computed with 0.6 times the true depth, and for a mounting that is wrong by 8
-# degrees.
+# Safety factors on translation and rotation for the part of an offset that exceeds the noise. They
+# are large enough for an L computed with 0.6 times the true depth, and for a mounting that is wrong
+# by 8 degrees.
 OFFSET_FACTORS = 1.7, 1.4
-# Factor on the standard deviation of corners and pixels, whose errors have longer tails than a
-# normal distribution. Measured on 949 pairs of rendered views: with this factor, 0.8 % of the
-# offsets that are measured with corners exceed the 99.7 % bound, at most by a factor of 1.2. A
-# factor of 1.25 would reduce this to 0.1 % of the offsets, but widen the bound by a seventh.
+# Factor on the standard deviation of corners and pixels, because large errors are more frequent
+# than in a normal distribution. Measured on 949 pairs of rendered views: with this factor, 0.8 % of
+# the offsets that are measured with corners exceed the 99.7 % bound, at most by a factor of 1.2.
 TAIL_FACTOR = 1.1
 Z_997 = 2.748  # 99.7 % quantile of a normal distribution
-# Averaging does not remove this part of the standard deviation of one image, because the clipping
-# of noise at black and white shifts the measurement. Measured with corners and markers, averaged
-# over 25 images with a noise of 5 grey levels: independent noise would leave an error of 0.2
-# standard deviations of one image. The measured error is at least 0.4 standard deviations in a
-# quarter of the cases, and at least 0.8 in one case of twenty.
+# Part of the standard deviation of one image that averaging over images does not remove. It is due
+# to the clipping of noise at black and white. Measured with corners and markers over 25 images with
+# a noise of 5 grey levels: the error of the mean is at least 0.4 standard deviations in a quarter
+# of the cases. Independent noise would give 0.2.
 SYSTEMATIC_PART = 0.25
 # A direction of camera motion is not measured if its singular value of L is below this fraction of
 # the largest one.
 RANK_TOLERANCE = 1e-6
 # Largest offset of the camera for which the linearisation by L is valid: translation as a fraction
-# of the depth, rotation in rad. A direction that is known less accurately is treated as not
-# measured. For example, a small plate looks the same from two sides: the true offset of the camera
-# was 0.19 when the estimate was 0.08.
+# of the depth, rotation in rad. A direction of camera motion with a larger uncertainty is treated
+# as not measured.
 MAX_LINEAR_OFFSET = 0.05
-# Largest standard deviation of the camera's offset between single images, in the same units as
-# MAX_LINEAR_OFFSET. The limit is larger than MAX_LINEAR_OFFSET, because the mean over several
-# images is more accurate.
+# Largest standard deviation of the camera's offset in a single image, in m per m of depth and rad.
+# The limit is larger than MAX_LINEAR_OFFSET, because several images are averaged.
 MAX_SCATTER = 0.08
 # An unmeasured direction of camera motion is treated as a pure translation if its translation
-# exceeds its scaled rotation by this factor; if not, as a rotation about an axis.
+# exceeds its rotation times the target's depth by this factor; otherwise as a rotation about an
+# axis.
 MIN_TRANSLATION_RATIO = 20.0
 # The part of the error that no camera motion explains is evaluated only if L has at most this many
 # rows. Features with more components declare their accuracy.
 MAX_RESIDUAL_ROWS = 64
 # A direction of camera motion is measured poorly if its singular value of L is below this fraction
-# of the largest one. A nearby pose in this direction may have the same features.
+# of the largest one.
 WEAK_DIRECTION = 0.05
-# When the offset is computed from the target's plane, a camera motion is ignored if it changes the
-# plane by less than this fraction of the largest change.
+# When an offset is computed from the change of the target's plane, camera motions are ignored if
+# they change the plane by less than this fraction of the most effective motion.
 MIN_PLANE_CHANGE = 0.05
 NO_OFFSET, IDENTITY = np.zeros(6), np.eye(6)
 # Noise does not explain an error of more than this many standard deviations.
@@ -137,8 +137,7 @@ class ArrivalMargin:
             observation: observation of the image.
             goal: goal of the run.
             error: (k,) mean error of the last images.
-            accuracy: accuracy of the features to which the rows of L belong, see
-                `Feature.accuracy`.
+            accuracy: accuracy of the features that are the rows of L, see `Feature.accuracy`.
             ik_solution: joint velocities, which show in which directions an arm of few joints can
                 move the camera; None if it can move in all six.
             noise: (k,) standard deviation of each component of the mean error.
@@ -161,7 +160,8 @@ class ArrivalMargin:
             accuracy = _estimate_residual_accuracy(L, error, noise) if accuracy is None else (
                 accuracy * max(compute_unexplained_ratio(L, error, accuracy, noise), 1.0)
             )  # fmt: skip
-        if len(L) > 6:  # replace L by six rows that give the same least-squares solution
+        # With more than six rows, replace L by six rows that give the same least-squares solution.
+        if len(L) > 6:
             Q, L = np.linalg.qr(L)
             accuracy = None if accuracy is None else Q.T @ accuracy
         self._ik_solution = ik_solution
@@ -187,10 +187,9 @@ class ArrivalMargin:
         rows = min(len(L), len(s))
         self._coupling = np.eye(6) - out[:, :rows] @ u.T[:rows] @ L
         self._unseen_directions = along[~is_measured]
-        # A computed goal has an exact pose, so the target's plane predicted by kinematics can be
-        # compared in all directions. If the goal was taught with the present camera, the target may
-        # have been moved since. Then only the direction of the plane's normal is compared, and only
-        # for camera directions that the features measure poorly.
+        # The target's plane by kinematics is compared with the goal's. If the goal was taught with
+        # the present camera, the target may have been moved since teaching. Then only the direction
+        # of the plane's normal is compared, for camera directions that the features measure poorly.
         self._is_goal_camera = goal.camera is not None and goal.camera == observation.camera
         self._plane_offset: tuple[float, float] | None = None
         self._doubtful_directions = (
@@ -199,7 +198,8 @@ class ArrivalMargin:
 
     @property
     def has_unseen_directions(self) -> bool:
-        """Return whether neither features nor kinematics measure some direction of the camera."""
+        """Return whether there is a camera direction that neither features nor kinematics measure.
+        """
         return len(self._unseen_directions) > 0
 
     def bound_uncertainty(
@@ -214,7 +214,8 @@ class ArrivalMargin:
         Args:
             observation: observation of the image.
             offsets: mean offset and its covariance.
-            unseen_motion: (6,) motion that the image shows but no feature measures, scaled.
+            unseen_motion: (6,) camera motion that the image shows but no feature measures, in m
+                (rotations times the target's depth).
             poses: ambiguous poses at which the camera may be.
 
         Returns:
@@ -241,7 +242,7 @@ class ArrivalMargin:
             remedy = ADD_FEATURE
         else:
             cause, remedy = "because of noise and limited image accuracy", USE_LARGER_TARGET
-            # The offset of the plane is computed only once, because the camera is at rest after its
+            # The offset due to the plane is computed once, because the camera is at rest after its
             # arrival.
             if self._plane_offset is None:
                 offset = self.compute_offset(observation, offsets.mean)
@@ -276,25 +277,39 @@ class ArrivalMargin:
         return PoseUncertainty(distance, angle, " and ".join(parts), reason, remedy)
 
     def compute_offset(self, observation: Observation, offset: np.ndarray) -> np.ndarray:
-        """Return the camera's offset (6,) from the goal by features and kinematics, scaled."""
+        """Combine an offset measured by the features with the offset that kinematics give.
+
+        Args:
+            observation: observation with the camera's pose.
+            offset: (6,) offset of the camera from the goal by features, m and rad.
+
+        Returns:
+            The combined offset (6,), in m (rotations times the target's depth).
+        """
         return offset * self._scale + self._coupling @ self._compute_held_offset(observation)
 
     def compute_covariance(self, offsets: PoseOffsets) -> np.ndarray:
-        """Return the covariance (6, 6) of the offset by features and kinematics."""
+        """Return the covariance (6, 6) of the mean offset, in m^2 (rotations times the depth).
+
+        It is the sum of the scatter that remains in the mean and of the accuracy of the features.
+        """
         scatter = self._scale[:, None] * offsets.scatter * self._scale
         return self._compute_scatter_part(offsets) * scatter + self._measurement_covariance
 
     def _compute_plane_offset(
         self, observation: Observation, offset: np.ndarray
     ) -> tuple[float, float]:
-        """Return the additional camera offset that follows from the target's plane by kinematics.
+        """Compute how far the camera is from its goal according to the plane of the target.
 
-        Only directions that the features measure poorly are evaluated. A camera motion v, w changes
-        the plane p by (p . v) p + p x w and its normal n by n x w.
+        Kinematics predict the target's plane p in the camera frame. The result is the camera motion
+        that explains, in addition to `offset`, how p differs from the plane at the goal. A camera
+        motion v, w changes p by (p . v) p + p x w, and its normal n by n x w. If the goal was
+        taught with this camera, only directions that the features measure poorly are evaluated.
 
         Args:
             observation: observation with the camera's pose.
-            offset: (6,) offset of the camera from the goal by features, scaled.
+            offset: (6,) offset of the camera from the goal by features, in m (rotations times the
+                target's depth).
 
         Returns:
             Distance, m, and angle, rad.
@@ -317,7 +332,7 @@ class ArrivalMargin:
         return split_directions(observation, self._goal, self._modelled, self._ik_solution)[0]
 
     def _compute_scatter_part(self, offsets: PoseOffsets) -> float:
-        """Return the fraction of one image's variance that remains in the mean over the images."""
+        """Return the ratio of the variance of the mean offset to that of one image's offset."""
         return 1.0 / max(offsets.count - 1, 1) + self._systematic_part**2
 
     def _bound_unseen_motion(self) -> tuple[float, float]:
@@ -329,14 +344,14 @@ class ArrivalMargin:
         )
         if len(self._unseen_directions) > 1 or distance > MIN_TRANSLATION_RATIO * angle:
             return inf, pi
-        # the unmeasured motion is a rotation about an axis
+        # the unmeasured motion is a rotation, by up to pi, about an axis beside the camera
         return 2.0 * distance * self._depth / angle, pi
 
 
 def split_directions(
     observation: Observation, goal: Goal, modelled: np.ndarray, ik_solution: IKSolution | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Split the camera directions into those that kinematics control and those of the task.
+    """Split the camera directions into those that the task controls and those held by kinematics.
 
     For an arm with fewer than six joints, the directions of the task are all those in which the arm
     can move the camera.
@@ -348,8 +363,8 @@ def split_directions(
         ik_solution: joint velocities with the arm's Jacobian; None for a free camera.
 
     Returns:
-        The offset (6,) along the directions that kinematics control, and the directions (f, 6) in
-        which the task moves the camera, scaled.
+        The offset (6,) along the held directions, and the directions (f, 6) of the task. Rotations
+        are multiplied by the target's depth.
     """
     if ik_solution is not None and ik_solution.jacobian.shape[1] < 6:
         scale = np.repeat((1.0, goal.distance), 3)
@@ -366,7 +381,7 @@ def split_directions(
 def _estimate_residual_accuracy(
     L: np.ndarray, error: np.ndarray, noise: np.ndarray | float
 ) -> np.ndarray | None:
-    """Estimate the accuracy (k, k) of features that declare none.
+    """Estimate the accuracy (k, k) of features that do not define their own accuracy.
 
     The accuracy is estimated from the part of the error (k,) that, according to L (k, 6), no camera
     motion explains. The squared noise (k,) is subtracted from the square of this part. Return None
@@ -425,16 +440,18 @@ def compute_confidence_length(mean, covariance):
 
 @jit("f8[:], f8[:,:], f8[:,:], f8, f8[:,:], f8[:], f8[:]")
 def _compute_bounds(mean, scatter, measured, scatter_part, coupling, held_offset, scale):
-    """Return 99.7 % bounds of an offset's translation and rotation, both scaled to m.
+    """Return 99.7 % bounds of an offset's translation and rotation, the latter times the depth, m.
 
     Args:
         mean: (6,) mean offset that the images show, m and rad.
         scatter: (6, 6) covariance of the offset of a single image, m and rad.
-        measured: (6, 6) covariance due to the accuracy of the features, scaled.
+        measured: (6, 6) covariance due to the accuracy of the features, scaled by `scale`.
         scatter_part: fraction of `scatter` that remains in the mean.
-        coupling: (6, 6) matrix that maps `held_offset` to the offset that it causes, scaled.
-        held_offset: (6,) offset along the directions that kinematics control, scaled.
-        scale: (6,) factors that scale an offset.
+        coupling: (6, 6) matrix that maps `held_offset` to its contribution to the offset of the
+            camera.
+        held_offset: (6,) offset along the directions that kinematics hold constant, scaled by
+            `scale`.
+        scale: (6,) factors 1 for translations, and the target's depth for rotations.
     """
     known, covariance, factors = np.empty(6), np.empty((6, 6)), np.empty(2)
     for block in range(2):

@@ -33,22 +33,25 @@ SLOW_PROGRESS = 0.98
 MIN_IMAGE_PART = 0.6
 # If the scatter of the error from image to image exceeds both MIN_NOISE and MIN_NOISE_PART, the
 # error is too noisy to show whether the camera is at its goal.
-MIN_NOISE = 1.0  # scatter from image to image, in tolerances
+MIN_NOISE = 1.0  # scatter from image to image, in units of the tolerance
 MIN_NOISE_PART = 0.5  # scatter from image to image, as a fraction of the total scatter
-FULL_SPEED = 0.99  # a joint limits the motion if its limits scale all velocities by less than this
-# The run needs more time if a joint limits the motion in more than this fraction of its images.
+# A joint limits the motion if its limit reduces all velocities to less than this fraction.
+FULL_SPEED = 0.99
+# The run needs more time if a joint limits the motion in more than this fraction of the run's
+# images.
 MIN_SLOWED_PART = 0.3
 # smallest commanded camera speed that is evaluated, in depths of the target per second
 MIN_SPEED = 1e-3
 # a motion is infeasible if the arm loses more than this part of the desired twist
 MAX_LOST_PART = 0.3
-# speed that counts as much as a rotation at 1 rad/s, in target depths per second
+# Weight of a rotation in the camera's speed: a rotation at 1 rad/s counts as much as a translation
+# at this speed, in target depths per second.
 ROTATION_WEIGHT = 0.5
 # The camera is in a local minimum if, according to L, no camera motion reduces the error by at
 # least this fraction.
 MIN_EXPLAINED_PART = 0.1
-# If the time between two images exceeds this (s), the run is slow because of the frame rate and not
-# because of the gain.
+# If the mean time between two images is longer than this (s), the low frame rate, and not the gain,
+# explains why the error decreases slowly.
 MAX_PERIOD = 0.2
 
 
@@ -56,8 +59,7 @@ MAX_PERIOD = 0.2
 class _ServoedImage:
     """Data of one image at which the camera was servoed.
 
-    The error, a list of k numbers, and its size, the largest component, are in units of the
-    tolerances (k,).
+    `error` is a list of k numbers in units of the tolerances (k,); `error_size` is the largest.
     """
 
     stamp: float
@@ -110,12 +112,12 @@ class ProgressCheck:
         self._window: deque[_ServoedImage] = deque()
         self._duration = duration
         self._image_count = self._slowed_count = 0
-        # Time (s) of an image and size of its error (in tolerances): `_first` for the first image,
-        # `_last_slowed` for the last image at which a limit reduced the velocity.
+        # Time (s) and size of the error (in units of the tolerance) at two images: `_first` is the
+        # first image, and `_last_slowed` the last one at which joint limits slowed the motion.
         self._first: tuple[float, float] | None = None
         self._last_slowed, self._limiting_joint = (0.0, 0.0), ""
-        # Stamp (s) of the first image since which each error has been within its tolerance; None if
-        # an error of the latest image exceeds it.
+        # Stamp (s) since which all components of the error have been within their tolerances; None
+        # if one exceeds its tolerance in the latest image.
         self._within_since: float | None = None
 
     def clear(self) -> None:
@@ -127,7 +129,7 @@ class ProgressCheck:
         self, state: ServoState, tolerances: np.ndarray, depth: float = DEFAULT_DEPTH,
         is_stretched: bool = False,
     ) -> np.ndarray:
-        """Add one image and return its error (k,), in tolerances.
+        """Add one image and return its error (k,), in units of the tolerance.
 
         Args:
             state: state of the loop at the image.
@@ -173,7 +175,7 @@ class ProgressCheck:
 
     @property
     def settled_time(self) -> float:
-        """Return for how long each error has been within its tolerance, s."""
+        """Return for how long all components of the error have been within their tolerances, s."""
         since = self._within_since
         return 0.0 if since is None else self._window[-1].stamp - since
 
@@ -211,15 +213,19 @@ class ProgressCheck:
 
     @property
     def noise(self) -> float:
-        """Return the scatter of the largest error component from image to image, in tolerances.
+        """Return the scatter of the largest error component from image to image.
 
-        Return 0 if the scatter is small, or if a motion or an oscillation causes it.
+        The unit is the tolerance of the component. Return 0 if the scatter is small, or if a motion
+        or an oscillation causes it.
         """
         return _estimate_noise(self._window)
 
     @property
     def _halves(self) -> tuple[float, float]:
-        """Return the mean errors in the first and the second half of WINDOW, in tolerances."""
+        """Return the mean sizes of the error in the first and the second half of WINDOW.
+
+        The unit is the tolerance.
+        """
         images = list(self._window)
         half = len(images) // 2
         before, after = (
@@ -281,7 +287,8 @@ class ProgressCheck:
         slow = self.is_shrinking or after < SLOW_PROGRESS * before
         rate = float(np.log(max(before, 1e-9) / max(after, 1e-9))) / (0.5 * WINDOW)
         if (noise := self.noise) > 0.0:
-            # If the error is noisy, the measured rate of its decrease is not reliable.
+            # A noisy error makes the measured rate of decrease unreliable, so a clear decrease is
+            # required.
             slow = after < MIN_PROGRESS * before
             others = suggest_more_time(self._duration, after, rate).changes if slow else ()
             return replace(make_outcome(
@@ -309,9 +316,10 @@ def _compute_speed(twist: np.ndarray, depth: float) -> float:
 
 
 def _estimate_noise(images: Sequence[_ServoedImage]) -> float:
-    """Return the scatter of the largest error component from image to image, in tolerances.
+    """Return the scatter of the largest error component from image to image.
 
-    Return 0 if the scatter is small, or if a motion or an oscillation causes it.
+    The unit is the tolerance of the component. Return 0 if the scatter is small, or if a motion or
+    an oscillation causes it.
     """
     if len({len(s.error) for s in images}) != 1 or len(images) < 10:
         return 0.0
@@ -319,9 +327,8 @@ def _estimate_noise(images: Sequence[_ServoedImage]) -> float:
     scatter = errors.std(axis=0)
     largest = int(scatter.argmax())
     change = np.diff(errors[:, largest])
-    # The mean square of the second difference is 0 for a steady motion, and 6 times the variance
-    # for white noise. The mean square of the first difference is twice the variance for white
-    # noise, and 4 times the variance for an error that changes its sign at every image.
+    # The second difference of a steady motion is 0, so the motion does not count as noise. The
+    # second difference of white noise has 6 times the variance of the noise.
     noise = float(np.sqrt((np.diff(change) ** 2).mean() / 6.0))
     if (change**2).mean() > 3.0 * scatter[largest] ** 2:
         return 0.0

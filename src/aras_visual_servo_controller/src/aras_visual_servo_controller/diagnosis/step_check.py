@@ -48,7 +48,7 @@ class StepCheck:
     Attributes:
         jumps: jumps of the error within the last JUMP_WINDOW seconds.
         first_jump: first jump of the run; None if there was none.
-        unchanged_since: time at which the error stopped changing although the camera's motion
+        unchanged_since: time since which the error has been constant although the camera's motion
             should have changed it by MIN_PREDICTED_MOTION tolerances, s; None while the error
             changes.
         occluded_since: time at which a part of the target inside the image became invisible, s;
@@ -57,30 +57,33 @@ class StepCheck:
         names: (k,) names of the features.
         next_region: ranges of x and y, normalised, in which the target may be in the next image;
             None if the target has not been visible.
-        typical_step: usual size of the unexplained steps, in tolerances.
+        typical_step: usual size of the unexplained steps, in units of the tolerance.
     """
 
     # The error jumps repeatedly if it has jumped FREQUENT_JUMPS times within JUMP_WINDOW seconds.
     JUMP_WINDOW, FREQUENT_JUMPS = 2.0, 4
-    # A step of the error between two images is a jump if it exceeds MIN_JUMP tolerances and is more
-    # than JUMP_FACTOR times as large as the typical step and as the step explained by the camera's
-    # motion.
+    # A step of the error between two images is a jump if it exceeds MIN_JUMP tolerances and
+    # JUMP_FACTOR times the larger of two values: the typical step, and the step that the camera's
+    # motion explains.
     MIN_JUMP, JUMP_FACTOR = 20.0, 8.0
     STEP_MEMORY = 0.9  # weight of the old value in the running means of the steps
     # `unchanged_since` is set if the error has not changed in UNCHANGED_IMAGES images although the
     # features should have moved by MIN_PREDICTED_MOTION tolerances.
     MIN_PREDICTED_MOTION, UNCHANGED_IMAGES = 5.0, 8
     # The steps of successive images are added up until their predicted motion is at least this
-    # large, in tolerances; then noise is a small part of the sum. The sums of measured and of
-    # predicted steps are together called a row.
+    # large, in units of the tolerance; then noise is a small part of the sum. The sums of measured
+    # and of predicted steps are together called a row.
     MIN_ROW = 8.0
-    MIN_ROWS = 5  # smallest number of rows from which a correlation is computed
+    # Smallest number of sums from which the correlation of measured and predicted motion is
+    # computed.
+    MIN_ROWS = 5
     RECENT_IMAGES = 5
     # The features drift although the camera is at rest if their motion exceeds MIN_DRIFT
     # tolerances, and if a steady drift explains more than MIN_DRIFT_PART of the squared steps.
     # For noise in n images, this part is only about 1/n.
     MIN_DRIFT, MIN_DRIFT_PART = 2.5, 0.7
-    MAX_REST_MOTION = 0.05  # largest predicted motion of a camera at rest, in tolerances
+    # A camera is at rest if its motion should move no feature by more than this many tolerances.
+    MAX_REST_MOTION = 0.05
     # Smallest and largest number of images in which a drift of the features is searched for while
     # the camera is at rest.
     MIN_REST_IMAGES, MAX_REST_IMAGES = 4, 30
@@ -102,7 +105,8 @@ class StepCheck:
         """Create the check.
 
         Args:
-            min_row: predicted motion that completes a row, in tolerances; see MIN_ROW.
+            min_row: predicted motion over which measured and predicted motion are summed before
+                they are compared, in units of the tolerance; see MIN_ROW.
         """
         self._min_row = min_row
         self.jumps: deque[Jump] = deque(maxlen=self.FREQUENT_JUMPS)
@@ -113,18 +117,18 @@ class StepCheck:
         self._last_measurement: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
         self.typical_step, self._count = 1.0, 0
         self._same_count, self._same_stamp, self._path = 0, 0.0, 0.0
-        # Since the camera is at rest: number of images, sum of the squared steps of the features,
-        # and sum of the steps (k,), in tolerances.
+        # Sums over the images since the camera came to rest: number of images, squared steps of the
+        # features, and steps (k,), in units of the tolerance.
         self._rest_sums: tuple[int, float, np.ndarray | float] = 0, 0.0, 0.0
         self.has_drift = False
         self._steps: deque[tuple[float, float, float]] = deque(maxlen=self.RECENT_IMAGES)
         # Predicted squared distance of the camera from the target in the last image, relative to
         # that at the goal.
         self._scale = 1.0
-        # Area of the target in the last image, corrected for the distance, relative to the area at
-        # the goal.
+        # Area of the target in the last image relative to the goal's, after the effect of the
+        # distance has been removed.
         self._last_area = 0.0
-        # Running mean of the target's corrected area, and its typical relative deviation.
+        # Running mean of such areas, and their typical relative deviation from the mean.
         self._mean_area = self._area_deviation = 0.0
         # Number of images since a part of the target disappeared, and the stamp (s) of the first of
         # these images.
@@ -154,8 +158,8 @@ class StepCheck:
         whole = rest = predicted = 0.0
         for step in self._steps:
             whole, rest, predicted = whole + step[0], rest + step[1], predicted + step[2]
-        # If the features move less, the camera's motion could explain their motion with a wrong
-        # mounting of the camera.
+        # A smaller motion of the features may also be due to a wrong mounting of the camera, so it
+        # is not attributed to the target.
         return rest / whole if whole > max(self.MIN_JUMP, self.JUMP_FACTOR * predicted) else 0.0
 
     @property
@@ -174,7 +178,7 @@ class StepCheck:
 
     @property
     def feature_correlations(self) -> np.ndarray | None:
-        """Return the correlation (k,) of each feature's motion with its prediction by L, -1 to 1.
+        """Return the correlation (k,) of measured with predicted motion of each feature, -1 to 1.
 
         The correlation of a feature with too little predicted motion is 0. Return None if there are
         no data.
@@ -188,7 +192,7 @@ class StepCheck:
 
     @property
     def correlation(self) -> float:
-        """Return the correlation of all features' motion with the prediction by L, -1 to 1.
+        """Return the correlation of measured with predicted motion of all features, -1 to 1.
 
         Return 1 if the predicted motion is too small.
         """
@@ -201,7 +205,8 @@ class StepCheck:
 
     @property
     def has_enough_motion(self) -> bool:
-        """Return whether the camera has moved the features far enough for a correlation."""
+        """Return whether the camera has moved far enough to compare measured with predicted motion.
+        """
         return (
             self._correlation_sums is not None
             and self._correlation_sums[2].sum() >= self.MIN_ROWS * self._min_row**2
@@ -283,7 +288,7 @@ class StepCheck:
 
         Args:
             moved: squared length of the step.
-            step: (k,) change of the features, in tolerances.
+            step: (k,) change of the features, in units of the tolerance.
         """
         images, square, sums = self._rest_sums
         images, square, sums = self._rest_sums = images + 1, square + moved, sums + step
@@ -351,9 +356,9 @@ class StepCheck:
 def predict_area(observation: Observation, goal: Goal) -> float:
     """Return the area that the target should have in this view, relative to the goal.
 
-    The area is predicted from the estimated plane. A small patch of a plane n . P = d, at depth Z,
-    has an image area of d / Z^3 times its own area. The plane gives 1 / Z and n / d. Without a
-    plane, the area is assumed to be inversely proportional to the squared distance.
+    The image area of a small patch at depth Z, in a plane at the distance d from the camera, is d /
+    Z^3 times the area of the patch. Both d and Z follow from the estimated plane. Without a plane,
+    the area is assumed to be inversely proportional to the squared distance.
     """
     measured, desired, plane = observation.moments, goal.moments, observation.plane
     if plane is None or goal.plane is None:
@@ -403,21 +408,22 @@ def _compare_step(
     Args:
         error_before, error: (k,) error at the previous and at the present image.
         L_before, L: (k, 6) interaction matrix at each of the two images.
-        error_drift_before, error_drift: (k,) or (1,) drift of each error due to the target's
-            motion.
+        error_drift_before, error_drift: (k,) or (1,) rate of each error component due to the
+            target's motion, per s.
         motion: (6,) motion of the camera between the two images.
         dt: time between the two images, s.
         tolerances: (k,) tolerance of each component of the error.
         is_angle: (k,) whether each component is an angle, which may wrap.
-        min_row: predicted motion, in tolerances, that completes a row.
+        min_row: predicted motion, in units of the tolerance, at which a row (a sum over successive
+            steps) is complete.
         row: (2, k) measured and predicted motion of the incomplete row; modified in place.
         sums: (3, k) sums over complete rows of measured times predicted motion, measured motion
             squared, predicted motion squared; modified in place.
 
     Returns:
-        The largest unexplained step, in tolerances; the index of its feature; the explained step of
-        this feature; the sums of the squares of all steps and of the unexplained steps, in
-        tolerances; the largest predicted step; whether an angle wrapped.
+        The largest unexplained step, in units of the tolerance; the index of its feature; the
+        explained step of this feature; the sums of the squares of all steps and of the unexplained
+        steps, in units of the tolerance; the largest predicted step; whether an angle wrapped.
     """
     largest, at, explained, square, unexplained, path, longest = -1.0, 0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(len(error)):

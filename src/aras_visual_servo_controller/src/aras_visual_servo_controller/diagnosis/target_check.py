@@ -23,16 +23,16 @@ from ..schemes.base import SchemeOutput
 
 @dataclass(frozen=True, eq=False)
 class _Row:
-    """One row of the fit: motion of k features over at least ROW_PERIOD, in tolerances.
+    """One row of the fit: motion of k features over at least ROW_PERIOD, in units of the tolerance.
 
     Attributes:
         stamp: middle of the period, s.
         feature_motion: (k,) measured motion.
-        L: (k, 6) mean interaction matrix, in tolerances.
+        L: (k, 6) mean interaction matrix, in units of the tolerance.
         motion: (6,) motion of the camera.
-        drift: (k, 6) motion of the features that a unit twist of the target causes in this period.
-            The twist is in world axes; its reference point is the camera's position at the first
-            row.
+        drift: (k, 6) motion of the features that each component of the target's twist causes in
+            this period, per unit. The twist is in world axes; its reference point is the camera's
+            position at the first row.
     """
 
     stamp: float
@@ -43,7 +43,7 @@ class _Row:
 
 
 class _RowSums:
-    """Sums of the rows of the fit over groups of `rows_per_sum` rows, in tolerances.
+    """Sums over groups of `rows_per_sum` successive rows of the fit, in units of the tolerance.
 
     Attributes:
         feature_motion: (n,) measured motion of the features; n is the number of groups times the
@@ -88,7 +88,7 @@ class _RowSums:
 
     @property
     def drift(self) -> np.ndarray:
-        """Return the feature motions (n, 6) due to a unit twist of the target."""
+        """Return the feature motions (n, 6) due to each component of a unit twist of the target."""
         return self._sum_rows(np.array([row.drift for row in self._rows]))
 
     @property
@@ -137,25 +137,25 @@ class TargetCheck:
       rotation.
     - The target moves with a constant twist, and may also oscillate at one frequency.
 
-    The ratio of the third residual to the first one was measured on the simulated outcomes of
-    tests/outcomes (30 images per second; kinematic arm and free camera). It is 1e-5 for a target
-    that moves at 10 to 40 mm/s, at most 0.035 for a target that oscillates by 5 to 20 mm at 0.2 to
-    0.6 Hz, at least 0.2 for a wrong mounting or focal length, and 0.9 for image noise.
+    The ratio of the third residual to the first one was measured in simulations with 30 images per
+    second. It is 1e-5 for a target that moves at 10 to 40 mm/s, at most 0.035 for a target that
+    oscillates by 5 to 20 mm at 0.2 to 0.6 Hz, at least 0.2 for a wrong mounting or focal length,
+    and 0.9 for image noise.
     """
 
-    ROW_PERIOD = 0.12  # one row of the fit is the motion during at least this time, s
+    ROW_PERIOD = 0.12  # motions are summed over at least this time (s) to one row of the fit
     SPAN = 6.0  # time over which the target's motion is fitted, s
     MIN_ROWS = 10  # number of rows (motions of ROW_PERIOD) before the first fit
     CHECK_PERIOD = 5  # number of new rows (motions of ROW_PERIOD) between two fits
-    # Smallest number of values in a fit if rows are not summed. A wrong camera model is fitted with
-    # 18 factors, which would explain any small set of values.
+    # Smallest number of values in a fit to single rows. A wrong camera model is fitted with 18
+    # factors, which would explain a smaller set of values even if the target moved.
     MIN_NUMBERS = 60
-    # Numbers of rows in a group of rows that are summed. If groups of one row show no motion,
-    # larger groups are tried: a target at 1 mm/s moves by less than the tolerances within
-    # ROW_PERIOD, and the sum over a group has no more noise than one row.
+    # Numbers of successive rows that are summed before a fit. Larger sums are used if smaller ones
+    # show no motion: a target at 1 mm/s moves by less than the tolerances within ROW_PERIOD, but a
+    # sum over many rows shows its motion, and has no more noise than one row.
     ROWS_PER_SUM = (1, 3, 6, 12)
     # A motion of the target is fitted only if the rms residual for a target at rest exceeds this,
-    # in tolerances. There is one value for each number in ROWS_PER_SUM.
+    # in units of the tolerance. There is one value for each number in ROWS_PER_SUM.
     MIN_RESIDUAL = (0.3, 0.3, 0.3, 0.15)
     MIN_SUMMED_NUMBERS = 12  # smallest number of values in a fit if rows are summed in groups
     # An oscillation of the target is fitted only to rows that cover at least this time, s.
@@ -163,8 +163,8 @@ class TargetCheck:
     # The target moves if a motion of the target reduces the residual to less than this fraction of
     # the residual for a target at rest.
     MAX_RESIDUAL_PART = 0.1
-    # The residual for a moving target also has to be less than this fraction of the residual for a
-    # wrong camera model.
+    # A moving target is reported only if its residual is also less than this fraction of the
+    # residual for a wrong camera model.
     MAX_CAMERA_PART = 0.5
     # Smallest factor on the camera's translations that a wrong depth can explain. A smaller factor
     # shows that the camera follows a moving target.
@@ -255,7 +255,7 @@ class TargetCheck:
         return self._motion_text
 
     def _start_row(self) -> None:
-        """Start a new row of the fit at this image."""
+        """Start a new row of the fit, which sums the motions after this image."""
         self._time, self._image_count = 0.0, 0
         self._motion = np.zeros(6)
 
@@ -266,8 +266,8 @@ class TargetCheck:
             rows.clear()
         if not rows:
             self._origin = pose[:3, 3]
-        # The target's twist has the same effect on the image as the opposite twist of the camera.
-        # At the distance d from the reference point of the twist, the velocity is v + w x d.
+        # A twist v, w of the target changes the image like the opposite twist of the camera. At the
+        # distance d from the twist's reference point, the target's velocity is v + w x d.
         camera_R_world = pose[:3, :3].T
         translation_L, rotation_L = L[:, :3] @ camera_R_world, L[:, 3:] @ camera_R_world
         lever = skew(pose[:3, 3] - self._origin)
@@ -295,7 +295,7 @@ class TargetCheck:
             rest = rows.compute_rest_residual(max(depth, self.MIN_DEPTH_FACTOR))
             square = float(rest @ rest)
             if group == 1 and square * self.ROWS_PER_SUM[-1]**2 < self.MIN_RESIDUAL[-1]**2 * count:
-                return ""  # no sum of rows can reach the required MIN_RESIDUAL
+                return ""  # too small for MIN_RESIDUAL, even if all rows are summed in groups
             if square >= min_residual**2 * count:
                 if np.linalg.matrix_rank(self._rows[-1].L[:, :3]) < 2:
                     return ""  # L of rank 1 does not determine the target's motion
@@ -303,7 +303,14 @@ class TargetCheck:
         return ""
 
     def _explain_motion(self, rows: _RowSums, depth: float, residual: float) -> str:
-        """Describe the target motion that explains the residual; empty text if none does."""
+        """Describe the target motion that explains the features' motion; empty text if none does.
+
+        Args:
+            rows: measured motion of the features, and the effects of the camera's and target's
+                motions.
+            depth: fitted factor on the camera's translations.
+            residual: squared motion of the features that the camera's motion does not explain.
+        """
         effect, motion = rows.translation_effect, rows.feature_motion - rows.rotation_effect
         columns = np.column_stack([effect, rows.drift])
         camera_residual = np.inf
@@ -317,15 +324,15 @@ class TargetCheck:
             )
         self.has_camera_explanation = camera_residual < self.CAMERA_EXPLAINS_PART * residual
         bound = min(self.MAX_RESIDUAL_PART * residual, self.MAX_CAMERA_PART * camera_residual)
-        # The first column fits the deviation of the depth factor from 1. If the camera follows its
-        # target at constant speed, the features do not move. The regularised fit must then find a
-        # velocity of the target, and not a depth factor of 0.
+        # If the camera follows its target at constant speed, the features do not move. The fit must
+        # then find the velocity of the target and not a depth factor of 0. Therefore its first
+        # column fits only the deviation of the depth factor from 1, which is kept small by
+        # regularisation.
         constant, velocity = _fit_columns(columns[:, :4], motion - effect)
         if constant < bound:
             return f"it moves at {1e3 * float(np.linalg.norm(velocity[1:])):.1f} mm/s"
-        # The sums over large groups of rows are few and change smoothly, so a rotation or an
-        # oscillation can explain half of their motion by chance. Therefore the sums need a lower
-        # residual.
+        # Large groups give few sums, which change smoothly. A rotation or an oscillation may
+        # explain half of them by chance, so a smaller residual is required for larger groups.
         bound = min(self.MAX_RESIDUAL_PART / rows.rows_per_sum**2 * residual, bound)
         # With fewer than six feature values per image, a rotation cannot be distinguished from a
         # translation.
@@ -348,8 +355,8 @@ class TargetCheck:
         span = time[-1]
         if span < self.MIN_OSCILLATION_SPAN:
             return ""
-        # The effects of the depth and of a constant twist do not depend on the frequency, so they
-        # are removed before the frequencies are tested.
+        # The effects of a wrong depth and of a constant twist are the same at all frequencies. They
+        # are therefore subtracted from the motion before oscillations are fitted.
         base = np.linalg.qr(columns)[0]
         feature_motion = feature_motion - base @ (base.T @ feature_motion)
         min_residual, best_frequency = np.inf, 0.0
@@ -400,8 +407,8 @@ def _add_step(
     Args:
         error_before, error: (k,) error at the previous and at the present image.
         L_before, L: (k, 6) interaction matrix at each of the two images.
-        error_drift_before, error_drift: (k,) or (1,) drift of each error due to the target's
-            motion.
+        error_drift_before, error_drift: (k,) or (1,) rate of each error component due to the
+            target's motion, per s.
         tolerances_before, tolerances: (k,) tolerances at each of the two images.
         dt: time between the two images, s.
         feature_motion: (k,) sum of the feature motions; modified in place.
@@ -447,7 +454,8 @@ def _fit_camera(columns: np.ndarray, feature_motion: np.ndarray, min_factor: flo
     Args:
         columns: (n, 18) effects of the camera's motion, see `_compute_mixed_effects`.
         feature_motion: (n,) measured motion of the features.
-        min_factor: smallest singular value of the fitted matrices that mix the directions.
+        min_factor: smallest accepted ratio of the fitted to the predicted effect of a translation
+            or a rotation about any axis.
     """
     identity = np.vstack([np.eye(3)] * 2).ravel()
     _, factors = _fit_columns(columns, feature_motion - columns @ identity)

@@ -29,9 +29,9 @@ MIN_VIEWS = 3  # smallest number of images that are compared with the goal
 # a mean difference from the goal below this many standard deviations is noise
 NOISE_DEVIATIONS = 3.0
 MAX_WINDOW = 120  # largest number of images that are averaged
-# Tolerances of the scale-free central moments. Converged runs with five cameras, with and without
-# noise, differ from the goal by 0.2 % in the second order and 6e-5 in the third order. The closest
-# wrong pose found so far is rotated by 18 degrees and differs by 0.6 % and 5e-4.
+# Tolerances of the scale-free central moments. At the end of converged runs, second-order moments
+# differ from the goal's by up to 0.2 %, third-order moments by up to 6e-5. At a wrong pose, rotated
+# by 18 degrees, they differ by 0.6 % and 5e-4; only the third-order tolerance detects this pose.
 SECOND_ORDER_TOLERANCE = 0.02  # relative to the goal's largest second-order moment
 THIRD_ORDER_TOLERANCE = 2.5e-4
 # Tolerance of the target's centre (normalised) and size (relative), in addition to the noise and to
@@ -40,15 +40,16 @@ MAX_PLACE_DIFFERENCE = 4e-3
 # A direction of camera motion is not measured if a motion of this size changes no feature by more
 # than its tolerance. Translation as a fraction of the depth, rotation in rad.
 UNSEEN_MOTION = 0.05
-# The features do not measure some camera motions. The target's position and size in the image show
-# such a motion if they change by at least this fraction of it.
+# Some camera motions change no feature. The target's position and size in the image reveal such a
+# motion if they change (normalised) by at least this fraction of the motion (in target depths or
+# rad).
 MIN_SHOWN_PART = 0.05
 SHAPE_NUMBERS = 7  # number of second- and third-order moments, which describe the shape
 PLACE_FEATURES = ("xg", "yg", "area")  # features of the target's position and size
 
 
 class ViewCheck:
-    """Comparison of the goal with the mean of the images that show an arrival."""
+    """Comparison of the goal with the mean of the images since the camera's arrival."""
 
     def __init__(self) -> None:
         self._views = RecentErrors()
@@ -152,9 +153,9 @@ class ViewCheck:
         return self._expected_place.compare(mean, unknown, offset)
 
     def _average_views(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the mean differences (c, 10) of the views of c cameras from the goal.
+        """Return mean differences (c, 10) of the views of c cameras from the goal, and their noise.
 
-        Their noise (c, 10) is returned as well.
+        The noise (c, 10) is NOISE_DEVIATIONS standard deviations of the mean.
         """
         rows = self._views.errors
         mean = rows.sum(axis=0) / len(rows)
@@ -164,10 +165,10 @@ class ViewCheck:
 
 
 class _ExpectedPlace:
-    """Expected differences of the target's position and size from those at the goal.
+    """Limits for differences between the target's position and size and those at the goal.
 
-    The matrix `rows` (3 c, 6) is the interaction matrix of position and size for c cameras. See
-    `ViewCheck.set_expected_place` for the other arguments.
+    The argument `rows` (3 c, 6) is the interaction matrix of position and size for c cameras. The
+    other arguments are those of `ViewCheck.set_expected_place`.
     """
 
     def __init__(
@@ -179,8 +180,8 @@ class _ExpectedPlace:
         _, s, vt = np.linalg.svd(L)
         s = np.append(s, np.zeros(len(vt) - len(s)))
         unseen = vt[s * UNSEEN_MOTION * depth < 1.0]
-        # The unmeasured camera directions are combined so that each one has its own effect on the
-        # target's position and size.
+        # The unmeasured directions are combined by an SVD, so that different directions have
+        # independent effects on the target's position and size.
         u, s, vt = np.linalg.svd(rows @ unseen.T, full_matrices=False)
         is_visible = s * depth > MIN_SHOWN_PART
         self._visible_directions, self._motions = (
@@ -216,10 +217,9 @@ def _list_goals(goal: Goal, cameras: list[str]) -> list[Goal]:
 def _compute_difference(measured: Moments | None, desired: Moments | None) -> np.ndarray:
     """Return the difference (10,) between a view and the goal.
 
-    The difference consists of the second- and third-order central moments of the outline, in
-    tolerances, the target's centre (normalised) and the logarithm of its size. Ten values are
-    compared, because several camera poses can give the same six values. Return zeros if view and
-    goal cannot be compared.
+    The ten values are the differences of the seven second- and third-order central moments of the
+    outline, in units of the tolerance, of the target's centre (normalised) and of the logarithm of
+    its size. Return zeros if view and goal cannot be compared.
     """
     if measured is None or desired is None or measured.kind != desired.kind or desired.m00 <= 0.0:
         return np.zeros(SHAPE_NUMBERS + len(PLACE_FEATURES))

@@ -54,9 +54,9 @@ class FeatureMeasurement:
             effect of a moving target or goal, in units of s per second.
         ambiguity: camera rotation that the error cannot show, as text ('180°'); empty if there is
             none.
-        error_summary: (m,) one number for each of the feature's `names`. It is published and
-            compared with the tolerances instead of the error, which has a component for each pixel
-            of an image. None if the error itself is used.
+        error_summary: (m,) values that are published and compared with the tolerances instead of
+            the error, one for each of the feature's `names`. An example is the root mean square
+            over all pixels of an image. None if the error itself is used.
         notes: texts that are added to the state of the loop.
     """
 
@@ -93,11 +93,11 @@ class Feature(ABC):
         directions: (6,) whether the feature controls each of the camera directions vx ... wz. The
             arm's kinematics hold the others constant.
         weights: (k,) weight of each component in the least squares; None if all are equal.
-        is_geometric: whether s follows from the image positions of the target's points. If so, a
-            deviation from L indicates a camera error. False for the output of a network.
-        is_stackable: whether the feature can be combined with others in a Stack. False if it has an
-            error_summary, because the law then uses other numbers than those that are compared with
-            the tolerances.
+        is_geometric: whether s is computed from image positions of the target's points. If such a
+            feature does not move as L predicts, the camera model is wrong. False for the output of
+            a network.
+        is_stackable: whether the feature can be combined with others in a Stack. False if its
+            measurements have an `error_summary`.
     """
 
     name: ClassVar[str] = ""
@@ -153,8 +153,8 @@ class Feature(ABC):
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | float | None:
         """Return the accuracy of s in the last image.
 
-        The accuracy decides which camera directions are servoed (`Task.uncertainty`), and bounds
-        the distance of a converged camera from its goal.
+        Camera directions that s determines too inaccurately are not servoed (`Task.uncertainty`).
+        The accuracy also bounds the distance of a converged camera from its goal.
 
         Returns:
             An array (k, m) with the effects on s of m independent errors of one standard deviation
@@ -182,8 +182,8 @@ class Feature(ABC):
         """Return the data that the goal file stores for this feature, from the view at the goal.
 
         The values are numbers, lists and strings, which can be written as YAML. When the goal is
-        read again, they are in `goal.features[name]`. Moments, kernel features, joints, camera and
-        pose are always stored in addition.
+        read again, they are in `goal.features[name]`. The goal itself stores moments, joints,
+        camera and pose.
         """
         return {}
 
@@ -255,7 +255,7 @@ class Stack(Feature):
         for feature, part in zip(self.features, parts, strict=True):
             _check_stackable(feature, part.error_summary is None)
         rates = [np.broadcast_to(p.error_drift, np.shape(p.s)) for p in parts]
-        # The camera rotation is unambiguous if at least one part has unambiguous features.
+        # The combined features determine the camera's rotation uniquely if one of them does.
         ambiguities = {p.ambiguity for p in parts}
         return FeatureMeasurement(
             s=np.concatenate([p.s for p in parts]),
@@ -321,9 +321,9 @@ def get_plane(observation: Observation) -> Plane:
 
 
 def compare_cameras(width: int, height: int, K: np.ndarray, camera: CameraModel) -> str:
-    """Describe how a camera differs from one of this size (pixels) and K (3, 3).
+    """Describe how `camera` differs from a camera with this image size (px) and matrix K (3, 3).
 
-    Return '' if the two cameras are the same.
+    Return '' if size and K are the same.
     """
     here = np.reshape(camera.K, (3, 3))
     size = (camera.width, camera.height)
@@ -341,12 +341,12 @@ def wrap(angle: np.ndarray | float, period: float = 2.0 * np.pi) -> np.ndarray |
 
 
 def wrap_together(is_angle: np.ndarray, period: float = 2.0 * np.pi) -> np.ndarray:
-    """Wrap angles (k,) modulo the period, to the same side if they are close to half a turn.
+    """Wrap angles (k,) modulo the period; angles close to half a period all get the same sign.
 
-    If each angle close to half a turn were wrapped separately, rounding would wrap some to + and
-    others to -, and their effects would cancel. Therefore all angles are wrapped to within half a
-    period of their common angle, which is the angle of the sum of their unit vectors. A common
-    angle of half a turn is taken as positive.
+    If each angle were wrapped separately, rounding would give some of them the sign + and others -,
+    and their effects would cancel. Therefore all angles are wrapped to within half a period of
+    their common angle, which is the angle of the sum of their unit vectors. A common angle of half
+    a period is taken as positive.
     """
     unit = np.exp(2j * np.pi / period * is_angle).sum(axis=0)
     common = float(np.angle(unit)) * period / (2.0 * np.pi)

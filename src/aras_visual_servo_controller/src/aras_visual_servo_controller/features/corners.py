@@ -59,7 +59,7 @@ class NumberedPoints(PointFeature):
     def _match_to_goal(
         self, observation: Observation, desired: np.ndarray
     ) -> tuple[np.ndarray, str]:
-        """Return points (n, 2) in the order of the goal's points, and the ambiguity of the match.
+        """Return the points (n, 2) in the goal's order, and the angle by which it is ambiguous.
 
         Raises:
             MeasurementError: the number of points differs from the goal's, or a coordinate is not
@@ -127,9 +127,11 @@ class CornerFeature(NumberedPoints):
     def _wrap_change(
         self, change: np.ndarray, modulo: Callable[[np.ndarray, float], np.ndarray] = wrap
     ) -> np.ndarray:
-        """Wrap the angles in a change of s, (k,) or (k, m), modulo their periods.
+        """Wrap those components of a change of s that are angles, modulo their periods.
 
-        The argument `modulo` is the function that wraps.
+        Args:
+            change: (k,) or (k, m) change of s, or m changes.
+            modulo: function that wraps angles, such as `wrap`.
         """
         for i, period in enumerate(self.periods):
             if period:
@@ -263,7 +265,11 @@ class EdgeFeature(CornerFeature):
     def edge_rates(
         points: np.ndarray, inverse_depth: np.ndarray, length: np.ndarray, direction: np.ndarray
     ) -> tuple[np.ndarray, ...]:
-        """Compute L (n, 6) of each quantity of n edges: x and y of both ends, length and angle."""
+        """Compute the interaction matrices L (n, 6) of n edges.
+
+        Returns:
+            Six matrices: for x and y of the first end, x and y of the last end, length and angle.
+        """
         x, y = _split_point_interaction(points, inverse_depth)
         far_x, far_y = np.roll(x, -1, axis=0), np.roll(y, -1, axis=0)
         dx, dy = direction.T[:, :, None]
@@ -387,9 +393,10 @@ class VanishingPoints(CornerFeature):
 
     @staticmethod
     def _compute_directions(points: np.ndarray) -> np.ndarray:
-        """Return the unit directions (2, 3) of the two pairs of parallel sides.
+        """Return the unit directions (2, 3) of the two pairs of sides in the camera frame.
 
-        The pairs consist of the sides from point 0 to 1 and 3 to 2, and from 1 to 2 and 0 to 3.
+        The first pair consists of the sides 0-1 and 3-2 between the points 0 to 3, the second pair
+        of the sides 1-2 and 0-3.
         """
         if len(points) != 4:
             raise MeasurementError(
@@ -401,8 +408,8 @@ class VanishingPoints(CornerFeature):
         for a, b, c, d in ((0, 1, 3, 2), (1, 2, 0, 3)):
             one, other = np.cross(p[a], p[b]), np.cross(p[c], p[d])
             meet = np.cross(one, other)
-            # The sign of this product tells whether the side in the image points towards the
-            # vanishing point or away from it.
+            # The sign of this product says whether the vector along the side in the image points
+            # towards the vanishing point (positive) or away from it.
             sign = (meet[:2] - p[a, :2] * meet[2]) @ (p[b, :2] - p[a, :2])
             size = np.linalg.norm(meet)
             same_line = size <= MIN_LENGTH * np.linalg.norm(one) * np.linalg.norm(other)

@@ -138,41 +138,42 @@ def check_interaction_matrix(
     step: float = STEP,
     tolerance: float = TOLERANCE,
 ) -> InteractionCheck:
-    """Compare the interaction matrix L of a feature with finite differences of its own error.
+    """Compare the interaction matrix L of a feature with finite differences of its error.
 
-    The target is at rest, so de/dt = L v. For each of the six directions j of the camera, in its
-    optical frame, with D = (depth, depth, depth, 1, 1, 1) as the unit of a motion,
+    The target is at rest, so de/dt = L v. For each of the six camera directions j,
 
-        L[:, j] D[j] = (e(+step) - e(-step)) / (2 step)
+        L[:, j] D[j] = (e(+step) - e(-step)) / (2 step),   D = (depth, depth, depth, 1, 1, 1)
 
-    where e(h) is the error after a motion by h D[j] along or about axis j. A row of L passes if the
-    norm of its difference, in these units, is at most `tolerance` times the norm of the row.
+    where e(h) is the error after the camera has moved by h D[j] along (m) or about (rad) axis j of
+    its optical frame. A row of L is correct if the norm of its difference, in these units, is at
+    most `tolerance` times the norm of the row.
 
     Args:
         feature: the feature, its class, 'package.module:Class', or the name of a built-in feature.
-            Its L is checked in all six columns, also in those of directions that it does not
-            control, because the camera moves in them, too.
-        observe: function that returns the observation of a camera at world_T_camera (4, 4). The
-            default is a pinhole camera about 0.3 m above a hexagon of 7 cm, with exact moments,
-            contour, corners and plane. A feature that needs images or several cameras needs its
-            own function.
-        world_T_camera: (4, 4) or (p, 4, 4), optical frame at which L is checked, in the world. The
-            default is three views, tilted by 14 degrees, 5 to 9 cm from the goal, and turned.
-        goal: goal. By default it is taught 0.3 m above the hexagon.
-        step: motion from the pose to each of the two views of a difference, in depths or rad.
-        tolerance: largest relative error of a row. Finite differences of exact observations are
-            correct to about 1e-6; differences of images need a larger `step` and `tolerance`.
+            All six columns of L are checked, also those of directions that the feature does not
+            control.
+        observe: function that returns the observation of a camera at the pose world_T_camera (4,
+            4). The default is a pinhole camera about 0.3 m above a hexagon 7 cm wide, with exact
+            moments, contour, corners and plane. It is required for a feature that needs images or
+            several cameras.
+        world_T_camera: (4, 4) or (p, 4, 4), poses of the optical frame in the world at which L is
+            checked. The default is three poses, 5 to 9 cm from the goal, tilted by 14 degrees and
+            rotated.
+        goal: goal of the feature. By default it is taught 0.3 m above the hexagon.
+        step: motion h of the finite differences, in units of D.
+        tolerance: largest relative error of a correct row. Finite differences of exact observations
+            are correct to about 1e-6; those of images need a larger `step` and `tolerance`.
 
     Returns:
-        The check: the relative `errors` of the rows, and all values of both matrices. When printed,
-        the check lists the rows and the worst entry.
+        The relative errors of the rows, and all values of both matrices. When printed, the check
+        lists the rows and the worst entry.
 
     Raises:
-        InteractionMatrixError: a row is wrong; the message names the row, the column, both values
-            and the pose, and `check` of the error has all values.
+        InteractionMatrixError: a row is wrong. The message names the row, the column, both values
+            and the pose; the attribute `check` contains all values.
         SchemeError: L has a wrong shape.
-        ConfigurationError: there is no such feature, the default target does not offer what the
-            feature needs, or the feature refuses the goal.
+        ConfigurationError: there is no such feature, the default camera does not provide what it
+            needs, or the feature cannot servo to the goal.
         MeasurementError: the feature cannot be measured in one of the views.
     """
     label = ""
@@ -226,8 +227,8 @@ def _compute_both(
         observe: function that returns the observation at a pose.
         pose: (4, 4) world_T_camera.
         goal: goal of the feature.
-        motions: (6,) motion from the pose to each of the two views of a difference, m and rad.
-        step: the same motion in the units of the differences (depth and rad).
+        motions: (6,) step of the finite difference along (m) or about (rad) each camera axis.
+        step: this step in the units of the result, target depths or rad.
     """
     here = feature.measure(observe(pose), goal)
     columns = []
@@ -300,10 +301,10 @@ def _make_motion(axis: int, amount: float) -> np.ndarray:
 def _compute_error(
     feature: Feature, measured: FeatureMeasurement, reference: FeatureMeasurement
 ) -> np.ndarray:
-    """Return the measured error (k,).
+    """Return the error (k,) of a measurement.
 
     Raises:
-        ConfigurationError: the error has another number of components than the reference.
+        ConfigurationError: the error has another number of components than that of `reference`.
     """
     if np.shape(measured.error) != np.shape(reference.error):
         raise ConfigurationError(

@@ -6,25 +6,23 @@ The camera node publishes the four features
     k3 = 1/2 atan2(2 mu11, mu20 - mu02)
 
 where x = i dx along the rows and y = j dy along the columns of the image (i, j from 1; dx = 0.017
-and dy = 0.0185 per pixel), and I = 1 on the target. k3 uses columns as x, like OpenCV's moments.
-The node also publishes the inverse of a 4x4 Jacobian J for camera motions along the rows, along the
-columns, along the optical axis (relative to the distance) and about the optical axis (from rows to
-columns).
+and dy = 0.0185 per pixel), and I = 1 on the target, 0 elsewhere. k3 is the angle of the target,
+with columns as x. The node also publishes the inverse of a 4x4 matrix J, which is meant to be the
+derivative of k for camera motions along the rows, along the columns, along the optical axis
+(relative to the distance) and about the optical axis (from rows to columns).
 
-J is not the derivative of k. This module corrects the following errors. The README describes their
-effects on the closed loop.
+J contains the following errors, which this module corrects. The README describes their effects on
+the closed loop.
 
-- Rows 0 to 2 of J lack the factor dx dy of k0 to k2. Therefore the coupling with the rotation, in
-  the same rows, is 3180 times too strong.
+- Rows 0 to 2 of J lack the factor dx dy of k0 to k2. Therefore the coupling of k0 to k2 with the
+  rotation is 1 / (dx dy) = 3180 times too strong.
 - The rotation is about the first pixel instead of the principal point.
 - The sign of row 3 is wrong: k3 is measured from columns to rows, but the rotation from rows to
   columns.
-- A camera that approaches the target enlarges the target's image and moves it away from the
-  principal point, which also changes k0 and k1. With the exponent -2, both effects add up to
-  exactly xc J00 and yc J11, where (xc, yc) is the principal point.
-- Kernel units are converted to metres by depth and focal length, so that the gain is a rate in 1/s.
-  The original integrated over 0.01 s independently of the elapsed time, with gains of 200 and 0.01,
-  which correspond to time constants of 5 s in translation and minutes in rotation.
+- J lacks the effect of an approach on k0 and k1: the target's image becomes larger and moves away
+  from the principal point (xc, yc). The effect is xc J00 on k0 and yc J11 on k1.
+- Depth and focal length are missing. Here they convert kernel units to metres, so that the gain is
+  a rate in 1/s.
 """
 
 from __future__ import annotations
@@ -49,18 +47,18 @@ class Kernel(Feature):
     The errors of kernel_0 to kernel_2 are relative to the desired values; kernel_3 is in rad.
 
     Attributes:
-        ratio: factors on the desired error rates. The factor of the angle is smaller: a single row
-            of pixels changes the angle of a nearly square target by 0.03 rad between two images, so
-            that the camera would tremble at full gain.
-        max_pixel_ratio: largest accepted ratio of the number of counted pixels to the number of the
-            target's pixels. The count can be too large, because the original's threshold of 250
-            assigns every pixel that is not white to the target.
+        ratio: factors on the gain of each feature. The factor of kernel_3 is smaller, because a
+            change of a single row of pixels changes the angle of a nearly square target by 0.03
+            rad. At the full gain, this noise would shake the camera.
+        max_pixel_ratio: largest accepted ratio of the pixels that the kernels count to the pixels
+            of the segmented target. The kernels count every pixel that is not white (grey level
+            below 250).
     """
 
     needs = frozenset((Need.KERNEL,))
     names = ("kernel_0", "kernel_1", "kernel_2", "kernel_3")
-    # A change of 1 % of kernel 0 or 1 corresponds to half a pixel, a change of 2 % of kernel 2 to 1
-    # % of the distance.
+    # Half a pixel changes kernel_0 or kernel_1 by 1 %. A change of the distance by 1 % changes
+    # kernel_2 by 2 %.
     tolerances = (0.01, 0.01, 0.02, 0.04)
     units = ("", "", "", "rad")
     directions = LEVEL_CAMERA
@@ -134,7 +132,7 @@ class Kernel(Feature):
 
 
 def _compute_interaction(J: np.ndarray, K: np.ndarray, depth: float) -> np.ndarray:
-    """Compute L (4, 6) with dk/dt = L v from the original's J (4, 4); see the module docstring."""
+    """Compute L (4, 6) with dk/dt = L v from the published J (4, 4); see the module docstring."""
     area = DELTA_X * DELTA_Y
     fx, fy = K[0, 0], K[1, 1]
     # The kernels count pixels from 1, the camera matrix K counts pixels from 0.
@@ -143,8 +141,8 @@ def _compute_interaction(J: np.ndarray, K: np.ndarray, depth: float) -> np.ndarr
     # and 1 / fx in normalised coordinates. `across` is the scale factor of x divided by that of y.
     across = (fy * DELTA_X) / (fx * DELTA_Y)
     L = np.zeros((4, 6))
-    # The kernel's x is along the optical y axis and its y along the optical x axis. Therefore a
-    # rotation from x to y is opposite to a rotation about the optical z axis.
+    # The kernel's x axis is along the optical y axis, and its y axis along the optical x axis. A
+    # rotation from x to y is therefore negative about the optical z axis.
     L[1, 0] = area * J[1, 1] * fx * DELTA_Y / depth
     L[0, 1] = area * J[0, 0] * fy * DELTA_X / depth
     L[:3, 2] = np.array([row_centre * J[0, 0], column_centre * J[1, 1], J[2, 2]]) * area / depth

@@ -28,15 +28,16 @@ from ..goals.goal import Goal
 from ..observation.observation import Need, Observation
 from .base import FEATURES, Feature, FeatureMeasurement, compare_cameras, get_plane
 
-# Error of the features due to rounding and rendering if two images show the same view, in grey
-# levels.
+# Root mean square difference of two images of the same view, in grey levels, due to rounding and
+# rendering.
 GREY_NOISE = 0.2
-# Factor on the error of a single pixel. Neighbouring pixels of the smoothed images have nearly the
-# same error, so the error does not average out over the image.
+# Factor on the error of the features relative to that of single pixels. Smoothing makes the errors
+# of neighbouring pixels nearly equal, so they do not average out over the image.
 NEIGHBOUR_FACTOR = 3.5
 SYMMETRY_ORDERS = (8, 7, 6, 5, 4, 3, 2)  # orders of the image's rotational symmetry that are tested
 MAX_DEPTH = 500.0  # depths of the plane are limited to this, in units of the goal's distance
-MIN_OVERLAP = 0.3  # smallest part of the image that has to stay visible in a tested rotation
+# Smallest part of the image that stays inside the image when it is rotated to test a symmetry.
+MIN_OVERLAP = 0.3
 BORDER = 10  # border of the image that is ignored, px, because new parts of the scene enter there
 # The image has too little texture if an eigenvalue of L^T L is below this fraction of the largest.
 EIGENVALUE_TOLERANCE = 1e-12
@@ -189,7 +190,8 @@ class Luminance(Feature):
         weight = np.abs(goal_image - np.median(goal_image)).ravel() * depth**3
         centre = directions @ (weight * depth) / max(weight.sum(), np.finfo(float).tiny)
         for folds in SYMMETRY_ORDERS:
-            # Homography of the rotation X' = R (X - centre) + centre of the plane's points X.
+            # A rotation of the plane's points X about their centre gives X' = R (X - centre) +
+            # centre. As plane . X = 1, this is the homography R + (centre - R centre) plane^T.
             turn = cv2.Rodrigues(2.0 * np.pi / folds * normal)[0]
             X, Y, Z = (turn + np.outer(centre - turn @ centre, plane)) @ directions
             u, v = (
@@ -204,7 +206,8 @@ class Luminance(Feature):
         return ""
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
-        """Return the accuracy of s, estimated from the latest grey-level error at image edges."""
+        """Return the accuracy of s, estimated from pixels of the latest image with large gradients.
+        """
         error, rows = self._last_error
         slope = np.square(rows[0]) + np.square(rows[1])
         residual = np.sqrt(slope @ np.square(error) / slope.sum())
@@ -263,10 +266,7 @@ class LuminanceMap(Luminance):
         raise NotImplementedError
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
-        """Return the accuracy of s.
-
-        The rows of B have length 1, so the accuracy of s equals that of a grey level.
-        """
+        """Return the accuracy of s: that of one grey level, because the rows of B have length 1."""
         return GREY_NOISE * np.eye(len(self._basis))
 
     def _reduce(self, error: np.ndarray, L: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

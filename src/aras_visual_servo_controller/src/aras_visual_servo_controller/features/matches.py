@@ -23,7 +23,8 @@ from .pose import PoseInGoalFrame, compute_goal_frame_feature, estimate_planar_p
 MATCH_RATIO = 0.8  # largest ratio of best to second-best match distance (Lowe 2004)
 MIN_MATCHES = 8  # smallest number of matches that fit one homography
 MAX_REPROJECTION_ERROR = 3.0  # largest distance of a match from the homography, px
-# Offset of SIFT keypoints to the right and down, px, because SIFT first doubles the image.
+# Offset of SIFT keypoints to the right and down, px, because SIFT first doubles the size of the
+# image.
 SIFT_OFFSET = 0.25
 # Depths of matches are limited to this, in units of the goal's distance, because a wrong match may
 # lie beyond the horizon of the plane.
@@ -80,7 +81,7 @@ class Matches(Luminance):
         )  # fmt: skip
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | float | None:
-        """Return the accuracy of s: the rms distance of the matches after the best motion."""
+        """Return the accuracy of s: the rms error of the matches that no camera motion explains."""
         return self._match_error
 
     def detect_keypoints(self, grey: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:

@@ -1,7 +1,8 @@
-"""Features that are given by formulas of image moments.
+"""Features that are functions of image moments.
 
-The formulas are names of `aras_visual_servo_camera.features`, which computes their values and
-interaction matrices. A user-defined feature is a subclass of MomentFeature with other formulas.
+Each feature lists the names of its functions. The module `aras_visual_servo_camera.features`
+computes their values and interaction matrices. To define your own feature, list other names in a
+subclass of MomentFeature.
 
 References: F. Chaumette, Image moments: a general and useful set of features for visual servoing,
 IEEE T-RO 20(4), 2004; O. Tahri and F. Chaumette, Point-based and region-based image moments for
@@ -41,7 +42,7 @@ class GravityCentre(MomentFeature):
 
 @FEATURES.register("gravity_centre_normalised")
 class NormalisedGravityCentre(MomentFeature):
-    """s = xn, yn = an (xg, yg), m; linear in the translation of a camera parallel to the target."""
+    """s = xn, yn = an (xg, yg), m; linear in x and y if the camera is parallel to the target."""
 
     formulas = names = ("xn", "yn")
     tolerances, units = (CENTRE_TOLERANCE, CENTRE_TOLERANCE), ("m", "m")
@@ -121,7 +122,7 @@ class Symmetry(MomentFeature):
 
 @FEATURES.register("moments_pitch")
 class MomentsPitch(MomentFeature):
-    """s = xn, yn, an, Sy, alpha: the moments of the paper, and Sy to control the pitch."""
+    """s = xn, yn, an, Sy, alpha: the feature `moments`, and Sy to control the pitch."""
 
     formulas = names = ("xn", "yn", "an", "Sy", ALPHA)
     tolerances = (CENTRE_TOLERANCE, CENTRE_TOLERANCE, DEPTH_TOLERANCE, 0.001, 0.005)

@@ -1,4 +1,4 @@
-"""Image moments of the target: formulas of moments, and the features of the paper.
+"""Image moments of the target as features: base class, and the features xn, yn, an and alpha.
 
 With the centre of gravity (xg, yg) in normalised coordinates and the area a = m00:
 
@@ -37,17 +37,17 @@ LEVEL_CAMERA = (True, True, True, False, False, True)
 ALPHA, FULL_ALPHA = "alpha", "alpha_full"
 # Order of the moments that are needed for alpha over the full turn, and for its L.
 FULL_ALPHA_ORDER = 4
-# The error of a measured outline is modelled by HARMONICS independent displacements.
-# OUTLINE_ACCURACY is their rms amplitude (px) times the target's width (px). Measured on 80
+# The error of a measured outline is modelled by HARMONICS independent displacements. Their rms
+# amplitude is OUTLINE_ACCURACY / width, in px, for a target with this width in px. Measured on 80
 # outlines of 9 to 45 px at goals computed from the geometry: 0.003 for centre and area, 0.007 for
 # alpha.
 OUTLINE_ACCURACY = 0.0075
-# Goal and image from the same camera have partly equal errors. This fraction of an error's
-# amplitude remains in the difference of goal and image (measured on 63 outlines: 0.3 to 0.6).
+# If the same camera measured goal and image, their errors are partly equal and cancel in the
+# difference. This fraction of the error remains (measured on 63 outlines: 0.3 to 0.6).
 SAME_CAMERA_PART = 0.5
-# A target is nearly round if the relative difference of its second moments is below this. Its alpha
-# depends on single pixels, so the errors of alpha in goal and image are independent even with the
-# same camera.
+# A target is nearly round if the relative difference of its second moments is below this. Single
+# pixels then change alpha, so even with the same camera the errors of alpha in goal and image are
+# independent.
 ROUND_TOLERANCE = 0.1
 # Number of displacements of the outline: 1, cos phi, sin phi, ... cos 4 phi, sin 4 phi, where phi
 # is the direction from the outline's centre.
@@ -93,18 +93,17 @@ class _GoalMoments:
         self.camera_normal = np.array(self.plane) / np.linalg.norm(self.plane)
         pose = goal.world_T_camera
         self.normal = None if pose is None else pose[:3, :3] @ self.camera_normal
-        # On the ray r = (x, y, 1), a patch of area A at depth Z with the normal n has the image
-        # area a = A (n . r) / Z^2.
+        # On the ray (x, y, 1) to the target's centre, a patch of area A with the normal n at depth
+        # Z has the image area a = A (n . ray) / Z^2. This is solved for A.
         ray = (goal.moments.xg, goal.moments.yg, 1.0)
         depth = 1.0 / self.plane.inverse_depth(*ray[:2])
         self.patch_area = goal.moments.area * depth**2 / float(self.camera_normal @ ray)
 
     @cached_property
     def slopes(self) -> np.ndarray:
-        """Derivatives (k, HARMONICS) of the features with respect to displacements of the goal's
-        outline.
+        """Derivatives (k, HARMONICS) of the features for displacements of the goal's outline.
 
-        `compute_displacement_moments` defines the displacements.
+        `compute_displacement_moments` describes the displacements.
         """
         moments, columns = self.goal.moments, []
         formulas = self.select_formulas(moments)
@@ -123,7 +122,7 @@ class _GoalMoments:
         return np.transpose(columns) / STEP
 
     def select_formulas(self, moments: Moments) -> tuple[str, ...]:
-        """Return the formulas, with alpha over the full turn if shape and moments allow it."""
+        """Return the formulas; alpha covers the full turn if the shape has a known direction."""
         if not self._has_direction or moments.order < FULL_ALPHA_ORDER:
             return self._formulas
         return self._full_formulas
@@ -132,9 +131,9 @@ class _GoalMoments:
 class MomentFeature(Feature):
     """Base class of features that are formulas of moments.
 
-    A subclass sets `formulas`, one for each component, which are names of
-    `aras_visual_servo_camera.features`. `alpha` is replaced by `alpha_full`, which covers the full
-    turn, if the third-order moments of the goal give it a direction.
+    A subclass sets `formulas`, the name of a function in `aras_visual_servo_camera.features` for
+    each component. If the third-order moments of the goal give the target a direction, the angle
+    `alpha` is replaced by `alpha_full`, which covers the full turn.
 
     Attributes:
         anisotropy: smallest relative difference of the second moments for which a shape has an
@@ -189,7 +188,7 @@ class MomentFeature(Feature):
         """Return the accuracy of s for random displacements of the goal's outline."""
         goal_moments = self._prepare_goal(goal)
         if not observation.pixel_count:
-            # Without pixels, the outline is exact except for the noise of its corners.
+            # An exact camera counts no pixels; only the noise of the corners changes its outline.
             noise = observation.corner_accuracy
             is_known = noise and observation.moments is not None
             return noise * goal_moments.slopes if is_known else None
@@ -235,21 +234,22 @@ class MomentFeature(Feature):
 
 @FEATURES.register("moments")
 class ImageMoments(MomentFeature):
-    """s = xn, yn, an (m) and alpha (rad), for vx, vy, vz and wz."""
+    """s = xn, yn, an (m) and alpha (rad), which control vx, vy, vz and wz of the camera."""
 
     formulas = names = camera_features.PAPER_FEATURES
-    # Tolerances of the mean error over 1 s. Errors due to joint friction are smaller, and those due
-    # to camera noise are a tenth of the tolerances.
+    # Tolerances of the mean error over 1 s. They exceed the errors due to joint friction, and are
+    # ten times the errors due to camera noise.
     tolerances = (CENTRE_TOLERANCE, CENTRE_TOLERANCE, DEPTH_TOLERANCE, 0.005)
     units = ("m", "m", "m", "rad")
     directions = LEVEL_CAMERA
 
 
 def compute_displacement_moments(outline: np.ndarray, order: int) -> np.ndarray:
-    """Compute the derivatives of raw moments for displacements of an outline (n, 2).
+    """Compute how moments (order + 1, order + 1) change if an outline (n, 2) is displaced outwards.
 
-    Return an array (HARMONICS, order + 1, order + 1). The outline is displaced outwards by 1,
-    cos phi, sin phi, ..., where phi is the direction from its centre.
+    The displacement at a point is 1, cos phi, sin phi, cos 2 phi, ..., where phi is the direction
+    from the outline's centre to the point. Return the derivative for each of these HARMONICS
+    functions.
     """
     start, step = outline, np.roll(outline, -1, axis=0) - outline
     parts = (np.arange(PARTS_PER_SIDE) + 0.5) / PARTS_PER_SIDE

@@ -30,19 +30,16 @@ from ..goals.goal import Goal
 from ..observation.observation import Need, Observation
 from .base import FEATURES, Feature, FeatureMeasurement, get_plane
 
-# Goal and image have nearly the same measurement errors if they come from the same camera. The
-# difference of these errors is modelled as SHARED_PIXEL_ERROR (px) plus SHARED_DISTANCE_ERROR times
-# the mean distance of the points from the goal (px). The measured values are 0.0025 px and 0.15,
-# for targets 8 to 40 px wide with corners 0.001 to 0.3 px from the goal. About half of these values
-# is used here, which is enough to bound the final errors of 120 runs.
+# Corner errors of goal and image are nearly equal if the same camera measured both. Their
+# difference is modelled as SHARED_PIXEL_ERROR (px) plus SHARED_DISTANCE_ERROR times the mean
+# distance (px) between the points of image and goal. Targets 8 to 40 px wide gave 0.0025 px and
+# 0.15. Half of these values is used, which was enough to bound the final errors of 120 runs.
 SHARED_PIXEL_ERROR, SHARED_DISTANCE_ERROR = 0.0012, 0.085
-# Model of the difference between the corner errors in goal and image, which are not equal even if
-# both come from the same camera. The deviation of the corners, estimated from the sides of the
-# outline, is enlarged by MIN_DEVIATION (px), because all points of a side along a row of pixels
-# have the same error. The result is multiplied by DEVIATION_FACTOR times the square root of the
-# distance of the points from the goal (px, at least MIN_DISTANCE). The model was fitted to the
-# final offsets of 183 runs without noise, on outlines of 10 to 240 px: the rms of the camera's
-# offset equals the estimate, and the median of the offset is 0.54 times the estimate.
+# Model of the difference between the corner errors of goal and image if the same camera measured
+# both: DEVIATION_FACTOR sqrt(max(d, MIN_DISTANCE)) hypot(s, MIN_DEVIATION), in px. d is the
+# distance between the points of image and goal, and s the deviation of edge points from the fitted
+# sides; it is too small for a side along a row of pixels, hence MIN_DEVIATION. The factors were
+# fitted to 183 runs without noise, on outlines of 10 to 240 px.
 DEVIATION_FACTOR, MIN_DISTANCE, MIN_DEVIATION = 1.13, 0.002, 0.008
 TOLERANCE = 0.001  # error in normalised coordinates: 0.1 px for f = 100 px, or 0.2 mm at 0.2 m
 
@@ -157,7 +154,7 @@ class PointFeature(Feature):
     def _match_to_goal(
         self, observation: Observation, desired: np.ndarray
     ) -> tuple[np.ndarray, str]:
-        """Return points (n, 2) in the order of the goal's points, and the ambiguity of the match.
+        """Return the points (n, 2) in the goal's order, and the angle by which it is ambiguous.
 
         Raises:
             MeasurementError: the number of points differs from the goal's, or a coordinate is not
@@ -194,11 +191,11 @@ class PointFeature(Feature):
             raise MeasurementError(f"{message}; {error}") from error
 
     def _match_outline(self, points: np.ndarray, desired: np.ndarray) -> tuple[np.ndarray, str]:
-        """Return points (n, 2) of an outline in the order of the goal's points, and the ambiguity.
+        """Return outline points (n, 2) in the goal's order, and the angle by which it is ambiguous.
 
-        Each of the n cyclic shifts is fitted by a similarity transform. Several shifts may fit
-        about as well as the best one. Of these, the one whose rotation is nearest to that of the
-        previous image is used.
+        Each of the n cyclic shifts is fitted by a similarity transform. If several shifts fit about
+        equally well, the one whose rotation is nearest to that of the previous image is used. The
+        angle between them is returned as text ('90°'); it is empty if only one shift fits.
         """
         matched = np.empty(points.shape)
         count, self._match_rotation = match_outline(points, desired, self._match_rotation, matched)
@@ -247,8 +244,8 @@ def match_outline(points, desired, last_rotation, matched):
         size += p[k, 0] ** 2 + p[k, 1] ** 2
         goal_size += g[k, 0] ** 2 + g[k, 1] ** 2
     is_reversed = area * goal_area < 0.0
-    # For each cyclic shift of the points z, fit the similarity transform z = a g of complex
-    # numbers.
+    # For each cyclic shift of the points, fit z = a g, where the complex numbers z and g are the
+    # points of image and goal. The factor a scales and rotates.
     residuals, rotations = np.empty(count), np.empty(count)
     for shift in range(count):
         real = imaginary = 0.0
@@ -291,7 +288,7 @@ def compute_inverse_depth(plane: Plane, points: np.ndarray) -> np.ndarray:
 def estimate_corner_accuracy(
     observation: Observation, goal: Goal, points: np.ndarray, desired: np.ndarray
 ) -> np.ndarray:
-    """Estimate the accuracy (2n, m) of corners relative to the goal's, see `Feature.accuracy`.
+    """Estimate the accuracy (2n, m) of the differences between the corners of image and goal.
 
     Args:
         observation: observation with the accuracy of its corners.
@@ -316,7 +313,7 @@ def estimate_corner_accuracy(
 
 
 def _spread(observation: Observation, points: np.ndarray) -> np.ndarray | None:
-    """Return the corner spread (2n, m) in the order of `points` (n, 2).
+    """Return the effects (2n, m) of m independent errors on points (n, 2), in their order.
 
     Return None if the points are not the corners of the observation.
     """

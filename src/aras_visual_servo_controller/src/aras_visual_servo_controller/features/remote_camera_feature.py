@@ -22,8 +22,9 @@ class RemoteCameraFeature(Feature):
     """A feature measured by another camera than the control camera.
 
     Its L is transformed to the twist of the control camera. If the other camera exposed earlier, s
-    is extrapolated to the control camera's exposure. A direction of the control camera is
-    controlled if it moves the other camera in a direction that the wrapped feature controls.
+    is extrapolated to the control camera's exposure. A direction of the control camera counts as
+    controlled if a motion in it moves the other camera in a controlled direction of the wrapped
+    feature.
     """
 
     def __init__(self, feature: Feature, camera: str) -> None:
@@ -118,11 +119,11 @@ class RemoteCameraFeature(Feature):
 
 
 def check_controllability(features: Iterable[Feature], fixed_cameras: str) -> None:
-    """Raise an error for a feature of a camera whose image does not depend on the arm.
+    """Raise an error if a feature is measured by a fixed camera whose target the arm does not move.
 
     Args:
         features: features of the scheme.
-        fixed_cameras: name of a fixed camera whose target the arm does not move.
+        fixed_cameras: name of this camera.
 
     Raises:
         ConfigurationError: a feature is measured by this camera.

@@ -104,7 +104,8 @@ class StereoPoints(Feature):
         """Return the data that the goal file stores for this feature, from the view at the goal."""
         views = [observation.cameras[name] for name in self.cameras]
         found = [n.points(v) for n, v in zip(self._point_features, views, strict=True)]
-        # The points of the second camera are stored in the order of the points of the first camera.
+        # If both cameras see the same number of points, those of the second camera are stored in
+        # the order of those of the first camera.
         if len(found[0]) == len(found[1]):
             found[1] = self._point_features[1]._match_to_goal(views[1], found[0])[0]
         return {"points": [np.asarray(points, float).tolist() for points in found]}
@@ -121,9 +122,12 @@ class StereoPoints(Feature):
     def _compute_relative_pose(
         self, views: Mapping[str, Observation] | Mapping[str, Goal]
     ) -> np.ndarray:
-        """Compute second_T_first (4, 4) of two views or goals.
+        """Compute the pose second_T_first (4, 4) of the first camera in the second camera's frame.
 
-        The pose of each camera is that at its own exposure.
+        Each camera is taken at the exposure of its own image.
+
+        Args:
+            views: observation or goal of each camera, by camera name.
         """
         first, second = (views[name].world_T_camera for name in self.cameras)
         return relative_pose(second, first)
@@ -148,7 +152,11 @@ class StereoPoints(Feature):
             raise ConfigurationError(f"{goal.name}: {error}") from error
 
     def _match_points(self, observation: Observation, goal: Goal) -> tuple[np.ndarray, str]:
-        """Return the points (2, n, 2) of both cameras in the goal's order, and the ambiguity."""
+        """Return the points (2, n, 2) of both cameras in the goal's order, and their ambiguity.
+
+        The ambiguity is the rotation by which the order is ambiguous, as text ('180°'); empty if
+        none.
+        """
         found, ambiguities = [], []
         views = (observation.cameras[name] for name in self.cameras)
         for numbering, view, goal_points in zip(

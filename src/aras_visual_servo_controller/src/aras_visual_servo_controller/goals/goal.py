@@ -57,7 +57,7 @@ if TYPE_CHECKING:
 
 # Depth of the laboratory's target, m. It is used if the goal contains no depth.
 DEFAULT_DEPTH = 0.2
-# A pose is out of the arm's reach if inverse kinematics leave an error of more than this, m. A
+# An arm cannot reach a pose if its inverse kinematics leave an error of more than this, m. A
 # rotation error of 1 rad counts as 0.1 m.
 REACH_TOLERANCE = 2e-3
 # The camera's mounting has changed since teaching if the camera's pose at the goal's joints differs
@@ -356,10 +356,10 @@ class Goal:
         )  # fmt: skip
 
     def compute_outline(self) -> np.ndarray:
-        """Return the target's outline (n, 2) at the goal, normalised; (0, 2) if it is unknown.
+        """Return the target's outline (n, 2) at the goal, normalised.
 
-        The outline is computed from the target's geometry. If that is unknown, the outline is the
-        ellipse with the target's moments.
+        The outline is computed from the target's geometry or, without it, as the ellipse that has
+        the goal's moments. Without geometry and moments, the array is empty (0, 2).
         """
         if self.target is not None and self.world_T_camera is not None:
             with contextlib.suppress(ServoError):
@@ -457,5 +457,5 @@ class Goal:
 
 @lru_cache(maxsize=8)
 def _parse_goal(text: str, where: str, name: str) -> Goal:
-    """Read a goal from the text of its file; cached, because the runs of a study share goals."""
+    """Read a goal from the text of its file; the result is cached."""
     return Goal.from_mapping(parse_yaml(text, where, ConfigurationError), name)

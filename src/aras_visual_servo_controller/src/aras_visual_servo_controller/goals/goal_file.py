@@ -1,6 +1,6 @@
 """Reading and writing of goal files.
 
-Every key is checked. The message of an error has one line.
+Every key is checked. Each error message is a single line.
 """
 
 from __future__ import annotations

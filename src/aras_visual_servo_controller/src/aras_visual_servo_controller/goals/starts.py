@@ -41,10 +41,9 @@ def find_start_joints(
             joint name, or {xyz, rpy} of the camera in the arm's base.
         arm: arm whose joints are returned.
         package: directory of this package.
-        near: joints (n,) from which the search for the joints of a pose starts. If these are the
-            goal's joints, the start has the arm configuration (such as elbow up) of the goal, the
-            only one for which experiments check collisions and occlusion. None to search from zero
-            joints, or from the nearest joints within the limits.
+        near: joints (n,) from which the search for the joints of a pose starts. With the goal's
+            joints, the start gets the same arm configuration (such as elbow up) as the goal. None
+            to search from zero joints, moved into the limits.
 
     Raises:
         ConfigurationError: the name is unknown, the number of values is wrong, the arm does not

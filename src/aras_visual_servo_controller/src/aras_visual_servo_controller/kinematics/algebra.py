@@ -17,7 +17,7 @@ def svd(a):
 
     r = min(m, n), which may be 0; the singular values are in descending order. The algorithm is
     one-sided Jacobi rotation (M. Hestenes, Inversion of matrices by biorthogonalization, 1958). If
-    a singular value is 0, its singular vector of length max(m, n) is 0.
+    a singular value is 0, its vector in the larger of U and V is 0.
 
     Raises:
         numpy.linalg.LinAlgError: an element is not finite.
@@ -132,12 +132,13 @@ def solve_least_squares(L, e, tolerance):
 def is_well_conditioned(L, modelled, distance, ratio):
     """Return whether the smallest singular value of L is above `ratio` times the largest one.
 
-    To make rows of different units comparable, the rows are scaled to length 1.
+    The rows of L are scaled to length 1 first, because they may have different units.
 
     Args:
         L: (k, 6) interaction matrix.
-        modelled: (6,) columns that are used.
-        distance: distance in whose units lengths are measured, m.
+        modelled: (6,) whether each column is used.
+        distance: unit of length, m.
+        ratio: smallest accepted ratio of the singular values.
     """
     count = 0
     for j in range(6):
@@ -164,9 +165,9 @@ def is_well_conditioned(L, modelled, distance, ratio):
 def triangularise(rows, columns):
     """Reduce the first `columns` columns of a matrix (m, n), m > columns, to a triangle, in place.
 
-    The matrix is multiplied by orthogonal reflections (A. Householder, Unitary triangularization
-    of a nonsymmetric matrix, 1958), so the least-squares solutions of its first `columns` rows are
-    those of all rows.
+    The matrix is multiplied by orthogonal reflections (A. Householder, Unitary triangularization of
+    a nonsymmetric matrix, 1958). Linear equations in these columns then have the same least-squares
+    solution as before, which depends on the first `columns` rows only.
     """
     for j in range(columns):
         square = 0.0
@@ -193,8 +194,8 @@ def triangularise(rows, columns):
 def solve_linear(matrix, values):
     """Overwrite `values` (n,) with the solution x of matrix @ x = values.
 
-    The matrix (n, n) is regular; it is overwritten. The algorithm is Gaussian elimination with
-    partial pivoting.
+    The matrix (n, n) must be invertible and is overwritten, too. The algorithm is Gaussian
+    elimination with partial pivoting.
     """
     count = len(values)
     for i in range(count):

@@ -221,8 +221,7 @@ def complete_by_geometry(goal: Goal, scheme: Scheme | JointController) -> Goal:
 
 
 def _sample_sides(corners: np.ndarray) -> np.ndarray:
-    """Return points (m, 2) on a polygon's sides, more of them on a longer side.
-    """
+    """Return points (m, 2) on a polygon's sides, more of them on a longer side."""
     sides = np.roll(corners, -1, axis=0) - corners
     lengths = np.linalg.norm(sides, axis=1)
     counts = np.maximum(1, np.round(OUTLINE_POINTS * lengths / lengths.sum())).astype(int)

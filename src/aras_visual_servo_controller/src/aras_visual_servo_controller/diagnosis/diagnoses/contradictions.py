@@ -1,4 +1,4 @@
-"""Diagnoses of features that contradict the images, or the camera model."""
+"""Diagnoses of features whose motion contradicts the images, L or the camera model."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ..evidence import Evidence
 
 @DIAGNOSES.register("features_contradict")
 class FeaturesContradict(RunDiagnosis):
-    """Check of the motion of user features.
+    """Detection of features that stay constant, jump or contradict L while the target does not.
 
     The thresholds are constants of MotionCheck and StepCheck.
     """
@@ -40,8 +40,8 @@ class FeaturesContradict(RunDiagnosis):
         evidence.is_angle = angles = np.array(
             [unit != "m" for unit in scheme.units] or [True] * len(tolerances)
         )
-        # Features defined by a user may have a wrong L, so the target's motion is derived from its
-        # centre instead.
+        # The L of a user-defined feature may be wrong. For such features, the target's motion is
+        # computed from the target's centre instead, whose L is known.
         can_judge = getattr(scheme, "can_check_camera", True) and not motion.is_user_scheme
         evidence.target_motion = evidence.target_check.add(
             state.scheme_output, observation, goal, tolerances, can_judge, angles
@@ -70,22 +70,25 @@ class WrongCameraModel(RunDiagnosis):
         fault = "" if evidence.is_oscillation_fast else evidence.find_camera_fault(observation)
         is_there = state.phase == CONVERGED
         if fault and not is_there and (evidence.oscillation or evidence.gain_check.delay_outcome):
-            # The error oscillates or overshoots, which looks like a fault of the camera model.
+            # An oscillation or overshoot of the error looks like a wrong camera model, so none is
+            # reported.
             fault = ""
         evidence.camera_fault = fault
-        # If the goal was taught with the present camera, equal images mean that the camera is at
-        # its goal, even with a wrong camera model. A computed goal does not guarantee this.
+        # If the goal was taught with the present camera and the present image equals the goal's,
+        # the camera is at its goal, even if the camera model is wrong. A computed goal does not
+        # guarantee this.
         if not fault or is_there and is_goal_camera(observation, evidence.run_context.goal):
             return None
         stalled = evidence.progress_check.explain_stall(state)
-        # A joint at its limit stops the camera whether the camera model is wrong or not.
+        # A joint limit is reported first, because it stops the camera even if the camera model is
+        # correct.
         if stalled.kind == "joint_limit":
             return replace(stalled, reason=f"{stalled.reason}; in addition, {fault}")
         return evidence.explain_contradiction(fault)
 
 
 def is_goal_camera(observation: Observation, goal: Goal) -> bool:
-    """Return whether each camera is the one with which its goal was taught."""
+    """Return whether all images come from the cameras with which the goal was taught."""
     goals = goal.cameras
     return all(name in goals and goals[name].camera == view.camera
                for name, view in observation.cameras.items())  # fmt: skip

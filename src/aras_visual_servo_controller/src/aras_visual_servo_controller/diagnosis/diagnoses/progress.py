@@ -34,7 +34,7 @@ class Converged(RunDiagnosis):
     reads = "mean error, its noise, L, view and pose at the goal (`arrival_check.py`)"
     kinds = ("converged", "ambiguous")
 
-    # The uncertainty of the pose is multiplied by this factor if the camera model is wrong.
+    # Factor on the uncertainty of the pose if the camera model is wrong.
     INTERACTION_ERROR_FACTOR = 2.0
 
     def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome | None:

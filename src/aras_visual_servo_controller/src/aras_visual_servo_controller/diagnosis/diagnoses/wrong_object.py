@@ -64,20 +64,20 @@ class ShapeCheck:
     depend on the distance, position and rotation of the object in the image.
     """
 
-    # Largest ratio of the visible object's spread (the inverse of compactness) to that of the
-    # goal's target. The ratio of a target that is tilted by 40 degrees is smaller.
+    # Largest accepted ratio of the spread of the visible object to that of the goal's target, in
+    # either direction. A tilt of the target by 40 degrees gives a smaller ratio.
     MAX_COMPACTNESS_RATIO = 1.25
-    # Limits of the angle between the target's normal and the optical axis, rad. The shape is not
-    # evaluated if the angle exceeds MAX_TILT and differs from the angle at the goal by more than
-    # MIN_TILT_DIFFERENCE. Both values are tuned on diverging runs of the canonical tasks.
+    # The shape is not evaluated if the angle between the target's normal and the optical axis (rad)
+    # exceeds MAX_TILT and differs from the angle at the goal by more than MIN_TILT_DIFFERENCE. Both
+    # values are tuned on runs that diverged.
     MAX_TILT, MIN_TILT_DIFFERENCE = 0.7, 0.2
     MAX_ANISOTROPY_DIFFERENCE = 0.3
     MIN_IMAGES = 3
 
     def __init__(self) -> None:
         self._mismatch_count = 0
-        # Moments of the goal, their squared spread relative to the area, their elongation, and the
-        # tilt of the goal's plane.
+        # Of the goal: moments, spread, elongation, and angle (rad) between the target's normal and
+        # the optical axis.
         self._desired: tuple[Moments | None, float, float, float] = (None, 0.0, 0.0, 0.0)
 
     def add(self, observation: Observation, goal: Goal) -> str:

@@ -152,10 +152,9 @@ def check_within_limits(q: np.ndarray, limits: Limits | Arm, what: str) -> None:
 
 @jit("f8, f8, f8")
 def compute_stopping_speed(room, acceleration, dt):
-    """Compute the largest speed from which a joint can stop within `room`.
+    """Compute the largest speed from which a joint can stop within the distance `room`.
 
-    The speed is maintained for dt (s) before the joint brakes. The result v solves
-    v dt + v^2 / 2a = room, so that later steps of any length stay within the room, too.
+    The joint keeps the speed v for dt (s) and then brakes, so v dt + v^2 / (2 acceleration) = room.
     """
     if dt <= 0.0 or room == np.inf:
         return np.inf

@@ -97,9 +97,8 @@ class SingularityAvoidance(SecondaryTask):
 
         velocity = gain (1 - w / bound) grad w / max(|grad w|, max_gradient)   for w < bound, else 0
 
-    The velocity vanishes at the bound and, with the gradient, at an optimum. (The step of the
-    laboratory's controller has a constant length and therefore oscillates about the optimum.) The
-    task uses only the redundancy of the arm; DifferentialIK deals with stretched elbows.
+    The velocity is 0 at w = bound and at a maximum of w, where the gradient is 0. (The laboratory's
+    controller takes steps of constant length and therefore oscillates about the maximum.)
     """
 
     def __init__(
@@ -117,7 +116,8 @@ class SingularityAvoidance(SecondaryTask):
             directions: indices of the rows of J that are used for w, out of vx, vy, vz, wx, wy, wz.
             gain: maximum speed, rad/s.
             bound: value of w below which the task is active.
-            max_gradient: gradient of w above which the step has its full length.
+            max_gradient: a gradient of w with a smaller norm than this gives a smaller velocity, so
+                that the velocity decreases to 0 at a maximum of w.
         """
         self._arm = arm
         self._rows = np.array(directions)

@@ -31,14 +31,14 @@ LEGAL_NAME = re.compile(r"[~/]?[A-Za-z][\w/]*", re.ASCII)
 
 
 def copy_loop_parameter(name: str) -> Any:
-    """Declare a parameter that is also a field of ServoSettings."""
+    """Declare a parameter with the default, unit and bounds of the ServoSettings field `name`."""
     field = ServoSettings.__dataclass_fields__[name]
     return parameter(field.default, **field.metadata)
 
 
 @dataclass(frozen=True)
 class CameraEntry:
-    """Frame and topics of one camera, if a node has several.
+    """Frame and topics of one camera, for nodes with several cameras.
 
     frame: optical frame of the camera in the robot description; if empty, NAME_optical_frame.
     namespace: namespace of image_raw, camera_info and depth/image_raw; if empty, /NAME.

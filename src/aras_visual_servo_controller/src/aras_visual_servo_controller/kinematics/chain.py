@@ -21,7 +21,8 @@ CHAIN_SIGNATURE = "i8[::1], i8[::1], b1[::1], f8[::1], f8[:,:,::1], f8[:,::1], i
 class Chain(NamedTuple):
     """Joints between a base and a camera, and to a target that the arm moves.
 
-    For a free-flying camera, the arrays of the joints are empty; see `from_free_body`.
+    For a free-flying camera, `origins` has one entry and the other arrays of the joints are empty;
+    see `from_free_body`.
 
     Attributes:
         order: (n,) indices of the joints, each after its parent.

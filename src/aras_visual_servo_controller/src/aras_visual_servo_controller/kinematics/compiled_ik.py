@@ -419,8 +419,8 @@ def solve_velocities(
     Args:
         order … tip_frames: fields of the Chain.
         q: (n,) joint positions.
-        pose, jacobian: (4, 4) and (6, n) of the camera at q. They are outputs if the chain has
-            joints, and inputs if its arrays are empty.
+        pose, jacobian: (4, 4) and (6, n) of the camera at q. They are inputs if `origins` is empty,
+            otherwise outputs.
         goal: (4, 4) pose at which the directions that the task does not control are held.
         L, rate, modelled: (k, 6), (k,) and (6,) fields of the task.
         preferred: (n,) velocities of the secondary tasks, except the range tasks.

@@ -132,7 +132,8 @@ class ServoControl:
         try:
             self._reset_scheme()
         except SchemeError as error:
-            self._halt(HOLDING, str(error))  # the next image resets the scheme again
+            # If the reset of the scheme fails, it is tried again at the next image.
+            self._halt(HOLDING, str(error))
 
     def start(self) -> None:
         """Continue after `stop` or `hold` and reset the scheme at the next image."""
@@ -166,8 +167,7 @@ class ServoControl:
         self._add_record(RunEvent("timed_out", time=duration))
 
     def mark_joint_jump(self) -> None:
-        """Note that the joints may have moved, so that commands restart at the measured positions.
-        """
+        """Set the commands to the measured positions at the next update, as after a joint jump."""
         self._have_joints_jumped = True
 
     def set_foreign_nodes(self, nodes: Mapping[str, str]) -> None:

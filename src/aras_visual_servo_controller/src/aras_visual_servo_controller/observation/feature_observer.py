@@ -49,12 +49,14 @@ def observe(
         observer: observer with the arm, the scheme's needs, the goal's plane and the last frame.
         camera: intrinsics with which the pixels are read; None for those of the frame.
         commands: commands that were sent since the exposure.
-        plane: plane of the target, if it is known more accurately than from goal and kinematics.
+        plane: plane of the target, if it is known more accurately than from the goal and the
+            camera's pose.
         world_T_camera: (4, 4) pose of the camera, if it is known more accurately than from the
             joints.
 
     Returns:
-        The observation. If the target is not found, it is not `valid` and has a reason.
+        The observation. If the target is not found, the observation is not `valid` and its `reason`
+        says why.
     """
     camera = frame.camera if camera is None else camera
     if frame.image is not None:
@@ -223,7 +225,8 @@ class FeatureObserver:
             valid, reason = False, "the target is not in view"
         elif not (
             (corners is contour or all(np.isfinite(corners.ravel()).tolist()))
-            # `from_polygon` has checked the contour if there are moments.
+            # with moments, the contour needs no check, because `from_polygon` has computed the
+            # moments from it
             and (contour is None or moments is not None or np.isfinite(contour).all())
         ):
             valid, reason = False, "a coordinate of the target's outline or corners is not finite"
@@ -259,7 +262,8 @@ class FeatureObserver:
         stamp = float(stamp)
         pose = self._find_pose(joints, world_T_camera)
         if pose is not None:
-            pose = np.asarray(pose, float)  # no copy of the arm's pose, which is read-only
+            # Asarray does not copy the arm's pose; the pose is read-only.
+            pose = np.asarray(pose, float)
             pose = make_read_only_copy(pose) if pose.flags.writeable else pose
         is_measured = plane is not None
         if plane is None and depth is None and pose is not None and self.compute_plane is not None:

@@ -33,7 +33,8 @@ class Need(Enum):
     DEPTH = "depth"
     KERNEL = "kernel"
 
-    # The hash of Enum is a Python function, which each test of a set of needs would call.
+    # The default hash of Enum is a slow Python function, which is called for each membership test
+    # in a set of needs.
     __hash__ = object.__hash__
 
 
@@ -147,7 +148,7 @@ class Observation:
 
     @property
     def is_from_image(self) -> bool:
-        """Return whether the observation was measured in an image, not computed from geometry."""
+        """Return whether the data come from an image, not from the geometry of the target."""
         return self.image is not None or self.depth is not None or self.pixel_count > 0
 
     def without_pixels(self) -> Observation:
@@ -169,17 +170,18 @@ class Observation:
         )  # fmt: skip
 
     def transform_to_control(self, L: np.ndarray) -> np.ndarray:
-        """Transform L (k, 6) of features of this camera to the twist of the control camera."""
+        """Convert L (k, 6) of this camera's features to apply to the control camera's twist."""
         return L if self.twist_from_control is None else L @ self.twist_from_control
 
     def compute_change_since_exposure(self, L: np.ndarray) -> np.ndarray | float:
-        """Return the change of features from this exposure to that of the control camera.
+        """Return the change (k,) of features from this camera's exposure to the control camera's.
 
-        It is computed to first order from L (k, 6). It is 0 if both images were exposed together.
+        It is L (k, 6) times the camera's motion between the two exposures; 0 if they are
+        simultaneous.
         """
         return 0.0 if self.motion_since_exposure is None else L @ self.motion_since_exposure
 
     @cached_property
     def motion(self) -> np.ndarray | None:
-        """The motion previous_T_camera, as the twist (6,) that causes it in one second."""
+        """Motion since the previous observation, as the twist (6,) that causes it in one second."""
         return None if self.previous_T_camera is None else logarithm(self.previous_T_camera)

@@ -29,9 +29,9 @@ class RunContext:
         unreachable_reason: why the arm cannot reach the pose at which the goal was taught; '' if it
             can.
         names: names of the n joints.
-        joint_units: (n,) unit in which the motion of each joint is measured, rad or m.
-        narrowed_limits: joints whose limits a parameter makes narrower than the robot's own, by the
-            name of this parameter.
+        joint_units: (n,) size of a comparable motion of each joint, rad or m.
+        narrowed_limits: for each parameter that narrows position limits, the joints whose limits
+            are narrower than the robot's own.
         elbows: elbows of the arm.
         joints_beyond_limits: joints that exceed their limits at the goal.
     """
@@ -91,10 +91,11 @@ class RunEvent:
     Attributes:
         kind: 'started', 'scheme_failed', 'joints_unmeasured', 'halted', 'starved' or 'timed_out'.
         reason: reason of a failure.
-        outcome: outcome of a halt, or of joints that were not measured; None for the outcome
+        outcome: outcome of an event 'halted' or 'joints_unmeasured'; None for the outcome
             'no_joint_states'.
-        time: time at which the watchdog stopped the arm, or duration after which the run ended, s.
-        period: period of the images before the watchdog stopped the arm, s.
+        time: for 'starved' (no new image in time), the time at which the arm was stopped, s; for
+            'timed_out', the duration of the run, s.
+        period: for 'starved', the period of the images before, s.
     """
 
     kind: str

@@ -26,9 +26,9 @@ OUTPUTS = ("position", "velocity", "effort")
 class RunStartDetector:
     """Detector of the starts of runs in the phases of consecutive states.
 
-    A run starts with the approach to its start, and again when servoing starts, so that its curves
-    and its path have no part of the approach. WAITING starts no run, because the loop also reports
-    it during a run, between two images that are late.
+    A run starts when the arm starts to move to its start pose, and again when servoing starts, so
+    that the plots of a run do not contain this motion. WAITING does not end a run, because the loop
+    also reports it between two images that are late.
     """
 
     def __init__(self) -> None:
@@ -155,9 +155,9 @@ class Source:
         return text + (f" (is {self.sender} running?)" if self.sender else "")
 
     def describe_stamp_lead(self, seconds: float) -> str:
-        """Return a text that says that the stamps of the source are `seconds` ahead of the clock.
+        """Return a message that the stamps of the source are `seconds` ahead of the clock.
 
-        A negative number means that they are behind it.
+        If `seconds` is negative, the message says that they are behind the clock.
         """
         where = f" on {self.topic}" if self.topic else ""
         lead = f"{abs(seconds):.2f} s {'ahead of' if seconds > 0.0 else 'behind'} the clock"
@@ -264,19 +264,21 @@ class ServoState:
 
     @property
     def rank(self) -> int:
-        """Return the rank of L in the directions that the task controls."""
+        """Number of camera directions that the features measure accurately enough; see `Task.rank`.
+        """
         if self._task is None:
             return rank(self.singular_values_L)
         return self._task.rank
 
     @property
     def dropped_reason(self) -> str:
-        """Return the part of the desired twist that is not servoed, and why, as text; see Task."""
+        """Camera motion that is desired but too uncertain to be commanded, as text with the reason.
+        """
         return "" if self._task is None else self._task.dropped_reason
 
     @property
     def singular_values_L(self) -> np.ndarray:
-        """Return the singular values of L for the directions of the task, in descending order."""
+        """Singular values of L for the directions that the task controls, in descending order."""
         if self._task is None:
             return np.zeros(0) if self.ik_solution is None else self.ik_solution.singular_values_L
         return self._task.singular_values

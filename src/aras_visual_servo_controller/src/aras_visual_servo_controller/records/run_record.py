@@ -29,7 +29,8 @@ class RunContext:
         unreachable_reason: why the arm cannot reach the pose at which the goal was taught; '' if it
             can.
         names: names of the n joints.
-        joint_units: (n,) size of a comparable motion of each joint, rad or m.
+        joint_units: (n,) motion of each joint, rad or m, that has the same weight as 1 rad of a
+            revolute joint.
         narrowed_limits: for each parameter that narrows position limits, the joints whose limits
             are narrower than the robot's own.
         elbows: elbows of the arm.

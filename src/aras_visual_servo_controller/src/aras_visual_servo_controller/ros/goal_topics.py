@@ -12,9 +12,9 @@ from ..loop.servo import Servo
 
 
 class GoalTopics:
-    """Latched publishers of the camera pose at the goal and of the target's outline there.
+    """Latched publishers of the camera pose at the goal and of the target's desired outline.
 
-    The outline is that in the goal's view.
+    The outline is the one that the camera sees from the goal.
     """
 
     def __init__(self, namespace: str) -> None:

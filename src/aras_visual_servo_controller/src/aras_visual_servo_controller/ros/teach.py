@@ -73,7 +73,7 @@ def collect_views(arguments: argparse.Namespace) -> Goal:
         time.sleep(0.02)
     inputs.close()
     target_goal = None
-    # A mesh model already determines the plane of the target.
+    # With a mesh model or a known depth, the plane of the target is known.
     if arguments.depth is None and not settings.model:
         target_goal = Goal.load(package / "config" / "goal_2016.yaml")
     views = teacher.views[: arguments.images]

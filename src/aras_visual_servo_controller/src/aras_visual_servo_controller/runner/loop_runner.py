@@ -42,11 +42,12 @@ from ..records.state import (
 from ..settings import Settings
 from .foreign_watch import MAX_CLOCK_SKEW, ForeignCommands, ForeignWatch, JointStateWatch
 
-# Period of the reports of the loop's state while no images arrive, s: that of a camera with 30
-# images per second.
+# Period at which the loop's state is reported while no images arrive, s: the image period of a
+# camera with 30 images per second.
 REPORT_PERIOD = 1.0 / 30.0
 SILENT_TIME = 0.05  # after this time without a joint state, s, the loop's time follows the clock
-STOPPED_CLOCK_TIME = 0.5  # wall time without progress after which a stopped clock is reported, s
+# A clock that has not advanced for this wall time, s, is reported as stopped.
+STOPPED_CLOCK_TIME = 0.5
 RESUME_ADVICE = "resume the simulation, or start the simulator again"
 REPEAT_PERIOD = 0.1  # period at which a command that a joint does not follow is sent again, s
 
@@ -377,9 +378,11 @@ class LoopRunner:
         if self._is_ended or values is None or not are_finite(values, values, values):
             return
         if self.sent_values is None and self.servo.phase == STOPPED:
-            return  # before the first start, another node may command the joints
+            # The loop is stopped and has sent nothing yet: another node may command the joints.
+            return
         if self.servo.is_yielding and command.positions is not None:
-            self.sent_values = None  # another node has commanded the joints since
+            # The last command is no longer in effect, because another node commands the joints.
+            self.sent_values = None
             return
         same = self.sent_values is not None and values.tolist() == self.sent_values.tolist()
         if not same:
@@ -458,7 +461,7 @@ class LoopRunner:
         if is_certain and not (stopped_clock or self._stamps_ahead or settings.lockstep) and (
             phase == (HOLDING if kind == "no_joint_states" else WAITING)
         ):  # fmt: skip
-            return  # the periodic reports name this input, and since when it is missing
+            return  # the reports of the state already say which input is missing, and since when
         self._silence_report_time = wall
         reason = "; ".join(filter(None, (stopped_clock, " and ".join(missing))))
         found = self._make_silence_outcome(kind, reason)

@@ -79,7 +79,8 @@ def check_measurement(feature: Feature, measurement: object) -> FeatureMeasureme
 
 
 def _is_valid(measurement: FeatureMeasurement, count: int) -> bool:
-    """Return whether a measurement without summary has valid arrays for `count` features."""
+    """Return whether a measurement without `error_summary` has valid arrays for `count` features.
+    """
     L = measurement.L
     for array in (measurement.s, measurement.desired, measurement.error):
         if type(array) is not np.ndarray or array.dtype != float or array.shape != (count,):
@@ -112,7 +113,8 @@ def check_array(
 def check_accuracy(feature: Feature, accuracy: object, count: int) -> np.ndarray | float | None:
     """Return the value of Feature.accuracy for `count` components, or None.
 
-    An array (count,) is taken as standard deviations and returned as a diagonal matrix.
+    An array (count,) contains the standard deviations of independent components. It is returned as
+    a diagonal matrix, the general form (count, m) of an accuracy.
 
     Raises:
         SchemeError: the value is not valid; the message names the class, the value and what is

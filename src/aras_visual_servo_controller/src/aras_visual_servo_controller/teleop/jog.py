@@ -136,7 +136,10 @@ class Jog:
         return self._command.copy()
 
     def _ramp(self, desired: np.ndarray, dt: float) -> None:
-        """Change the ramped speed towards the desired one; a twist keeps its direction."""
+        """Change `_ramped` towards the desired speeds or twist, limited by RAMP_TIME.
+
+        All components change in proportion, so that a twist keeps its direction.
+        """
         max_speeds = np.array(MAX_TWIST) if self._is_camera_twist else self.max_speeds
         difference = desired - self._ramped
         largest = float(np.max(np.abs(difference) / max_speeds))
@@ -145,7 +148,7 @@ class Jog:
         )
 
     def _compute_velocities(self, positions: np.ndarray, dt: float) -> np.ndarray:
-        """Compute the joint velocities (n,) for the ramped speed."""
+        """Compute the joint velocities (n,) for the present twist or joint speeds in `_ramped`."""
         self.reason = ""
         if not self._is_camera_twist:
             return self._ramped

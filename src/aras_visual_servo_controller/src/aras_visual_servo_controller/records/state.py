@@ -73,8 +73,8 @@ class ServoSettings:
         step.
     lead: m, rad, distance by which a commanded position may be ahead of its joint at rest.
     lag: s, additional lead per unit of joint speed.
-    delay: s, simulated time from the exposure of an image until its task starts. In lockstep, a
-        command is sent only for each image, so the task starts with the first image after the
+    delay: s, simulated time from the exposure of an image until its task starts. In lockstep,
+        commands are sent only when images arrive, so the task starts with the first image after the
         delay.
     watchdog: s, time without a new task after which the arm is stopped.
     watchdog_images: number of image periods without a new task after which the arm is stopped, if

@@ -27,7 +27,7 @@ ROTATION_WEIGHT = 0.5
 # Default of `floor` as a fraction of d: for this camera motion, half of the change of the features
 # is noise.
 MIN_STEP = 1 / 600
-# D in m (see ROTATION_WEIGHT), if the first L is zero and d cannot be computed.
+# value of d (see ROTATION_WEIGHT) in m, if the first L is zero and d cannot be computed
 UNKNOWN_MOTION = 0.6
 # L is not updated if a component of the error has changed by more than this since the last image,
 # because an angle has probably jumped by a turn.

@@ -194,7 +194,8 @@ class Arm:
             )
         key, cached = q.tobytes(), self._pose_cache
         if cached is not None and key == cached[0]:
-            return cached[1]  # several parts of the loop need the pose for the same joints
+            # The result is cached, because several parts of the loop need it for the same joints.
+            return cached[1]
         pose, jacobian = self.chain.compute_pose_and_jacobian(q)
         result = _make_read_only(pose), _make_read_only(jacobian)
         self._pose_cache = key, result

@@ -16,8 +16,8 @@ from .limits import compute_velocity_ranges
 # A singular direction of L gets less weight if its singular value is below this fraction of the
 # largest one.
 WELL_CONDITIONED = 0.05
-# The damping of a weak joint motion is proportional to the controlled fraction (0 to 1) of the
-# camera direction in which it moves the camera. This is the lower bound of the fraction.
+# A joint motion that hardly moves the camera (near a singularity) is damped in proportion to the
+# part, 0 to 1, of this camera motion that the task controls. Here is the lower bound of this part.
 MIN_DEMAND = 0.3
 # Singular values below this fraction of the largest one are rounding errors.
 SINGULAR_TOLERANCE = 1e-9
@@ -143,8 +143,8 @@ def _solve_damped(
         for i in range(m):
             for j in range(len(joints)):
                 damped[i, j] = task[i, j]
-        # Each joint motion i moves the camera in the direction u_arm[:, i]. The norm of
-        # sensitivity[:, i] is the controlled fraction of this direction.
+        # For joint motion i, the camera moves along u_arm[:, i]. The norm of sensitivity[:, i] is
+        # the part of this direction, 0 to 1, that the task controls.
         sensitivity = multiply(rows, u_arm)
         for i in range(strong, len(s)):
             strength = max(_norm(sensitivity[:, i]), MIN_DEMAND)
@@ -174,9 +174,10 @@ def _solve_damped(
 
 @jit("f8[:], f8[:]")
 def _find_scale(desired, room):
-    """Return the largest factor <= 1 for which |factor desired| <= room, and the limiting joint.
+    """Return the largest factor <= 1 for which |factor desired_i| <= room_i for all joints i.
 
-    Both arguments are arrays (n,).
+    The second result is the index of the joint that limits the factor. Both arguments are arrays
+    (n,).
     """
     part, joint = 1.0, 0
     for i in range(len(desired)):
@@ -347,7 +348,8 @@ def _solve_within_ranges(
 
 @jit("f8[:,:], f8")
 def _scale_rotations(twists, length):
-    """Return twists (6, n) with the rotations multiplied by the length, m/s."""
+    """Return twists (6, n) with their rotations multiplied by the length, so that all are in m/s.
+    """
     scaled = np.empty(twists.shape)
     for i in range(6):
         factor = length if i > 2 else 1.0
@@ -379,8 +381,7 @@ SOLVER_SIGNATURE = (
     "f8[:,:], f8[:,:], f8[:], b1[:], f8[:], f8[:,:,:], f8[:,:], f8[:,:], f8, b1, f8[:], "
     "f8[:,:], f8[:], f8[:,::1], f8[:,::1]"
 )
-# Indices of the rows of the outputs `joints`, each (n,), and `twists`, each (6,), of
-# `solve_velocities`.
+# Indices of the rows of two outputs of `solve_velocities`: `joints` (4, n) and `twists` (3, 6).
 VELOCITIES, PRIMARY, MARGINS, STOPPED = range(4)
 DESIRED, ACHIEVED, INFEASIBLE = range(3)
 

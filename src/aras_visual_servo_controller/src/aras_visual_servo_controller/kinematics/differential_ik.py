@@ -173,8 +173,8 @@ class DifferentialIK:
         Args:
             q: (n,) joint positions, rad or m.
             task: task with L (k, 6), desired_rate (k,) and modelled (6,).
-            dt: time for which the velocities will be commanded, s; if it is 0, only speeds are
-                limited.
+            dt: time for which the velocities will be commanded, s; if it is 0, only the speed
+                limits apply.
             previous: (n,) velocities that were commanded before, for the acceleration limits.
 
         Raises:

@@ -109,7 +109,7 @@ class CommandIntegrator:
         )
 
     def set_command(self, command: np.ndarray, velocity: np.ndarray) -> None:
-        """Set the command (n,) and its velocity (n,), and mark no joint as late."""
+        """Set the commanded positions (n,) and their velocities (n,), and clear `is_late`."""
         self.is_late = np.zeros(len(self.names), bool)
         self._braking, self.velocity, self.command = None, velocity, command
 
@@ -173,7 +173,7 @@ class CommandIntegrator:
         return Command(t, self.names, values, settings.output, reason, phase)
 
     def limit_velocities(self, velocities: np.ndarray, dt: float) -> tuple[np.ndarray, str]:
-        """Scale the velocities (n,) of a joint controller to the limits of the joints.
+        """Scale the velocities (n,) that a JointController commands to the limits of the joints.
 
         Returns:
             The velocities, and a description of the limits that scaled them.

@@ -369,7 +369,8 @@ class Servo(ServoControl):
         is_faulty: bool = False,
         arrival_status: ArrivalStatus = NOT_ARRIVED,
     ) -> ServoState:
-        """Create the state of this image, with the outcome of the diagnosis."""
+        """Create the state after this image, pass a record to the diagnosis, and add its outcome.
+        """
         text = self.reason if reason is None else reason
         state = ServoState(
             float(observation.stamp), self.phase,

@@ -163,7 +163,7 @@ class ServoControl:
         )
 
     def time_out(self, duration: float) -> None:
-        """End the run after its duration (s), and diagnose an outcome that is still open."""
+        """End the run after its duration (s); the diagnosis then gives its final outcome."""
         self._add_record(RunEvent("timed_out", time=duration))
 
     def mark_joint_jump(self) -> None:
@@ -194,7 +194,7 @@ class ServoControl:
 
     def _make_approach(self, joints: Sequence[float], destination: str) -> StartApproach:
         """Create the path to joints (n,)."""
-        # Imported here, because many runs need no approach.
+        # Imported here to save time, because many runs do not start with a motion to a start pose.
         from .start_approach import StartApproach
 
         limits, settings = self.differential_ik.limits, replace(self.settings, start=tuple(joints))

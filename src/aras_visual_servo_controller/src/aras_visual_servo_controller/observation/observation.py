@@ -73,8 +73,8 @@ class Observation:
         corner_spread: (2n, m) errors of the corners' coordinates x_0, y_0, x_1, ... due to m
             independent causes, each as one standard deviation, normalised. They are estimated from
             the distances of edge points to their fitted lines. None if they are unknown.
-        corner_repeatability: rms error of the corners that remains if goal and image come from the
-            same camera at the same pose, normalised.
+        corner_repeatability: standard deviation of the part of the corners' error that changes from
+            image to image even if the camera is at rest, normalised.
         corner_noise: standard deviation of the noise in corners and contour, normalised, as
             declared by their source.
         is_numbered: whether each corner is identified individually, as the corners of a marker are;

@@ -362,7 +362,7 @@ class LoopRunner:
         """Stop the arm at the time t (s), because its joints cannot be measured.
 
         Args:
-            sample: joint sample between unusable joint states.
+            sample: usable joint sample that came between unusable ones, or None.
         """
         unusable = self._joint_state_watch.find_outcome(self._now)
         reason = self._joints_source.describe_silence(self._joints_arrival)
@@ -426,7 +426,7 @@ class LoopRunner:
             self._foreign_watch.reset()
 
     def _report_periodically(self, command: Command, joints: JointSample | None) -> None:
-        """Report the state without an image, as often as a camera delivers images."""
+        """Report the state once per REPORT_PERIOD, if it is not reported for images."""
         if not 0.0 <= command.stamp - self._report_stamp < REPORT_PERIOD:
             state = ServoState(
                 command.stamp, self.servo.phase, reason=command.reason, joints=joints,

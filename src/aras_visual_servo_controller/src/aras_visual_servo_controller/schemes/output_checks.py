@@ -49,7 +49,7 @@ def check_measurement(feature: Feature, measurement: object) -> FeatureMeasureme
             returned and what is needed.
     """
     if type(measurement) is FeatureMeasurement and _is_valid(measurement, len(feature.names)):
-        return measurement  # usually, no array has to be converted
+        return measurement  # the usual case: all arrays are valid and need no conversion
     where = f"{type(feature).__name__}.measure returned"
     if not isinstance(measurement, FeatureMeasurement):
         if not all(hasattr(measurement, field) for field in ("s", "desired", "error", "L")):
@@ -106,7 +106,7 @@ def check_array(
     if type(value) is np.ndarray and value.dtype == float and value.shape == shape:
         flat = value.ravel()
         if are_finite(flat, flat, flat):
-            return value  # usually, the value is already valid
+            return value  # the usual case: the value is valid and needs no conversion
     return _read_shaped(f"{type(owner).__name__}.{method} returned", "", value, shape)
 
 

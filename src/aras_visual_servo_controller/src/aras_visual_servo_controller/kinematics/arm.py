@@ -320,10 +320,10 @@ class Arm:
 
 @jit("f8[:], f8[:], f8[:], f8[:], f8[:]")
 def find_implausible_joint(q, velocities, lower, upper, max_speeds):
-    """Return the first joint with an implausible value, and whether this value is its velocity.
+    """Return the index of the first joint with an implausible value, and whether it is a velocity.
 
-    Positions are checked before velocities. The index is -1 if all values are plausible. A value
-    that is not finite fails every comparison, so it is implausible.
+    Positions are checked before velocities. Values that are not finite are implausible. The index
+    is -1 if all values are plausible.
     """
     for i in range(len(q)):
         if not lower[i] <= q[i] <= upper[i]:

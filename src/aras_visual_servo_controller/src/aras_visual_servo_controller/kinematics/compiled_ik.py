@@ -13,13 +13,13 @@ from .chain import CHAIN_SIGNATURE, compute_pose_and_jacobian
 from .held_directions import compute_held_directions
 from .limits import compute_velocity_ranges
 
-# A singular direction of L gets less weight if its singular value is below this fraction of the
+# A camera direction gets a smaller weight if its singular value in L is below this fraction of the
 # largest one.
 WELL_CONDITIONED = 0.05
 # A joint motion that hardly moves the camera (near a singularity) is damped in proportion to the
 # part, 0 to 1, of this camera motion that the task controls. Here is the lower bound of this part.
 MIN_DEMAND = 0.3
-# Singular values below this fraction of the largest one are rounding errors.
+# Singular values of the equations below this fraction of the largest one are rounding errors.
 SINGULAR_TOLERANCE = 1e-9
 # if an elbow is bent by less than this, rad, the side of the bend depends on rounding errors
 STRAIGHT_TOLERANCE = 1e-9
@@ -110,10 +110,10 @@ def _solve_damped(
         scaled_jacobian: (6, n) Jacobian of the arm.
         basis, desired, weights: directions, velocities and weights that `_build_rows` returns.
         preferred: (n,) velocities that secondary tasks prefer.
-        free: (n,) whether each joint may move freely.
-        fixed: (n,) velocities of the other joints.
-        damping: maximum damping.
-        damping_below: singular value of the Jacobian below which a motion is damped.
+        free: (n,) whether the velocity of each joint is to be computed.
+        fixed: (n,) given velocities of the joints that are not free; 0 for the others.
+        damping: maximum damping, m per rad or m of joint motion.
+        damping_below: singular value of the Jacobian below which a joint motion is damped.
         units: (n,) joint motions, rad or m, that have the same weight in the least squares.
 
     Returns:
@@ -252,7 +252,10 @@ def _limit_velocities(desired, secondary, low, high, limits, dt, is_limited, pre
 
 @jit("f8[:], f8[:], f8[:], f8, f8")
 def _passes_straight(q, elbow, velocities, reach_bend, dt):
-    """Return whether this step removes more than half of the bend of an almost straight elbow."""
+    """Return whether one step removes more than half the bend of a nearly straight elbow.
+
+    The step is a motion with `velocities` for dt (s).
+    """
     bend, speed = q[int(elbow[0])] - elbow[1], velocities[int(elbow[0])]
     side = np.sign(bend) if abs(bend) > STRAIGHT_TOLERANCE else elbow[2]
     return abs(bend) < reach_bend and speed * side < 0.0 and abs(speed) * dt > 0.5 * abs(bend)
@@ -293,8 +296,8 @@ def _solve_within_ranges(
         near, back = False, True
         for elbow in elbows:
             near |= free[int(elbow[0])] and abs(q[int(elbow[0])] - elbow[1]) < reach_bend
-        # Near a straight elbow, solve again with the Jacobian of bent elbows. The second solution
-        # is used if it bends the elbows further.
+        # Near a straight elbow, the Jacobian of bent elbows is tried first. Its solution is used if
+        # it bends the elbows further.
         if near:
             solution, spare = _solve_damped(
                 bent_jacobian,

@@ -87,7 +87,7 @@ class Limits:
     def find_narrowed(self, arm: Arm) -> dict[str, list[str]]:
         """Return the joints whose position limits are narrower than the arm's own.
 
-        The keys are the names of the parameters that narrow the limits.
+        They are grouped by the parameter that narrows the limits: 'lower' or 'upper'.
         """
         narrower = {"lower": self.lower > arm.lower, "upper": self.upper < arm.upper}
         return {

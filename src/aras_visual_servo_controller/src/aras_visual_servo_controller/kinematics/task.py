@@ -58,7 +58,7 @@ class Task:
     rank_tolerance: float = ROUNDING_TOLERANCE
 
     def __post_init__(self) -> None:
-        """Check the arrays, and reduce more than six rows to six with the same solution.
+        """Check the arrays; if L has more than six rows, reduce it to six with the same solution.
 
         Raises:
             TaskError: a shape is wrong, or a value is not finite.

@@ -53,7 +53,7 @@ class Teacher:
         Args:
             start_joints: joints (n,) to which the arm moves first; None to stay at the present
                 joints.
-            send: function that sends the commands (n,) on the path.
+            send: function that sends the commanded positions (n,) to the arm.
         """
         self.arm, self.camera_rig = arm, camera_rig
         self._send = send

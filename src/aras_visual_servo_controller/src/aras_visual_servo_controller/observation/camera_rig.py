@@ -141,8 +141,8 @@ class CameraRig:
         observers: observer of each camera by name, the control camera's first.
         find_joints: function that returns the joints at a stamp (s), or None; set by the loop's
             owner.
-        missing_camera: name of the camera for whose image the last image waits; empty if it does
-            not wait.
+        missing_camera: name of the camera whose image has to arrive before the control camera's
+            last image can be processed; empty if none is missing.
     """
 
     def __init__(self, observers: Iterable[FeatureObserver]) -> None:

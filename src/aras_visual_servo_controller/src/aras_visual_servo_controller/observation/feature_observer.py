@@ -79,7 +79,7 @@ def observe(
 
 
 class FeatureObserver:
-    """Source of the observations of one camera: images, moments, or exact geometry.
+    """Observer of one camera: makes its observations from images, moments or exact geometry.
 
     The stamp and pose of the last observation are stored, to compute the time step and the motion
     of the next one.

@@ -158,8 +158,7 @@ class Observation:
         return replace(self, image=None, depth=None, other_cameras=others)
 
     def with_noise(self) -> Observation:
-        """Return the observation with the declared noise included in the accuracy of the corners.
-        """
+        """Return the observation with `corner_noise` added to the accuracy of the corners."""
         if not self.corner_noise:
             return self
         return replace(

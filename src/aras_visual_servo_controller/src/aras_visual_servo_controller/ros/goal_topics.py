@@ -27,10 +27,7 @@ class GoalTopics:
         )
 
     def publish(self, servo: Servo) -> None:
-        """Publish the goal of a loop.
-
-        If its pose is unknown, publish only the outline.
-        """
+        """Publish the camera pose at the loop's goal, if it is known, and the desired outline."""
         if servo.unreachable_reason:
             rospy.logwarn("%s; the arm goes as near as it can", servo.unreachable_reason)
         arm, pose = servo.arm, servo.differential_ik.goal

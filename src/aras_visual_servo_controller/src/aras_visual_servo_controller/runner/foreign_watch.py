@@ -46,7 +46,8 @@ class ForeignWatch:
     """Detection of commands from other nodes to the joints of one loop.
 
     Attributes:
-        can_name_nodes: whether other nodes can be named, because their commands can be received.
+        can_name_nodes: whether the names of other nodes can be found, from the commands that they
+            publish.
     """
 
     def __init__(

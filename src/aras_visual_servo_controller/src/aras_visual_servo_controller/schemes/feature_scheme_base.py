@@ -98,6 +98,6 @@ class FeatureSchemeBase(Scheme):
         return measured
 
     def _describe(self) -> None:
-        """Copy the names, tolerances and units of the feature, which can depend on the goal."""
+        """Copy names, tolerances and units from the feature; they can depend on the goal."""
         self.names, self.units = tuple(self.feature.names), tuple(self.feature.units)
         self.tolerances = tuple(self.feature.tolerances)

@@ -179,10 +179,10 @@ def _describe(value: object) -> str:
 
 
 def check_joint_output(name: str, output: object, count: int) -> np.ndarray:
-    """Return the joint output (n,) of a joint controller as a float64 array.
+    """Return the array (n,) that `JointController.update` returned, checked and as float64.
 
     Raises:
-        SchemeError: the output has a wrong shape, or is not finite.
+        SchemeError: the array has a wrong shape, or is not finite.
     """
     array = to_float_array(output)
     if array is None or array.shape != (count,):

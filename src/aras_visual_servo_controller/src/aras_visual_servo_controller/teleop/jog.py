@@ -20,7 +20,8 @@ COMMAND_LIFETIME = 0.3  # time for which a requested speed is valid, s
 RAMP_TIME = 0.25  # time from rest to the maximum speed, and from the maximum speed to rest, s
 # Maximum speeds of the camera, in m/s and rad/s.
 MAX_TWIST = (0.25,) * 3 + (1.0,) * 3
-LONGEST_STEP = 0.1  # longest time step that is integrated, s, even after a longer gap
+# Longest time step, s; a longer time between two commands is integrated as this step.
+LONGEST_STEP = 0.1
 # Largest distance between a command and the measured joint, rad or m. It limits the command if the
 # joint is blocked.
 MAX_LEAD = 0.05

@@ -308,8 +308,8 @@ class Settings(Parameters):
             raise ConfigurationError(
                 f"parameter ~elbow is {list(sides)}, must be -1 or 1, or {{joint: -1 or 1}}"
             )
-        # Keep only the sides of elbows. Other joints of the arm are no elbows if a neighbouring
-        # joint is not used.
+        # Ignore the side given for a joint that is no elbow, which can be the case if some joints
+        # are not used.
         if sides and self.joints:
             elbow_names = [arm.names[elbow.joint] for elbow in elbows]
             sides = {n: s for n, s in sides.items() if n in elbow_names or n not in arm.names}

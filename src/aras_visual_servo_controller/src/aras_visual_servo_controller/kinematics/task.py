@@ -188,7 +188,8 @@ class Task:
     def measurable_task(self) -> Task:
         """Task without the directions whose uncertainty exceeds MAX_UNCERTAINTY.
 
-        If there are no such directions, or if the features are exact, it is the task itself.
+        If there are no such directions, or if `accuracy` is 0 and `rank_tolerance` has its default,
+        it is the task itself.
         """
         accuracy = self.accuracy
         is_exact = accuracy == 0.0 if type(accuracy) is float else not accuracy.any()

@@ -60,7 +60,7 @@ class CommandIntegrator:
             self.start_at(positions)
 
     def clear_late(self) -> None:
-        """Mark all joints as not late, because no motion is commanded."""
+        """Mark no joint as too far behind its command, because no motion is commanded."""
         self.is_late = np.zeros(len(self.names), bool)
 
     def yield_to(self, is_late: Sequence[bool], dt: float) -> None:

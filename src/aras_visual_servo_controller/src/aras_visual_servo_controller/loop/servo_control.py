@@ -171,7 +171,7 @@ class ServoControl:
         self._have_joints_jumped = True
 
     def set_foreign_nodes(self, nodes: Mapping[str, str]) -> None:
-        """Set the nodes that command joints besides this one, by joint; empty if there are none."""
+        """Set the names of the other nodes that command joints, by joint name; may be empty."""
         ended, self._foreign_nodes = bool(self._foreign_nodes) and not nodes, dict(nodes)
         if ended:
             self.resume_own_commands()
@@ -182,9 +182,10 @@ class ServoControl:
         return bool(self._foreign_nodes)
 
     def resume_own_commands(self) -> None:
-        """Resume the commands at the present joint positions after another node's commands.
+        """Resume commands at the present joint positions after another node has commanded them.
 
-        If no target has been visible meanwhile, the arm first returns to its last commanded pose.
+        If no target was visible during these commands, the arm first returns to its last commanded
+        pose.
         """
         if self.phase == HOLDING and not self._hold_reason and self.integrator.command is not None:
             self._start_approach = self._make_approach(
@@ -278,7 +279,8 @@ class ServoControl:
         return self.diagnosis.add(record)
 
     def _add_foreign_nodes(self, reason: str) -> str:
-        """Return a reason with the other nodes that command joints appended."""
+        """Return the text `reason` with the names of the other nodes that command joints appended.
+        """
         return "; ".join(
             text for text in (reason, describe_foreign_nodes(self._foreign_nodes)) if text
         )

@@ -61,7 +61,7 @@ class InverseCameraKinematics:
 
         Args:
             arm: arm that describes the camera's motion relative to its own target.
-            fixed_pose: see the attribute.
+            fixed_pose: (4, 4) see the attribute `fixed_pose`.
         """
         self._arm, self.fixed_pose = arm, np.array(fixed_pose, float)
 
@@ -232,7 +232,7 @@ class CameraRig:
     def merge_observations(
         self, control: Observation, other_cameras: Mapping[str, Observation]
     ) -> Observation:
-        """Merge the observations of all cameras into that of the control camera.
+        """Return the control camera's observation, with the others stored in `other_cameras`.
 
         Raises:
             MeasurementError: the pose of a camera relative to the control camera is unknown.

@@ -44,7 +44,7 @@ def observe(
     """Measure the quantities that the scheme needs in a frame: moments, contour, corners, plane.
 
     Args:
-        frame: image, exact features in px, or moments.
+        frame: image, or exact outline and corners in px, or moments.
         joints: joints at the exposure; None if they are unknown.
         observer: observer with the arm, the scheme's needs, the goal's plane and the last frame.
         camera: intrinsics with which the pixels are read; None for those of the frame.
@@ -127,7 +127,8 @@ class FeatureObserver:
 
     @cached_property
     def images(self) -> ImageReader:
-        """Reader of images, which is not needed for exact features."""
+        """Reader of images; it is created at the first use, because exact features need no reader.
+        """
         from .image_reader import ImageReader
 
         return ImageReader(self.needs, self.segmentation, self.tracker)

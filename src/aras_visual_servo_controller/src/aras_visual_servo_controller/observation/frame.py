@@ -1,6 +1,7 @@
 """Frame: the data of one exposure of a camera.
 
-A frame contains an image, exact features, or the moments that a camera node measured.
+A frame contains an image, or the exact outline and corners of the target, or the moments that a
+camera node measured.
 """
 
 from __future__ import annotations

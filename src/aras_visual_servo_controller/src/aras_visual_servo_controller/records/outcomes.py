@@ -25,8 +25,8 @@ START_CLOSER = multiply("start", 0.5)
 JOINTS_DO_NOT_FOLLOW = "joints_do_not_follow"
 NO_REMEDY = Remedy()
 
-# Remedy for each kind of outcome; empty if nothing has to be changed. {joints} stands for the names
-# of the joints concerned.
+# Remedy for each kind of outcome; empty if nothing has to be changed. {joints} is replaced by names
+# of joints.
 REMEDIES = {
     "running": Remedy(),
     "converged": Remedy(),
@@ -135,7 +135,7 @@ def make_outcome(kind: str, reason: str = "", joints: str = "") -> Outcome:
     Args:
         kind: one of KINDS.
         reason: reason of the outcome, as text.
-        joints: names of the joints concerned.
+        joints: names of the joints that the remedy mentions.
     """
     remedy = REMEDIES[kind]
     return Outcome(kind, reason, Remedy(remedy.format(joints=joints)) if joints else remedy)
@@ -171,7 +171,8 @@ class ArrivalStatus:
             tolerances, as text; otherwise empty.
         wrong_pose_reason: why the camera is at another pose although every feature is at its goal,
             as text; otherwise empty.
-        pose_uncertainty: remaining uncertainty; None until the goal is reached.
+        pose_uncertainty: uncertainty of the camera's pose relative to the goal; None until the goal
+            is reached.
     """
 
     is_reached: bool = False

@@ -54,7 +54,7 @@ class JointRecord:
     """State of the n joints at an image.
 
     Attributes:
-        is_late: (n,) whether the loop waits for each joint.
+        is_late: (n,) whether each joint is so far behind its command that the loop waits for it.
         commanded_velocities, measured_velocities: (n,) velocities, rad/s or m/s.
     """
 
@@ -71,10 +71,10 @@ class ImageRecord:
         state: state of the loop before the diagnosis: stamp, phase, scheme output, joint
             velocities, joints, arrival.
         observation: observation of the image, without its pixels.
-        age: time from the exposure until the command computed from it acts, s.
+        age: time from the exposure until the command that is computed from the image acts, s.
         is_faulty: whether the scheme failed.
         joints: state of the joints; None before the first measurement.
-        foreign_nodes: other nodes that command joints, by joint.
+        foreign_nodes: name of the other node that commands a joint, by joint name.
     """
 
     state: ServoState

@@ -212,7 +212,7 @@ class ServoState:
         fault: traceback of an error in the scheme; only in the first state with this error.
         has_processed_image: whether the image was processed; False for an image that is older than
             the last one, and for a state between images.
-        arrival_status: whether the camera is at its goal, with the remaining uncertainty.
+        arrival_status: whether the camera is at its goal, and the uncertainty of its pose there.
     """
 
     stamp: float
@@ -231,10 +231,9 @@ class ServoState:
     arrival_status: ArrivalStatus = NOT_ARRIVED
 
     def with_outcome(self, run_outcome: Outcome) -> ServoState:
-        """Return the state with an outcome.
+        """Return a copy of the state with the kind, reason and remedy of an outcome.
 
-        The new state has the remedy of the outcome. Its reason is that of the outcome, followed by
-        '; now: ' and the reason of this state.
+        If the outcome has a reason, its text precedes the present reason: 'OUTCOME; now: PRESENT'.
         """
         reason = self.reason
         if run_outcome.reason and not run_outcome.is_open:

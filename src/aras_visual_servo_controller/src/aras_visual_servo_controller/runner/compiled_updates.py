@@ -35,7 +35,7 @@ NOW, NEWEST, SOLVED_AT, VALID_FOR, SENT_AT, TASK = range(6)
 # velocities, present solution, values that were sent last (positions or velocities), positions and
 # velocities of the latest joint state, whether a limit stopped the joint.
 COMMAND, VELOCITY, SOLUTION, SENT_VALUES, Q, V, STOPPED = range(7)
-# index of the row of `rows` that is sent, by the setting `output`
+# index of the row of `rows` whose values are sent, for each value of the setting `output`
 SENT_ROWS = {"position": COMMAND, "velocity": VELOCITY}
 # Indices of the array `settings` of `process_joint_state`.
 (
@@ -46,10 +46,10 @@ SENT_ROWS = {"position": COMMAND, "velocity": VELOCITY}
     ANSWER_TIME,  # time of the last processed image, s
     ANSWER_LIFETIME,  # time for which the task of the last processed image may be executed, s
     SECOND_TASK_TIME,  # time at which the task after the present one starts, s
-    # time at which the task after the second one starts, s; from then on, Python has to process
-    # joint states
+    # time at which the task after the second one starts, s; compiled code knows only two tasks, so
+    # from then on Python processes the joint states
     THIRD_TASK_TIME,
-    SENT_ROW,  # index of the row of `rows` that is sent
+    SENT_ROW,  # index of the row of the array `rows` whose values are sent as the command
 ) = range(9)
 NEEDS_PYTHON = 0  # result of an update: Python has to process the joint state
 SAME_COMMAND = 1  # result of an update: the command has not changed
@@ -153,7 +153,8 @@ class CompiledUpdates:
         """Prepare the updates.
 
         Args:
-            outputs: outputs of the loop that can be sent without Python: position, velocity.
+            outputs: outputs (position, velocity) for which the caller of the compiled updates can
+                send the commands; for other outputs, `make_loop` returns None.
         """
         self._runner = runner
         servo, ik = runner.servo, runner.servo.differential_ik

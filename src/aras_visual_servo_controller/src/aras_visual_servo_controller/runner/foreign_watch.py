@@ -19,13 +19,13 @@ from ..records.remedy import Remedy
 from ..records.state import HOLDING, Command, Source
 from ..settings import Settings
 
-# Time without a foreign command, or without an unusable joint state, after which the loop commands
-# the joints again, s.
+# The loop commands the joints again after this time, s, without a command of another node and
+# without an unusable joint state.
 QUIET_TIME = 1.0
 # A stamp that differs from the clock by more than this, s, comes from another clock.
 MAX_CLOCK_SKEW = 0.5
-# The command topics stay subscribed for this wall time, s, after the last foreign command or after
-# all joints follow their commands again.
+# Commands of other nodes are recorded for this wall time, s, after the last sign that another node
+# commands the joints: a command of such a node, or a joint that does not follow.
 LISTENING_TIME = 5.0
 
 
@@ -36,9 +36,9 @@ class ForeignCommands(Protocol):
         """Start or stop receiving commands, without blocking."""
 
     def read_latest(self) -> Mapping[str, tuple[str, float]]:
-        """Return the node that last commanded each joint, by joint name.
+        """Return the name of the node that last commanded each joint, and when, by joint name.
 
-        The second value is the time of that command, s of monotonic wall time.
+        The time is in s of monotonic wall time.
         """
 
 
@@ -73,13 +73,13 @@ class ForeignWatch:
         # Largest distance (n,) between joints and command since the command stopped changing, rad
         # or m.
         self._joint_errors: np.ndarray | None = None
-        # Time of the last motion that a foreign command may have caused, s.
+        # Time of the last joint motion that another node may have commanded, s.
         self._acting_stamp: float | None = None
 
     def find_nodes(self, wall: float) -> None:
         """Report to the loop which nodes command the joints at the wall time `wall`, s.
 
-        The command topics are subscribed only while joints do not follow their commands, and for
+        Commands of other nodes are recorded only while joints do not follow their commands, and for
         LISTENING_TIME afterwards.
         """
         active = {

@@ -87,7 +87,8 @@ class LoopRunner:
             listener: receiver of commands and reports.
             clock: function that returns the time of the stamps, s, simulated or not.
             wall_clock: function that returns the wall time, s.
-            foreign: commands of other nodes; None if they cannot be received.
+            foreign: source of the commands that other nodes send to the joints; None if they cannot
+                be received.
         """
         self.servo, self.camera_rig, self.settings = servo, camera_rig, settings
         self._listener, self._clock, self._wall_clock = listener, clock, wall_clock
@@ -314,7 +315,8 @@ class LoopRunner:
         # For each camera: time (s) by which its last image's stamp is ahead of the clock, if the
         # image was ignored for this reason.
         self._stamps_ahead: dict[str, float] = {}
-        self._is_receiving = False  # whether joint states have come
+        # Whether joint states have come since the start or the last reset of the clock.
+        self._is_receiving = False
         self._stamp: float | None = None  # stamp of the latest usable joint state, s
         self._joints_arrival = 0.0  # clock time at which the latest joint state was received, s
         self.update_time: float | None = None  # time of the last update, s

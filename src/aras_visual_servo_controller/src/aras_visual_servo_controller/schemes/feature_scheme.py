@@ -38,8 +38,8 @@ Estimator = Callable[[Observation, FeatureMeasurement], np.ndarray]
 class FeatureScheme(FeatureSchemeBase):
     """Scheme e_dot = law(e) on one or more features.
 
-    The interaction matrix L is that at the current view, that at the goal, the mean of both, or an
-    estimate.
+    The interaction matrix L is computed at the current view or at the goal, or it is the mean of
+    these two matrices, or an estimate.
 
     Attributes:
         feature: the feature, or a Stack that combines several features.

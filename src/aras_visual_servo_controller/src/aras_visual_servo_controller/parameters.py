@@ -77,8 +77,8 @@ class Parameters:
         label, ...}, with the same keys as in the camera node.
     depth_image: take the plane of the target from the camera's depth image instead of the goal and
         the kinematics.
-    weights: one weight for each feature, for a scheme with several features; if empty, all weights
-        are equal.
+    weights: for a scheme with several features, one weight for each; if empty, all weights are
+        equal.
     smoothing: s, time constant of a low-pass filter on the errors; 0 for no filter.
     law: name of a control law, or 'package.module:Class'.
     gain: 1/s, gain of the law; none for the default of the law.
@@ -86,9 +86,11 @@ class Parameters:
     continuous_start: 1/s, rate at which the camera velocity rises from 0 at the start; 0 for a
         velocity step.
     ramp: s, time constant with which the gain rises at the start; 0 for no ramp.
-    start: initial pose: a name, none, joint positions, or the camera pose {xyz, rpy}. For a camera
-        pose, the joint positions nearest to those at the goal are used.
-    desired: goal: auto (the goal of the start), a name, or a YAML file.
+    start: initial pose: a name from config/starts.yaml, joint positions, the camera pose {xyz,
+        rpy}, or none to start at the present pose. For a camera pose, the joint positions nearest
+        to those at the goal are used.
+    desired: goal: the name of a goal, a YAML file, or auto for the goal with the same name as
+        `start`, or for the goal 2016 if there is none.
     duration: s, servoing time after which the run ends with the outcome timed_out; 0 for no limit.
     max_velocity: m/s, rad/s, maximum speed of each joint; none for the speed limit in the robot
         description.
@@ -97,11 +99,11 @@ class Parameters:
     upper: m, rad, upper position limit of each joint; none for the limit in the robot description.
     hold_gain: 1/s, gain with which the camera returns to the goal's pose in directions that the
         scheme does not control.
-    posture: m, rad, preferred joint positions by name; a secondary task.
+    posture: m, rad, joint positions by joint name, to which a secondary task attracts the joints.
     posture_gain: 1/s, gain of the secondary task `posture`.
-    limit_avoidance: keep joints away from their limits; a secondary task.
-    singularity_avoidance: increase manipulability; a secondary task.
-    elbow: side to which stretched elbows bend: -1 or 1, or by joint.
+    limit_avoidance: use a secondary task that keeps joints away from their limits.
+    singularity_avoidance: use a secondary task that increases the manipulability of the arm.
+    elbow: side to which stretched elbows bend: -1 or 1 for all elbows, or for each by joint name.
     wall_watchdog: s, wall time without a processed image after which the arm is stopped.
     scheme_timeout: s, wall time that one call of the scheme's code may take; the arm is then held
         as after an error of the scheme.
@@ -121,8 +123,10 @@ class Parameters:
         at most 5 s.
     image_timeout: s, time without images before the node reports it.
     joint_timeout: s, time without joint states before the node reports it.
-    lockstep: send one command for each image. The default depends on the simulator's speed_mode.
-    autostart: start servoing immediately; if false, wait for the service `start` or the action.
+    lockstep: send one command for each image. The default is true if the speed_mode of the
+        simulator is lockstep.
+    autostart: start servoing immediately; if false, wait for the service `start` or the action
+        `servo_to_target`.
     dry: send no commands, for example to try a scheme on a recorded bag.
     package: directory of this package.
     """

@@ -434,8 +434,8 @@ def solve_velocities(
             limits; the last row are the joint motions, rad or m, that have the same weight in the
             least squares.
         dt, is_limited, previous: see `_limit_velocities`.
-        last: (2, n) last velocities, and their part for the task.
-        settings: fields of IKSettings.
+        last: (2, n) velocities of the last solution, and their part for the task.
+        settings: array of the fields of IKSettings.
         joints: (4, n) output: the velocities, their part for the task, the distances to the
             position limits, and whether each joint is stopped at a limit.
         twists: (3, 6) output: the desired, the achieved and the infeasible twist, in SI units.

@@ -263,7 +263,7 @@ class FeatureObserver:
         stamp = float(stamp)
         pose = self._find_pose(joints, world_T_camera)
         if pose is not None:
-            # Asarray does not copy the arm's pose; the pose is read-only.
+            # np.asarray makes no copy, so the pose can be the arm's own array, which is read-only
             pose = np.asarray(pose, float)
             pose = make_read_only_copy(pose) if pose.flags.writeable else pose
         is_measured = plane is not None

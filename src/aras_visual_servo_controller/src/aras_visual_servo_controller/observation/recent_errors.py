@@ -1,4 +1,4 @@
-"""Buffer of recent rows of numbers in one array, for fast evaluation."""
+"""Buffer of recent rows of numbers, such as errors, in one array, which is fast to evaluate."""
 
 from __future__ import annotations
 

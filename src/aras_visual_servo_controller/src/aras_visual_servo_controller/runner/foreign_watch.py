@@ -77,7 +77,7 @@ class ForeignWatch:
         self._acting_stamp: float | None = None
 
     def find_nodes(self, wall: float) -> None:
-        """Report to the loop which nodes command the joints at the wall time `wall`, s.
+        """Report the other nodes that command joints at the wall time `wall` (s) to the loop.
 
         Commands of other nodes are recorded only while joints do not follow their commands, and for
         LISTENING_TIME afterwards.

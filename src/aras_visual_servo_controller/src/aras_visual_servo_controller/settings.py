@@ -125,7 +125,7 @@ class Settings(Parameters):
             if f.name not in raw_settings
             and getattr(robot_settings, f.name) != getattr(defaults, f.name)
         }
-        # Of a mapping by joint, use only the values of the joints that the arm uses.
+        # In parameters that are given by joint name, keep only the values of joints that are used.
         for key in BY_JOINT if self.joints else ():
             if isinstance(value := known.get(key), Mapping):
                 known[key] = {name: v for name, v in value.items() if name in self.joints} or (

@@ -65,7 +65,8 @@ class IKSettings:
             the arm moves the camera less than this is not controlled.
         hold_full: the same quantity, above which a held direction has its full weight; between
             `hold_onset` and `hold_full`, the weight rises from 0 to 1.
-        reach_bend: bend of an elbow for which J is computed on the way back from straight, rad.
+        reach_bend: bend of the elbow for which J is computed when a straight elbow is to be bent,
+            rad.
         reported_speed: smallest infeasible part of the desired twist that is reported, m/s.
         reported_part: smallest infeasible part that is reported, as a fraction of the desired
             twist.

@@ -235,8 +235,8 @@ def has_jumped(positions, before, velocities, velocities_before, lead, dt):
     Args:
         positions, before: (n,) present and previous positions.
         velocities, velocities_before: (n,) measured velocities at these positions.
-        lead: one number or (n,) numbers, distance by which a command may be ahead of its joint;
-            smaller motions than a fraction of it are no jumps.
+        lead: one number or (n,) numbers, distance by which a command may be ahead of its joint; a
+            motion below the fraction JUMP of it is no jump.
         dt: time between the two positions, s.
     """
     for i in range(len(positions)):

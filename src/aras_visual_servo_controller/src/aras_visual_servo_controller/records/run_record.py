@@ -68,8 +68,7 @@ class ImageRecord:
     """Record of one image.
 
     Attributes:
-        state: state of the loop before the diagnosis: stamp, phase, scheme output, joint
-            velocities, joints, arrival.
+        state: state of the loop after the image, without the result of the diagnosis.
         observation: observation of the image, without its pixels.
         age: time from the exposure until the command that is computed from the image acts, s.
         is_faulty: whether the scheme failed.

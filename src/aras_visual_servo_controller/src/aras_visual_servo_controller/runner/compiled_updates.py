@@ -1,8 +1,8 @@
 """Compiled updates of the loop between two images, from joint states to commands.
 
-They replace LoopRunner.add_joint_state for successive joint states while the arm servoes, unless a
-joint state is implausible, late or shows that a joint does not follow. Both use the same compiled
-functions, but the compiled updates create no Python objects.
+They replace LoopRunner.add_joint_state for successive joint states while the arm servoes, until a
+joint state is implausible or late, or a joint does not follow its command. Both use the same
+compiled functions, but the compiled updates create no Python objects.
 """
 
 from __future__ import annotations

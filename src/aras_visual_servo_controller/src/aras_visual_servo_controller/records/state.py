@@ -115,7 +115,7 @@ class ServoSettings:
         check_bounds(self, ConfigurationError)
 
     def check_for(self, names: Sequence[str], limits: Limits) -> None:
-        """Check that the settings fit an arm with these joints.
+        """Check that the settings fit an arm with the joints `names` and the given limits.
 
         Raises:
             ConfigurationError: a setting is wrong; the message names it, its value and the expected

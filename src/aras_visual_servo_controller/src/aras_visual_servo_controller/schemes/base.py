@@ -41,7 +41,7 @@ class SchemeOutput:
         residual: (m,) full error, for example of all pixels, if `error` is only a summary of it; L
             is then (m, 6). None if `error` is the full error.
         error_drift: (k,) rate of change of the error that is not caused by the camera, for example
-            by a moving target, in units of s per second.
+            by a moving target; in units of the features per second.
         filtered_error: (k,) low-pass filtered error that the law uses; None without a filter.
         ambiguity: camera rotation that the error cannot show, as text ('180°'); empty if there is
             none.

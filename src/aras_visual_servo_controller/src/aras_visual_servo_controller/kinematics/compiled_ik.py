@@ -431,8 +431,8 @@ def solve_velocities(
         range_tasks: (p, 3, n) arrays `rows` of the p JointRangeTasks.
         elbows: (m, 7) fields of the m Elbows.
         limits: (5, n) rows with the lower position, upper position, velocity and acceleration
-            limits; the last row are the joint motions, rad or m, that have the same weight in the
-            least squares.
+            limits; the last row contains the joint motions, rad or m, that have the same weight in
+            the least squares.
         dt, is_limited, previous: see `_limit_velocities`.
         last: (2, n) velocities of the last solution, and their part for the task.
         settings: array of the fields of IKSettings.

@@ -11,8 +11,9 @@ Phases:
 - `approaching`: the arm moves to the start pose, without images.
 - `servoing`: the arm reduces the error.
 - `converged`: the mean error over `hold` seconds is within the tolerances; servoing continues.
-- `holding`: the last image or its task cannot be used; the arm stops smoothly and continues with
-  the next valid image.
+- `holding`: an image or joint state cannot be used, or the scheme failed, or a client called
+  `hold`. The arm stops smoothly; it continues with the next valid image, or after `hold` with
+  `start`.
 - `stopped`: the arm is stopped until `start`.
 
 Commands are integrated from the last command, not from the measured positions: if friction holds a

@@ -146,8 +146,8 @@ class JointStateWatch:
         # Time of the latest unusable joint state, of the latest usable one, and of the latest with
         # a stamp of the loop's clock, s.
         self._fault_time = self._usable_time = self._punctual_time = -np.inf
-        # Time of the first unusable joint state without a pause of QUIET_TIME since, s, and its
-        # fault.
+        # Time (s) and fault of the first of the present unusable joint states. After a pause of
+        # QUIET_TIME, a new series of them starts.
         self._since, self._fault = 0.0, ""
         self._is_mixed = False  # whether usable joint states come between unusable ones
         self._is_skew_logged = False
@@ -156,8 +156,9 @@ class JointStateWatch:
         """Return the time of a joint state, s, and why it cannot be used; '' if it can.
 
         If the stamp differs from the clock by more than MAX_CLOCK_SKEW, the robot has another
-        clock, and the time of arrival is returned. If other joint states have correct stamps, a
-        second publisher is the cause, and the joint state cannot be used.
+        clock, and the time of arrival is returned. If the stamp is ahead of the clock although
+        other joint states have correct stamps, there is a second publisher, and the joint state
+        cannot be used.
 
         Args:
             stamp: stamp of the joint state, s.

@@ -161,10 +161,11 @@ class FeatureScheme(FeatureSchemeBase):
     def _estimate_accuracy(
         self, L: np.ndarray, observation: Observation, goal: Goal
     ) -> dict[str, Any]:
-        """Return the keyword arguments that describe the accuracy of L (k, 6) for `Task`.
+        """Return keyword arguments with which `Task` finds directions that are too uncertain.
 
-        They are {} if L is well conditioned. Otherwise they contain `accuracy`, the accuracy of the
-        features in this image; if that is unknown, they contain `rank_tolerance`.
+        There are none if L (k, 6) is well conditioned, because then no direction is too uncertain.
+        Otherwise the argument is `accuracy`, the accuracy of the features in this image, or
+        `rank_tolerance` if this accuracy is unknown.
         """
         if is_well_conditioned(L, self._modelled, goal.distance, WELL_CONDITIONED):
             return {}

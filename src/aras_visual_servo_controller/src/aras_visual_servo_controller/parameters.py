@@ -31,14 +31,14 @@ LEGAL_NAME = re.compile(r"[~/]?[A-Za-z][\w/]*", re.ASCII)
 
 
 def copy_loop_parameter(name: str) -> Any:
-    """Declare a parameter that is also a field of ServoSettings."""
+    """Declare a parameter with the default, unit and bounds of the ServoSettings field `name`."""
     field = ServoSettings.__dataclass_fields__[name]
     return parameter(field.default, **field.metadata)
 
 
 @dataclass(frozen=True)
 class CameraEntry:
-    """Frame and topics of one camera, if a node has several.
+    """Frame and topics of one camera, for nodes with several cameras.
 
     frame: optical frame of the camera in the robot description; if empty, NAME_optical_frame.
     namespace: namespace of image_raw, camera_info and depth/image_raw; if empty, /NAME.
@@ -67,8 +67,8 @@ class Parameters:
     tracker: tracker that finds the points of the target: outline, another tracker's name, or
         'package.module:Class'.
     tracker_options: other parameters of the tracker, by name.
-    marker: marker that is the target: 5, DICT_5X5_100:5, or a board; if empty, the marker of the
-        goal.
+    marker: marker that is the target: a number such as 5, a dictionary and number such as
+        DICT_5X5_100:5, or a board; if empty, the marker of the goal.
     model: mesh file of the target (STL, OBJ, DAE), in m; the tracker 'model' tracks its pose.
     model_scale: factor on the lengths of the mesh file; 0.001 for a file in mm.
     model_start: initial pose of the mesh: {pose: x y z roll pitch yaw in the base}, {marker: {size,
@@ -77,32 +77,34 @@ class Parameters:
         label, ...}, with the same keys as in the camera node.
     depth_image: take the plane of the target from the camera's depth image instead of the goal and
         the kinematics.
-    weights: one weight for each feature of a scheme of several; if empty, all weights are equal.
+    weights: for a scheme with several features, one weight for each; if empty, all weights are
+        equal.
     smoothing: s, time constant of a low-pass filter on the errors; 0 for no filter.
     law: name of a control law, or 'package.module:Class'.
     gain: 1/s, gain of the law; none for the default of the law.
     law_options: other parameters of the law, by name.
-    continuous_start: 1/s, rate at which the initial velocity step is introduced gradually; 0 for a
-        step.
+    continuous_start: 1/s, rate at which the camera velocity rises from 0 at the start; 0 for a
+        velocity step.
     ramp: s, time constant with which the gain rises at the start; 0 for no ramp.
-    start: initial pose: a name, none, joint positions, or the camera pose {xyz, rpy}. For a camera
-        pose, the joint positions nearest to those at the goal are used.
-    desired: goal: auto (the goal of the start), a name, or a YAML file.
+    start: initial pose: a name from config/starts.yaml, joint positions, the camera pose {xyz,
+        rpy}, or none to start at the present pose. For a camera pose, the joint positions nearest
+        to those at the goal are used.
+    desired: goal: the name of a goal, a YAML file, or auto for the goal with the same name as
+        `start`, or for the goal 2016 if there is none.
     duration: s, servoing time after which the run ends with the outcome timed_out; 0 for no limit.
     max_velocity: m/s, rad/s, maximum speed of each joint; none for the speed limit in the robot
         description.
     max_acceleration: m/s^2, rad/s^2, maximum acceleration of each joint; none for no limit.
     lower: m, rad, lower position limit of each joint; none for the limit in the robot description.
     upper: m, rad, upper position limit of each joint; none for the limit in the robot description.
-    hold_gain: 1/s, gain with which the camera is held at the goal in directions that the scheme
-        does not control.
-    posture: m, rad, preferred joint positions by name; a secondary task.
+    hold_gain: 1/s, gain with which the camera returns to the goal's pose in directions that the
+        scheme does not control.
+    posture: m, rad, joint positions by joint name, to which a secondary task attracts the joints.
     posture_gain: 1/s, gain of the secondary task `posture`.
-    limit_avoidance: keep joints away from their limits; a secondary task.
-    singularity_avoidance: increase manipulability; a secondary task.
-    elbow: side to which stretched elbows bend: -1 or 1, or by joint.
-    wall_watchdog: s, wall time without a new command from the scheme after which the arm is
-        stopped.
+    limit_avoidance: use a secondary task that keeps joints away from their limits.
+    singularity_avoidance: use a secondary task that increases the manipulability of the arm.
+    elbow: side to which stretched elbows bend: -1 or 1 for all elbows, or for each by joint name.
+    wall_watchdog: s, wall time without a processed image after which the arm is stopped.
     scheme_timeout: s, wall time that one call of the scheme's code may take; the arm is then held
         as after an error of the scheme.
     camera_frame: frame of the camera in the robot description.
@@ -117,11 +119,14 @@ class Parameters:
     command_topic: command topic of a controller for the whole group of joints, instead of one topic
         for each joint.
     description: name of the ROS parameter that contains the URDF.
-    listeners: number of subscribers of controller/state for which the node waits, for at most 5 s.
+    listeners: number of subscribers of controller/state that the node waits for at its start, for
+        at most 5 s.
     image_timeout: s, time without images before the node reports it.
     joint_timeout: s, time without joint states before the node reports it.
-    lockstep: send one command for each image. The default depends on the simulator's speed_mode.
-    autostart: start servoing immediately; if false, wait for the service `start` or the action.
+    lockstep: send one command for each image. The default is true if the speed_mode of the
+        simulator is lockstep.
+    autostart: start servoing immediately; if false, wait for the service `start` or the action
+        `servo_to_target`.
     dry: send no commands, for example to try a scheme on a recorded bag.
     package: directory of this package.
     """

@@ -98,14 +98,14 @@ class Settings(Parameters):
         return settings
 
     def for_robot(self, name: str, raw_settings: Mapping[str, Any] | None = None) -> Settings:
-        """Return these settings, completed from config/robots/NAME.yaml.
+        """Return these settings with the values of config/robots/NAME.yaml, if this file exists.
 
-        Values of that file replace only parameters that the user has not given.
+        Parameters that the user has given keep their values.
 
         Args:
             name: name of the robot in its description.
-            raw_settings: parameters that the user has given; only their names are used. None for
-                the parameters that differ from their defaults.
+            raw_settings: parameters that the user has given, by name. None if they are not known:
+                then the parameters that differ from their defaults keep their values.
         """
         path = self.package / "config" / "robots" / f"{Path(name).name}.yaml"
         if not name or not path.is_file():
@@ -125,7 +125,8 @@ class Settings(Parameters):
             if f.name not in raw_settings
             and getattr(robot_settings, f.name) != getattr(defaults, f.name)
         }
-        for key in BY_JOINT if self.joints else ():  # drop the values of unused joints
+        # In parameters that are given by joint name, keep only the values of joints that are used.
+        for key in BY_JOINT if self.joints else ():
             if isinstance(value := known.get(key), Mapping):
                 known[key] = {name: v for name, v in value.items() if name in self.joints} or (
                     getattr(defaults, key)
@@ -140,7 +141,9 @@ class Settings(Parameters):
                 joint.
         """
         name = ""
-        if self.cameras:  # With one camera the scheme is not needed, for example to read a bag.
+        # The scheme selects the control camera. With only one camera it is not needed, for example
+        # to read a bag.
+        if self.cameras:
             name = self.list_cameras(self.make_scheme())[0]
         arm = self._make_camera_arm(urdf, name)
         for joint, controller in self.controllers.items():
@@ -181,11 +184,11 @@ class Settings(Parameters):
         return tuple(name for name in known if name in read)
 
     def make_other_cameras(self, urdf: str, arm: Arm) -> dict[str, CameraKinematics]:
-        """Return the kinematics of the scheme's other cameras, apart from the control camera.
+        """Return the kinematics of all cameras of the scheme except the control camera, by name.
 
         Raises:
-            ConfigurationError: a camera or its target is moved by other joints than the control
-                camera or its target; or a camera is fixed, and the arm does not move its target.
+            ConfigurationError: different joints move two of the cameras or their targets; or the
+                scheme cannot use a camera that is fixed and whose target the arm does not move.
         """
         others: dict[str, CameraKinematics] = {}
         scheme = self.make_scheme()
@@ -292,7 +295,7 @@ class Settings(Parameters):
         Args:
             arm: arm to control.
             limits: joint limits of the commands.
-            goal: goal whose distance is the unit of length for a free-flying camera.
+            goal: goal; for a free-flying camera, its distance scales the lengths in IKSettings.
 
         Raises:
             ConfigurationError: a parameter names an unknown joint.
@@ -305,7 +308,9 @@ class Settings(Parameters):
             raise ConfigurationError(
                 f"parameter ~elbow is {list(sides)}, must be -1 or 1, or {{joint: -1 or 1}}"
             )
-        if sides and self.joints:  # elbows are ignored if one of their joints is not used
+        # Ignore the side given for a joint that is no elbow, which can be the case if some joints
+        # are not used.
+        if sides and self.joints:
             elbow_names = [arm.names[elbow.joint] for elbow in elbows]
             sides = {n: s for n, s in sides.items() if n in elbow_names or n not in arm.names}
         if sides:
@@ -359,14 +364,14 @@ class Settings(Parameters):
             goal = self.load_goal().for_cameras(
                 {self.list_cameras(scheme)[0]: arm, **other_cameras}
             )
-            # Only the corners of the goal's outline can be computed from geometry; other points
-            # have to be taught.
+            # A missing entry of the goal can be computed from the target's geometry only for
+            # corners of its outline; other points have to be taught.
             if self.tracker == OUTLINE_TRACKER:
                 from .loop.teaching import complete_by_geometry
 
                 goal = complete_by_geometry(goal, scheme)
-        # Prismatic joints move a free camera, so their `lead` and `arrived` are scaled with the
-        # scene.
+        # For the prismatic joints of a free-flying camera, lengths such as `lead` and `arrived` are
+        # proportional to the size of the scene.
         if is_free_camera(arm):
             for name in ("lead", "arrived"):
                 slides = np.where(arm.is_prismatic, goal.scale, 1.0)
@@ -414,11 +419,11 @@ class Settings(Parameters):
         )  # fmt: skip
 
     def _make_outline_plane(self) -> Callable[[np.ndarray], Plane] | None:
-        """Return a function that computes the plane of the model's outline.
+        """Return a function that computes the plane of the outline of the parameter `model`.
 
-        The function maps world_T_camera to the plane, for the initial pose of the mesh model.
+        The function maps world_T_camera to the plane, if the mesh model is at its initial pose.
         Return None if the parameter model_start does not give this pose; then a goal cannot be
-        taught by the outline of the model.
+        taught from the outline of the model.
         """
         if not self.model or "pose" not in self.model_start:
             return None

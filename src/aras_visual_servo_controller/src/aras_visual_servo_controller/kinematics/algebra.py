@@ -7,7 +7,8 @@ from aras_visual_servo_base.compiled import jit
 # A singular value is treated as 0 if it is below this fraction of the largest one. Rounding errors
 # of float64 are 1e-15.
 ROUNDING_TOLERANCE = 1e-12
-RIGHT_ANGLE = 2e-15  # two rows are treated as orthogonal if their cosine is below this
+# Two rows of the matrix are treated as orthogonal if the cosine of their angle is below this.
+RIGHT_ANGLE = 2e-15
 SWEEPS = 40  # maximum number of Jacobi sweeps; six are usual
 
 
@@ -30,8 +31,8 @@ def svd(a):
             if not abs(a[i, j]) < np.inf:
                 raise np.linalg.LinAlgError("a matrix that is not finite has no singular values")
             largest = max(largest, abs(a[i, j]))
-    # Invariant: rows = turn @ A. A is a or its transpose, whichever has fewer rows, divided by
-    # `largest`.
+    # Let A be the matrix `a`, or its transpose if `a` has more rows than columns, divided by
+    # `largest`. During all sweeps, rows = turn @ A.
     rows, turn = np.zeros((r, length)), np.eye(r)
     if largest > 0.0:  # dividing by `largest` prevents overflow and underflow of squares
         for i in range(r):
@@ -64,7 +65,8 @@ def svd(a):
         if done:
             break
     sizes, order = np.empty(r), np.empty(r, np.int64)
-    # A loop compiles to a tenth of the machine code of NumPy's norm and argsort.
+    # These loops normalise and sort the rows. NumPy's norm and argsort would do the same, but they
+    # compile to ten times as much machine code.
     for i in range(r):
         square = 0.0
         for k in range(length):
@@ -174,7 +176,7 @@ def triangularise(rows, columns):
         for i in range(j, len(rows)):
             square += rows[i, j] * rows[i, j]
         if square == rows[j, j] * rows[j, j]:
-            continue  # the column is already reduced
+            continue  # the elements below the diagonal are already zero
         head = -np.copysign(np.sqrt(square), rows[j, j])
         pivot = rows[j, j] - head  # first element of the normal of the Householder reflection
         for k in range(j + 1, rows.shape[1]):

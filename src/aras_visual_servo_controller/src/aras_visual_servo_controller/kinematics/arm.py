@@ -35,12 +35,12 @@ class Arm:
     with v = J q_dot, the twist of the camera in its own optical frame, m/s and rad/s. `from_urdf`
     constructs an arm from a robot description.
 
-    The base is the root link of the robot, or a named link. The controller does not know the pose
-    of the base in the world: `world_T_camera` in this package is `base_T_camera`.
+    The base is the root link of the robot, or a named link. The controller does not know where the
+    base is, so in this package "world" means the base: `world_T_camera` is `base_T_camera`.
 
     With a `target_frame` the camera need not be on the arm (eye-to-hand: the camera is fixed and
-    the arm moves the target). Pose and Jacobian are then those of the camera's motion relative to
-    that link, and `world` in the names of poses denotes that link.
+    the arm moves the target). Pose and Jacobian are then those of the camera relative to that link,
+    and "world" means that link.
 
     Attributes:
         names: (n,) names of the joints: first those from the base to the camera, then those from
@@ -51,9 +51,9 @@ class Arm:
         is_prismatic: (n,) whether each joint is prismatic.
         camera_frame, base_frame: links of the camera and the base.
         target_frame: link that carries the target; '' if no joint moves the target.
-        chain: the joints as arrays.
-        plausible_bounds: (3, n) lowest positions, highest positions and highest speeds of a
-            plausible measurement.
+        chain: the same joints as arrays, for the compiled code.
+        plausible_bounds: (3, n) lowest position, highest position and highest speed of each joint;
+            a measured value beyond them is implausible.
     """
 
     def __init__(
@@ -157,7 +157,10 @@ class Arm:
 
     @property
     def is_compiled(self) -> bool:
-        """Return whether compiled code may replace the methods, which a subclass may override."""
+        """Return whether compiled code may compute pose and Jacobian instead of the methods.
+
+        It may not if a subclass overrides these methods.
+        """
         return type(self) is Arm
 
     def pose(self, q: np.ndarray) -> np.ndarray:
@@ -191,7 +194,8 @@ class Arm:
             )
         key, cached = q.tobytes(), self._pose_cache
         if cached is not None and key == cached[0]:
-            return cached[1]  # several parts of the loop need the pose for the same joints
+            # The result is cached, because several parts of the loop need it for the same joints.
+            return cached[1]
         pose, jacobian = self.chain.compute_pose_and_jacobian(q)
         result = _make_read_only(pose), _make_read_only(jacobian)
         self._pose_cache = key, result
@@ -205,8 +209,8 @@ class Arm:
     def joint_origins(self, positions: np.ndarray) -> np.ndarray:
         """Compute the joint origins from base to camera in the base frame, as an array (m, n, 3).
 
-        `positions` are joints (m, n). If the arm moves the target instead of the camera, the result
-        has the shape (m, 0, 3).
+        `positions` are joints (m, n). If the arm moves the target, the camera is fixed and there
+        are no such joints; the result then has the shape (m, 0, 3).
         """
         count = 0 if self.target_frame else len(self)
         found = np.zeros((len(positions), count, 3))
@@ -226,8 +230,8 @@ class Arm:
         If the joint state has no velocities, they are set to 0.
 
         Raises:
-            MeasurementError: a joint is missing, the lengths differ, or a value is implausible: not
-                finite, or too far outside its limits.
+            MeasurementError: a joint is missing, the numbers of names and values differ, or a value
+                is implausible: not finite, or too far outside its limits.
         """
         if len(names) != len(positions):
             raise MeasurementError(
@@ -265,7 +269,8 @@ class Arm:
         """Check that positions and velocities (n,) are plausible for the joints of this arm.
 
         Raises:
-            MeasurementError: a value is not finite or implausibly large, or the lengths differ.
+            MeasurementError: a value is not finite or implausibly large, or the number of values is
+                not n.
         """
         q = np.asarray(q, float)
         speeds = self._zero_velocities if velocities is None else np.asarray(velocities, float)
@@ -315,10 +320,10 @@ class Arm:
 
 @jit("f8[:], f8[:], f8[:], f8[:], f8[:]")
 def find_implausible_joint(q, velocities, lower, upper, max_speeds):
-    """Return the first joint with an implausible value, and whether this value is its velocity.
+    """Return the index of the first joint with an implausible value, and whether it is a velocity.
 
-    Positions are checked before velocities. The index is -1 if all values are plausible. A value
-    that is not finite fails every comparison, so it is implausible.
+    Positions are checked before velocities. Values that are not finite are implausible. The index
+    is -1 if all values are plausible.
     """
     for i in range(len(q)):
         if not lower[i] <= q[i] <= upper[i]:
@@ -332,10 +337,10 @@ def find_implausible_joint(q, velocities, lower, upper, max_speeds):
 def find_camera_path(tree: UrdfTree, base: str, camera_frame: str) -> list[Joint]:
     """Return the joints from the base to the camera's optical frame (z forward, x right, y down).
 
-    A link `camera_frame` is the optical frame itself if its name ends in `_optical_frame`, or if it
-    carries no camera sensor. For any other link, the optical frame follows from the pose of its
-    sensor. If the description lacks a frame `x_optical_frame`, the frame of the sensor on the link
-    `x_link` is used.
+    - A link `x_optical_frame`, or any link without a camera sensor, is the optical frame itself.
+    - For another link with a camera sensor, the pose of the sensor gives the optical frame.
+    - If there is no link `x_optical_frame`, the sensor on the link `x_link` gives the optical
+      frame.
 
     Raises:
         DescriptionError: there is no such frame, or its viewing direction is not known.

@@ -21,7 +21,8 @@ CHAIN_SIGNATURE = "i8[::1], i8[::1], b1[::1], f8[::1], f8[:,:,::1], f8[:,::1], i
 class Chain(NamedTuple):
     """Joints between a base and a camera, and to a target that the arm moves.
 
-    A camera that six coordinates move freely has no joints, but one origin; see `from_free_body`.
+    For a free-flying camera, `origins` has one entry and the other arrays of the joints are empty;
+    see `from_free_body`.
 
     Attributes:
         order: (n,) indices of the joints, each after its parent.
@@ -98,7 +99,7 @@ class Chain(NamedTuple):
         )
 
     def compute_frames(self, q: np.ndarray) -> np.ndarray:
-        """Compute rotation, origin and axis of each joint in the base frame, as an array (n, 15).
+        """Compute rotation (9), origin (3) and axis (3) of each joint in the base frame, (n, 15).
         """
         frames = np.empty((len(self.order), 15))
         _compute_frames(*self[:3], *self[4:6], np.asarray(q, float), frames)
@@ -130,7 +131,9 @@ def _compute_joint_motion(joint: Joint, position: float) -> np.ndarray:
 
 @jit("f8[::1], f8[:,:], f8[::1]", allocates=False)
 def _transform_frame(frame, transform, out):
-    """Multiply a frame (rotation, origin) by the transform (4, 4) and write the product into `out`.
+    """Compute frame @ transform and write it into `out`.
+
+    A frame (12,) consists of the rotation matrix (9) and the origin (3); transform is (4, 4).
     """
     for i in range(3):
         x, y, z = frame[3 * i], frame[3 * i + 1], frame[3 * i + 2]
@@ -141,7 +144,10 @@ def _transform_frame(frame, transform, out):
 
 @jit("i8[::1], i8[::1], b1[::1], f8[:,:,::1], f8[:,::1], f8[:], f8[:,::1]")
 def _compute_frames(order, parents, is_prismatic, origins, axes, q, frames):
-    """Write rotation, origin and axis of each joint in the base frame into `frames` (n, 15)."""
+    """Write rotation (9), origin (3) and axis (3) of each joint, in the base frame, into `frames`.
+
+    `frames` is an array (n, 15).
+    """
     base, here = np.zeros(15), np.empty(15)
     base[0] = base[4] = base[8] = 1.0
     for j in order:

@@ -1,6 +1,7 @@
 """Compiled solution of the differential inverse kinematics for one image.
 
-Rotations in twists are multiplied by a length, so that all six components are in m/s.
+In all twists, rotations are multiplied by a length (`IKSettings.length`), so that all six
+components are in m/s.
 """
 
 import numpy as np
@@ -12,13 +13,13 @@ from .chain import CHAIN_SIGNATURE, compute_pose_and_jacobian
 from .held_directions import compute_held_directions
 from .limits import compute_velocity_ranges
 
-# A singular direction of L gets less weight if its singular value is below this fraction of the
+# A camera direction gets a smaller weight if its singular value in L is below this fraction of the
 # largest one.
 WELL_CONDITIONED = 0.05
-# Lower bound of the task's sensitivity to a weak joint motion. The damping of such a motion is
-# proportional to the sensitivity.
+# A joint motion that hardly moves the camera (near a singularity) is damped in proportion to the
+# part, 0 to 1, of this camera motion that the task controls. Here is the lower bound of this part.
 MIN_DEMAND = 0.3
-# Singular values below this fraction of the largest one are rounding errors.
+# Singular values of the equations below this fraction of the largest one are rounding errors.
 SINGULAR_TOLERANCE = 1e-9
 # if an elbow is bent by less than this, rad, the side of the bend depends on rounding errors
 STRAIGHT_TOLERANCE = 1e-9
@@ -42,33 +43,36 @@ def _norm(a):
 def _build_rows(
     L, rate, held_directions, held_speeds, free, scaled_jacobian, hold_onset, hold_full
 ):
-    """Compute the directions in which the camera has to move, with their velocities and weights.
+    """Combine the task and the held directions into one list of desired camera velocities.
 
-    The task is inverted only in the directions that are not held, so that it does not affect the
-    held ones.
+    The task does not determine the held directions; in these, the camera is to move back to its
+    goal. The task is solved only in the other directions, so that it does not affect the held ones.
 
     Args:
         L: (k, 6) interaction matrix of the task.
-        rate: (k,) desired rate of the task.
-        held_directions: (p, 6) directions that are held.
-        held_speeds: (p,) desired velocities along the held directions.
-        free: (6 - p, 6) directions that are not held.
+        rate: (k,) desired rate of the error.
+        held_directions: (p, 6) orthonormal camera directions that are held.
+        held_speeds: (p,) desired velocities along the held directions, m/s.
+        free: (6 - p, 6) orthonormal camera directions that are not held.
         scaled_jacobian: (6, n) Jacobian of the arm.
-        hold_onset, hold_full: singular values of the Jacobian along the held directions. Above
-            hold_onset, the camera is held partly in a direction; above hold_full, completely.
+        hold_onset, hold_full: bounds of the speed that the arm reaches along a held direction per
+            unit of joint speed. The weight of the direction is 0 below hold_onset, rises above it,
+            and is 1 above hold_full.
 
     Returns:
-        Orthonormal directions (m, 6); the desired velocities (m,) along them; the weights (m,), 0
-        to 1, of these velocities in the least squares.
+        Orthonormal camera directions (m, 6); the desired velocities (m,) along them; the weights
+        (m,), 0 to 1, of these velocities in the least squares.
     """
-    # The held camera directions are sorted by how well the arm can move the camera along them.
+    # Among the held camera directions, find orthonormal ones along which the arm moves the camera
+    # independently, and how far it moves it for a joint motion of length 1.
     u_held, reach, _ = svd(multiply(held_directions, scaled_jacobian))
     along, hold = multiply(u_held.T, held_directions), multiply_vector(u_held.T, held_speeds)
     weights = np.empty(len(reach))
     for i in range(len(reach)):
         part = min(max((reach[i] - hold_onset) / (hold_full - hold_onset), 0.0), 1.0)
         weights[i] = part * part * (3.0 - 2.0 * part)
-    # The effect of the held motion on the features is subtracted from their desired rate.
+    # Compute the motion along the held directions. Its effect on the features is then subtracted
+    # from their desired rate.
     weighted = np.empty(len(reach))
     for i in range(len(reach)):
         weighted[i] = weights[i] * hold[i]
@@ -91,7 +95,7 @@ def _build_rows(
         for j in range(6):
             basis[i, j] = others[i, j]
         speed[i] = projected[i] / s[i]
-        # A camera twist that hardly changes the features gets a smaller weight.
+        # A camera motion that hardly changes the features gets a smaller weight.
         weight[i] = min(1.0, s[i] / (WELL_CONDITIONED * s[0]))
     return basis, speed, weight
 
@@ -106,10 +110,10 @@ def _solve_damped(
         scaled_jacobian: (6, n) Jacobian of the arm.
         basis, desired, weights: directions, velocities and weights that `_build_rows` returns.
         preferred: (n,) velocities that secondary tasks prefer.
-        free: (n,) whether each joint may move freely.
-        fixed: (n,) velocities of the other joints.
-        damping: maximum damping.
-        damping_below: singular value of the Jacobian below which a motion is damped.
+        free: (n,) whether the velocity of each joint is to be computed.
+        fixed: (n,) given velocities of the joints that are not free; 0 for the others.
+        damping: maximum damping, m per rad or m of joint motion.
+        damping_below: singular value of the Jacobian below which a joint motion is damped.
         units: (n,) joint motions, rad or m, that have the same weight in the least squares.
 
     Returns:
@@ -139,7 +143,8 @@ def _solve_damped(
         for i in range(m):
             for j in range(len(joints)):
                 damped[i, j] = task[i, j]
-        # A joint motion is damped more if the task is more sensitive to it.
+        # For joint motion i, the camera moves along u_arm[:, i]. The norm of sensitivity[:, i] is
+        # the part of this direction, 0 to 1, that the task controls.
         sensitivity = multiply(rows, u_arm)
         for i in range(strong, len(s)):
             strength = max(_norm(sensitivity[:, i]), MIN_DEMAND)
@@ -169,9 +174,10 @@ def _solve_damped(
 
 @jit("f8[:], f8[:]")
 def _find_scale(desired, room):
-    """Return the largest factor <= 1 for which |factor desired| <= room, and the limiting joint.
+    """Return the largest factor <= 1 for which |factor desired_i| <= room_i for all joints i.
 
-    Both arguments are arrays (n,).
+    The second result is the index of the joint that limits the factor. Both arguments are arrays
+    (n,).
     """
     part, joint = 1.0, 0
     for i in range(len(desired)):
@@ -193,12 +199,13 @@ def _limit_velocities(desired, secondary, low, high, limits, dt, is_limited, pre
         dt: time for which the velocities are applied, s.
         is_limited: whether the acceleration is limited, starting from the velocities `previous`.
         previous: (n,) velocities that were commanded before.
-        total, task: (n,) last solution, and its part for the task. If `previous` equals `total`,
-            the acceleration of the task is measured from `task`.
+        total, task: (n,) velocities of the last solution, and their part for the task. If
+            `previous` equals `total`, the acceleration of the task part is measured from `task`,
+            otherwise from `previous`.
 
     Returns:
-        The velocities (n,); their part (n,) for the task; the scale of this part; the index of the
-        joint whose limit reduced the scale, or -1.
+        The velocities (n,); their part (n,) for the task; the factor by which limits scaled this
+        part; the index of the joint whose limit reduced the factor, or -1.
     """
     count, fastest, acceleration = len(desired), limits[2], limits[3]
     part, slowest = _find_scale(desired, fastest)
@@ -225,13 +232,13 @@ def _limit_velocities(desired, secondary, low, high, limits, dt, is_limited, pre
     for i in range(count):
         lowest, highest = max(low[i], -fastest[i]), min(high[i], fastest[i])
         if is_limited:
-            # A joint that cannot stop before the end of its range brakes with its maximum
-            # acceleration.
+            # These bounds let a joint brake with at most its maximum acceleration, even if it
+            # cannot stop before the end of its range.
             slower, faster = previous[i] - acceleration[i] * dt, previous[i] + acceleration[i] * dt
             lowest = min(max(lowest, slower), faster)
             highest = min(max(highest, slower), faster)
         velocities[i] = min(max(primary[i] + others[i], lowest), highest)
-        # The secondary tasks may use the range of joint velocities that the primary task leaves.
+        # The secondary tasks get what the task leaves of the range of each joint's velocity.
         towards[i] = secondary[i] - others[i]
         room[i] = highest - velocities[i] if towards[i] > 0.0 else velocities[i] - lowest
     part, _ = _find_scale(towards, room)
@@ -245,7 +252,10 @@ def _limit_velocities(desired, secondary, low, high, limits, dt, is_limited, pre
 
 @jit("f8[:], f8[:], f8[:], f8, f8")
 def _passes_straight(q, elbow, velocities, reach_bend, dt):
-    """Return whether this step removes more than half of the bend of an almost straight elbow."""
+    """Return whether one step removes more than half the bend of a nearly straight elbow.
+
+    The step is a motion with `velocities` for dt (s).
+    """
     bend, speed = q[int(elbow[0])] - elbow[1], velocities[int(elbow[0])]
     side = np.sign(bend) if abs(bend) > STRAIGHT_TOLERANCE else elbow[2]
     return abs(bend) < reach_bend and speed * side < 0.0 and abs(speed) * dt > 0.5 * abs(bend)
@@ -269,7 +279,10 @@ def _solve_within_ranges(
     reach_bend,
     damping,
 ):
-    """Solve repeatedly, until no joint leaves its range and no elbow passes its straight position.
+    """Compute joint velocities with which no joint leaves its range and no elbow becomes straight.
+
+    A joint that would do so gets a fixed velocity, and `_solve_damped` is called again for the
+    others.
 
     Returns:
         The result of `_solve_damped`; whether each joint (n,) may move freely; the indices of the
@@ -283,8 +296,8 @@ def _solve_within_ranges(
         near, back = False, True
         for elbow in elbows:
             near |= free[int(elbow[0])] and abs(q[int(elbow[0])] - elbow[1]) < reach_bend
-        # Near a straight elbow, solve again with the Jacobian of bent elbows. The second solution
-        # is used if it bends the elbows further.
+        # Near a straight elbow, the Jacobian of bent elbows is tried first. Its solution is used if
+        # it bends the elbows further.
         if near:
             solution, spare = _solve_damped(
                 bent_jacobian,
@@ -338,7 +351,8 @@ def _solve_within_ranges(
 
 @jit("f8[:,:], f8")
 def _scale_rotations(twists, length):
-    """Return twists (6, n) with the rotations multiplied by the length, m/s."""
+    """Return twists (6, n) with their rotations multiplied by the length, so that all are in m/s.
+    """
     scaled = np.empty(twists.shape)
     for i in range(6):
         factor = length if i > 2 else 1.0
@@ -349,10 +363,9 @@ def _scale_rotations(twists, length):
 
 @jit("f8[:], f8[:,:], f8")
 def _bend_elbows(q, elbows, reach_bend):
-    """Return the joints (n,) with all elbows bent by at least `reach_bend`.
+    """Return the joints (n,) with elbows bent by at least `reach_bend`, and whether any changed.
 
-    The second result is whether these joints differ from q. `elbows` has one row with the fields of
-    Elbow for each elbow.
+    `elbows` is an array (m, 7) whose rows are the fields of the m elbows; see Elbow.
     """
     bent, other = q.copy(), False
     for elbow in elbows:
@@ -371,8 +384,7 @@ SOLVER_SIGNATURE = (
     "f8[:,:], f8[:,:], f8[:], b1[:], f8[:], f8[:,:,:], f8[:,:], f8[:,:], f8, b1, f8[:], "
     "f8[:,:], f8[:], f8[:,::1], f8[:,::1]"
 )
-# Indices of the rows of the outputs `joints`, each (n,), and `twists`, each (6,), of
-# `solve_velocities`.
+# Indices of the rows of two outputs of `solve_velocities`: `joints` (4, n) and `twists` (3, 6).
 VELOCITIES, PRIMARY, MARGINS, STOPPED = range(4)
 DESIRED, ACHIEVED, INFEASIBLE = range(3)
 
@@ -409,28 +421,30 @@ def solve_velocities(
     """Compute the solution of `DifferentialIK.solve`.
 
     Args:
-        order … tip_frames: fields of the Chain. For a chain without origins, `pose` and
-            `jacobian` are inputs.
+        order … tip_frames: fields of the Chain.
         q: (n,) joint positions.
-        pose, jacobian: (4, 4) and (6, n) at q; written unless the chain has no origins.
+        pose, jacobian: (4, 4) and (6, n) of the camera at q. They are inputs if `origins` is empty,
+            otherwise outputs.
         goal: (4, 4) pose at which the directions that the task does not control are held.
         L, rate, modelled: (k, 6), (k,) and (6,) fields of the task.
         preferred: (n,) velocities of the secondary tasks, except the range tasks.
-        range_tasks: (p, 3, n) lower bound, upper bound and gain of each JointRangeTask.
-        elbows: (m, 7) fields of each Elbow.
-        limits: (5, n) lower and upper position, velocity, acceleration, and units of the joints;
-            see `_solve_damped` for the units.
+        range_tasks: (p, 3, n) arrays `rows` of the p JointRangeTasks.
+        elbows: (m, 7) fields of the m Elbows.
+        limits: (5, n) rows with the lower position, upper position, velocity and acceleration
+            limits; the last row contains the joint motions, rad or m, that have the same weight in
+            the least squares.
         dt, is_limited, previous: see `_limit_velocities`.
-        last: (2, n) last velocities, and their part for the task.
-        settings: fields of IKSettings.
+        last: (2, n) velocities of the last solution, and their part for the task.
+        settings: array of the fields of IKSettings.
         joints: (4, n) output: the velocities, their part for the task, the distances to the
             position limits, and whether each joint is stopped at a limit.
         twists: (3, 6) output: the desired, the achieved and the infeasible twist, in SI units.
 
     Returns:
-        The scale of the task; the index of the joint that limits the speed, or -1; whether an elbow
-        would become straight; whether the infeasible twist is large enough to be reported; whether
-        the velocities can be reused; the number of joints that are stopped at a limit.
+        The factor by which limits slow the task; the index of the joint with the decisive limit, or
+        -1; whether an elbow would become straight; whether the infeasible twist is large enough to
+        be reported; whether the velocities can be reused; the number of joints that are stopped at
+        a limit.
     """
     length, reach, bent = settings[0], settings[6], jacobian
     if len(origins) > 0:

@@ -1,32 +1,30 @@
 """Differential inverse kinematics: from a task to joint velocities.
 
-Let L be the task's interaction matrix, J the arm's Jacobian, and H the matrix of the directions
-that the task does not control. The joint velocities q_dot are the least-squares solution of
+Let L be the task's interaction matrix, J the arm's Jacobian, and H the matrix of the camera
+directions that the task does not control. The joint velocities q_dot are the least-squares solution
+of
 
     L J q_dot = e_dot        H J q_dot = hold_gain (goal - now)
 
-where twists are scaled so that 1 rad has the weight of a length. The second equation holds the
-camera at the goal in the directions H.
+where twists are scaled so that 1 rad has the weight of a length. The second equation moves the
+camera back to the goal in the directions H.
 
-Damping: near a singularity of the arm, the weak joint motions v_i (whose singular values s_i of J
-are below a bound) are damped by additional rows d_i v_i. All other motions are exact (Nakamura and
-Hanafusa 1986; damping of single directions: Maciejewski and Klein 1988). A held direction is
-released gradually if the arm can hardly move the camera along it, such as the roll of a camera on
-two nearly parallel axes.
+Damping: near a singularity of the arm, joint motions that hardly move the camera (those with small
+singular values of J) are damped by additional rows of the equations. All other motions are exact
+(Nakamura and Hanafusa 1986; damping of single directions: Maciejewski and Klein 1988). If the arm
+can hardly move the camera along a direction of H, this direction gets a smaller weight.
 
-Secondary tasks: their velocities are added up to z and projected, q_dot += (I - A^+ T) z, where T
-contains the rows of both equations above and A those rows and the damping.
+Secondary tasks: the sum z of their velocities is projected, q_dot += (I - A^+ T) z, where T
+contains the rows of both equations, and A the same rows and those of the damping.
 
 Limits: a joint at the end of its range stops, and the other joints perform the task as well as
 possible. Speed and acceleration limits scale the task without changing its direction. The secondary
 tasks get the remaining speed.
 
 Stretched elbows (see `elbow.py`) cannot move the camera along the arm to first order:
-
-- On the way out, the elbow approaches its straight position but never passes it. The damping
-  ensures this in continuous time. In addition, one step removes at most half of the remaining bend.
-- On the way back, J is computed for an elbow bent by `reach_bend`, because bending a straight elbow
-  moves the camera only to second order.
+- An elbow that is being stretched never passes its straight position: one step removes at most half
+  of the remaining bend.
+- To bend a straight elbow, J is computed for an elbow that is bent by `reach_bend`.
 """
 
 from __future__ import annotations
@@ -60,13 +58,15 @@ class IKSettings:
     Attributes:
         length: length that has the same weight as 1 rad of camera rotation, m.
         damping: maximum damping, m per rad or m of joint motion.
-        damping_below: singular value of J below which a joint motion is damped, in the same unit.
+        damping_below: singular value of J below which a joint motion is damped, in the unit of
+            `damping`.
         hold_gain: rate at which held directions return to the goal, 1/s.
-        hold_onset: camera rotation (rad) per rad or m of joint motion above which a held direction
-            is controlled partly.
-        hold_full: camera rotation per joint motion above which a held direction is controlled
-            fully.
-        reach_bend: bend of an elbow for which J is computed on the way back from straight, rad.
+        hold_onset: camera rotation (rad) per rad or m of joint motion. A held direction in which
+            the arm moves the camera less than this is not controlled.
+        hold_full: the same quantity, above which a held direction has its full weight; between
+            `hold_onset` and `hold_full`, the weight rises from 0 to 1.
+        reach_bend: bend of the elbow for which J is computed when a straight elbow is to be bent,
+            rad.
         reported_speed: smallest infeasible part of the desired twist that is reported, m/s.
         reported_part: smallest infeasible part that is reported, as a fraction of the desired
             twist.
@@ -112,7 +112,7 @@ class DifferentialIK:
             task does not control; None for its pose at the first call of `solve` after a reset.
         other_tasks: secondary tasks that are not a JointRangeTask.
         setting_values, limit_rows, has_acceleration_limits, elbow_rows, range_tasks,
-            last_velocities: inputs of `solve_velocities`, as arrays.
+            last_velocities: inputs of the compiled function `solve_velocities`.
     """
 
     def __init__(
@@ -159,7 +159,8 @@ class DifferentialIK:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the last velocities and the pose at which directions are held."""
+        """Forget the last velocities and the camera pose at which uncontrolled directions are held.
+        """
         self._cached_view: np.ndarray | None = None
         # Last joint velocities, and the part of them that executes the task; NaN before the first
         # solution.
@@ -173,8 +174,8 @@ class DifferentialIK:
         Args:
             q: (n,) joint positions, rad or m.
             task: task with L (k, 6), desired_rate (k,) and modelled (6,).
-            dt: time for which the velocities will be commanded, s; if it is 0, only speeds are
-                limited.
+            dt: time for which the velocities will be commanded, s; if it is 0, only the speed
+                limits apply.
             previous: (n,) velocities that were commanded before, for the acceleration limits.
 
         Raises:
@@ -221,7 +222,10 @@ class DifferentialIK:
         )  # fmt: skip
 
     def _find_hold_pose(self, q: np.ndarray, modelled: np.ndarray) -> np.ndarray:
-        """Return the camera pose at the first call since the reset, used if `goal` is None."""
+        """Return the pose that is used if `goal` is None.
+
+        It is the camera pose at the first call after a reset with uncontrolled directions.
+        """
         if self._cached_view is not None:
             return self._cached_view
         view = self.arm.pose_and_jacobian(q)[0]
@@ -236,7 +240,8 @@ class DifferentialIK:
         if is_straight:
             return ["the arm is stretched: the commanded motion leads beyond its reach"]
         if is_stopped:
-            return []  # the outcome's reason already names the joint at its limit
+            # The reason of the run's outcome already names the joint that is at its limit.
+            return []
         missing = np.abs(infeasible_twist * self._scale)
         main = np.flatnonzero(missing > 0.5 * missing.max())
         words = ", ".join(f"{DIRECTIONS[i]} {infeasible_twist[i]:.3g} {UNITS[i]}" for i in main)

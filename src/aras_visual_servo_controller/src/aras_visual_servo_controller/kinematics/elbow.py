@@ -3,7 +3,7 @@
 The axes of the joint before and the joint after an elbow are parallel to its own axis. At a
 stretched elbow, the camera cannot move along the arm to first order, because bending the elbow
 moves it only to second order. The laboratory's arm works in such postures: at its desired poses, it
-is stretched to within 0.1 mm.
+is stretched to within 0.1 mm of its full reach.
 """
 
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ from .arm import Arm
 # Largest angle between two joint axes that are treated as parallel, rad, because robot descriptions
 # write pi as 3.1416.
 PARALLEL_TOLERANCE = 1e-4
-MIN_LINK_LENGTH = 1e-3  # length of a link, m; an elbow at a shorter link cannot be stretched
+MIN_LINK_LENGTH = 1e-3  # smallest length of the links on both sides of an elbow, m
 
 
 @dataclass(frozen=True)

@@ -41,7 +41,9 @@ def compute_free_pose_and_jacobian(origin, mounting, q, pose, jacobian):
     pose[3, 3] = 1.0
     rates = _compute_right_jacobian(q)
     x, y, z = mounting[0, 3], mounting[1, 3], mounting[2, 3]
-    for j in range(6):  # velocity of the camera's origin, in the axes of the body
+    # Velocity of the camera's origin for a unit rate of the coordinate q_j, in the axes of the
+    # body.
+    for j in range(6):
         wx, wy, wz = rates[3, j], rates[4, j], rates[5, j]
         vx = rates[0, j] + wy * z - wz * y
         vy = rates[1, j] + wz * x - wx * z

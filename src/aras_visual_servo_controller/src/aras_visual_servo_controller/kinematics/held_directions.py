@@ -43,9 +43,9 @@ def _compute_rotation_error(pose, goal, length, errors):
     angle = atan2(sine, cosine)
     factor = 0.5 * angle / sine if sine > 1e-6 else 0.5
     if sine <= 1e-4 and cosine <= 0.0:
-        # Near half a turn the axis u follows from the symmetric part of R, which is accurate there:
-        # (R + R^T) / 2 - cosine I = (1 - cosine) u u^T. The column with the largest diagonal
-        # element is parallel to u.
+        # Near half a turn, the rotation axis u is computed from the symmetric part of the rotation
+        # matrix R, because (R + R^T) / 2 - cosine I = (1 - cosine) u u^T. The column with the
+        # largest diagonal element is parallel to u.
         longest = 0
         for i in range(3):
             if R[i, i] > R[longest, longest]:
@@ -63,14 +63,17 @@ def _compute_rotation_error(pose, goal, length, errors):
 
 @jit("f8[:,:], f8[:,:], f8, i8, f8[:,::1], f8[::1]")
 def _hold_vertical(pose, goal, length, row, held_directions, errors):
-    """Compute the rotations that return the reference's vertical to its direction at the goal.
+    """Compute the two rotations that move the vertical to its direction at the goal.
 
-    The vertical is the z axis of the reference frame, expressed in the camera frame. The two
-    rotations are written into `held_directions` (p, 6) and `errors` (p,), starting at `row`.
+    The vertical is the z axis of the reference frame, expressed in the camera frame. The two axes
+    of rotation and the two angles are written into rows `row` and `row` + 1 of the outputs.
 
     Args:
         pose, goal: present and desired `reference_T_camera` (4, 4).
         length: length that has the same weight as 1 rad, m.
+        row: first row to write.
+        held_directions: (p, 6) output: axes of rotation in the camera frame, as unit twists.
+        errors: (p,) output: angles times `length`, m.
     """
     now, desired = pose[2, :3], goal[2, :3]
     first, second, turn = np.zeros(3), np.empty(3), np.empty(3)
@@ -90,7 +93,8 @@ def _hold_vertical(pose, goal, length, row, held_directions, errors):
         errors[row] = factor * _dot(turn, first)
         errors[row + 1] = factor * _dot(turn, second)
     elif cosine <= 0.0:
-        # The held direction is reversed; a rotation by pi about either axis corrects it.
+        # The vertical is opposite to its direction at the goal. A rotation by pi about any axis
+        # normal to it corrects this.
         errors[row] = length * pi
     for i in range(3):
         held_directions[row, 3 + i], held_directions[row + 1, 3 + i] = first[i], second[i]
@@ -100,8 +104,9 @@ def _hold_vertical(pose, goal, length, row, held_directions, errors):
 def compute_held_directions(pose, goal, modelled, length):
     """Compute the directions in which the camera is held, and its offset from the goal along them.
 
-    If a task controls wz but not wx and wy, the vertical (z axis of the reference) is held at its
-    direction in the camera frame. Then the rotation about the vertical is free for any tilt.
+    If a task controls wz but not wx and wy, the camera's tilt is held: the z axis of the reference
+    keeps the direction in the camera frame that it has at the goal. The task controls the rotation
+    about this z axis.
 
     Args:
         pose, goal: present and desired `reference_T_camera` (4, 4).

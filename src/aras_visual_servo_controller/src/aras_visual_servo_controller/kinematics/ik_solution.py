@@ -31,10 +31,10 @@ class IKSolution:
         L: (k, 6) interaction matrix of the task, SI units.
         jacobian: (6, n) Jacobian of the arm, SI units.
         modelled: (6,) whether the task controls each direction.
-        reuse_time: time for which the velocities may be reused, s: REUSE_TIME if the arm moves
-            slowly and no limit applies until then, otherwise 0.
-        recorded_singular_values: singular values of L and of L J that were read from a record; None
-            if they are computed.
+        reuse_time: time for which the velocities remain valid, s: REUSE_TIME if the arm moves
+            slowly and reaches no limit within this time, otherwise 0.
+        recorded_singular_values: singular values of L and of L J that a message contains; None to
+            compute them from L and `jacobian`.
     """
 
     velocities: np.ndarray

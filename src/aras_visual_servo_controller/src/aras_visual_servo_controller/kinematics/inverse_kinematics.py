@@ -105,7 +105,7 @@ def _compute_residual(
 def _compute_residual_jacobian(
     q: np.ndarray, pose_and_jacobian: PoseAndJacobian, goal: np.ndarray
 ) -> np.ndarray:
-    """Compute the Jacobian (6, n) of the residual."""
+    """Compute the Jacobian (6, n) of the pose error that `_compute_residual` returns."""
     pose, jacobian = pose_and_jacobian(q)
     camera_R_goal = pose[:3, :3].T @ goal[:3, :3]
     place = pose[:3, :3].T @ (goal[:3, 3] - pose[:3, 3])

@@ -56,7 +56,8 @@ def choose_controllers(
     """Choose the controllers for commands of one type: one for each joint, or one for all.
 
     If the parameters contain no controller of a joint, the name in `controller_names` is used. If
-    this name is missing or contains another command type, JOINT_KIND_controller is used.
+    that has no name for the joint, or a name with another command type, the name is made of joint
+    and command type, such as J1_position_controller.
 
     Args:
         parameters: parameters of the robot's namespace.

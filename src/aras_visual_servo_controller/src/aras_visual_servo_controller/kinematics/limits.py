@@ -87,7 +87,7 @@ class Limits:
     def find_narrowed(self, arm: Arm) -> dict[str, list[str]]:
         """Return the joints whose position limits are narrower than the arm's own.
 
-        The keys are the names of the parameters that narrow the limits.
+        They are grouped by the parameter that narrows the limits: 'lower' or 'upper'.
         """
         narrower = {"lower": self.lower > arm.lower, "upper": self.upper < arm.upper}
         return {
@@ -152,10 +152,9 @@ def check_within_limits(q: np.ndarray, limits: Limits | Arm, what: str) -> None:
 
 @jit("f8, f8, f8")
 def compute_stopping_speed(room, acceleration, dt):
-    """Compute the largest speed from which a joint can stop within `room`.
+    """Compute the largest speed from which a joint can stop within the distance `room`.
 
-    The speed is maintained for dt (s) before the joint brakes. The result v solves
-    v dt + v^2 / 2a = room, so that later steps of any length stay within the room, too.
+    The joint keeps the speed v for dt (s) and then brakes, so v dt + v^2 / (2 acceleration) = room.
     """
     if dt <= 0.0 or room == np.inf:
         return np.inf

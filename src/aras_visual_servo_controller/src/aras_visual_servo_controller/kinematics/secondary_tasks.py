@@ -97,9 +97,9 @@ class SingularityAvoidance(SecondaryTask):
 
         velocity = gain (1 - w / bound) grad w / max(|grad w|, max_gradient)   for w < bound, else 0
 
-    The velocity vanishes at the bound and, with the gradient, at an optimum. (The step of the
-    laboratory's controller has a constant length and therefore oscillates about the optimum.) The
-    task uses only the redundancy of the arm; DifferentialIK deals with stretched elbows.
+    The manipulability w is computed from the chosen rows of the Jacobian J. The velocity is 0 at w
+    = bound and at a maximum of w, where the gradient is 0. (The laboratory's controller takes steps
+    of constant length and therefore oscillates about the maximum.)
     """
 
     def __init__(
@@ -114,17 +114,19 @@ class SingularityAvoidance(SecondaryTask):
 
         Args:
             arm: arm whose Jacobian is used.
-            directions: indices of the rows of J that are used for w, out of vx, vy, vz, wx, wy, wz.
+            directions: rows of the Jacobian that are used for the manipulability w: 0 for vx to 5
+                for wz.
             gain: maximum speed, rad/s.
-            bound: value of w below which the task is active.
-            max_gradient: gradient of w above which the step has its full length.
+            bound: manipulability below which the task is active.
+            max_gradient: norm of the gradient of w below which the velocity decreases with the
+                gradient, so that it is 0 at a maximum of w.
         """
         self._arm = arm
         self._rows = np.array(directions)
         self.gain, self.bound, self.max_gradient = gain, bound, max_gradient
 
     def manipulability(self, q: np.ndarray) -> float:
-        """Compute w(q) for the chosen directions."""
+        """Compute the manipulability w(q) from the chosen rows of the Jacobian at joints q (n,)."""
         rows = self._arm.pose_and_jacobian(q)[1][self._rows]
         return float(np.sqrt(max(np.linalg.det(rows @ rows.T), 0.0)))
 

@@ -21,9 +21,9 @@ from .algebra import (
 ALL_DIRECTIONS = (True,) * 6
 DIRECTIONS = ("vx", "vy", "vz", "wx", "wy", "wz")
 UNITS = ("m/s",) * 3 + ("rad/s",) * 3
-# A direction of the camera is servoed only if its uncertainty is at most this. The uncertainty is
-# the standard deviation of the camera's offset along the direction, as measured in one image, in
-# depths or rad. Noise moves the servoed camera by some tenths of this standard deviation.
+# The camera is not moved along a direction in which its offset from the goal is more uncertain than
+# this (see `Task.uncertainty`): a fraction of the depth for translations, rad for rotations. Noise
+# moves the servoed camera by some tenths of the uncertainty.
 MAX_UNCERTAINTY = 0.3
 
 
@@ -41,11 +41,13 @@ class Task:
         desired_rate: (k,) desired rate of the error, e_dot, in units of e per second.
         modelled: (6,) whether the task controls each direction of the camera. In the other
             directions, the camera is held at the goal.
-        depth: depth of the target, m. A translation by this depth has the same weight as 1 rad.
-        accuracy: accuracy of the measured error: an array (k, m) with the effects of m independent
-            errors of one standard deviation each; or one number, the standard deviation of all
-            rows; 0 if the error is exact.
-        rank_tolerance: singular values below this fraction of the largest one are treated as 0.
+        depth: depth of the target, m. A translation of the camera by this depth has the same weight
+            as a rotation by 1 rad.
+        accuracy: standard deviation of the measured error e, one number for all components; 0 if e
+            is exact. Correlated components need an array (k, m): the effects on e of m independent
+            causes, each by one standard deviation.
+        rank_tolerance: singular values of L below this fraction of the largest one are treated as
+            0.
     """
 
     L: np.ndarray
@@ -56,7 +58,7 @@ class Task:
     rank_tolerance: float = ROUNDING_TOLERANCE
 
     def __post_init__(self) -> None:
-        """Check the arrays, and reduce more than six rows to six with the same solution.
+        """Check the arrays; if L has more than six rows, reduce it to six with the same solution.
 
         Raises:
             TaskError: a shape is wrong, or a value is not finite.
@@ -137,8 +139,7 @@ class Task:
     def from_twist(cls, twist: ArrayLike, modelled: ArrayLike = ALL_DIRECTIONS) -> Task:
         """Construct the task of a desired twist (6,).
 
-        Only the components in the directions that the features control belong to the task; the
-        others are free.
+        `modelled` (6,) states which components the task controls; the other components are ignored.
         """
         twist, modelled = _read_array(twist), np.array(modelled, bool)
         if twist.shape != (6,):
@@ -154,20 +155,22 @@ class Task:
 
     @cached_property
     def _svd(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Singular value decomposition of L for the controlled directions, lengths in depths."""
+        """Singular value decomposition of L for the controlled directions; unit of length: `depth`.
+        """
         return svd((self.L * self._scale)[:, self.modelled])
 
     @property
     def _scale(self) -> np.ndarray:
-        """Units (6,) of a twist whose lengths are measured in depths."""
+        """Factors (6,) that convert a twist with `depth` as unit of length to m and rad."""
         return np.array((self.depth, self.depth, self.depth, 1.0, 1.0, 1.0))
 
     @cached_property
     def uncertainty(self) -> np.ndarray:
         """Uncertainty (r,) of the camera's offset along each singular direction of L.
 
-        The uncertainty is the standard deviation of the offset that one image gives, in depths or
-        rad. It is inf for a direction that no feature measures.
+        It is the standard deviation of the offset that is computed from the error in one image: for
+        translations, as a fraction of `depth`; for rotations, in rad. It is inf for a direction
+        that no feature measures.
         """
         u, s, _ = self._svd
         is_measurable = s > self.rank_tolerance * s[0]
@@ -185,7 +188,8 @@ class Task:
     def measurable_task(self) -> Task:
         """Task without the directions whose uncertainty exceeds MAX_UNCERTAINTY.
 
-        If there are no such directions, or if the features are exact, it is the task itself.
+        If there are no such directions, or if `accuracy` is 0 and `rank_tolerance` has its default,
+        it is the task itself.
         """
         accuracy = self.accuracy
         is_exact = accuracy == 0.0 if type(accuracy) is float else not accuracy.any()
@@ -201,7 +205,9 @@ class Task:
 
     @property
     def dropped_reason(self) -> str:
-        """Description of the desired motion that is not servoed, and why; empty if there is none.
+        """Camera motion that is desired but too uncertain to be commanded, as text with the reason.
+
+        The text is empty if there is no such motion.
         """
         measurable = self.measurable_task
         if measurable is self:
@@ -247,9 +253,9 @@ def _reduce_rows(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray | float]:
     """Reduce L to six rows with the same normal equations, and so with the same solutions.
 
-    With L^T L = V S^2 V^T, the rows are S V^T and the rates S^-1 V^T L^T rate. A matrix of up
-    to 512 rows is reduced by a QR decomposition instead, which keeps full precision. An accuracy
-    that is one number is not changed.
+    Up to 512 rows are reduced by a QR decomposition. For more rows, the eigenvectors V and the
+    eigenvalues S^2 of L^T L are faster: the new rows are S V^T, the new rates S^-1 V^T L^T rate. An
+    `accuracy` that is an array is reduced like the rates; one number is not changed.
     """
     apart = type(accuracy) is np.ndarray
     if len(L) <= 512:

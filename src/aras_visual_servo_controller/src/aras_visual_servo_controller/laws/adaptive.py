@@ -14,8 +14,9 @@ from .base import LAWS, Law, gain
 class Adaptive(Law):
     """Adaptive gain, which is high near the goal and low far from it (vpAdaptiveGain in ViSP).
 
-    de/dt = -g(n) e, where n is the largest component of L^+ e (m and rad) and
-    g(n) = (zero - infinity) exp(-slope n / (zero - infinity)) + infinity.
+    de/dt = -g(n) e, where n is the largest component of L^+ e (m and rad) and g(n) = (zero -
+    infinity) exp(-slope n / (zero - infinity)) + infinity. The parameters `zero` and `infinity` are
+    the gains at n = 0 and for large n; -slope is the derivative of g at n = 0.
     """
 
     zero: float = gain(5.0, "gain at the goal")

@@ -46,7 +46,8 @@ class Law(ABC):
     name: ClassVar[str] = ""
 
     def __init_subclass__(cls, **options: Any) -> None:
-        """Turn each subclass into a dataclass, named after its class unless it is registered."""
+        """Turn each subclass into a dataclass; until it is registered, its name is the class name.
+        """
         super().__init_subclass__(**options)
         cls.name = cls.__name__
         dataclass(eq=False)(cls)

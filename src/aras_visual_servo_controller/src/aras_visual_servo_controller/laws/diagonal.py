@@ -14,7 +14,7 @@ from .base import LAWS, MAX_GAIN, Law
 
 @LAWS.register("diagonal")
 class Diagonal(Law):
-    """Diagonal gain matrix: de_i/dt = -values_i e_i."""
+    """Diagonal gain matrix: de_i/dt = -values_i e_i, where values_i is the gain of feature i."""
 
     values: tuple[float, ...] = parameter(
         dataclasses.MISSING, "1/s", above=0.0, most=MAX_GAIN, help="gain of each feature"

@@ -14,8 +14,9 @@ from .base import LAWS, MAX_GAIN, Law, gain
 class SlidingMode(Law):
     """Sliding mode, de/dt = -gain e - reach sat(e / width), which rejects bounded disturbances.
 
-    The error reaches the boundary layer |e| <= `width` in finite time. Inside this layer, the
-    switching term is linear, which avoids chatter.
+    Here sat limits its argument to -1 ... 1. The switching term, with the factor `reach`, brings
+    the error to |e| <= `width` in finite time. For smaller errors it is proportional to e, which
+    avoids chatter.
     """
 
     gain: float = gain(5.0)

@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     from ..kinematics.limits import Limits
 
 
-# A joint has jumped between two samples if it moved farther than JUMP times `lead`, and also
-# farther than JUMP_SPEEDS times the distance that it covers at the greater of its two measured
-# speeds.
+# A joint has jumped between two samples if it moved farther than JUMP times `lead` (the distance by
+# which its command may be ahead), and also farther than JUMP_SPEEDS times the distance that its
+# greater measured speed explains.
 JUMP, JUMP_SPEEDS = 0.5, 4.0
 
 
@@ -31,8 +31,8 @@ class CommandIntegrator:
     Attributes:
         command: (n,) commanded positions, rad or m; None before `start_at`.
         velocity: (n,) latest velocity of the command, rad/s or m/s.
-        is_late: (n,) whether the last call of `integrate` waited for each joint.
-        lead: (n,) distance by which the command may be ahead of each joint, see ServoSettings.
+        is_late: (n,) whether each joint is so far behind its command that the command waits for it.
+        lead: (n,) distance by which the command may be ahead of each joint, rad or m.
     """
 
     def __init__(self, names: Sequence[str], limits: Limits, settings: ServoSettings) -> None:
@@ -60,14 +60,14 @@ class CommandIntegrator:
             self.start_at(positions)
 
     def clear_late(self) -> None:
-        """Mark all joints as not late, because no motion is commanded."""
+        """Mark no joint as too far behind its command, because no motion is commanded."""
         self.is_late = np.zeros(len(self.names), bool)
 
     def yield_to(self, is_late: Sequence[bool], dt: float) -> None:
-        """Stop the command while another node commands the joints.
+        """Bring the command to rest while another node commands the joints.
 
         Args:
-            is_late: (n,) whether each joint counts as late while the other node commands it.
+            is_late: (n,) values for the attribute `is_late`.
             dt: time step, s.
         """
         self.is_late = np.array(is_late)
@@ -82,8 +82,8 @@ class CommandIntegrator:
         """Integrate velocities (n,) over dt (s), given the measured joint positions (n,).
 
         If a joint does not follow because of friction or an obstacle, all joints wait for it: a
-        motion of the others alone would move the camera off its path. If the joints receive
-        velocity commands, the integrated command is never sent; after a stop, it is set to the
+        motion of the others alone would move the camera off its path. With velocity output,
+        `command` is not sent; once the command has stopped for a late joint, it is set to the
         measured positions.
 
         Returns:
@@ -109,7 +109,7 @@ class CommandIntegrator:
         )
 
     def set_command(self, command: np.ndarray, velocity: np.ndarray) -> None:
-        """Set the command (n,) and its velocity (n,), and mark no joint as late."""
+        """Set the commanded positions (n,) and their velocities (n,), and clear `is_late`."""
         self.is_late = np.zeros(len(self.names), bool)
         self._braking, self.velocity, self.command = None, velocity, command
 
@@ -150,7 +150,7 @@ class CommandIntegrator:
     def make_command(
         self, t: float, measured: JointSample | None, effort: np.ndarray, reason: str, phase: str
     ) -> Command:
-        """Create the command for the joint controllers, in the chosen output.
+        """Create the command for the joint controllers: positions, velocities or efforts.
 
         The command has no values before the joints are measured.
 
@@ -173,7 +173,7 @@ class CommandIntegrator:
         return Command(t, self.names, values, settings.output, reason, phase)
 
     def limit_velocities(self, velocities: np.ndarray, dt: float) -> tuple[np.ndarray, str]:
-        """Scale the velocities (n,) of a joint controller to the limits of the joints.
+        """Scale the velocities (n,) that a JointController commands to the limits of the joints.
 
         Returns:
             The velocities, and a description of the limits that scaled them.
@@ -199,11 +199,19 @@ class CommandIntegrator:
 
 @jit("f8[:], f8[:], f8[:], f8[:], f8[:], f8[:], f8[:], f8, f8")
 def integrate_command(command, velocity, velocities, measured, lower, upper, lead, lag, dt):
-    """Integrate the command (n,) by one step.
+    """Integrate the commanded positions (n,) over dt (s).
+
+    Args:
+        command, velocity: (n,) commanded positions, and their latest velocities.
+        velocities: (n,) velocities to integrate.
+        measured: (n,) measured positions.
+        lower, upper: (n,) position limits. A command beyond a limit may only move back.
+        lead, lag: the command of joint i may be ahead of the joint by lead[i] + lag |velocity[i]|.
+        dt: time step, s.
 
     Returns:
-        The new command (n,); its velocity (n,); whether a limit stops each joint; whether each
-        joint is late. A command beyond a limit may only move back.
+        The new commanded positions (n,); their velocities (n,); whether each joint is stopped at a
+        limit (n,); whether each joint is too far behind its command (n,).
     """
     after = np.empty(len(command))
     stopped, late = np.empty(len(command), np.bool_), np.empty(len(command), np.bool_)
@@ -212,8 +220,8 @@ def integrate_command(command, velocity, velocities, measured, lower, upper, lea
         after[i] = min(max(target, min(lower[i], command[i])), max(upper[i], command[i]))
         stopped[i] = after[i] != target
         before, ahead = abs(command[i] - measured[i]), abs(after[i] - measured[i])
-        # A joint that is at its commanded position is not late, even if the first step is long. If
-        # it counted as late, a flying camera with a desired speed above 5 rad/s would never start
+        # A joint that was close to its command before this step is not late, even if the step is
+        # long. Otherwise a free-flying camera with a desired speed above 5 rad/s would never start
         # to move.
         is_lagging = before > 0.5 * lead[i]
         late[i] = is_lagging and ahead > lead[i] + lag * abs(velocity[i]) and ahead > before
@@ -224,7 +232,12 @@ def integrate_command(command, velocity, velocities, measured, lower, upper, lea
 def has_jumped(positions, before, velocities, velocities_before, lead, dt):
     """Return whether a joint moved farther in dt (s) than its speeds explain.
 
-    `lead` is one number, or a number for each joint.
+    Args:
+        positions, before: (n,) present and previous positions.
+        velocities, velocities_before: (n,) measured velocities at these positions.
+        lead: one number or (n,) numbers, distance by which a command may be ahead of its joint; a
+            motion below the fraction JUMP of it is no jump.
+        dt: time between the two positions, s.
     """
     for i in range(len(positions)):
         distance = abs(positions[i] - before[i])

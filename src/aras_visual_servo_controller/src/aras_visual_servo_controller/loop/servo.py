@@ -10,8 +10,10 @@ Phases:
 - `waiting`: the loop waits for joint states or images.
 - `approaching`: the arm moves to the start pose, without images.
 - `servoing`: the arm reduces the error.
-- `converged`: the mean error over `hold` seconds is within the tolerances; the loop stays closed.
-- `holding`: there is no safe task; the arm stops smoothly and continues with the next valid image.
+- `converged`: the mean error over `hold` seconds is within the tolerances; servoing continues.
+- `holding`: an image or joint state cannot be used, or the scheme failed, or a client called
+  `hold`. The arm stops smoothly; it continues with the next valid image, or after `hold` with
+  `start`.
 - `stopped`: the arm is stopped until `start`.
 
 Commands are integrated from the last command, not from the measured positions: if friction holds a
@@ -57,16 +59,15 @@ if TYPE_CHECKING:
 # Largest time, s, by which an image's stamp may be in the future. An image with a later stamp was
 # sent before a reset of the clock.
 MAX_STAMP_LEAD = 1.0
-# At the goal, the arrival is taken back only if no image or no joint state has come for this time,
-# s. A busy machine delays messages by some tenths of a second, and the camera does not move
-# meanwhile.
+# A camera at its goal counts as arrived until no image or no joint state has come for this time, s.
+# A busy machine delays messages by some tenths of a second, in which the camera does not move.
 GOAL_PATIENCE = STEADY_TIME
 
 
 class Servo(ServoControl):
     """Servo loop; call `update` for each joint state and `process_image` for each image.
 
-    The loop closes v = L^+ e_dot around one scheme and one arm. `process_image` computes the joint
+    The loop moves the camera of one arm as one scheme requires. `process_image` computes the joint
     velocities for an image; `update` integrates them into commands (n,) of positions, velocities or
     efforts. The ROS node and the runner of experiments both use this class. If an image cannot be
     used or the scheme fails, the arm stops and `reason` says why.
@@ -102,7 +103,8 @@ class Servo(ServoControl):
         if self.is_approaching:
             if self._start_approach is self._to_start or not observation.valid:
                 return self._record(observation)
-            # The target is visible again while the arm returns to its last pose: end the return.
+            # The arm was returning to its last commanded pose, but the target is visible again: end
+            # the return.
             self._start_approach, self._have_joints_jumped = None, True
         joints = observation.joints if observation.joints is not None else self._joints
         if joints is None:
@@ -261,7 +263,9 @@ class Servo(ServoControl):
             )
             return ""
         if self.executor.task is not None and dt <= 0.0:
-            return ""  # t is the stamp of an image; wait for a newer joint state
+            # At the start of the loop or after an image, t may equal the previous time; wait for a
+            # newer joint state.
+            return ""
         try:
             result = self.executor.compute_velocities(t, dt, measured, self._start_stamp)
         except SchemeTimeoutError as error:
@@ -300,11 +304,13 @@ class Servo(ServoControl):
         self._add_record(RunEvent("starved", self.reason, time=t, period=self._period))
 
     def _is_gap_at_goal(self, t: float, last: float) -> bool:
-        """Return whether the loop is at its goal, and misses an input only for a short time.
+        """Return whether a missing input is ignored, because the camera is at its goal.
+
+        At the goal, images or joint states may be missing for up to GOAL_PATIENCE.
 
         Args:
             t: present time, s.
-            last: time at which the input came last, s.
+            last: time of the last image or joint state, s.
         """
         return self.phase == CONVERGED and t - last <= GOAL_PATIENCE
 
@@ -324,7 +330,10 @@ class Servo(ServoControl):
 
     @property
     def is_only_executing(self) -> bool:
-        """Return whether the next updates only execute the present task."""
+        """Return whether the next call of `update` only has to continue the present task.
+
+        This is not the case just after an image, or after the joints have jumped.
+        """
         return self.phase in (SERVOING, CONVERGED) and not (
             self._has_new_answer or self._have_joints_jumped
         )
@@ -336,7 +345,7 @@ class Servo(ServoControl):
         return self._answer_time, max(settings.watchdog, settings.watchdog_images * self._period)
 
     def apply_updates(self, joints: JointSample, lag_reason: str) -> None:
-        """Apply the result of updates that were computed elsewhere, up to these joints.
+        """Store the results of updates that compiled code has computed instead of `update`.
 
         Args:
             joints: joint sample of the last update.
@@ -361,7 +370,8 @@ class Servo(ServoControl):
         is_faulty: bool = False,
         arrival_status: ArrivalStatus = NOT_ARRIVED,
     ) -> ServoState:
-        """Create the state of this image, with the outcome of the diagnosis."""
+        """Create the state after this image, pass a record to the diagnosis, and add its outcome.
+        """
         text = self.reason if reason is None else reason
         state = ServoState(
             float(observation.stamp), self.phase,

@@ -132,7 +132,8 @@ class ServoControl:
         try:
             self._reset_scheme()
         except SchemeError as error:
-            self._halt(HOLDING, str(error))  # the next image resets the scheme again
+            # If the reset of the scheme fails, it is tried again at the next image.
+            self._halt(HOLDING, str(error))
 
     def start(self) -> None:
         """Continue after `stop` or `hold` and reset the scheme at the next image."""
@@ -162,16 +163,15 @@ class ServoControl:
         )
 
     def time_out(self, duration: float) -> None:
-        """End the run after its duration (s), and diagnose an outcome that is still open."""
+        """End the run after its duration (s); the diagnosis then gives its final outcome."""
         self._add_record(RunEvent("timed_out", time=duration))
 
     def mark_joint_jump(self) -> None:
-        """Note that the joints may have moved, so that commands restart at the measured positions.
-        """
+        """Set the commands to the measured positions at the next update, as after a joint jump."""
         self._have_joints_jumped = True
 
     def set_foreign_nodes(self, nodes: Mapping[str, str]) -> None:
-        """Set the nodes that command joints besides this one, by joint; empty if there are none."""
+        """Set the names of the other nodes that command joints, by joint name; may be empty."""
         ended, self._foreign_nodes = bool(self._foreign_nodes) and not nodes, dict(nodes)
         if ended:
             self.resume_own_commands()
@@ -182,9 +182,10 @@ class ServoControl:
         return bool(self._foreign_nodes)
 
     def resume_own_commands(self) -> None:
-        """Resume the commands at the present joint positions after another node's commands.
+        """Resume commands at the present joint positions after another node has commanded them.
 
-        If no target has been visible meanwhile, the arm first returns to its last commanded pose.
+        If no target was visible during these commands, the arm first returns to its last commanded
+        pose.
         """
         if self.phase == HOLDING and not self._hold_reason and self.integrator.command is not None:
             self._start_approach = self._make_approach(
@@ -194,7 +195,7 @@ class ServoControl:
 
     def _make_approach(self, joints: Sequence[float], destination: str) -> StartApproach:
         """Create the path to joints (n,)."""
-        # Imported here, because many runs need no approach.
+        # Imported here to save time, because many runs do not start with a motion to a start pose.
         from .start_approach import StartApproach
 
         limits, settings = self.differential_ik.limits, replace(self.settings, start=tuple(joints))
@@ -278,7 +279,8 @@ class ServoControl:
         return self.diagnosis.add(record)
 
     def _add_foreign_nodes(self, reason: str) -> str:
-        """Return a reason with the other nodes that command joints appended."""
+        """Return the text `reason` with the names of the other nodes that command joints appended.
+        """
         return "; ".join(
             text for text in (reason, describe_foreign_nodes(self._foreign_nodes)) if text
         )

@@ -30,10 +30,11 @@ class TaskExecutor:
     Attributes:
         task: task that is executed; None if there is none, or if the scheme commands joints itself.
         is_joint_controlled: whether the scheme commands joints itself.
-        pending_tasks: tasks that wait until the delay is over, each with the time at which it
-            starts, s.
-        cached_velocities: time at which velocities were computed, s; the velocities (n,); time for
-            which they are valid, s; what limits them, as text. None if they have to be computed.
+        pending_tasks: tasks that wait until the time `delay` since their exposure is over, each
+            with the time at which it starts, s.
+        cached_velocities: latest solution of the inverse kinematics: time at which it was computed,
+            s; velocities (n,); time for which they are valid, s; what limits them, as text. None if
+            there is no solution for the present task.
     """
 
     def __init__(
@@ -64,13 +65,13 @@ class TaskExecutor:
     def set_task(
         self, task: Task | None, solution: IKSolution | None, stamp: float, now: float | None
     ) -> None:
-        """Set the task of an image, either immediately or after the delay.
+        """Set the task of an image; it starts at once, or `ServoSettings.delay` after the exposure.
 
         Args:
             task: task of the image; None if the scheme commands joints itself.
             solution: joint velocities for the task, which are used as long as they are valid.
             stamp: stamp of the image, s.
-            now: time of the last update, s; None before the first.
+            now: time of the last update, s; None before the first update.
         """
         if task is None:
             self.is_joint_controlled = True
@@ -83,7 +84,7 @@ class TaskExecutor:
                 self.cached_velocities = now, solution.velocities, solution.reuse_time, reasons
 
     def activate_pending(self, t: float) -> None:
-        """Activate the tasks whose delay is over at the time t (s)."""
+        """Start the pending tasks whose delay has passed at the time t (s)."""
         while self.pending_tasks and self.pending_tasks[0][0] <= t + ROUNDING:
             self.task, self.cached_velocities = self.pending_tasks.popleft()[1], None
 

@@ -53,7 +53,7 @@ class Teacher:
         Args:
             start_joints: joints (n,) to which the arm moves first; None to stay at the present
                 joints.
-            send: function that sends the commands (n,) on the path.
+            send: function that sends the commanded positions (n,) to the arm.
         """
         self.arm, self.camera_rig = arm, camera_rig
         self._send = send
@@ -191,11 +191,11 @@ def _average_goals(goals: Sequence[Goal]) -> Goal:
 
 
 def complete_by_geometry(goal: Goal, scheme: Scheme | JointController) -> Goal:
-    """Add the data that the scheme needs to a goal, as measured by an exact camera at the goal.
+    """Add the data that the scheme needs to a goal, computed from the geometry of the target.
 
     Return the goal unchanged if it is complete, if the target's geometry is unknown, or if the
-    outline is not sufficient for the features. In these cases the check of the goal reports what is
-    missing.
+    scheme needs data that cannot be computed from the target's outline. `Scheme.check` then reports
+    what is missing.
 
     Args:
         goal: goal for an arm, see `Goal.for_arm`.
@@ -230,10 +230,10 @@ def _sample_sides(corners: np.ndarray) -> np.ndarray:
 
 
 def average_entries(entries: Sequence[Any]) -> Any:
-    """Return the mean of entries that were taught by a feature.
+    """Return the mean of several entries that a feature has taught for goals at the same pose.
 
-    Entries are numbers or lists of numbers. Other entries, and lists of different lengths, cannot
-    be averaged; then the last entry is returned.
+    Numbers and lists of numbers are averaged. If the entries cannot be averaged, because they are
+    texts or lists of different lengths, return the last entry.
     """
     last = entries[-1]
     if isinstance(last, dict):

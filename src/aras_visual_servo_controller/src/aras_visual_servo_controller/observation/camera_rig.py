@@ -24,8 +24,8 @@ from .feature_observer import FeatureObserver
 from .observation import Observation
 
 MAX_WAITING_IMAGES = 8  # number of images of one camera that can wait for images of the others
-# Largest difference between the stamps of two cameras for the same exposure, as a fraction of the
-# shorter image period. Triggered cameras may have different clocks.
+# Two cameras count as exposed together if their stamps differ by less than this fraction of the
+# shorter image period. The stamps of triggered cameras may differ, because each has its own clock.
 SAME_EXPOSURE_PART = 0.25
 ROUNDING = 1e-6  # rounding error of image periods, s
 SAME_STAMP = 1e-9  # stamps that differ by less than this, s, are equal
@@ -46,14 +46,14 @@ class FixedCameraKinematics:
 
 
 class InverseCameraKinematics:
-    """Kinematics of a camera that moves opposite to the control camera, relative to its target.
+    """Kinematics of a second camera, if the arm moves one camera and the target of the other one.
 
-    One of the two cameras is mounted on the end effector and views a fixed target. The other one is
-    fixed and views a target that the end effector carries.
+    Either the control camera is on the end effector and views a fixed target, and the second camera
+    is fixed and views a target on the end effector, or vice versa.
 
     Attributes:
-        fixed_pose: (4, 4) constant pose of this camera in the frame in which the control camera's
-            target is at rest.
+        fixed_pose: (4, 4) constant pose of the second camera in the frame in which the control
+            camera's target is at rest.
     """
 
     def __init__(self, arm: Arm, fixed_pose: np.ndarray) -> None:
@@ -61,7 +61,7 @@ class InverseCameraKinematics:
 
         Args:
             arm: arm that describes the camera's motion relative to its own target.
-            fixed_pose: see the attribute.
+            fixed_pose: (4, 4) see the attribute `fixed_pose`.
         """
         self._arm, self.fixed_pose = arm, np.array(fixed_pose, float)
 
@@ -141,8 +141,8 @@ class CameraRig:
         observers: observer of each camera by name, the control camera's first.
         find_joints: function that returns the joints at a stamp (s), or None; set by the loop's
             owner.
-        missing_camera: name of the camera for whose image the last image waits; empty if it does
-            not wait.
+        missing_camera: name of the camera whose image has to arrive before the control camera's
+            last image can be processed; empty if none is missing.
     """
 
     def __init__(self, observers: Iterable[FeatureObserver]) -> None:
@@ -169,10 +169,11 @@ class CameraRig:
     ) -> tuple[float, ObserveFrame] | None:
         """Add an image of the camera `name`, exposed at `stamp` (s).
 
+        An image of the control camera waits for those of all other cameras.
+
         Returns:
-            The stamp of the newest image of the control camera for which the images of all other
-            cameras are available, and the function that observes these images together; None if
-            there is no such image.
+            The stamp of the control camera's newest image that does not wait, and the function that
+            observes it together with the images of the other cameras; None if all images wait.
         """
         if not self._other_observers:
             return stamp, observe_frame
@@ -193,7 +194,8 @@ class CameraRig:
     def _find_matching_image(self, name: str, stamp: float) -> _WaitingImage | None:
         """Return the image of another camera that matches a stamp.
 
-        Return None if this image has not arrived yet, according to the camera's period so far.
+        Return None if a better match than the images so far can still arrive. The next image is
+        expected one period of the camera after its last one.
         """
         period = self._estimate_period(name)
         shorter = min(period, self._estimate_period(self.control.name))
@@ -230,7 +232,7 @@ class CameraRig:
     def merge_observations(
         self, control: Observation, other_cameras: Mapping[str, Observation]
     ) -> Observation:
-        """Merge the observations of all cameras into that of the control camera.
+        """Return the control camera's observation, with the others stored in `other_cameras`.
 
         Raises:
             MeasurementError: the pose of a camera relative to the control camera is unknown.

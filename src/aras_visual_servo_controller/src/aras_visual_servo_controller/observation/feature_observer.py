@@ -44,17 +44,19 @@ def observe(
     """Measure the quantities that the scheme needs in a frame: moments, contour, corners, plane.
 
     Args:
-        frame: image, exact features in px, or moments.
+        frame: image, or exact outline and corners in px, or moments.
         joints: joints at the exposure; None if they are unknown.
         observer: observer with the arm, the scheme's needs, the goal's plane and the last frame.
         camera: intrinsics with which the pixels are read; None for those of the frame.
         commands: commands that were sent since the exposure.
-        plane: plane of the target, if it is known more accurately than from goal and kinematics.
+        plane: plane of the target, if it is known more accurately than from the goal and the
+            camera's pose.
         world_T_camera: (4, 4) pose of the camera, if it is known more accurately than from the
             joints.
 
     Returns:
-        The observation. If the target is not found, it is not `valid` and has a reason.
+        The observation. If the target is not found, the observation is not `valid` and its `reason`
+        says why.
     """
     camera = frame.camera if camera is None else camera
     if frame.image is not None:
@@ -77,7 +79,7 @@ def observe(
 
 
 class FeatureObserver:
-    """Source of the observations of one camera: images, moments, or exact geometry.
+    """Observer of one camera: makes its observations from images, moments or exact geometry.
 
     The stamp and pose of the last observation are stored, to compute the time step and the motion
     of the next one.
@@ -125,7 +127,8 @@ class FeatureObserver:
 
     @cached_property
     def images(self) -> ImageReader:
-        """Reader of images, which is not needed for exact features."""
+        """Reader of images; it is created at the first use, because exact features need no reader.
+        """
         from .image_reader import ImageReader
 
         return ImageReader(self.needs, self.segmentation, self.tracker)
@@ -223,7 +226,8 @@ class FeatureObserver:
             valid, reason = False, "the target is not in view"
         elif not (
             (corners is contour or all(np.isfinite(corners.ravel()).tolist()))
-            # `from_polygon` has checked the contour if there are moments.
+            # with moments, the contour needs no check, because `from_polygon` has computed the
+            # moments from it
             and (contour is None or moments is not None or np.isfinite(contour).all())
         ):
             valid, reason = False, "a coordinate of the target's outline or corners is not finite"
@@ -259,7 +263,8 @@ class FeatureObserver:
         stamp = float(stamp)
         pose = self._find_pose(joints, world_T_camera)
         if pose is not None:
-            pose = np.asarray(pose, float)  # no copy of the arm's pose, which is read-only
+            # np.asarray makes no copy, so the pose can be the arm's own array, which is read-only
+            pose = np.asarray(pose, float)
             pose = make_read_only_copy(pose) if pose.flags.writeable else pose
         is_measured = plane is not None
         if plane is None and depth is None and pose is not None and self.compute_plane is not None:

@@ -1,6 +1,7 @@
 """Frame: the data of one exposure of a camera.
 
-A frame contains an image, exact features, or the moments that a camera node measured.
+A frame contains an image, or the exact outline and corners of the target, or the moments that a
+camera node measured.
 """
 
 from __future__ import annotations
@@ -34,8 +35,7 @@ class MeasuredTarget:
         moments: moments in normalised coordinates; None if they were not measured.
         valid: whether the target was found.
         reason: why it was not found.
-        kernel: (20,) numbers of the original package's topic camera/data; None if they were not
-            measured.
+        kernel: (20,) kernel features, as on the topic camera/data; None if they were not measured.
         pixel_count: number of pixels of the target.
         touched_borders: borders of the image that the target touches.
     """
@@ -66,8 +66,8 @@ class Frame:
         name: name of the camera.
         target_mask: (rows, columns), 255 for the target's pixels of a label image; None if there is
             no label image.
-        jitter: standard deviation of the noise in outline and points, px.
-        camera: intrinsics of the camera; None if the reader knows them.
+        jitter: standard deviation of the noise in the coordinates of `outline` and `points`, px.
+        camera: intrinsics of the camera; None if they are passed to `observe` separately.
         target: target that was measured by another process, instead of an image; or None.
     """
 

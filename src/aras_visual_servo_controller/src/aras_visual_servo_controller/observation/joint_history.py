@@ -1,9 +1,10 @@
 """History of joint states, which gives the joints at the exposure of an image.
 
 Images and joint states arrive over different connections. Between two samples the joints are
-interpolated; after the last sample they are extrapolated with its velocity. In lockstep, runs have
-to be bit-identical and must not depend on the order of arrival. Therefore the image waits until all
-samples up to its exposure have arrived, and later samples are not used.
+interpolated; after the last sample they are extrapolated with its velocity. In lockstep, where the
+simulation waits for the controller, runs must be repeatable bit for bit and must not depend on the
+order in which messages arrive. There, an image waits until all joint states up to its exposure have
+arrived, and later ones are not used.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ MAX_PERIODS = 1.5
 # The sample period is the median over this number of periods, so that lost samples do not change
 # it.
 MEDIAN_PERIODS = 8
-# tolerance of stamps, s: above their rounding error and below any sample period
+# stamps that differ by less than this, s, are equal; their rounding errors are smaller
 ROUNDING = 1e-6
 
 
@@ -154,7 +155,8 @@ class JointHistory(SampleBuffer):
         return _make_joint_sample(stamp, self._names, row, self._is_far(min(since, until)))
 
     def _extrapolate(self, k: int, stamp: float) -> JointSample | None:
-        """Extrapolate sample k to `stamp` (s); return None if its own stamp is too far away."""
+        """Extrapolate sample k to `stamp` (s); return None if the sample is more than MAX_AGE away.
+        """
         dt, (positions, velocities) = stamp - self._stamps[k], self._rows[k]
         if abs(dt) > MAX_AGE:
             return None

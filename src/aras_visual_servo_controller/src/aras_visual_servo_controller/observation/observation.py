@@ -33,7 +33,8 @@ class Need(Enum):
     DEPTH = "depth"
     KERNEL = "kernel"
 
-    # The hash of Enum is a Python function, which each test of a set of needs would call.
+    # The default hash of Enum is a slow Python function, which is called for each membership test
+    # in a set of needs.
     __hash__ = object.__hash__
 
 
@@ -57,28 +58,27 @@ class Observation:
         dt: time since the previous observation, s; 0.0 for the first one.
         valid: whether the segmentation found the target. A scheme with its own image processing
             decides this itself.
-        reason: why the target was not found.
+        reason: why the target was not found, as text.
         camera: camera model with K, D and lens. Its methods `normalise` and `project` convert
             between pixels and rays.
-        joints: joints at the exposure, interpolated between joint states.
+        joints: joint positions and velocities at the exposure, interpolated between joint states.
         world_T_camera: (4, 4) pose of the camera at the exposure, by kinematics ("world" is the
             arm's base).
         moments: image moments of the segmented target, in normalised coordinates.
         contour: (n, 2) outline of the target, normalised, with subpixel accuracy.
-        corners: (n, 2) corners of the outline, in its order, normalised. In each image, the outline
-            can start at another corner; PointFeature matches the corners to those of the goal.
+        corners: (n, 2) corners of the outline, in its order, normalised. The first corner can
+            differ between images; PointFeature matches the corners to those of the goal.
         corner_accuracy: rms error of the corners in an image without noise, normalised; 0 if they
             are exact.
-        corner_spread: (2n, m) effects of m independent errors, of one standard deviation each, on
-            x_0, y_0, x_1, ... They are estimated from the scatter of edge points about their fitted
-            lines. As the camera approaches a goal that was taught with the same camera, the errors
-            decrease. None if they are unknown.
-        corner_repeatability: part of the corners' error that differs between a goal and an image of
-            the same camera, normalised.
+        corner_spread: (2n, m) errors of the corners' coordinates x_0, y_0, x_1, ... due to m
+            independent causes, each as one standard deviation, normalised. They are estimated from
+            the distances of edge points to their fitted lines. None if they are unknown.
+        corner_repeatability: standard deviation of the part of the corners' error that changes from
+            image to image even if the camera is at rest, normalised.
         corner_noise: standard deviation of the noise in corners and contour, normalised, as
             declared by their source.
         is_numbered: whether each corner is identified individually, as the corners of a marker are;
-            None for exact corners, which a scheme may treat either way.
+            None if exact corners can be treated either way.
         marker: `DICTIONARY:number` of the marker that has these corners; empty if there is none.
         pixel_count: number of pixels of the target; 0 if unknown.
         touched_borders: borders of the image that the target touches: left, right, top, bottom.
@@ -88,18 +88,18 @@ class Observation:
             and kinematics; None if it is unknown.
         is_plane_measured: whether the plane comes from the depth image. A plane from goal and
             kinematics is wrong if the camera model is wrong or the target was moved.
-        kernel: (20,) numbers of the original package's topic camera/data for this image.
+        kernel: (20,) kernel features, as on the topic camera/data.
         previous_T_camera: (4, 4) motion since the previous observation, from the joints; None for
-            the first observation, or if the joints of one of the two are extrapolated too far.
+            the first observation, or if the joints at one of the two exposures are uncertain.
         commands: joint commands that were sent since the exposure.
         name: name of the camera.
         other_cameras: observations of the scheme's other cameras, by name.
         twist_from_control: (6, 6) matrix that maps the twist of the control camera (the first
-            camera of the scheme) to the twist of this camera relative to its target, each in its
-            own frame. The matrix is zero if the arm moves neither this camera nor its target; None
-            if this is the control camera.
-        motion_since_exposure: (6,) motion of this camera from its own exposure to that of the
-            control camera, in its own frame, as the twist that causes the motion in one second;
+            camera of the scheme) to the twist of this camera. Each twist is relative to the
+            camera's own target and in its own frame. The matrix is zero if the arm moves neither
+            this camera nor its target; None if this is the control camera.
+        motion_since_exposure: (6,) motion of this camera between its own exposure and that of the
+            control camera, as the twist in its own frame that causes this motion in one second;
             None if it is unknown, or if this is the control camera.
         has_other_target: whether this camera and the control camera view different targets, only
             one of which the arm carries. Then world_T_camera and plane refer to the target of this
@@ -147,7 +147,7 @@ class Observation:
 
     @property
     def is_from_image(self) -> bool:
-        """Return whether the observation was measured in an image, not computed from geometry."""
+        """Return whether the data come from an image, not from the geometry of the target."""
         return self.image is not None or self.depth is not None or self.pixel_count > 0
 
     def without_pixels(self) -> Observation:
@@ -158,8 +158,7 @@ class Observation:
         return replace(self, image=None, depth=None, other_cameras=others)
 
     def with_noise(self) -> Observation:
-        """Return the observation with the declared noise included in the accuracy of the corners.
-        """
+        """Return the observation with `corner_noise` added to the accuracy of the corners."""
         if not self.corner_noise:
             return self
         return replace(
@@ -169,17 +168,18 @@ class Observation:
         )  # fmt: skip
 
     def transform_to_control(self, L: np.ndarray) -> np.ndarray:
-        """Transform L (k, 6) of features of this camera to the twist of the control camera."""
+        """Convert L (k, 6) of this camera's features to apply to the control camera's twist."""
         return L if self.twist_from_control is None else L @ self.twist_from_control
 
     def compute_change_since_exposure(self, L: np.ndarray) -> np.ndarray | float:
-        """Return the change of features from this exposure to that of the control camera.
+        """Return the change (k,) of features from this camera's exposure to the control camera's.
 
-        It is computed to first order from L (k, 6). It is 0 if both images were exposed together.
+        It is L (k, 6) times the camera's motion between the two exposures; 0 if they are
+        simultaneous.
         """
         return 0.0 if self.motion_since_exposure is None else L @ self.motion_since_exposure
 
     @cached_property
     def motion(self) -> np.ndarray | None:
-        """The motion previous_T_camera, as the twist (6,) that causes it in one second."""
+        """Motion since the previous observation, as the twist (6,) that causes it in one second."""
         return None if self.previous_T_camera is None else logarithm(self.previous_T_camera)

@@ -1,4 +1,4 @@
-"""Buffer of recent rows of numbers in one array, for fast evaluation."""
+"""Buffer of recent rows of numbers, such as errors, in one array, which is fast to evaluate."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 
 class RecentErrors:
-    """Recent rows of numbers, each with its stamp, the newest last."""
+    """Recent rows of numbers, such as the errors of images, with their stamps, the newest last."""
 
     def __init__(self) -> None:
         self.clear()
@@ -65,7 +65,7 @@ class RecentErrors:
         self._start += count
 
     def _make_room(self) -> None:
-        """Move the rows to the front of the arrays, and double these if more than half is in use.
+        """Move the rows to the start of the arrays; double the arrays if more than half is in use.
         """
         count = len(self)
         size = len(self._stamps) * (2 if 2 * count > len(self._stamps) else 1)

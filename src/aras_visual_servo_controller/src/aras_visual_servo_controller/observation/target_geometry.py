@@ -1,8 +1,8 @@
 """Exact geometry of a target: its image from any camera pose, without noise.
 
-A target consists of one or two overlapping thin boxes on the ground, such as the laboratory's
-square and the patch that gives its outline a direction. The dimensions come from goal files and
-experiments.
+A target consists of one or two overlapping thin boxes on the ground. The laboratory's target is a
+square with a small patch at its edge; without the patch, the outline would look the same after a
+quarter turn.
 """
 
 from __future__ import annotations

@@ -25,8 +25,8 @@ START_CLOSER = multiply("start", 0.5)
 JOINTS_DO_NOT_FOLLOW = "joints_do_not_follow"
 NO_REMEDY = Remedy()
 
-# Remedy for each kind of outcome; empty if nothing has to be changed. {joints} stands for the names
-# of the joints concerned.
+# Remedy for each kind of outcome; empty if nothing has to be changed. {joints} is replaced by names
+# of joints.
 REMEDIES = {
     "running": Remedy(),
     "converged": Remedy(),
@@ -108,8 +108,9 @@ class Outcome:
     """Outcome of a run: its kind, the reason as text, and the remedy.
 
     Attributes:
-        open_distance, open_angle: 99.7 % bounds of the distance (m) and the angle (rad) between an
-            arrived camera and its goal; inf if there is no bound, NaN if it is unknown.
+        open_distance, open_angle: upper bounds of the distance (m) and the angle (rad) between the
+            camera and its goal after convergence, with 99.7 % probability; inf if there is no
+            bound, NaN if it is unknown.
     """
 
     kind: str = "running"
@@ -120,7 +121,7 @@ class Outcome:
 
     @property
     def is_open(self) -> bool:
-        """Return whether no fault has been found so far."""
+        """Return whether the run is in progress or has converged, without a fault so far."""
         return self.kind == "running" or self.kind.startswith("converged")
 
     def with_remedy(self, advice: str, *changes: Change) -> Outcome:
@@ -134,7 +135,7 @@ def make_outcome(kind: str, reason: str = "", joints: str = "") -> Outcome:
     Args:
         kind: one of KINDS.
         reason: reason of the outcome, as text.
-        joints: names of the joints concerned.
+        joints: names of the joints that the remedy mentions.
     """
     remedy = REMEDIES[kind]
     return Outcome(kind, reason, Remedy(remedy.format(joints=joints)) if joints else remedy)
@@ -142,11 +143,11 @@ def make_outcome(kind: str, reason: str = "", joints: str = "") -> Outcome:
 
 @dataclass(frozen=True)
 class PoseUncertainty:
-    """Remaining uncertainty of an arrival.
+    """Uncertainty of the camera's pose relative to the goal after the features have converged.
 
     Attributes:
-        distance, angle: 99.7 % bounds of the distance (m) and the angle (rad) between camera and
-            goal; inf if there is no bound, NaN if the scheme has no L.
+        distance, angle: upper bounds of the distance (m) and the angle (rad) between camera and
+            goal, with 99.7 % probability; inf if there is no bound, NaN if the scheme has no L.
         description: bounds as text, such as '180° and 0.6 mm' or '1 direction'; empty if they are
             negligible.
         reason: cause of the uncertainty.
@@ -170,7 +171,8 @@ class ArrivalStatus:
             tolerances, as text; otherwise empty.
         wrong_pose_reason: why the camera is at another pose although every feature is at its goal,
             as text; otherwise empty.
-        pose_uncertainty: remaining uncertainty; None until the goal is reached.
+        pose_uncertainty: uncertainty of the camera's pose relative to the goal; None until the goal
+            is reached.
     """
 
     is_reached: bool = False

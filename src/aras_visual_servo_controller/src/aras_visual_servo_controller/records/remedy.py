@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 OPERATIONS = ("set", "multiply", "remove")
-# Descriptions of the keys that are multiplied and that are no parameter of the controller, or that
-# have another meaning there.
+# Descriptions of experiment settings that a remedy may multiply. The controller has no parameter
+# with such a key, or one with another meaning.
 KEY_DESCRIPTIONS = {
     "start": "the start's offset from the goal",
     "goal": "the goal's offset from the start",
@@ -16,8 +16,8 @@ KEY_DESCRIPTIONS = {
     "noise": "the images' noise",
     "target.size": "the target's size",
 }
-# Keys that only a simulated experiment has, and whose removal undoes a disturbance. A robot has no
-# such key to remove, so the advice says in words how to avoid the disturbance.
+# Keys of a simulated experiment that are disturbances: removing such a key removes the disturbance.
+# A robot has no such key, so the advice describes how to avoid the disturbance.
 DISTURBANCES = ("calibration_offset", "target.motion", "target.occluded", "target.occluder")
 
 
@@ -55,8 +55,8 @@ class Change:
 class Remedy(str):
     """Advice to the user, as a text that ends with the changes of settings.
 
-    The text is true on a robot, too: it names parameters of the controller, and describes what only
-    an experiment can set.
+    The text also applies to a real robot: it names only parameters of the controller. A setting
+    that only a simulated experiment has is described in words.
 
     Attributes:
         advice: the text without the changes.

@@ -29,9 +29,10 @@ class RunContext:
         unreachable_reason: why the arm cannot reach the pose at which the goal was taught; '' if it
             can.
         names: names of the n joints.
-        joint_units: (n,) unit in which the motion of each joint is measured, rad or m.
-        narrowed_limits: joints whose limits a parameter makes narrower than the robot's own, by the
-            name of this parameter.
+        joint_units: (n,) motion of each joint, rad or m, that has the same weight as 1 rad of a
+            revolute joint.
+        narrowed_limits: for each parameter that narrows position limits, the joints whose limits
+            are narrower than the robot's own.
         elbows: elbows of the arm.
         joints_beyond_limits: joints that exceed their limits at the goal.
     """
@@ -53,7 +54,7 @@ class JointRecord:
     """State of the n joints at an image.
 
     Attributes:
-        is_late: (n,) whether the loop waits for each joint.
+        is_late: (n,) whether each joint is so far behind its command that the loop waits for it.
         commanded_velocities, measured_velocities: (n,) velocities, rad/s or m/s.
     """
 
@@ -67,13 +68,12 @@ class ImageRecord:
     """Record of one image.
 
     Attributes:
-        state: state of the loop before the diagnosis: stamp, phase, scheme output, joint
-            velocities, joints, arrival.
+        state: state of the loop after the image, without the result of the diagnosis.
         observation: observation of the image, without its pixels.
-        age: time from the exposure until the command computed from it acts, s.
+        age: time from the exposure until the command that is computed from the image acts, s.
         is_faulty: whether the scheme failed.
         joints: state of the joints; None before the first measurement.
-        foreign_nodes: other nodes that command joints, by joint.
+        foreign_nodes: name of the other node that commands a joint, by joint name.
     """
 
     state: ServoState
@@ -91,10 +91,11 @@ class RunEvent:
     Attributes:
         kind: 'started', 'scheme_failed', 'joints_unmeasured', 'halted', 'starved' or 'timed_out'.
         reason: reason of a failure.
-        outcome: outcome of a halt, or of joints that were not measured; None for the outcome
+        outcome: outcome of an event 'halted' or 'joints_unmeasured'; None for the outcome
             'no_joint_states'.
-        time: time at which the watchdog stopped the arm, or duration after which the run ended, s.
-        period: period of the images before the watchdog stopped the arm, s.
+        time: for 'starved' (no new image in time), the time at which the arm was stopped, s; for
+            'timed_out', the duration of the run, s.
+        period: for 'starved', the period of the images before, s.
     """
 
     kind: str

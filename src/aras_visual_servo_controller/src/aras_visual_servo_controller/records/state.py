@@ -26,9 +26,9 @@ OUTPUTS = ("position", "velocity", "effort")
 class RunStartDetector:
     """Detector of the starts of runs in the phases of consecutive states.
 
-    A run starts with the approach to its start, and again when servoing starts, so that its curves
-    and its path have no part of the approach. WAITING starts no run, because the loop also reports
-    it during a run, between two images that are late.
+    A run starts when the arm starts to move to its start pose, and again when servoing starts, so
+    that the plots of a run do not contain this motion. WAITING does not end a run, because the loop
+    also reports it between two images that are late.
     """
 
     def __init__(self) -> None:
@@ -57,30 +57,32 @@ def joint_parameter(default: float | None, unit: str = "", **bounds: float) -> A
 class ServoSettings:
     """Settings of the servo loop.
 
-    A setting of the joints is one number for all joints, or one number for each joint. The fields
-    define unit, default and bounds of the corresponding parameters of the node and of experiments.
-    The command may be ahead of a joint by `lead` + `lag` times the joint's speed. If it is farther
-    ahead, all joints wait for that joint.
+    A setting of the joints is one number for all joints, or one number for each joint. The
+    parameters of the node and of experiments have the same units, defaults and bounds. The
+    commanded position may be ahead of a joint by `lead` + `lag` times the joint's speed. If it is
+    farther ahead, all joints wait for that joint.
 
     start: joints (n,) to go to before servoing; None to servo from the present joints.
     duration: s, servoing time after which the run times out; inf for no limit.
     hold: s, time over which the mean error has to be within the tolerances.
     approach_speed: speed on the path to the start, as a fraction of max_velocity.
     arrived: m, rad, largest distance from the start at which the start is reached.
-    push: 1/s, rate at which the command is increased for a joint that stops short of the start.
+    push: 1/s, gain of the integral correction for a joint that stops short of the start.
     settle: s, time at rest at the start before servoing.
-    longest_step: s, longest time between two updates that is integrated in full.
-    lead: m, rad, distance by which a command may be ahead of its joint.
+    longest_step: s, longest time step; a longer time between two updates is integrated as this
+        step.
+    lead: m, rad, distance by which a commanded position may be ahead of its joint at rest.
     lag: s, additional lead per unit of joint speed.
-    delay: s, simulated time from an exposure until its command acts. In lockstep, where commands
-        are sent only with images, a command acts from the first image after its delay.
+    delay: s, simulated time from the exposure of an image until its task starts. In lockstep,
+        commands are sent only when images arrive, so the task starts with the first image after the
+        delay.
     watchdog: s, time without a new task after which the arm is stopped.
     watchdog_images: number of image periods without a new task after which the arm is stopped, if
-        that is longer.
+        these are longer than `watchdog`.
     stop_time: s, time in which a stop brings the arm to rest.
     scheme_timeout: s, wall time that a call of the scheme's code may take. After that, the loop
         holds the arm as after a fault of the scheme.
-    resolve_period: s, time for which joint velocities are used before they are computed again.
+    resolve_period: s, time after which the joint velocities of a task are computed again.
     output: commanded quantity: position, velocity or effort.
     stiffness: N/m, N m/rad, joint stiffness of the effort output.
     damping: N s/m, N m s/rad, joint damping of the effort output; for singularities see `damping`
@@ -113,7 +115,7 @@ class ServoSettings:
         check_bounds(self, ConfigurationError)
 
     def check_for(self, names: Sequence[str], limits: Limits) -> None:
-        """Check that the settings fit an arm with these joints.
+        """Check that the settings fit an arm with the joints `names` and the given limits.
 
         Raises:
             ConfigurationError: a setting is wrong; the message names it, its value and the expected
@@ -155,9 +157,9 @@ class Source:
         return text + (f" (is {self.sender} running?)" if self.sender else "")
 
     def describe_stamp_lead(self, seconds: float) -> str:
-        """Return a text that says that the stamps of the source are `seconds` ahead of the clock.
+        """Return a message that the stamps of the source are `seconds` ahead of the clock.
 
-        A negative number means that they are behind it.
+        If `seconds` is negative, the message says that they are behind the clock.
         """
         where = f" on {self.topic}" if self.topic else ""
         lead = f"{abs(seconds):.2f} s {'ahead of' if seconds > 0.0 else 'behind'} the clock"
@@ -199,19 +201,18 @@ class ServoState:
     Attributes:
         stamp: stamp of the exposure, s.
         phase: WAITING, APPROACHING, SERVOING, CONVERGED, HOLDING or STOPPED.
-        outcome, reason, remedy: result of the diagnosis so far. The reason is the reason of the
-            outcome, followed by what limits the loop at present.
+        outcome, reason, remedy: result of the diagnosis so far. `reason` says why the run has this
+            outcome and what limits the loop at present.
         scheme: name of the scheme; empty if it is unknown.
         scheme_output: measurement and task of the scheme; None if there is no measurement.
-        ik_solution: joint velocities for the task, with the singular values of L J. A state that
-            was read from messages has no SchemeOutput.task; see IKSolution.from_record.
+        ik_solution: joint velocities for the task, with the singular values of L J.
         joints: measured joints at the exposure.
         command: (n,) integrated positions of the command; None before the first command.
         computation_time: computation time of the scheme, s, if a clock was given.
-        fault: traceback of the scheme's fault, in the first state with this fault.
-        has_processed_image: whether the image was processed; False for an image that is late, and
-            for a report between images.
-        arrival_status: whether the camera is at its goal, with the remaining uncertainty.
+        fault: traceback of an error in the scheme; only in the first state with this error.
+        has_processed_image: whether the image was processed; False for an image that is older than
+            the last one, and for a state between images.
+        arrival_status: whether the camera is at its goal, and the uncertainty of its pose there.
     """
 
     stamp: float
@@ -230,10 +231,9 @@ class ServoState:
     arrival_status: ArrivalStatus = NOT_ARRIVED
 
     def with_outcome(self, run_outcome: Outcome) -> ServoState:
-        """Return the state with an outcome.
+        """Return a copy of the state with the kind, reason and remedy of an outcome.
 
-        The new state has the remedy of the outcome. Its reason is that of the outcome, followed by
-        '; now: ' and the reason of this state.
+        If the outcome has a reason, its text precedes the present reason: 'OUTCOME; now: PRESENT'.
         """
         reason = self.reason
         if run_outcome.reason and not run_outcome.is_open:
@@ -264,19 +264,21 @@ class ServoState:
 
     @property
     def rank(self) -> int:
-        """Return the rank of L in the directions that the task controls."""
+        """Number of camera directions that the features measure accurately enough; see `Task.rank`.
+        """
         if self._task is None:
             return rank(self.singular_values_L)
         return self._task.rank
 
     @property
     def dropped_reason(self) -> str:
-        """Return the part of the desired twist that is not servoed, and why, as text; see Task."""
+        """Camera motion that is desired but too uncertain to be commanded, as text with the reason.
+        """
         return "" if self._task is None else self._task.dropped_reason
 
     @property
     def singular_values_L(self) -> np.ndarray:
-        """Return the singular values of L for the directions of the task, in descending order."""
+        """Singular values of L for the directions that the task controls, in descending order."""
         if self._task is None:
             return np.zeros(0) if self.ik_solution is None else self.ik_solution.singular_values_L
         return self._task.singular_values

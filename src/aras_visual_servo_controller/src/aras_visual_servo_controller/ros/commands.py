@@ -81,7 +81,7 @@ class CommandTopics:
                 publish(publisher, Float64(value))
 
     def list_topics(self) -> Iterator[tuple[str, tuple[str, ...]]]:
-        """Iterate over the topics and the joints that each of them commands."""
+        """Iterate over the command topics, each with the names of the joints that it commands."""
         for name, publisher in self._joint_publishers.items():
             yield publisher.resolved_name, (name,)
         if self._group_publisher is not None:

@@ -27,8 +27,8 @@ class DescriptionWatch:
         """Return a robot description that was not returned before; '' if there is none.
 
         Args:
-            start_count: number of times that joint states have started to arrive; None if there is
-                no loop yet.
+            start_count: how often joint states have started to arrive, which increases if the robot
+                is restarted; None if there is no loop yet.
         """
         now = time.monotonic()
         if start_count == self._start_count or now - self._check_time < PERIOD:

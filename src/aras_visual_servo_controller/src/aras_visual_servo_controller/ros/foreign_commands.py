@@ -37,9 +37,9 @@ class ForeignCommandListener:
             threading.Thread(target=self._subscribe, name="foreign commands", daemon=True).start()
 
     def read_latest(self) -> Mapping[str, tuple[str, float]]:
-        """Return the node that last commanded each joint, by joint name.
+        """Return the name of the node that last commanded each joint, and when, by joint name.
 
-        The second value is the time of that command, s of monotonic wall time.
+        The time is in s of monotonic wall time.
         """
         with self._lock:
             return dict(self._latest) if self._is_active else {}

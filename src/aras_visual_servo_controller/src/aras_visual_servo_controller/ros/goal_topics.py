@@ -12,9 +12,9 @@ from ..loop.servo import Servo
 
 
 class GoalTopics:
-    """Latched publishers of the camera pose at the goal and of the target's outline there.
+    """Latched publishers of the camera pose at the goal and of the target's desired outline.
 
-    The outline is that in the goal's view.
+    The outline is the one that the camera sees from the goal.
     """
 
     def __init__(self, namespace: str) -> None:
@@ -27,10 +27,7 @@ class GoalTopics:
         )
 
     def publish(self, servo: Servo) -> None:
-        """Publish the goal of a loop.
-
-        If its pose is unknown, publish only the outline.
-        """
+        """Publish the camera pose at the loop's goal, if it is known, and the desired outline."""
         if servo.unreachable_reason:
             rospy.logwarn("%s; the arm goes as near as it can", servo.unreachable_reason)
         arm, pose = servo.arm, servo.differential_ik.goal

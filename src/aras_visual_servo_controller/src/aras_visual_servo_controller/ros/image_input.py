@@ -83,8 +83,8 @@ class ImageInput:
         with self._lock:
             camera = self._camera
             if camera is None:
-                # In lockstep, the simulation waits for the first image, which can arrive before the
-                # camera_info.
+                # Store the image: in lockstep, the simulation waits until its first image is
+                # processed, and this image can arrive before the camera_info.
                 if kind in self._early_images:
                     rospy.logwarn_throttle(5.0, "images wait for their camera_info")
                 self._early_images[kind] = message

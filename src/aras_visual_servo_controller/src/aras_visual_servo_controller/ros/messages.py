@@ -37,7 +37,8 @@ def read_moments(message: ImageMoments) -> tuple[Moments | None, str]:
 
 
 def make_state_message(state: State, scheme: str, frame: str, names: tuple[str, ...]) -> ServoState:
-    """Convert the state of one image to a ServoState message, whose stamp the caller sets."""
+    """Convert the state of one image to a ServoState message, in which the caller sets the stamp.
+    """
     message = ServoState(scheme=scheme, phase=state.phase, reason=state.reason)
     message.header.frame_id = frame
     message.joint_names = list(names)
@@ -60,7 +61,7 @@ def make_state_message(state: State, scheme: str, frame: str, names: tuple[str, 
 
 
 def make_report_message(state: State, frame: str, names: tuple[str, ...]) -> ServoReport:
-    """Convert the state of the loop to a ServoReport message, whose stamp the caller sets."""
+    """Convert the state of the loop to a ServoReport message; the caller sets its stamp."""
     message = ServoReport(
         phase=state.phase, outcome=state.outcome, reason=state.reason, remedy=state.remedy
     )

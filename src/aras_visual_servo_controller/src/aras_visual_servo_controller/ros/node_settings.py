@@ -25,7 +25,7 @@ def read_node_settings() -> tuple[Settings, dict[str, object]]:
     raw_settings.pop(GAINS[1:], None)
     raw_settings.setdefault("lockstep", rospy.get_param("/gazebo/speed_mode", "") == "lockstep")
     settings = Settings.from_mapping(raw_settings, find_package_folder())
-    # Errors in the settings are reported now, before a robot is available.
+    # construct the scheme only to report errors in its settings before a robot is available
     settings.list_cameras(settings.make_scheme())
     if settings.desired != "auto":
         settings.load_goal()

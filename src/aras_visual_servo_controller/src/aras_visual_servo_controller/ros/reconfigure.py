@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from .loop_services import LoopOwner
 
 NAMESPACE = "~gains"
-MIN_GAIN = 1e-3  # lower bound of a reconfigured gain, unless the configured gain is smaller
+MIN_GAIN = 1e-3  # lower bound of gains that clients can set, unless the configured gain is smaller
 
 
 class GainServer:

@@ -73,7 +73,8 @@ def collect_views(arguments: argparse.Namespace) -> Goal:
         time.sleep(0.02)
     inputs.close()
     target_goal = None
-    # A mesh model already determines the plane of the target.
+    # Without a mesh model or a known depth, the plane is computed from the target geometry in a
+    # goal.
     if arguments.depth is None and not settings.model:
         target_goal = Goal.load(package / "config" / "goal_2016.yaml")
     views = teacher.views[: arguments.images]

@@ -1,8 +1,8 @@
 """Compiled updates of the loop between two images, from joint states to commands.
 
-The compiled updates replace LoopRunner.add_joint_state for successive joint states while the arm
-servoes and nothing unusual happens. Both call the same compiled functions, but the compiled updates
-create no Python objects in between.
+They replace LoopRunner.add_joint_state for successive joint states while the arm servoes, until a
+joint state is implausible or late, or a joint does not follow its command. Both use the same
+compiled functions, but the compiled updates create no Python objects.
 """
 
 from __future__ import annotations
@@ -27,28 +27,29 @@ from ..loop.task_executor import ROUNDING
 if TYPE_CHECKING:
     from .loop_runner import LoopRunner
 
-# Indices of the array `clock`. Its times, in s: last update, latest joint state, computation of the
-# present velocities, duration for which these are valid, last command. Its last element is the
-# index of the current task, 0 or 1.
+# Indices of the array `clock`: time of the last update, time of the latest joint state, time at
+# which the present velocities were computed, duration for which they are valid, time of the last
+# command, all in s; and the index of the present task, 0 or 1.
 NOW, NEWEST, SOLVED_AT, VALID_FOR, SENT_AT, TASK = range(6)
 # Indices of the array `rows` with values for each joint (n,): commanded positions, commanded
 # velocities, present solution, values that were sent last (positions or velocities), positions and
 # velocities of the latest joint state, whether a limit stopped the joint.
 COMMAND, VELOCITY, SOLUTION, SENT_VALUES, Q, V, STOPPED = range(7)
-# index of the row of `rows` that is sent, by the setting `output`
+# index of the row of `rows` whose values are sent, for each value of the setting `output`
 SENT_ROWS = {"position": COMMAND, "velocity": VELOCITY}
 # Indices of the array `settings` of `process_joint_state`.
 (
-    LONGEST_STEP,  # LONGEST_STEP to SOLVE_PERIOD are values of ServoSettings
+    LONGEST_STEP,  # the entries LONGEST_STEP to SOLVE_PERIOD are values of ServoSettings
     WATCHDOG,
     LAG,
     SOLVE_PERIOD,
     ANSWER_TIME,  # time of the last processed image, s
     ANSWER_LIFETIME,  # time for which the task of the last processed image may be executed, s
-    SECOND_TASK_TIME,  # time at which the second task starts, s
-    # time at which a third task starts, s; from then on, Python has to process joint states
+    SECOND_TASK_TIME,  # time at which the task after the present one starts, s
+    # time at which the task after the second one starts, s; compiled code knows only two tasks, so
+    # from then on Python processes the joint states
     THIRD_TASK_TIME,
-    SENT_ROW,  # index of the row of `rows` that is sent
+    SENT_ROW,  # index of the row of the array `rows` whose values are sent as the command
 ) = range(9)
 NEEDS_PYTHON = 0  # result of an update: Python has to process the joint state
 SAME_COMMAND = 1  # result of an update: the command has not changed
@@ -66,24 +67,21 @@ LOOP_ROWS = 2
 def process_joint_state(q, v, stamp, loop):
     """Process one joint state and compute the command.
 
-    Return NEEDS_PYTHON if Python has to process the joint state.
-
     Args:
-        q, v: (n,) positions and velocities of the joint state, rad or m, and per second.
+        q, v: (n,) positions, rad or m, and velocities, rad/s or m/s, of the joint state.
         stamp: stamp of the joint state, s.
-        loop: state of the control loop, made by `CompiledUpdates.make_loop`; its arrays are
-            modified. In this order:
-            chain: fields of the Chain.
-            clock, rows: arrays, whose indices are constants of this module.
-            last_velocities: see `solve_velocities`.
-            bounds: (3, n) bounds of plausible joint states.
-            lead: (n,) distance by which a command may be ahead of its joint.
-            settings: array, whose indices are constants of this module.
-            setting_values, goal: see `solve_velocities`.
-            L, desired_rates, modelled: (2, k, 6), (2, k), (2, 6) fields of the current task and of
-                the next one.
-            range_tasks, elbows, limits: see `solve_velocities`.
-            has_acceleration_limits: whether accelerations are limited.
+        loop: tuple made by `CompiledUpdates.make_loop`, whose arrays are modified: chain: fields of
+            the Chain. clock, rows: arrays, whose indices are constants of this module.
+            last_velocities: see `last` of `solve_velocities`. bounds: (3, n) see
+            `Arm.plausible_bounds`. lead: (n,) distance by which a command may be ahead of its
+            joint, rad or m. settings: array, whose indices are constants of this module.
+            setting_values, goal: see `settings` and `goal` of `solve_velocities`. L, desired_rates,
+            modelled: (2, k, 6), (2, k), (2, 6) fields of two tasks: the present one and the next
+            one. range_tasks, elbows, limits: see `solve_velocities`. has_acceleration_limits:
+            whether accelerations are limited.
+
+    Returns:
+        NEW_COMMAND or SAME_COMMAND; NEEDS_PYTHON if Python has to process the joint state.
     """
     (
         chain, clock, rows, last_velocities, bounds, lead, settings, setting_values, goal, L,
@@ -155,12 +153,14 @@ class CompiledUpdates:
         """Prepare the updates.
 
         Args:
-            outputs: outputs of the loop that can be sent without Python: position, velocity.
+            outputs: outputs (position, velocity) for which the caller of the compiled updates can
+                send the commands; for other outputs, `make_loop` returns None.
         """
         self._runner = runner
         servo, ik = runner.servo, runner.servo.differential_ik
         arm, settings = servo.arm, servo.settings
-        # User-defined inverse kinematics, tasks and arms can be called only from Python.
+        # User-defined inverse kinematics, secondary tasks and arms are Python code, which compiled
+        # code cannot call.
         self._is_possible = (
             getattr(arm, "is_compiled", False) and type(ik) is DifferentialIK
             and not ik.other_tasks
@@ -213,7 +213,7 @@ class CompiledUpdates:
 
     @property
     def command(self) -> np.ndarray:
-        """Values (n,) that were sent last."""
+        """Values (n,) of the command that was sent last."""
         return self._rows[SENT_VALUES]
 
     def apply_results(self, stamps: Sequence[float], samples: np.ndarray) -> None:

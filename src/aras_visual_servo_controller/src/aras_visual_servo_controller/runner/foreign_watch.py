@@ -1,7 +1,7 @@
 """Detection of other nodes that command the joints, or publish their states.
 
-Nodes that command the joints are detected by the motion of the joints, and by messages on the
-command topics; a second publisher of joint states by states that cannot be those of the robot.
+A node that commands the joints is detected by the motion of the joints and by its messages on the
+command topics. A second publisher of joint states is detected by implausible joint states.
 """
 
 from __future__ import annotations
@@ -19,12 +19,13 @@ from ..records.remedy import Remedy
 from ..records.state import HOLDING, Command, Source
 from ..settings import Settings
 
-# Time without a foreign command, or without an unusable joint state, after which the loop commands
-# the joints again, s.
+# The loop commands the joints again after this time, s, without a command of another node and
+# without an unusable joint state.
 QUIET_TIME = 1.0
 # A stamp that differs from the clock by more than this, s, comes from another clock.
 MAX_CLOCK_SKEW = 0.5
-# Commands of other nodes are received for this wall time, s, after the last sign of such a node.
+# Commands of other nodes are recorded for this wall time, s, after the last sign that another node
+# commands the joints: a command of such a node, or a joint that does not follow.
 LISTENING_TIME = 5.0
 
 
@@ -35,9 +36,9 @@ class ForeignCommands(Protocol):
         """Start or stop receiving commands, without blocking."""
 
     def read_latest(self) -> Mapping[str, tuple[str, float]]:
-        """Return the node that last commanded each joint, by joint name.
+        """Return the name of the node that last commanded each joint, and when, by joint name.
 
-        The second value is the time of that command, s of monotonic wall time.
+        The time is in s of monotonic wall time.
         """
 
 
@@ -45,7 +46,8 @@ class ForeignWatch:
     """Detection of commands from other nodes to the joints of one loop.
 
     Attributes:
-        can_name_nodes: whether other nodes can be named, because their commands can be received.
+        can_name_nodes: whether the names of other nodes can be found, from the commands that they
+            publish.
     """
 
     def __init__(
@@ -67,17 +69,18 @@ class ForeignWatch:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the past motion of the joints, because they get a new command."""
-        # Distance (n,) of the joints from the command at the time when the command stopped
-        # changing, rad or m.
+        """Forget how far the joints have moved away from the command."""
+        # Largest distance (n,) between joints and command since the command stopped changing, rad
+        # or m.
         self._joint_errors: np.ndarray | None = None
-        # Time of the last motion that a foreign command may have caused, s.
+        # Time of the last joint motion that another node may have commanded, s.
         self._acting_stamp: float | None = None
 
     def find_nodes(self, wall: float) -> None:
-        """Report to the loop which nodes command the joints at the wall time `wall`, s.
+        """Report the other nodes that command joints at the wall time `wall` (s) to the loop.
 
-        Commands are received only while joints do not follow, and for LISTENING_TIME afterwards.
+        Commands of other nodes are recorded only while joints do not follow their commands, and for
+        LISTENING_TIME afterwards.
         """
         active = {
             joint: node for joint, (node, at) in self._commands.read_latest().items()
@@ -92,9 +95,9 @@ class ForeignWatch:
     def can_resend(self, command: Command) -> bool:
         """Return whether a position command that joints have not followed may be sent again.
 
-        A joint that moves away from its command follows foreign commands, even if these cannot be
-        received. In this case nothing is sent until the joint has been at rest for QUIET_TIME. Then
-        the loop continues from the measured position.
+        It may not if a joint moves away from its command, because then another node commands the
+        joint. When the joint has been at rest for QUIET_TIME, the loop continues from the measured
+        position.
         """
         if not self._servo.is_waiting_for_joints or (newest := self._history.newest) is None:
             return False
@@ -109,8 +112,8 @@ class ForeignWatch:
                 command.stamp,
             )
         elif self._acting_stamp is None and self._servo.phase == HOLDING:
-            # The joint is farther from the command than the loop allows, so a foreign command may
-            # move it.
+            # The loop is holding because a joint is too far from its command; assume that another
+            # node moves it.
             self._acting_stamp = command.stamp
         if self._acting_stamp is None:
             return True
@@ -143,16 +146,19 @@ class JointStateWatch:
         # Time of the latest unusable joint state, of the latest usable one, and of the latest with
         # a stamp of the loop's clock, s.
         self._fault_time = self._usable_time = self._punctual_time = -np.inf
-        # Time of the first of the present unusable joint states, s, and what is wrong with it.
+        # Time (s) and fault of the first of the present unusable joint states. After a pause of
+        # QUIET_TIME, a new series of them starts.
         self._since, self._fault = 0.0, ""
-        self._is_mixed = False  # whether usable ones come, too
+        self._is_mixed = False  # whether usable joint states come between unusable ones
         self._is_skew_logged = False
 
     def check_stamp(self, stamp: float, now: float) -> tuple[float, str]:
         """Return the time of a joint state, s, and why it cannot be used; '' if it can.
 
-        If the robot and the loop have different clocks, the time of arrival is used. If only some
-        of the stamps are of another clock, they are those of a second publisher.
+        If the stamp differs from the clock by more than MAX_CLOCK_SKEW, the robot has another
+        clock, and the time of arrival is returned. If the stamp is ahead of the clock although
+        other joint states have correct stamps, there is a second publisher, and the joint state
+        cannot be used.
 
         Args:
             stamp: stamp of the joint state, s.
@@ -172,8 +178,8 @@ class JointStateWatch:
     def is_of_other_joints(self, names: Sequence[str], now: float) -> bool:
         """Return whether a joint state has only joints of another part of the robot.
 
-        Several nodes may publish the states of different joints on one topic. Return False if
-        those of the arm have not come for QUIET_TIME at the time `now` (s).
+        Several nodes may publish the states of different joints on one topic. Return False if at
+        the time `now` (s) no joint state of the arm has come for QUIET_TIME.
         """
         return now - self._usable_time < QUIET_TIME and self._names.isdisjoint(names)
 
@@ -189,7 +195,10 @@ class JointStateWatch:
         self._fault_time = now
 
     def find_outcome(self, now: float) -> Outcome | None:
-        """Return the outcome if the arm has to be held at the time `now` (s); otherwise None."""
+        """Return the outcome 'unusable_joint_states' if the arm has to be held; otherwise None.
+
+        `now` is the present time, s.
+        """
         if now - self._fault_time >= QUIET_TIME:
             return None
         topic, since = self._source.topic, f"since {self._since:.2f} s"

@@ -42,11 +42,12 @@ from ..records.state import (
 from ..settings import Settings
 from .foreign_watch import MAX_CLOCK_SKEW, ForeignCommands, ForeignWatch, JointStateWatch
 
-# Period of the reports of the loop's state while no images arrive, s: that of a camera with 30
-# images per second.
+# Period at which the loop's state is reported while no images arrive, s: the image period of a
+# camera with 30 images per second.
 REPORT_PERIOD = 1.0 / 30.0
 SILENT_TIME = 0.05  # after this time without a joint state, s, the loop's time follows the clock
-STOPPED_CLOCK_TIME = 0.5  # wall time without progress after which a stopped clock is reported, s
+# A clock that has not advanced for this wall time, s, is reported as stopped.
+STOPPED_CLOCK_TIME = 0.5
 RESUME_ADVICE = "resume the simulation, or start the simulator again"
 REPEAT_PERIOD = 0.1  # period at which a command that a joint does not follow is sent again, s
 
@@ -86,7 +87,8 @@ class LoopRunner:
             listener: receiver of commands and reports.
             clock: function that returns the time of the stamps, s, simulated or not.
             wall_clock: function that returns the wall time, s.
-            foreign: commands of other nodes; None if they cannot be received.
+            foreign: source of the commands that other nodes send to the joints; None if they cannot
+                be received.
         """
         self.servo, self.camera_rig, self.settings = servo, camera_rig, settings
         self._listener, self._clock, self._wall_clock = listener, clock, wall_clock
@@ -313,7 +315,8 @@ class LoopRunner:
         # For each camera: time (s) by which its last image's stamp is ahead of the clock, if the
         # image was ignored for this reason.
         self._stamps_ahead: dict[str, float] = {}
-        self._is_receiving = False  # whether joint states have come
+        # Whether joint states have come since the start or the last reset of the clock.
+        self._is_receiving = False
         self._stamp: float | None = None  # stamp of the latest usable joint state, s
         self._joints_arrival = 0.0  # clock time at which the latest joint state was received, s
         self.update_time: float | None = None  # time of the last update, s
@@ -361,7 +364,7 @@ class LoopRunner:
         """Stop the arm at the time t (s), because its joints cannot be measured.
 
         Args:
-            sample: joint sample between unusable joint states.
+            sample: usable joint sample that came between unusable ones, or None.
         """
         unusable = self._joint_state_watch.find_outcome(self._now)
         reason = self._joints_source.describe_silence(self._joints_arrival)
@@ -377,9 +380,11 @@ class LoopRunner:
         if self._is_ended or values is None or not are_finite(values, values, values):
             return
         if self.sent_values is None and self.servo.phase == STOPPED:
-            return  # before the first start, another node may command the joints
+            # The loop is stopped and has sent nothing yet: another node may command the joints.
+            return
         if self.servo.is_yielding and command.positions is not None:
-            self.sent_values = None  # another node has commanded the joints since
+            # The last command is no longer in effect, because another node commands the joints.
+            self.sent_values = None
             return
         same = self.sent_values is not None and values.tolist() == self.sent_values.tolist()
         if not same:
@@ -423,7 +428,7 @@ class LoopRunner:
             self._foreign_watch.reset()
 
     def _report_periodically(self, command: Command, joints: JointSample | None) -> None:
-        """Report the state without an image, as often as a camera delivers images."""
+        """Report the state once per REPORT_PERIOD, if it is not reported for images."""
         if not 0.0 <= command.stamp - self._report_stamp < REPORT_PERIOD:
             state = ServoState(
                 command.stamp, self.servo.phase, reason=command.reason, joints=joints,
@@ -458,7 +463,7 @@ class LoopRunner:
         if is_certain and not (stopped_clock or self._stamps_ahead or settings.lockstep) and (
             phase == (HOLDING if kind == "no_joint_states" else WAITING)
         ):  # fmt: skip
-            return  # the periodic reports name this input, and since when it is missing
+            return  # the reports of the state already say which input is missing, and since when
         self._silence_report_time = wall
         reason = "; ".join(filter(None, (stopped_clock, " and ".join(missing))))
         found = self._make_silence_outcome(kind, reason)

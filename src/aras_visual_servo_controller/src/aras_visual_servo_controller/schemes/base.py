@@ -38,10 +38,10 @@ class SchemeOutput:
             the tolerances.
         task: desired motion of the camera; None for a JointController.
         L: (k, 6) interaction matrix that the law uses, for the record; None if there is none.
-        residual: (m,) full error, if `error` is only a summary of it, as for features of a whole
-            image; L is then (m, 6). None if `error` is the full error.
-        error_drift: (k,) rate of the error that the camera does not cause, for example the effect
-            of a moving target, in units of s per second.
+        residual: (m,) full error, for example of all pixels, if `error` is only a summary of it; L
+            is then (m, 6). None if `error` is the full error.
+        error_drift: (k,) rate of change of the error that is not caused by the camera, for example
+            by a moving target; in units of the features per second.
         filtered_error: (k,) low-pass filtered error that the law uses; None without a filter.
         ambiguity: camera rotation that the error cannot show, as text ('180°'); empty if there is
             none.
@@ -65,11 +65,12 @@ class SchemeBase(ABC):
     """Common base of schemes and joint controllers.
 
     Attributes (of the class or of the instance):
-        needs: measurements of the image that it needs.
+        needs: quantities that have to be measured in the image.
         cameras: names of the cameras whose images it uses; '' or an empty tuple denotes the control
             camera.
         names, units: (k,) name and unit of each component of the error.
-        tolerances: (k,) tolerance of each component, which has converged if |error| is below it.
+        tolerances: (k,) tolerance of each component of the error; a component has converged if its
+            absolute value is below its tolerance.
     """
 
     needs: frozenset[Need] = frozenset((Need.MOMENTS,))
@@ -115,8 +116,8 @@ class Scheme(SchemeBase):
 
     Attributes (of the class or of the instance), in addition to those of SchemeBase:
         law: control law; its gains can be changed while the loop runs.
-        can_check_camera: whether a deviation of the measured rate of the error from L v indicates a
-            wrong camera calibration.
+        can_check_camera: whether the camera calibration can be checked by comparing the measured
+            rate of the error with L v.
     """
 
     can_check_camera: bool = True

@@ -21,14 +21,16 @@ from aras_visual_servo_base.poses import logarithm
 from ..features.base import FeatureMeasurement
 from ..observation.observation import Observation
 
-# Let d be the translation, in m, that moves the features as far as a rotation by 1 rad. In
-# Broyden's rule, a rotation by 1 rad counts as much as a translation by this fraction of d.
+# Let d be the translation, in m, that changes the features as much as a rotation by 1 rad. In
+# Broyden's rule, a rotation by 1 rad has the weight of a translation by ROTATION_WEIGHT d.
 ROTATION_WEIGHT = 0.5
-# Camera motion, in units of d, at which half of the change of the features is noise.
+# Default of `floor` as a fraction of d: for this camera motion, half of the change of the features
+# is noise.
 MIN_STEP = 1 / 600
-UNKNOWN_MOTION = 0.6  # value of d, m, if L is zero and d cannot be computed
-# An image is skipped if its error has changed by more than this since the last image. Then an angle
-# has jumped by a turn.
+# value of d (see ROTATION_WEIGHT) in m, if the first L is zero and d cannot be computed
+UNKNOWN_MOTION = 0.6
+# L is not updated if a component of the error has changed by more than this since the last image,
+# because an angle has probably jumped by a turn.
 LONGEST_JUMP = 1.0
 
 
@@ -45,8 +47,8 @@ class Broyden:
 
         Args:
             gain: fraction of the prediction error that one update corrects, in (0, 1].
-            floor: camera motion at which half of the feature change is noise, m; None to compute it
-                from L.
+            floor: camera motion, m, for which the change of the features is half noise; None to
+                compute it from L.
             start: initial L (k, 6); None for the feature's own L in the first image.
         """
         self.gain, self.floor = float(gain), floor
@@ -56,7 +58,8 @@ class Broyden:
     def reset(self) -> None:
         """Discard the estimate and the last image."""
         self._L: np.ndarray | None = None
-        # Weights W and floor of Broyden's rule (see the module's docstring), set with the first L.
+        # Weights W and floor of Broyden's rule (see the module's docstring), computed from the
+        # first L.
         self._weights, self._floor = np.ones(6), 0.0
         # Stamp (s) and error of the last image.
         self._last_measurement: tuple[float, np.ndarray] | None = None
@@ -68,8 +71,8 @@ class Broyden:
         if self._L is None or len(self._L) != len(error):
             known = self.start if self.start is not None else measured.L
             self._L = np.array(known, float)
-            # Translation, m, that moves the features as far as a rotation by 1 rad. For points it
-            # is their distance from the camera.
+            # The ratio of the two norms is the translation, in m, that changes the features as much
+            # as a rotation by 1 rad. For image points it is about their depth.
             moving, turning = (np.linalg.norm(part) for part in np.hsplit(self._L, 2))
             length = turning / moving if moving > 0.0 and turning > 0.0 else UNKNOWN_MOTION
             self._weights = np.repeat((1.0, (ROTATION_WEIGHT * length) ** 2), 3)

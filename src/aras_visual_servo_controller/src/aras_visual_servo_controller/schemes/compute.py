@@ -97,5 +97,5 @@ def compute(
         if array is not getattr(output, field):
             break
     else:
-        return output  # usually, no array had to be converted
+        return output  # the usual case: all arrays were valid and need no conversion
     return dataclasses.replace(output, **arrays)

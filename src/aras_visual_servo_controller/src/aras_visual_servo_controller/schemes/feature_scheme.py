@@ -22,15 +22,15 @@ from .output_checks import check_array
 
 INTERACTIONS = ("current", "desired", "mean", "estimated")
 LONGEST_GAP = 0.3  # time between two images, s; a longer gap restarts the filter of the error
-# The filter of the error restarts if the error changes by more than this between two images, for
-# example because an angle has jumped by a turn.
+# The low-pass filter of the error restarts if a component of the error in rad or normalised
+# coordinates changes by more than this between two images. Such a component may be an angle that
+# has jumped by a turn.
 LONGEST_JUMP = 1.0
-# Singular values of L below this fraction of the largest one are treated as noise if the features
-# come from images and their accuracy is not given.
+# If features are measured in images with unknown accuracy, singular values of L below this fraction
+# of the largest one are treated as noise.
 NOISE_RANK_TOLERANCE = 1e-4
-# L is well conditioned if its smallest singular value is above this fraction of the largest one.
-# Then no camera direction is dropped because of noise. The L of pose features is always well
-# conditioned.
+# L is treated as well conditioned if its smallest singular value is above this fraction of the
+# largest one. Then noise matters little, and all camera directions are controlled.
 WELL_CONDITIONED = 0.05
 Estimator = Callable[[Observation, FeatureMeasurement], np.ndarray]
 
@@ -38,16 +38,16 @@ Estimator = Callable[[Observation, FeatureMeasurement], np.ndarray]
 class FeatureScheme(FeatureSchemeBase):
     """Scheme e_dot = law(e) on one or more features.
 
-    The interaction matrix L is that at the current view, that at the goal, the mean of both, or an
-    estimate.
+    The interaction matrix L is computed at the current view or at the goal, or it is the mean of
+    these two matrices, or an estimate.
 
     Attributes:
-        feature: the feature, or the Stack of several features.
+        feature: the feature, or a Stack that combines several features.
         law: control law.
         interaction: one of INTERACTIONS.
         smoothing: time constant of a low-pass filter on the error, s; 0 for none. The law uses the
             filtered error, SchemeOutput.filtered_error; SchemeOutput.error is not filtered.
-        ratio: (k,) factors on the desired error rates, or None.
+        ratio: (k,) factors by which the desired error rates are multiplied; None for no factors.
         estimator: callable that returns L (k, 6) for an observation and its measurement, with an
             optional method `reset`, for interaction 'estimated'. The default is Broyden's rule.
     """
@@ -86,7 +86,8 @@ class FeatureScheme(FeatureSchemeBase):
             )
         self.interaction, self.smoothing, self.estimator = interaction, float(smoothing), estimator
         self.ratio = None if ratio is None else np.array(ratio, float)
-        # The error can reveal a wrong camera model only if L belongs to the current view.
+        # A wrong camera model can be detected only by comparing the change of the error with the L
+        # of the present view.
         self.can_check_camera = interaction == "current" and self.feature.is_geometric
         self._filter_state: tuple[float, np.ndarray] | None = None
 
@@ -128,8 +129,9 @@ class FeatureScheme(FeatureSchemeBase):
         )
         desired_rate = check_array(self.law, "desired_error_rate", desired_rate, filtered.shape)
         if self.interaction == "mean":
-            # For a rotation by theta, the mean of two L gives a rate that is proportional to 2
-            # tan(theta / 2) instead of theta. The rate is limited to that for theta = pi.
+            # For a rotation by theta, the mean of the two L gives a rate proportional to 2
+            # tan(theta / 2) instead of theta. If the computed angle exceeds pi, the rate is reduced
+            # to that for an angle of pi.
             angle = float(np.linalg.norm(camera_error[3:]))
             desired_rate = desired_rate * (np.pi / max(angle, np.pi))
         if self.ratio is not None:
@@ -159,11 +161,11 @@ class FeatureScheme(FeatureSchemeBase):
     def _estimate_accuracy(
         self, L: np.ndarray, observation: Observation, goal: Goal
     ) -> dict[str, Any]:
-        """Return the keyword arguments of the Task if L is ill-conditioned, otherwise none.
+        """Return keyword arguments with which `Task` finds directions that are too uncertain.
 
-        The arguments are `accuracy` or, if the accuracy of an image is unknown, `rank_tolerance`.
-        The test of L (k, 6) scales its rows to length 1, which makes rows of different units
-        comparable, and takes lengths relative to the distance at the goal.
+        There are none if L (k, 6) is well conditioned, because then no direction is too uncertain.
+        Otherwise the argument is `accuracy`, the accuracy of the features in this image, or
+        `rank_tolerance` if this accuracy is unknown.
         """
         if is_well_conditioned(L, self._modelled, goal.distance, WELL_CONDITIONED):
             return {}
@@ -202,7 +204,7 @@ class FeatureScheme(FeatureSchemeBase):
 
 
 def _make_scale(goal: Goal) -> np.ndarray:
-    """Return the units (6,) of a twist whose lengths are measured in distances of the goal."""
+    """Factors (6,) that convert a twist with the goal's distance as unit of length to m and rad."""
     distance = goal.distance
     return np.array((distance, distance, distance, 1.0, 1.0, 1.0))
 

@@ -57,24 +57,24 @@ class FeatureSchemeBase(Scheme):
         return self.feature.features if isinstance(self.feature, Stack) else (self.feature,)
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
-        """Return the accuracy of the features in the latest image."""
+        """Return the accuracy of the features in the latest image; see `Feature.accuracy`."""
         found = self.feature.accuracy(observation, goal)
         return None if found is None else check_accuracy(self.feature, found, self._row_count)
 
     def teach(self, observation: Observation) -> Mapping[str, Mapping[str, Any]]:
         """Return the data that the goal file stores for each feature, from the view at the goal."""
         taught = {f.name: check_taught_entry(f, f.teach(observation)) for f in self.features}
-        # Feature.check accepts only a goal with an entry for each feature that overrides `teach`.
-        # For such features an empty entry is stored as well.
+        # Features that store data in the goal, and whose `check` requires an entry in the goal.
+        # Even an empty entry is stored for them.
         required = {f.name for f in self.features if type(f).check is Feature.check
                       and type(f).teach is not Feature.teach}  # fmt: skip
         return {name: entry for name, entry in taught.items() if entry or name in required}
 
     def require_visible(self, observation: Observation) -> Observation:
-        """Return the observation.
+        """Return the observation unchanged if all targets that the feature needs are visible.
 
         Raises:
-            MeasurementError: a target that the feature needs is lost.
+            MeasurementError: a target is not visible.
         """
         if not observation.other_cameras:
             if self.needs & SEGMENTED and not observation.valid:
@@ -98,6 +98,6 @@ class FeatureSchemeBase(Scheme):
         return measured
 
     def _describe(self) -> None:
-        """Copy the names, tolerances and units of the feature, which can depend on the goal."""
+        """Copy names, tolerances and units from the feature; they can depend on the goal."""
         self.names, self.units = tuple(self.feature.names), tuple(self.feature.units)
         self.tolerances = tuple(self.feature.tolerances)

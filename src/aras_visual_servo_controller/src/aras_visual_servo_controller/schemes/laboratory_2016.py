@@ -18,14 +18,14 @@ from .feature_scheme_base import FeatureSchemeBase
 class Laboratory2016(FeatureSchemeBase):
     """Image moments with the inverse matrix and the ratio of gains of the laboratory's controller.
 
-    v = Lambda L^-1 e_dot, where e_dot comes from the control law. L^-1 is -I with the last column
-    (-yn, xn, 0, -1), for a target parallel to the image at the current view.
+    v = Lambda L^-1 e_dot, where e_dot comes from the control law. v has the components vx, vy, vz
+    and wz. L^-1 is -I with the last column (-yn, xn, 0, -1), for a target parallel to the image
+    plane.
 
-    The original controller uses Lambda = diag(140, 120, 60, 30) on an angle scaled by 0.1, and
-    waits after each image until the arm has arrived. With 30 images per second and a moving arm,
-    these gains would overshoot. This scheme therefore uses only their ratio, and the law's gain
-    applies to the first feature. The angle is not scaled, because it would take minutes to
-    converge.
+    The original controller has the gains Lambda = diag(140, 120, 60, 30) and stops the arm for each
+    image; with a moving arm, these gains would overshoot. This scheme uses only their ratios:
+    Lambda = diag(1, 120/140, 60/140, 30/140). The original controller also multiplies the angle by
+    0.1, but then it would take minutes to converge here.
     """
 
     feature_class = ImageMoments

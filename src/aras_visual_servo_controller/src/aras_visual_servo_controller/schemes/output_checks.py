@@ -49,7 +49,7 @@ def check_measurement(feature: Feature, measurement: object) -> FeatureMeasureme
             returned and what is needed.
     """
     if type(measurement) is FeatureMeasurement and _is_valid(measurement, len(feature.names)):
-        return measurement  # usually, no array has to be converted
+        return measurement  # the usual case: all arrays are valid and need no conversion
     where = f"{type(feature).__name__}.measure returned"
     if not isinstance(measurement, FeatureMeasurement):
         if not all(hasattr(measurement, field) for field in ("s", "desired", "error", "L")):
@@ -79,7 +79,8 @@ def check_measurement(feature: Feature, measurement: object) -> FeatureMeasureme
 
 
 def _is_valid(measurement: FeatureMeasurement, count: int) -> bool:
-    """Return whether a measurement without summary has valid arrays for `count` features."""
+    """Return whether a measurement without `error_summary` has valid arrays for `count` features.
+    """
     L = measurement.L
     for array in (measurement.s, measurement.desired, measurement.error):
         if type(array) is not np.ndarray or array.dtype != float or array.shape != (count,):
@@ -105,14 +106,15 @@ def check_array(
     if type(value) is np.ndarray and value.dtype == float and value.shape == shape:
         flat = value.ravel()
         if are_finite(flat, flat, flat):
-            return value  # usually, the value is already valid
+            return value  # the usual case: the value is valid and needs no conversion
     return _read_shaped(f"{type(owner).__name__}.{method} returned", "", value, shape)
 
 
 def check_accuracy(feature: Feature, accuracy: object, count: int) -> np.ndarray | float | None:
     """Return the value of Feature.accuracy for `count` components, or None.
 
-    An array (count,) is taken as standard deviations and returned as a diagonal matrix.
+    An array (count,) contains the standard deviations of independent components. It is returned as
+    a diagonal matrix, the general form (count, m) of an accuracy.
 
     Raises:
         SchemeError: the value is not valid; the message names the class, the value and what is
@@ -177,10 +179,10 @@ def _describe(value: object) -> str:
 
 
 def check_joint_output(name: str, output: object, count: int) -> np.ndarray:
-    """Return the joint output (n,) of a joint controller as a float64 array.
+    """Return the array (n,) that `JointController.update` returned, checked and as float64.
 
     Raises:
-        SchemeError: the output has a wrong shape, or is not finite.
+        SchemeError: the array has a wrong shape, or is not finite.
     """
     array = to_float_array(output)
     if array is None or array.shape != (count,):

@@ -21,12 +21,13 @@ AXIAL_DIRECTIONS = np.array([False, False, True, False, False, True])  # vz, wz
 
 @SCHEMES.register("partitioned")
 class Partitioned(FeatureSchemeBase):
-    """Partitioned scheme, in which the image area controls vz and the angle of an edge controls wz.
+    """Partitioned scheme: the area of the target controls vz, the angle of one edge controls wz.
 
-    With s = log(area) / 2 and theta the angle of the first edge of the points,
-    vz = gain Z (s* - s) and wz = gain (theta - theta*). The effect of vz and wz is subtracted from
-    the desired rate of the points. Then the other four components of the twist are computed from L.
-    The camera does not retreat, because a rotation about the optical axis causes no translation.
+    Let area be that of the polygon of the points, s = log(area) / 2, theta the angle of the edge
+    from the first to the second point, and Z the depth. Then vz = gain Z (s* - s) and wz = gain
+    (theta - theta*). The effect of vz and wz is subtracted from the desired rate of the points.
+    Then the other four components of the twist are computed from L. The camera does not retreat,
+    because a rotation about the optical axis causes no translation.
 
     Reference: P. Corke and S. Hutchinson, A new partitioned approach to image-based visual servo
     control, IEEE Transactions on Robotics and Automation 17(4), 2001.
@@ -75,6 +76,6 @@ def _compute_area(points: np.ndarray) -> float:
 
 
 def _compute_angle(points: np.ndarray) -> float:
-    """Return the angle of the first edge of the points, rad."""
+    """Return the angle of the edge from the first to the second point in the image, rad."""
     dx, dy = points[1] - points[0]
     return float(np.arctan2(dy, dx))

@@ -88,7 +88,7 @@ def call_user_code(
             return call(*arguments)
         finally:
             _end_call(here)
-    # The clean-up code of an interrupted call may also raise another exception.
+    # This also catches an exception that an interrupted call raises in its own clean-up code.
     except BaseException as error:
         _end_call(here)
         if here.is_interrupted:
@@ -138,7 +138,7 @@ def _start_watch() -> None:
 
 
 def _watch_calls() -> None:
-    """Check the running calls until there has been none for IDLE_CHECKS checks."""
+    """Check the running calls periodically; end after IDLE_CHECKS checks without a call."""
     global _watch_thread
     known: set[_Call] = set()
     # time.sleep is not used, because user code or a test can replace it.
@@ -165,8 +165,8 @@ def _interrupt(call: _Call) -> None:
         return
     call.remaining_checks += RETRY_CHECKS
     again = call.is_interrupted
-    # The flag is set before `is_done` is read, because `_end_call` first sets `is_done` and then
-    # reads the flag.
+    # Set the flag before reading `is_done`. `_end_call` sets `is_done` before reading the flag, so
+    # at least one of the two threads notices the other.
     call.is_interrupting = True
     if not call.is_done:
         call.is_interrupted = True

@@ -20,8 +20,8 @@ DEADBAND = 0.12  # a stick is at rest if it is closer to its centre than this fr
 SLOW, FAST = 4, 5  # shoulder buttons; the arm moves only while one is pressed
 # Speed while the slow or the fast button is pressed, as a fraction of the maximum speed.
 SPEEDS = {SLOW: 0.3, FAST: 1.0}
-# Axis number and sign of the stick for each camera direction, chosen so that the camera image
-# follows the stick. In Joy messages, axes are positive to the left and upwards.
+# Axis number and sign for each camera direction. In Joy messages, axes are positive to the left and
+# upwards; x is to the right, and y downwards, in the camera frame.
 AXES = {"vx": (0, -1.0), "vy": (1, -1.0), "wz": (3, -1.0), "vz": (4, 1.0), "wy": (6, -1.0),
         "wx": (7, 1.0)}  # fmt: skip
 HELP = """gamepad: hold a shoulder button (left: slow, right: fast)

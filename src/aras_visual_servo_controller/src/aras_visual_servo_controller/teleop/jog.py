@@ -20,7 +20,8 @@ COMMAND_LIFETIME = 0.3  # time for which a requested speed is valid, s
 RAMP_TIME = 0.25  # time from rest to the maximum speed, and from the maximum speed to rest, s
 # Maximum speeds of the camera, in m/s and rad/s.
 MAX_TWIST = (0.25,) * 3 + (1.0,) * 3
-LONGEST_STEP = 0.1  # longest time step that is integrated, s, even after a longer gap
+# Longest time step, s; a longer time between two commands is integrated as this step.
+LONGEST_STEP = 0.1
 # Largest distance between a command and the measured joint, rad or m. It limits the command if the
 # joint is blocked.
 MAX_LEAD = 0.05
@@ -136,7 +137,10 @@ class Jog:
         return self._command.copy()
 
     def _ramp(self, desired: np.ndarray, dt: float) -> None:
-        """Change the ramped speed towards the desired one; a twist keeps its direction."""
+        """Change `_ramped` towards the desired speeds or twist, limited by RAMP_TIME.
+
+        All components change in proportion, so that a twist keeps its direction.
+        """
         max_speeds = np.array(MAX_TWIST) if self._is_camera_twist else self.max_speeds
         difference = desired - self._ramped
         largest = float(np.max(np.abs(difference) / max_speeds))
@@ -145,7 +149,7 @@ class Jog:
         )
 
     def _compute_velocities(self, positions: np.ndarray, dt: float) -> np.ndarray:
-        """Compute the joint velocities (n,) for the ramped speed."""
+        """Compute the joint velocities (n,) for the present twist or joint speeds in `_ramped`."""
         self.reason = ""
         if not self._is_camera_twist:
             return self._ramped

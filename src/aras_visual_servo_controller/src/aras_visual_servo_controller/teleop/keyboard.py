@@ -11,8 +11,9 @@
     space           print the joints, and why the arm does not move     h       this help
     q, ^C           quit
 
-The first motion of the camera or a selected joint stops the controller. Other joints for the arrows
-than gantry and J2: ~across and ~along. A gamepad: ~joy (topic), ~joystick (device).
+The first motion of the camera or a selected joint stops the controller. The parameters ~across and
+~along name other joints for the arrow keys. The parameters ~joy (topic) and ~joystick (device)
+select a gamepad.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ from ..kinematics import Limits
 from .jog import MAX_TWIST, Jog
 
 STEP = 0.05
-# joints that the arrow keys move if the arm has these joints
+# default joints of the arrow keys: 'across' for left and right, 'along' for up and down
 JOINTS = {"across": "gantry", "along": "J2"}
 KEYS = {
     "\x1b[D": ("across", -STEP),
@@ -71,9 +72,10 @@ def step_joint(
 
     Args:
         key: pressed key.
-        command: (n,) command before.
+        command: (n,) present command, rad or m.
         limits: joint limits.
-        joints: names of the joints for 'across' and 'along'.
+        joints: names of the joints that the arrow keys move: 'across' for left and right, 'along'
+            for up and down.
     """
     if key not in KEYS:
         return command, ""

@@ -146,7 +146,7 @@ def test_joints_that_run_into_something_are_said_and_the_advice_names_it(clear, 
         result = run(
             experiment.with_changes(goal=first.tolist(), start=above.tolist(), duration=3.0)
         )
-    said = f"link '{link}' of the arm is in '{other}': give other joints"
+    said = f"(link '{link}' of the arm is in '{other}'); give other joints"
     (note,) = result.notes
     assert said in note and "at the goal" in note
     assert all(note in caplog.messages for note in result.notes)
@@ -164,5 +164,5 @@ def test_where_every_posture_runs_into_something_one_line_says_so(clear, caplog)
         parts = assemble(experiment.with_changes(goal=low, start=low, target=target))
     parts.plant.close()
     note, at_start = parts.notes
-    assert "at the goal, link" in note and "'ground_plane', and no posture without" in note
+    assert "at the goal (link" in note and "'ground_plane'), and no posture without" in note
     assert "at the start" in at_start and caplog.messages == [note, at_start]

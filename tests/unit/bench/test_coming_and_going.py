@@ -84,7 +84,7 @@ def test_times_of_the_sun_that_cannot_be_are_refused():
 
 
 @pytest.mark.parametrize(("target", "complaint"), [
-    ({"occluded": [[0.1, 0.2]]}, "give target.occluder"),
+    ({"occluded": [[0.1, 0.2]]}, "set target.occluder"),
     ({"occluder": OCCLUDER, "occluded": [[0.2, 0.1]]}, "the interval 0.2 to 0.1 s, must be"),
     ({"occluder": OCCLUDER, "occluded": [[-0.2, 0.1]]}, "must be 0 <= start < end"),
 ])  # fmt: skip

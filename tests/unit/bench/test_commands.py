@@ -61,7 +61,8 @@ def test_the_report_of_an_experiment_is_written_where_out_says(experiment, tmp_p
     assert f"the page is {out / 'report.html'}" in capsys.readouterr().out
     assert json.loads((out / "summary.json").read_text())["name"] == "mine"
     words = ["run", str(experiment), "duration=0.3", "--out", str(tmp_path / "no"), "--no-report"]
-    assert main(words) == 0 and not (tmp_path / "no").exists()
+    assert main(words) == 1 and not (tmp_path / "no").exists()
+    assert "leave out one of them" in capsys.readouterr().err
 
 
 def test_names_that_are_no_text_are_written_and_printed(experiment, tmp_path):

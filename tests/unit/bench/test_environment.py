@@ -147,7 +147,7 @@ def test_many_are_stepped_at_once():
 
 @pytest.mark.parametrize(("options", "complaint"), [
     ({"observes": "picture"}, "use one of features, image"),
-    ({"observes": "image"}, "features: images"),
+    ({"observes": "image"}, "set features to images"),
 ])  # fmt: skip
 def test_what_cannot_be_observed_is_refused(options, complaint):
     with pytest.raises(ExperimentError, match=complaint):

@@ -113,7 +113,7 @@ def test_impossible_robots_are_refused_in_one_line(robot, preset):
         "no file": {"urdf": "/nowhere/arm.urdf"},
         "package 'nowhere'": {"urdf": "package://nowhere/arm.urdf"},
         "single-joint controller for gantry, J1": {"controllers": ("joint2_position_controller",)},
-        "robot.controllers: 'joint2' is not in": {"controllers": ("joint2",)},
+        "robot.controllers names 'joint2', which is not in": {"controllers": ("joint2",)},
         "no camera 'left'": {"camera": "left"},
         "camera_optical_frme": {"camera_frame": "camera_optical_frme"},
     }

@@ -305,7 +305,7 @@ def test_the_judge_finds_nothing_in_cameras_as_believed():
         ({"cameras": {"wall": {"pose": [0, 0, 1, 3.14, 0, 0]}}, "scheme": "points"},
          "camera 'wall' is fixed in the world, and the arm does not move its target"),
         ({"cameras": two(wall={"pose": [0, 0, -0.5, 0, 0, 0]}), "scheme": f"{BOTH}+points@wall"},
-         "the camera is fixed, and the arm does not move its target"),
+         "camera 'wall' is fixed, and the arm does not move the camera's target"),
         ({"scheme": "kernel@left+points@right"}, "needs images: set features"),
     ],
 )  # fmt: skip

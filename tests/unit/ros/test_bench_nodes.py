@@ -91,7 +91,7 @@ def test_a_program_prints_its_help_and_ends(monkeypatch, capsys, program):
             gc.disable()
     printed = capsys.readouterr()
     if name == "aras_teleop":  # which asks for a terminal before it looks at its words
-        assert ended.value.code == 1 and "needs a terminal" in printed.err
+        assert ended.value.code == 1 and "from a terminal" in printed.err
     else:
         assert not ended.value.code and len(printed.out) > 60
     early = "program import run" in (SOURCES / program).read_text()

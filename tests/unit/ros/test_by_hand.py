@@ -287,7 +287,7 @@ def test_what_keeps_from_teaching_is_said(lesson):
     for name in ("left", "right"):
         rospy.set_param(f"~cameras/{name}", {"frame": "camera_optical_frame"})
     lesson.arguments.scheme, lesson.life.steps = "points@left+area@right", []
-    with pytest.raises(ServoError, match="only 0 of 3 images"):
+    with pytest.raises(ServoError, match="only 0 of 3 usable images"):
         teach.collect_views(lesson.arguments)
     assert any("right" in topic for topic in lesson.graph.subscribers)
     lesson.arguments.go = "nowhere"

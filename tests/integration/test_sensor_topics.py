@@ -36,7 +36,7 @@ def machine(launch, ros_node):
     launched = launch(
         "aras_sim_bridge", "empty_world.launch", nodes=["/gazebo"], paused=True, speed_mode="max")
     spawn("probe", ARM)
-    said = "libgazebo_ros_gpu_laser.so' is not known"
+    said = "libgazebo_ros_gpu_laser.so' is ignored"
     wait_for(lambda: said in launched.output(), 10.0, said)
     return launched
 

@@ -312,8 +312,8 @@ def domain_part(path: Path, images: Path | None) -> str:
     if images is not None:
         pictures.draw_success_map(rows, images / "convergence_domain.png")
         page += ("The figure shows the distance and the angle of every start from the goal. A blue "
-                 "dot is the start of a run that converged, an orange cross that of another "
-                 "run:\n\n")  # fmt: skip
+                 "dot is the start of a run that converged, and an orange cross is the start "
+                 "of a run that did not converge:\n\n")  # fmt: skip
         page += "![convergence domain](images/convergence_domain.png)\n\n"
     return page
 

@@ -515,7 +515,7 @@ def test_the_controller_is_built_for_the_robot_and_anew_for_another(graph, life,
                                      ConfigurationError)]
     assert len([one for one in made if one[0] == "control"]) == 1
     assert len([line for line in graph.lines if line.startswith("scheme moments, start none")]) == 2
-    assert "camera_optical_frame moved by gantry, J1" in "".join(graph.lines)
+    assert "camera_optical_frame is moved by the joints gantry, J1" in "".join(graph.lines)
     assert found["owner"].runner is not found["runner"] and found["first"].impl is None
     assert 0.02 in life.slept and len(graph.publishers["/two/controller/goal"].sent) == 2
     close, = life.ending

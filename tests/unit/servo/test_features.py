@@ -669,7 +669,7 @@ def test_a_goal_without_the_depth_of_its_target_is_refused(name):
     by_kernel = Goal.teach(None, kernel_view(lens, GOAL), depth=0.2)
     goal = replace(taught(feature), kernel=by_kernel.kernel)
     feature.check(goal)
-    with pytest.raises(ConfigurationError, match="goal contains no depth: set the target"):
+    with pytest.raises(ConfigurationError, match="goal contains no depth of the target: teach"):
         feature.check(replace(goal, depth=None, plane=None))
     nothing = replace(goal.kernel, features=np.array([1.0, 1.0, 0.0, 0.1]))
     if name == "kernel":
@@ -832,7 +832,7 @@ def test_kernel_features_refuse_another_camera_a_dirty_ground_and_emptiness():
     other = replace(camera, K=(110.0, 0, 159.5, 0, 110.0, 119.5, 0, 0, 1))
     for change, words in (
         ({"camera": other}, "taught with another camera"),
-        ({"pixel_count": 100}, "counts .* pixels as target"),
+        ({"pixel_count": 100}, "counts .* pixels of the target"),
         ({"kernel": None}, "expected the 20 numbers"),
         ({"kernel": np.zeros(4)}, "got 4"),
         ({"kernel": np.zeros(20)}, "not visible"),

@@ -219,7 +219,14 @@ class Parameters:
 
 
 def expand_per_joint(name: str, value: Any, arm: Arm) -> Any:
-    """Return one number, or numbers in the order of the arm, for a parameter of the joints."""
+    """Return the value of a parameter that has one number for all joints or one for each joint.
+
+    A mapping of joint names to numbers becomes a tuple in the order of `arm.names`; joints that it
+    does not name have the default of the parameter. Any other `value` is returned unchanged.
+
+    Raises:
+        ConfigurationError: the mapping names a joint that the arm does not have.
+    """
     if not isinstance(value, Mapping):
         return value
     for joint in value:

@@ -141,8 +141,8 @@ class Settings(Parameters):
                 joint.
         """
         name = ""
-        # The scheme selects the control camera. With only one camera it is not needed, for example
-        # to read a bag.
+        # If there are several cameras, the scheme determines which one is the control camera. The
+        # name '' denotes the only camera.
         if self.cameras:
             name = self.list_cameras(self.make_scheme())[0]
         arm = self._make_camera_arm(urdf, name)
@@ -401,8 +401,9 @@ class Settings(Parameters):
         """Construct the cameras that turn images into observations for a scheme.
 
         Args:
-            arms: kinematics of the scheme's cameras by name, the control camera's first.
-            scheme: scheme that determines what is measured in the images.
+            arms: kinematics of each camera of the scheme, by the camera's name; None for a camera
+                that no joint moves. The first one is the control camera.
+            scheme: its `get_needs` determines what is measured in the images.
             goal: goal of the loop; None while a goal is being taught.
         """
         depth = frozenset((Need.DEPTH,)) if self.depth_image else frozenset()

@@ -145,10 +145,10 @@ def _read_stl(data: bytes, _folder: Path, _states: dict[Path, _State | None]) ->
 
 
 def _is_ascii(data: bytes, count: int) -> bool:
-    """Return whether an STL file that is long enough for a binary file is an ASCII file.
+    """Return whether the content of an STL file is text (ASCII) and not binary.
 
-    ASCII files start with "solid", but binary files may also do so. Therefore the length of the
-    file and the word "vertex" are checked, too.
+    An ASCII file starts with "solid", but a binary file may also do so. A file is ASCII if it also
+    contains the word "vertex" and does not have the length of a binary file with `count` triangles.
     """
     plain = len(data) == _STL_HEADER + count * _STL_TRIANGLE.itemsize
     return data[:5].lower() == b"solid" and not plain and b"vertex" in data

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Mapping
 
 NO_NUMBER = "–"  # text for NaN
 DIGITS = 3
-MAX_LINE = 120  # maximum number of characters of a text in `format_rows`
+MAX_LINE = 120  # maximum number of characters of the text in each line of `format_rows`
 # Numbers are printed without powers of ten if the largest of them is between MIN_PLAIN and
 # MAX_PLAIN, and the smallest is at least MIN_FIXED_POINT.
 MIN_PLAIN, MAX_PLAIN = 1e-3, 1e5

@@ -60,8 +60,8 @@ NUMBER_COLUMNS: Mapping[str, Column] = {
                                     "produce, in the optical frame, m/s and rad/s"),
     "joints": Column(_LIST, "joint positions measured at the exposure, rad or m"),
     "pose": Column(_LIST, "true world_T_camera at the exposure (16), 4 x 4 row by row, m"),
-    "camera_T_goal": Column(_LIST, "true pose of the goal in the camera's frame (16), 4 x 4 "
-                             "row by row"),
+    "camera_T_goal": Column(_LIST, "true camera_T_goal (16), the goal pose of the camera in its "
+                             "present frame, 4 x 4 row by row, m"),
     "camera_T_target": Column(_LIST, "true pose of the target in the camera's frame (16), 4 x 4 "
                                "row by row"),
 }  # fmt: skip

@@ -103,7 +103,8 @@ class Evidence:
     def find_camera_fault(self, observation: Observation) -> str:
         """Describe how the features contradict the camera model.
 
-        Return an empty text if they do not contradict it, or while `is_running_away`.
+        Return an empty text if they do not contradict it. Also return it if the target itself moves
+        (`is_running_away`), because this motion would look like a wrong camera model.
         """
         if self.is_running_away:
             return ""

@@ -133,9 +133,10 @@ class Feature(ABC):
         """
 
     def get_needs(self, *cameras: str) -> frozenset[Need]:
-        """Return the measurements that the feature needs from one camera's image.
+        """Return the measurements that the feature needs from the image of one camera.
 
-        The name '' denotes the control camera.
+        Args:
+            cameras: all names of this camera; the control camera is also named ''.
         """
         return self.needs
 

@@ -94,9 +94,9 @@ class Kernel(Feature):
         counted = round(k[2] / (DELTA_X * DELTA_Y))
         if 0 < self.max_pixel_ratio * observation.pixel_count < counted:
             raise MeasurementError(
-                f"camera/kernel counts {counted} pixels as target, but the target has "
-                f"{observation.pixel_count}: the ground is noisy or not white; lower the camera "
-                "node's ~original_threshold"
+                f"the topic camera/kernel counts {counted} pixels of the target, but it has "
+                f"{observation.pixel_count} pixels: the background is noisy or not white; lower "
+                "the camera node's ~original_threshold"
             )
         try:
             J = np.linalg.inv(data[:16].reshape(4, 4))

@@ -42,7 +42,10 @@ class GravityCentre(MomentFeature):
 
 @FEATURES.register("gravity_centre_normalised")
 class NormalisedGravityCentre(MomentFeature):
-    """s = xn, yn = an (xg, yg), m; linear in x and y if the camera is parallel to the target."""
+    """s = an (xg, yg) with an of `NormalisedArea`, m.
+
+    If the image plane is parallel to the target, s is linear in the camera's x and y.
+    """
 
     formulas = names = ("xn", "yn")
     tolerances, units = (CENTRE_TOLERANCE, CENTRE_TOLERANCE), ("m", "m")

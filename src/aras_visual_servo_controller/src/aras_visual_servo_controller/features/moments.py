@@ -64,7 +64,10 @@ class _GoalMoments:
         if goal.moments is None:
             raise ConfigurationError(f"{goal.name} holds no moments: teach it again")
         if goal.depth is None:
-            raise ConfigurationError(f"{goal.name} contains no depth: set the target's depth (m)")
+            raise ConfigurationError(
+                f"{goal.name} contains no depth of the target: teach the goal again, or add `depth` "
+                "(m) to its file"
+            )
         self.goal, self._tolerance = goal, tolerance
         self.plane = goal.plane or Plane.fronto_parallel(goal.depth)
         try:

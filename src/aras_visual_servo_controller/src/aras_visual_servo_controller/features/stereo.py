@@ -23,7 +23,8 @@ from .corners import POINT_TOLERANCES, NumberedPoints
 from .points import estimate_corner_accuracy
 from .pose import PLANARITY_TOLERANCE, PoseInGoalFrame, compute_goal_frame_feature
 
-# Smallest distance between the cameras at which depth is measured, in target depths.
+# Smallest distance between the two cameras, relative to their distance from the target. With a
+# smaller one the disparity is too small to measure depth.
 MIN_DISPARITY = 2e-3
 STEP = 1e-6  # step of finite differences, in normalised coordinates
 

@@ -380,7 +380,7 @@ class LoopRunner:
         if self._is_ended or values is None or not are_finite(values, values, values):
             return
         if self.sent_values is None and self.servo.phase == STOPPED:
-            # The loop is stopped and has sent nothing yet: another node may command the joints.
+            # The loop has not been started, and another node may command the joints: send nothing.
             return
         if self.servo.is_yielding and command.positions is not None:
             # The last command is no longer in effect, because another node commands the joints.

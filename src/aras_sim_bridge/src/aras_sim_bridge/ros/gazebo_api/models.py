@@ -41,8 +41,10 @@ class Models:
     def __init__(self, forces: AppliedForces, graph_entities: GraphEntities) -> None:
         """Create the service handlers.
 
-        They remove the forces on a deleted model from `forces`, and open or close the ROS
-        interfaces of models in `graph_entities`.
+        Args:
+            forces: the handlers remove the forces on a deleted model from it.
+            graph_entities: opens the ROS interfaces of a spawned model and closes those of a
+                deleted model.
         """
         self._forces = forces
         self._graph_entities = graph_entities

@@ -74,8 +74,7 @@ class Kernel(Feature):
             )
         if not (goal.kernel.features[:3] > 0.0).all():
             raise ConfigurationError(f"{goal.name}: kernel features 0 to 2 must be above 0")
-        if goal.depth is None:
-            raise ConfigurationError(f"{goal.name} contains no depth: set the target's depth (m)")
+        goal.check_depth()
 
     def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
         """Measure s, s*, the error and L in one image."""

@@ -129,8 +129,7 @@ class Luminance(Feature):
 
     def check(self, goal: Goal) -> None:
         """Refuse a goal that this feature cannot servo to."""
-        if goal.depth is None and goal.plane is None:
-            raise ConfigurationError(f"{goal.name} contains no depth: set the target's depth (m)")
+        goal.check_depth(plane_suffices=True)
         try:
             data = base64.b64decode(goal.features[self.name]["png"])
             grey = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE)

@@ -63,11 +63,7 @@ class _GoalMoments:
     def __init__(self, goal: Goal, formulas: tuple[str, ...], tolerance: float) -> None:
         if goal.moments is None:
             raise ConfigurationError(f"{goal.name} holds no moments: teach it again")
-        if goal.depth is None:
-            raise ConfigurationError(
-                f"{goal.name} contains no depth of the target: teach the goal again, or add `depth` "
-                "(m) to its file"
-            )
+        goal.check_depth()
         self.goal, self._tolerance = goal, tolerance
         self.plane = goal.plane or Plane.fronto_parallel(goal.depth)
         try:

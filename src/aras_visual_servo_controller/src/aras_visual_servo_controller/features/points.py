@@ -81,8 +81,7 @@ class PointFeature(Feature):
         """Refuse a goal that this feature cannot servo to."""
         corners = self.read_desired_points(goal)
         self._set_count(len(corners))
-        if goal.depth is None and goal.plane is None:
-            raise ConfigurationError(f"{goal.name} contains no depth: set the target's depth (m)")
+        goal.check_depth(plane_suffices=True)
 
     def teach(self, observation: Observation) -> Mapping[str, Any]:
         """Return the data that the goal file stores for this feature, from the view at the goal."""

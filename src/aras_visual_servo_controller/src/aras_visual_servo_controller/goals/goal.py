@@ -128,6 +128,21 @@ class Goal:
         """
         return self.distance / DEFAULT_DEPTH
 
+    def check_depth(self, plane_suffices: bool = False) -> None:
+        """Check that the goal contains the depth of the target.
+
+        Args:
+            plane_suffices: accept a goal that contains the plane of the target instead.
+
+        Raises:
+            ConfigurationError: it does not.
+        """
+        if self.depth is None and not (plane_suffices and self.plane is not None):
+            raise ConfigurationError(
+                f"{self.name} contains no depth of the target: teach the goal again, or add "
+                "`depth` (m) to its file"
+            )
+
     @cached_property
     def cameras(self) -> dict[str, Goal]:
         """Return the goal of each camera, by camera name.

@@ -20,9 +20,9 @@ from aras_visual_servo_bench.setup.dynamic_arm_setup import (
     find_mounted_targets,
     take_first_images,
 )
+from aras_visual_servo_bench.setup.experiment_reader import read_context
 from aras_visual_servo_bench.setup.goal_teaching import needs_images, teach_goal
 from aras_visual_servo_bench.setup.imaging_setup import make_imaging_settings
-from aras_visual_servo_bench.setup.read_context import read_context
 from aras_visual_servo_bench.studies.study import Study
 from aras_visual_servo_bench.targets.textures import TexturedTarget
 from aras_visual_servo_controller.observation.frame import Frame

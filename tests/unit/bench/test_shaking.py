@@ -10,7 +10,7 @@ from aras_visual_servo_base.poses import pose_difference
 from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.runner.loop import Loop, run
 from aras_visual_servo_bench.setup.assembly import assemble
-from aras_visual_servo_bench.studies.images import ImageRecorder
+from aras_visual_servo_bench.studies.image_table import ImageRecorder
 from aras_visual_servo_controller.observation.frame import Frame
 
 SHAKE = {"xyz": [2e-4, 4e-4, 3e-4], "rpy": [1e-3, 2e-3, 1.5e-3], "frequency": 22.0,

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from aras_visual_servo_camera.coverage import compute_coverage
 from aras_visual_servo_camera.errors import SegmentationError
+from aras_visual_servo_camera.pixel_coverage import compute_coverage
 from aras_visual_servo_camera.segmentation import Segmentation
 from aras_visual_servo_camera.segmented_target import segment, threshold_image
 

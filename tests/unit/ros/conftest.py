@@ -349,12 +349,12 @@ def thread(request: pytest.FixtureRequest) -> Iterator[SimulationThread]:
 def api(graph: Graph, thread: SimulationThread) -> SimpleNamespace:
     """Services of gazebo_ros in this world; `resets` lists the times of resets."""
     from aras_sim_bridge.ros.gazebo_api import GazeboApi
-    from aras_sim_bridge.ros.runtime.spawn_record import SpawnRecord
+    from aras_sim_bridge.ros.runtime.restart_record import RestartRecord
 
     it = SimpleNamespace(graph=graph, thread=thread, resets=[], graph_synced=[])
     on_graph = SimpleNamespace(
         sync=lambda: it.graph_synced.append(len(thread.simulation.world.models)),
-        spawn_record=SpawnRecord(True),
+        restart_record=RestartRecord(True),
     )
     it.api = GazeboApi(
         thread, on_graph, lambda: it.resets.append(thread.simulation.time_ns)

@@ -589,7 +589,7 @@ def test_each_camera_has_its_face_while_it_is_there(graph, thread, monkeypatch):
 
     monkeypatch.setattr("aras_sim_bridge.ros.runtime.graph_entities.CameraTopics", Face)
     on_graph = GraphEntities(thread, begins)
-    assert on_graph.spawn_record is not None and not graph.parameters
+    assert on_graph.restart_record is not None and not graph.parameters
     limits, given = [], thread.call
     monkeypatch.setattr(thread, "call", lambda job, *limit: limits.extend(limit) or given(job))
     for name in ("bad", "a"):
@@ -630,7 +630,7 @@ def test_robots_and_sensors_have_faces_too_each_for_itself(graph, thread, monkey
     thread.simulation.sensors.append(sensor)
     try:
         on_graph.sync()
-        faces = {"ManagerServices": (robot, thread, on_graph.spawn_record),
+        faces = {"ManagerServices": (robot, thread, on_graph.restart_record),
                  "SensorTopic": (sensor, thread)}
         assert opened == [(name, *given) for name, given in faces.items() if name != fails]
         told = {"ManagerServices": "robot 'rig'", "SensorTopic": "sensor 'imu'", "": ""}[fails]
@@ -639,7 +639,7 @@ def test_robots_and_sensors_have_faces_too_each_for_itself(graph, thread, monkey
     finally:
         thread.simulation.robots.clear()
         thread.simulation.sensors.clear()
-    on_graph.spawn_record.add_model("spawn_urdf_model", SpawnModelRequest(model_name="m"))
+    on_graph.restart_record.add_model("spawn_urdf_model", SpawnModelRequest(model_name="m"))
     assert not graph.parameters  # it keeps none unless it is told to
 
 

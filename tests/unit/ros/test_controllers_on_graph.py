@@ -41,7 +41,7 @@ from aras_sim_bridge.ros.control.manager_services import ManagerServices
 from aras_sim_bridge.ros.control.topics import STATES, ControllerTopics
 from aras_sim_bridge.ros.control.trajectory import fill_state, from_trajectory
 from aras_sim_bridge.ros.runtime.reconfigure import PID_FIELDS
-from aras_sim_bridge.ros.runtime.spawn_record import SpawnRecord
+from aras_sim_bridge.ros.runtime.restart_record import RestartRecord
 
 
 def joint(name: str, interface: str) -> str:
@@ -104,7 +104,7 @@ class Controllers:
             )
         )
         self.robot = thread.simulation.robots["rig"]
-        self.record = SpawnRecord(True)
+        self.record = RestartRecord(True)
         self.services = ManagerServices(self.robot, thread, self.record)
 
     def call(self, name: str, *args: object):

@@ -24,7 +24,7 @@ from aras_sim_bridge.ros.runtime import node
 from aras_sim_bridge.ros.runtime.clock import ClockPublisher
 from aras_sim_bridge.ros.runtime.node import GazeboNode, make_pacer
 from aras_sim_bridge.ros.runtime.node_parameters import NodeParameters
-from aras_sim_bridge.ros.runtime.spawn_record import SpawnRecord
+from aras_sim_bridge.ros.runtime.restart_record import RestartRecord
 from aras_sim_bridge.simulation import SimulationConfig
 from aras_visual_servo_ros.parameters import InvalidParameterError
 
@@ -243,10 +243,10 @@ def test_a_record_that_is_forgotten_is_written_no_more(graph):
     request = SpawnModelRequest("m", "<a/>", "/ns", Pose(Point(1, 2, 3), Quaternion(4, 5, 6, 7)),
                                 "world")
     graph.parameters[place] = {"models": []}
-    SpawnRecord(False).clear()
-    SpawnRecord(False).add_model("spawn_urdf_model", request)
+    RestartRecord(False).clear()
+    RestartRecord(False).add_model("spawn_urdf_model", request)
     assert graph.parameters[place] == {"models": []}
-    record = SpawnRecord(True)
+    record = RestartRecord(True)
     record.add_model("spawn_urdf_model", request)
     record.set_controllers("/ns", [ControllerInfo("c", "running", "t", ()),
                                ControllerInfo("d", "stopped", "t", ())])
@@ -515,7 +515,7 @@ def test_its_end_is_as_it_should_be_where_nothing_is_to_be_forgotten_any_more(ma
         asked.append(True)
         raise fault
 
-    it.spawn_record.clear = forget
+    it.restart_record.clear = forget
     it.fault = None if fault else ValueError("the simulation's")
     it.stop()
     assert asked == ([True] if fault else [])  # after a fault what stood there comes back

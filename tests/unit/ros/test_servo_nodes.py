@@ -33,7 +33,7 @@ from aras_visual_servo_controller.ros import (
 )
 from aras_visual_servo_controller.ros import image_input as picture_input
 from aras_visual_servo_controller.ros.commands import stop_controller
-from aras_visual_servo_controller.ros.depth import read_depth
+from aras_visual_servo_controller.ros.depth_image import read_depth
 from aras_visual_servo_controller.ros.measurement_input import MeasurementInput
 from aras_visual_servo_controller.settings import Settings
 

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from aras_sim_bridge.ros.cli import spawn_model
-from aras_sim_bridge.ros.cli.spawn_model import UsageError, parse, spawn
+from aras_sim_bridge.ros.cli.spawn_model import SpawnError, parse, spawn
 
 BOX = '<robot name="box"><link name="l"></link></robot>'
 
@@ -40,17 +40,17 @@ def test_a_model_is_put_where_the_arguments_say(asked):
 
 
 def test_what_cannot_be_read_or_spawned_is_said(asked, tmp_path):
-    with pytest.raises(UsageError, match="parameter /nothing does not exist"):
+    with pytest.raises(SpawnError, match="parameter /nothing does not exist"):
         asked("-urdf", "-param", "/nothing", "-model", "m")
-    with pytest.raises(UsageError, match="cannot read the model file"):
+    with pytest.raises(SpawnError, match="cannot read the model file"):
         asked("-urdf", "-file", str(tmp_path / "no.urdf"), "-model", "m")
     (tmp_path / "no.urdf").write_bytes(b"<robot name='\xff'/>")
-    with pytest.raises(UsageError, match="cannot read the model file"):
+    with pytest.raises(SpawnError, match="cannot read the model file"):
         asked("-urdf", "-file", str(tmp_path / "no.urdf"), "-model", "m")
-    with pytest.raises(UsageError, match="there is no model database"):
+    with pytest.raises(SpawnError, match="there is no model database"):
         asked("-urdf", "-database", "m", "-model", "m")
     (tmp_path / "box.urdf").write_text(BOX)
-    with pytest.raises(UsageError, match="-J takes a joint name and a number"):
+    with pytest.raises(SpawnError, match="-J takes a joint name and a number"):
         asked("-urdf", "-file", str(tmp_path / "box.urdf"), "-model", "m", "-J", "a", "b")
-    with pytest.raises(UsageError, match="model_name is empty"):
+    with pytest.raises(SpawnError, match="model_name is empty"):
         asked("-urdf", "-file", str(tmp_path / "box.urdf"), "-model", "")

@@ -18,7 +18,7 @@ from aras_visual_servo_bench.cli import main
 from aras_visual_servo_bench.errors import StudyError
 from aras_visual_servo_bench.runner.loop import Loop
 from aras_visual_servo_bench.setup.assembly import assemble
-from aras_visual_servo_bench.studies import card, engine, images, replay, rows
+from aras_visual_servo_bench.studies import data_card, engine, image_table, replay, rows
 from aras_visual_servo_bench.studies.study import Study
 from aras_visual_servo_bench.studies.study_folder import TRACES, StudyFolder
 from aras_visual_servo_camera.images import Image
@@ -112,7 +112,7 @@ def test_depth_is_kept_in_tenths_of_a_millimetre(arm):
         T = np.reshape(row["pose"], (4, 4))
         # The target's plane, 1 mm above the table, straight below a camera that looks down.
         wanted = T[2, 3] - 0.591
-        rows_, columns = np.nonzero(np.abs(depth * images.DEPTH_STEP - wanted) < 3e-4)
+        rows_, columns = np.nonzero(np.abs(depth * image_table.DEPTH_STEP - wanted) < 3e-4)
         assert len(rows_) > 80
 
 
@@ -120,13 +120,13 @@ def test_of_each_camera_the_latest_image_is_kept_with_its_colours_and_depth():
     """The other camera, at a lower rate, delivers made images: red grows, and so does depth."""
     experiment = study_of({**SEVERAL, "cameras": {
         "left": {"rate": 15.0}, "right": {"xyz": [0.05, 0.0, 0.0]}}}).make_experiment(0)
-    kept, stamps = images.ImageRecorder(records_images=True), []
+    kept, stamps = image_table.ImageRecorder(records_images=True), []
 
     def add(loop, frame):
         if frame.name == "left":
             stamps.append(frame.stamp)
             rgb = np.array([[[len(stamps), 130, 40]]], np.uint8)
-            depth = np.array([[0.5 * len(stamps), 65535 * images.DEPTH_STEP, 6.6, np.inf, np.nan]])
+            depth = np.array([[0.5 * len(stamps), 65535 * image_table.DEPTH_STEP, 6.6, np.inf, np.nan]])
             frame = dataclasses.replace(frame, image=rgb, encoding="rgb8", depth=depth)
         else:
             frame = dataclasses.replace(
@@ -181,8 +181,8 @@ def test_each_camera_has_columns_of_its_own():
     row = rows.compute_row(study, 0).images[2]
     assert pixels(row["picture_left"]).shape == (100, 200)
     assert pixels(row["picture_right"]).shape == (240, 320)
-    assert images.make_schema(study).names[-2:] == ["picture_left", "picture_right"]
-    assert images.make_schema(study_of(SEVERAL, depth=True)).names[-4:] == [
+    assert image_table.make_schema(study).names[-2:] == ["picture_left", "picture_right"]
+    assert image_table.make_schema(study_of(SEVERAL, depth=True)).names[-4:] == [
         "picture_left", "depth_left", "picture_right", "depth_right"]
     run = replay.run_with_images(
         study.make_experiment(0).with_changes(duration=0.05), "again", "here")
@@ -206,7 +206,7 @@ def test_the_card_says_of_each_camera_what_it_is_and_where(tmp_path, place, fram
     ends = ("joint_limit", "timed_out", "timed_out", "converged", "timed_out")
     folder.write_chunk(0, rows.Rows([{**rows.make_blank_row(study, run), "outcome": end}
                                for run, end in enumerate(ends)]))
-    told = card.make_card(folder)
+    told = data_card.make_card(folder)
     assert "Outcomes: timed_out 3, converged 1, joint_limit 1." in told
     assert f"```\n\nCode {folder.labels['code']}; {folder.labels['versions']}.\n" in told
     made = re.search(r"## Study\n\n```yaml\n(.*?)```", told, re.S).group(1)
@@ -244,22 +244,22 @@ def test_what_cannot_be_kept_is_refused(changes, complaint):
 
 def test_a_data_set_larger_than_the_disk_is_refused(monkeypatch, tmp_path):
     study = study_of({"plant": "free", "features": "images", "duration": 0.99}, repeats=100)
-    told = images.check_room(study, tmp_path / "not" / "there")
+    told = image_table.check_room(study, tmp_path / "not" / "there")
     size = float(re.match(r"([\d.]+) MB at most: 100 runs of up to 32 images", told).group(1))
     assert 3.0 < size < 20.0
-    deep = images.check_room(dataclasses.replace(study, depth=True), tmp_path)
+    deep = image_table.check_room(dataclasses.replace(study, depth=True), tmp_path)
     assert float(deep.partition(" MB")[0]) > size + 1.0
     first = Study.from_mapping({**study.to_mapping(), "pictures": "first"})
-    assert "100 runs of up to 1 image of" in images.check_room(first, tmp_path)
+    assert "100 runs of up to 1 image of" in image_table.check_room(first, tmp_path)
     quick = study_of({**study.experiment, "camera": {"update_rate": 60.0}})
-    assert "up to 62 images" in images.check_room(quick, tmp_path)
+    assert "up to 62 images" in image_table.check_room(quick, tmp_path)
     Usage = namedtuple("Usage", "total used free")
     monkeypatch.setattr(shutil, "disk_usage", lambda path: Usage(0, 0, int(0.99e6 * size)))
     with pytest.raises(StudyError, match="needs .* MB at most: 100 runs"):
-        images.check_room(study, tmp_path)
-    images.check_room(study, tmp_path, finished_runs=50)
+        image_table.check_room(study, tmp_path)
+    image_table.check_room(study, tmp_path, finished_runs=50)
     monkeypatch.setattr(shutil, "disk_usage", lambda path: Usage(0, 0, 0))
-    assert images.check_room(Study.from_mapping({}), tmp_path) == ""
+    assert image_table.check_room(Study.from_mapping({}), tmp_path) == ""
 
 
 def test_the_command_makes_a_data_set_and_its_card(tmp_path, monkeypatch, capsys):

@@ -8,7 +8,7 @@ import pytest
 from aras_sim_bridge.description import parse_urdf
 from aras_sim_bridge.errors import WorldError
 from aras_sim_bridge.world import Pose, World
-from aras_sim_bridge.world.attachments import AttachedLinks
+from aras_sim_bridge.world.attachments import LinkPair
 from aras_sim_bridge.world.description_changes import change_link
 
 TURNED = Pose.from_rpy((0.3, 0.1, 0.6), (0.4, -0.3, 0.8))
@@ -66,7 +66,7 @@ def test_attached_links_move_as_one(make, kind):
         model, link = holder(world, make, kind)
         held = world.spawn(thing(make), "held", TURNED)
         move(world, model, 20)
-        ends = AttachedLinks(model.name, link, "held", "body")
+        ends = LinkPair(model.name, link, "held", "body")
         world.attachments.attach(ends)
         assert ends in world.attachments
         first = model.link_pose(link).inverse() @ held.link_pose("body")
@@ -97,7 +97,7 @@ def test_what_is_held_is_carried_by_what_holds_it(make):
             make.link("world"), make.link("beam", 1.0, "0 0 0", (0.01,) * 3 + (0, 0, 0)),
             make.joint("hinge", "world", "beam", axis="0 1 0"))), "beam")
         held = world.spawn(thing(make), "held", Pose((0.5, 0.0, 0.0)))
-        world.attachments.attach(AttachedLinks("beam", "beam", "held", "body"))
+        world.attachments.attach(LinkPair("beam", "beam", "held", "body"))
         torque = -9.8 * 0.5 * (0.5 + 0.02)  # about y, of the thing's centre of mass
         for _ in range(50):
             model.apply_effort("hinge", torque)
@@ -110,7 +110,7 @@ def test_models_that_go_and_resets_end_attachments(make):
     with World() as world:
         for k in range(3):
             world.spawn(thing(make), f"thing_{k}", Pose((0.3 * k, 0.0, 1.0)))
-        first, second = (AttachedLinks("thing_0", "body", f"thing_{k}", "body") for k in (1, 2))
+        first, second = (LinkPair("thing_0", "body", f"thing_{k}", "body") for k in (1, 2))
         world.attachments.attach(first)
         world.attachments.attach(second)
         world.delete("thing_1")
@@ -127,11 +127,11 @@ def test_impossible_attachments_are_named(make):
     with World() as world:
         world.spawn(thing(make), "one")
         world.spawn(thing(make), "two", Pose((1.0, 0.0, 0.0)))
-        for ends, words in ((AttachedLinks("one", "body", "three", "body"), "'three'"),
-                            (AttachedLinks("one", "hand", "two", "body"), "'hand'"),
-                            (AttachedLinks("one", "body", "one", "body"), "itself")):
+        for ends, words in ((LinkPair("one", "body", "three", "body"), "'three'"),
+                            (LinkPair("one", "hand", "two", "body"), "'hand'"),
+                            (LinkPair("one", "body", "one", "body"), "itself")):
             with pytest.raises(WorldError, match=words):
                 world.attachments.attach(ends)
         with pytest.raises(WorldError, match="not attached; attached are: none"):
-            world.attachments.detach(AttachedLinks("one", "body", "two", "body"))
+            world.attachments.detach(LinkPair("one", "body", "two", "body"))
         assert not world.attachments

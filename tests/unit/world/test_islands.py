@@ -234,7 +234,7 @@ def test_a_lever_strikes_a_ball_that_lies_in_its_way_where_it_lies(make, speed):
         world.step()
         assert model.joints.has_own_dynamics
         model.joints.restore([(0.0, speed)])
-        world.isolation.steps_until_update = 0  # nobody notes a speed that comes from nowhere
+        world.contact_forecast.steps_until_update = 0  # a set speed is not noticed
         while body.twist() == Twist():
             world.step()
             assert model.read_joints()[0][0] < 0.75 * math.pi
@@ -300,7 +300,7 @@ def test_a_loose_body_that_is_put_beside_the_arm_is_felt_at_once(make):
         body = world.spawn(ball(make, gravity=False), "ball", Pose((9.0, 0.0, 0.5)))
         for _ in range(5):
             world.step()
-        assert model.joints.has_own_dynamics and world.isolation.steps_until_update > 50
+        assert model.joints.has_own_dynamics and world.contact_forecast.steps_until_update > 50
         before = pybullet.getJointState(model.body_id, 0, world.client)[:2]
         pybullet.setJointMotorControl2(model.body_id, 0, pybullet.TORQUE_CONTROL, force=5.0,
                                        physicsClientId=world.client)
@@ -314,7 +314,7 @@ def test_a_loose_body_that_is_put_beside_the_arm_is_felt_at_once(make):
         world.step()
         assert model.joints.has_own_dynamics
         body.apply_force("ball", (0.0, 0.0, 1e5), body.pose().xyz)
-        assert world.isolation.steps_until_update == 0
+        assert world.contact_forecast.steps_until_update == 0
 
 
 def test_what_is_put_elsewhere_is_another_s_ground_only_within_its_reach(make):
@@ -322,17 +322,17 @@ def test_what_is_put_elsewhere_is_another_s_ground_only_within_its_reach(make):
         one, two = (world.spawn(lever(make), name, Pose((x, 0, 0.5)))
                     for name, x in (("one", 0.0), ("two", 9.0)))
         post = world.spawn(shelf(make, "0.1 0.1 1.0"), "post", Pose((4.0, 0.0, 0.5)))
-        shown = {island.model: island for island in world.isolation.isolated_models}
+        shown = {island.model: island for island in world.contact_forecast.isolated_models}
         assert [shown[m].nearby_models for m in (one, two)] == [(), ()]
         for x, grounds in ((0.4, [(post,), ()]), (9.0, [(), (post,)]), (9.2, [(), (post,)]),
                            (4.0, [(), ()])):
-            world.isolation.steps_until_update = 7
+            world.contact_forecast.steps_until_update = 7
             post.set_pose(Pose((x, 0.0, 0.5)))
             assert [shown[m].nearby_models for m in (one, two)] == grounds
-            assert world.isolation.steps_until_update == 0
+            assert world.contact_forecast.steps_until_update == 0
         two.set_pose(Pose((0.9, 0.0, 0.5)))
-        assert [i.nearby_models for i in world.isolation.isolated_models] == [(two,), (one,)]
-        assert world.isolation.steps_until_update == 0
+        assert [i.nearby_models for i in world.contact_forecast.isolated_models] == [(two,), (one,)]
+        assert world.contact_forecast.steps_until_update == 0
 
 
 def test_bullet_leaves_what_moves_by_itself_alone_after_a_reset_too(make):

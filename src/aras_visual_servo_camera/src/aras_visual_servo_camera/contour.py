@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .corner_fits import MAX_CORNERS, centre_polygon, fit_sides, locate_edge, merge_corners
-from .coverage import compute_coverage
 from .errors import SegmentationError
 from .line_fits import propagate_line_errors
+from .pixel_coverage import compute_coverage
 from .polygons import Array, signed_area
 from .segmented_target import SegmentedTarget
 from .undistortion import CameraModel

@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from aras_visual_servo_base.settings import parameter
 
-from .coverage import compute_coverage
 from .degeneracy import gyration_radius
 from .edge_pixels import locate_covered_parts
 from .errors import CalibrationError, SegmentationError, VisionError
 from .images import Image
 from .kernel import compute_kernel_features, compute_original_moments
 from .moments import MAX_ORDER, Moments
+from .pixel_coverage import compute_coverage
 from .segmentation import BY_COLOUR, Segmentation
 from .segmented_target import SegmentedTarget, segment
 from .undistortion import CameraModel

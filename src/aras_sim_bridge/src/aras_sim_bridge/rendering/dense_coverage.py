@@ -10,7 +10,7 @@ import numpy as np
 
 from aras_visual_servo_base.compiled import jit_inline, jit_inline_numba
 
-from .areas import COPLANAR_TOLERANCE, PLANE
+from .polygon_areas import COPLANAR_TOLERANCE, PLANE
 
 # Number of samples in a pixel that contains more than areas.DENSE triangles.
 FINE = 32

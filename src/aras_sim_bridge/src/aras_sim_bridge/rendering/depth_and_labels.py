@@ -7,7 +7,7 @@ import numpy as np
 from aras_visual_servo_base.compiled import jit
 
 from .binning import VisibleTriangles
-from .sampling import PixelSamples
+from .pixel_visibility import PixelSamples
 from .tiles import TILE, Tiles
 
 

@@ -14,9 +14,9 @@ import numpy as np
 from aras_visual_servo_base.compiled import jit, jit_inline
 from aras_visual_servo_base.compiled_bits import lowest_bit
 
-from .areas import COPLANAR_TOLERANCE
 from .binning import VisibleTriangles
-from .sampling import BACKGROUND, NOTHING, SEVERAL, PixelSamples
+from .pixel_visibility import BACKGROUND, NOTHING, SEVERAL, PixelSamples
+from .polygon_areas import COPLANAR_TOLERANCE
 from .tiles import TILE, Tiles
 
 # Smallest contrast of an edge, grey levels. Smaller differences are treated as smooth shading. If

@@ -15,7 +15,8 @@ import numpy as np
 
 from aras_visual_servo_base.compiled import jit, jit_inline
 
-from .areas import (
+from .dense_coverage import FINE, compute_sample_mean, integrate_rows, is_hidden, sample_pixel
+from .polygon_areas import (
     COPLANAR_TOLERANCE,
     CORNERS,
     DENSE,
@@ -29,7 +30,6 @@ from .areas import (
     polygon_mean,
     visible_area,
 )
-from .dense_coverage import FINE, compute_sample_mean, integrate_rows, is_hidden, sample_pixel
 from .tiles import TILE
 
 # A sliver is a triangle that is thinner than about 1 / SLIVER px. Slivers are not sampled, because

@@ -8,7 +8,7 @@ import numpy as np
 
 from .binning import VisibleTriangles
 from .edges import resolve_fragments
-from .sampling import PixelSamples
+from .pixel_visibility import PixelSamples
 from .tiles import Tiles
 from .triangles import Triangles
 

@@ -17,7 +17,7 @@ from .depth_and_labels import measure
 from .edge_detection import find_edges
 from .fragments import EdgeResolver, Fragments
 from .lamps import pack_lights
-from .sampling import PixelSampler, PixelSamples
+from .pixel_visibility import PixelSampler, PixelSamples
 from .scene import Scene
 from .shading import Shader, pack_colour
 from .shadows import NO_IRRADIANCE, Illumination, Irradiance

@@ -15,7 +15,7 @@ from aras_visual_servo_base.compiled import jit, jit_inline
 
 from .binning import VisibleTriangles
 from .fragments import Fragments
-from .sampling import BACKGROUND, NOTHING, PixelSamples
+from .pixel_visibility import BACKGROUND, NOTHING, PixelSamples
 from .shadows import Irradiance
 from .textures import apply_texture, map_texture
 from .tiles import TILE, Tiles

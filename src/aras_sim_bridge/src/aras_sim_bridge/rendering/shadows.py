@@ -21,7 +21,7 @@ from aras_visual_servo_base.compiled import jit, jit_inline
 from .binning import VisibleTriangles
 from .fragments import Fragments
 from .lamps import CASTS_SHADOWS, COLOUR, KIND, RADIUS, direction_to_lamp
-from .sampling import PixelSamples
+from .pixel_visibility import PixelSamples
 from .tiles import TILE, Tiles
 from .triangles import Triangles
 

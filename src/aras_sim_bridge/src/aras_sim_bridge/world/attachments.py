@@ -20,7 +20,7 @@ from aras_visual_servo_base.poses import Pose
 _LARGEST_FORCE = 1e6
 
 
-class AttachedLinks(NamedTuple):
+class LinkPair(NamedTuple):
     """Two links that are connected by a fixed joint, and the names of their models."""
 
     model: str
@@ -40,17 +40,17 @@ class Attachments:
                  on_change: Callable[[], None]) -> None:
         """Create an empty set of joints; `on_change` is called after one is added or removed."""
         self._client, self._models, self._on_change = client, models, on_change
-        self._frames: dict[AttachedLinks, Pose] = {}
-        self._constraints: dict[AttachedLinks, int] = {}
-        self._without_contacts: set[AttachedLinks] = set()
+        self._frames: dict[LinkPair, Pose] = {}
+        self._constraints: dict[LinkPair, int] = {}
+        self._without_contacts: set[LinkPair] = set()
 
     def __bool__(self) -> bool:
         return bool(self._frames)
 
-    def __contains__(self, ends: AttachedLinks) -> bool:
+    def __contains__(self, ends: LinkPair) -> bool:
         return ends in self._frames
 
-    def attach(self, ends: AttachedLinks, collides: bool = True) -> None:
+    def attach(self, ends: LinkPair, collides: bool = True) -> None:
         """Fix the second link at its present pose in the frame of the first link.
 
         Args:
@@ -74,7 +74,7 @@ class Attachments:
         self._update_models()
         self._on_change()
 
-    def detach(self, ends: AttachedLinks) -> None:
+    def detach(self, ends: LinkPair) -> None:
         """Remove the joint between two links.
 
         Raises:
@@ -119,17 +119,17 @@ class Attachments:
             pybullet.setCollisionFilterGroupMask(second.body_id, index, 0, 0,
                                                  physicsClientId=self._client)
 
-    def _forget(self, ends: AttachedLinks) -> None:
+    def _forget(self, ends: LinkPair) -> None:
         self._remove_constraint(ends)
         del self._frames[ends]
         self._without_contacts.discard(ends)
 
-    def _find_bodies(self, ends: AttachedLinks) -> tuple[Model, Model]:
+    def _find_bodies(self, ends: LinkPair) -> tuple[Model, Model]:
         return self._find_link(ends.model, ends.link)[0], self._find_link(
             ends.other_model, ends.other_link
         )[0]
 
-    def _find_attachments(self, model: Model) -> list[AttachedLinks]:
+    def _find_attachments(self, model: Model) -> list[LinkPair]:
         return [one for one in self._frames if model in self._find_bodies(one)]
 
     def _find_link(self, model: str, link: str) -> tuple[Model, int]:
@@ -145,7 +145,7 @@ class Attachments:
         for model in self._models.values():
             model.is_attached = id(model) in attached
 
-    def _make_constraint(self, ends: AttachedLinks) -> None:
+    def _make_constraint(self, ends: LinkPair) -> None:
         (first, index), (second, other) = (self._find_link(ends.model, ends.link),
                                            self._find_link(ends.other_model, ends.other_link))
         first_frame = first.body.inertial_poses[ends.link].inverse() @ self._frames[ends]
@@ -167,13 +167,13 @@ class Attachments:
         self._constraints[ends] = joint
         self._set_collision(ends, False)
 
-    def _remove_constraint(self, ends: AttachedLinks) -> None:
+    def _remove_constraint(self, ends: LinkPair) -> None:
         joint = self._constraints.pop(ends, None)
         if joint is not None:
             pybullet.removeConstraint(joint, physicsClientId=self._client)
             self._set_collision(ends, True)
 
-    def _set_collision(self, ends: AttachedLinks, collide: bool) -> None:
+    def _set_collision(self, ends: LinkPair, collide: bool) -> None:
         (first, index), (second, other) = (self._find_link(ends.model, ends.link),
                                            self._find_link(ends.other_model, ends.other_link))
         pybullet.setCollisionFilterPair(first.body_id, second.body_id, index, other, collide,

@@ -19,7 +19,7 @@ from itertools import combinations
 import numpy as np
 
 from aras_sim_bridge.description.types import GraspArm, GraspDescription
-from aras_sim_bridge.world.attachments import AttachedLinks, Attachments
+from aras_sim_bridge.world.attachments import Attachments, LinkPair
 from aras_sim_bridge.world.bullet import find_contacts, pybullet
 from aras_sim_bridge.world.model import Model
 from aras_sim_bridge.world.world import World
@@ -72,7 +72,7 @@ class GraspedLink:
     """
 
     link: LinkId
-    ends: AttachedLinks
+    ends: LinkPair
     finger_contacts: dict[str, FingerContact]
 
 
@@ -217,7 +217,7 @@ class GraspFix:
         arm: GraspArm = max(arms, key=arms.count)
         if arm.name in self.grasped:
             return
-        ends = AttachedLinks(self.model.name, arm.palm, *link)
+        ends = LinkPair(self.model.name, arm.palm, *link)
         touched = {finger: one for finger, one in fingers.items() if finger in arm.fingers}
         self._attachments.attach(ends, collides=self.description.collides)
         self.grasped[arm.name] = GraspedLink(link, ends, touched)

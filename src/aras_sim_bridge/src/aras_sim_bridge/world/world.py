@@ -26,9 +26,9 @@ from aras_sim_bridge.world import bullet_files
 from aras_sim_bridge.world.attachments import Attachments
 from aras_sim_bridge.world.bullet import connect, pybullet, release_client, silence_output
 from aras_sim_bridge.world.checks import LARGEST, check_simulable
+from aras_sim_bridge.world.contact_forecast import ContactForecast
 from aras_sim_bridge.world.deep_contacts import DeepContacts
 from aras_sim_bridge.world.friction import ContactFriction
-from aras_sim_bridge.world.isolation import IsolationMonitor
 from aras_sim_bridge.world.model import Model
 from aras_sim_bridge.world.reach import disable_distant_pairs
 from aras_sim_bridge.world.resting_base import FIXED_BASE_ARRAYS, RestingBases
@@ -71,7 +71,7 @@ class World:
             which no joint connects to the rest, follows it as <model>::<root link of the part>.
         revision: number of changes of the models, such as spawns, deletions and resets. A copy of
             the scene is out of date when this number has changed.
-        isolation: decides which fixed-base models joint_dynamics.py steps instead of Bullet.
+        contact_forecast: decides which fixed-base models joint_dynamics.py steps instead of Bullet.
         resting_bases: free models at rest, whose bases are treated as fixed.
         attachments: fixed joints between links of different models.
         friction: gives each contact the smaller friction coefficient of its two links.
@@ -90,7 +90,7 @@ class World:
         self._own_dynamics_models: list[Model] = []
         self._bullet_models: list[Model] = []
         self._bullet_steps = self._has_disabled_pairs = False
-        self.isolation = IsolationMonitor(self.models, gui)
+        self.contact_forecast = ContactForecast(self.models, gui)
         self.revision = 0
         try:
             self.client = connect(gui)
@@ -330,9 +330,9 @@ class World:
         self._sliding.set_models(self.models.values())
         self._deep.start_watching()
         self._choose_solver()
-        self.isolation.refresh()
+        self.contact_forecast.refresh()
         self._has_disabled_pairs = False
-        self._update_isolation()
+        self._update_contact_forecast()
         self.resting_bases.refresh()
 
     def _on_model_move(self, model: Model, is_moved: bool, has_new_positions: bool = False) -> None:
@@ -348,15 +348,15 @@ class World:
             self._deep.continue_watching()
         if is_moved and model.fixed_base:
             self.resting_bases.release_from(model)
-            self.isolation.replace_model(model)
+            self.contact_forecast.replace_model(model)
             self._has_disabled_pairs = False
         else:
-            self.isolation.steps_until_update = 0
+            self.contact_forecast.steps_until_update = 0
             self._sliding.check_all()
 
-    def _update_isolation(self) -> None:
-        """Choose for each model whether Bullet steps it (see isolation.py)."""
-        self.isolation.update(self._time_step)
+    def _update_contact_forecast(self) -> None:
+        """Choose for each model whether Bullet steps it (see contact_forecast.py)."""
+        self.contact_forecast.update(self._time_step)
         models = self.models.values()
         self._own_dynamics_models = [model for model in models if model.joints.has_own_dynamics]
         self._bullet_steps = self._gui or any(
@@ -383,9 +383,9 @@ class World:
         """
         if self.resting_bases.is_new:
             self.resting_bases.fix_at_start()
-        if self.isolation.steps_until_update <= 0:
-            self._update_isolation()
-        self.isolation.steps_until_update -= 1
+        if self.contact_forecast.steps_until_update <= 0:
+            self._update_contact_forecast()
+        self.contact_forecast.steps_until_update -= 1
         dt = self._time_step
         for model in (*self._own_dynamics_models, *self._bullet_models):
             model.check_efforts()
@@ -395,7 +395,7 @@ class World:
         if bullet_steps:
             self._step_bullet(dt)
         if self.resting_bases.fixed_bases:
-            self.resting_bases.check_support(dt, self.isolation.is_base_touchable)
+            self.resting_bases.check_support(dt, self.contact_forecast.is_base_touchable)
         if bullet_steps and self.resting_bases.is_active:
             self.resting_bases.detect_rest()
 
@@ -419,7 +419,7 @@ class World:
     @property
     def steps_until_contact(self) -> int:
         """Number of steps that can be made before a contact with the models becomes possible."""
-        return self.isolation.steps_until_update
+        return self.contact_forecast.steps_until_update
 
     def get_compiled_step(self, model: Model) -> tuple[np.ndarray | float, ...] | None:
         """Return the arguments of cycle.run_cycles from `bodies` on, to make steps of `model`.
@@ -427,14 +427,14 @@ class World:
         Return None if these compiled steps are impossible: another model has joints or may touch
         `model`, or an effort is pending.
         """
-        if self.isolation.steps_until_update <= 0:
-            self._update_isolation()
+        if self.contact_forecast.steps_until_update <= 0:
+            self._update_contact_forecast()
         if (
             self._own_dynamics_models != [model]
             or self._bullet_models
             or self.resting_bases.is_new
             or self.resting_bases.is_active
-            or self.isolation.is_base_touchable
+            or self.contact_forecast.is_base_touchable
         ):
             return None
         joints, held = model.joints, self.resting_bases.fixed_bases
@@ -459,7 +459,7 @@ class World:
             WorldError: the simulation diverged.
         """
         model.joints.finish_steps(diverged_joint)
-        self.isolation.steps_until_update -= count
+        self.contact_forecast.steps_until_update -= count
         for _ in range(count if self._bullet_steps else 0):
             self._step_bullet(self._time_step)
         if not is_base_supported:

@@ -15,7 +15,7 @@ from aras_visual_servo_base.names import suggest
 from ..errors import StudyError, find_command
 from ..experiment.packages import PackagePath
 from ..metrics.formatting import format_count
-from ..studies import card, engine, images, tables
+from ..studies import data_card, engine, image_table, tables
 from ..studies.defaults import CHUNKS_BEFORE_RESTART
 from ..studies.pools import DaskPool, InProcessPool, Pool
 from ..studies.progress import format_duration
@@ -55,7 +55,7 @@ def run_study(options: argparse.Namespace, changes: dict[str, Any]) -> int:
     study = Study.from_yaml(options.study, changes)
     engine.check_study(study)
     out = options.out or Path()
-    room = images.check_room(study, out, count_stored_runs(out))
+    room = image_table.check_room(study, out, count_stored_runs(out))
     if options.dry_run:
         if room:
             print(room)
@@ -113,7 +113,8 @@ def carry_out(folder: StudyFolder, options: argparse.Namespace) -> int:
         else:
             print(f"all {done.runs} runs are in {folder.path}")
         if folder.study.has_image_rows:
-            print(f"{card.write_card(folder)} describes the stored images and how to read them")
+            path = data_card.write_card(folder)
+            print(f"{path} describes the stored images and how to read them")
         if not options.no_report:
             _write_report(folder.path)
         return 0

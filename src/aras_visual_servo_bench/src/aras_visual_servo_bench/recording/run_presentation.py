@@ -44,7 +44,7 @@ class RunPresentation:
 
     def _repr_html_(self) -> str:
         """Return the card that notebooks show: outcome, last image, error curve and numbers."""
-        return import_later(f"{PACKAGE}.web.report.card:make_card")(self)
+        return import_later(f"{PACKAGE}.web.report.run_card:make_card")(self)
 
     def plot(
         self, name: str = "feature_errors", path: str | Path | None = None,

@@ -38,8 +38,8 @@ from ..plants.base import CameraPlacement, Plant
 from ..plants.free_body import FreeBody
 from ..plants.kinematic import FreeCamera, KinematicArm
 from ..targets.geometry import PlacedTarget
+from .experiment_reader import SchemeWrapper, check_scheme, read_context
 from .imaging_setup import make_imaging_settings
-from .read_context import SchemeWrapper, check_scheme, read_context
 from .setup_context import GoalImages, SetupContext
 
 if TYPE_CHECKING:

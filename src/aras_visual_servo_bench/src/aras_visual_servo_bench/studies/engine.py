@@ -15,7 +15,7 @@ from ..errors import ExperimentError, StudyError
 from ..metrics.formatting import format_count
 from ..metrics.metrics import success
 from ..setup.assembly import check
-from . import images, rows
+from . import image_table, rows
 from .columns import find_column_name
 from .pools import Pool
 from .progress import Progress, format_duration
@@ -50,7 +50,7 @@ def check_study(study: Study) -> None:
     Raises:
         StudyError: a value is wrong, or a combination of values is not possible.
     """
-    images.check_images(study)
+    image_table.check_images(study)
     trials = study.make_trials()
     for experiment in trials[:: max(len(trials) // MAX_TRIALS, 1)]:
         try:

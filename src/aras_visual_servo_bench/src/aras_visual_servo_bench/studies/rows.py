@@ -26,7 +26,7 @@ from ..metrics import metrics as known_metrics
 from ..recording.run import Run
 from ..runner.loop import Loop
 from ..setup.assembly import assemble
-from . import images
+from . import image_table
 from .columns import FIXED_COLUMNS, find_column_name
 from .study import Study
 from .variations import Axis, RandomVariation
@@ -153,7 +153,7 @@ def _run_experiment(
     study: Study, experiment: Experiment, run: int, image_rows: list[dict[str, Any]]
 ) -> dict[str, Any]:
     has_images = study.pictures != "none"
-    recorder = images.ImageRecorder(has_images)
+    recorder = image_table.ImageRecorder(has_images)
     parts = assemble(
         experiment, has_unread_cameras=has_images, has_depth=study.depth,
         goal_images=study.goal_images,

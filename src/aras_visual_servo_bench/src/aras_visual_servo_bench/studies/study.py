@@ -110,7 +110,7 @@ class Study(KeywordSettings):
     chunk: number of runs per task and result file; None: depends on the number of runs.
     traces: whether to store features, twists, joints and poses of every image.
     pictures: images to store, of every camera: 'none', 'all', or only the 'first' image of each
-        run, after which the run ends; see images.py.
+        run, after which the run ends; see image_table.py.
     depth: whether to store depth images, too.
     limit: maximum wall time of a run, s; a run that exceeds it gets the outcome 'time_limit'.
     """

@@ -29,7 +29,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from ..errors import StudyError, find_command, read_first_line
-from . import images, rows, versions
+from . import image_table, rows, versions
 from .study import Study
 
 STUDY, MANIFEST, LOCK = "study.yaml", "manifest.json", ".lock"
@@ -230,7 +230,7 @@ class StudyFolder:
             )
             if self.study.has_image_rows:
                 table = pa.Table.from_pylist(
-                    chunk_rows.images, schema=images.make_schema(self.study)
+                    chunk_rows.images, schema=image_table.make_schema(self.study)
                 )
                 self._write_table(TRACES, chunk, table)
             # The file of results is written last, because its existence marks the chunk as

@@ -20,7 +20,7 @@ from ..observation.observation import SEGMENTED, Need
 from ..parameters import CameraEntry
 from ..records.state import Source
 from ..runner.loop_runner import LoopRunner
-from .depth import read_depth
+from .depth_image import read_depth
 
 IMAGE_NEEDS = {Need.IMAGE, Need.CONTOUR, Need.CORNERS, Need.DEPTH}
 

@@ -23,7 +23,7 @@ from aras_visual_servo_base.poses import Pose
 from aras_visual_servo_ros.shutdown import init_node
 
 
-class UsageError(Exception):
+class SpawnError(Exception):
     """The model cannot be spawned; the message states the reason and the remedy."""
 
 
@@ -77,18 +77,18 @@ def read_xml(args: argparse.Namespace) -> str:
     """Return the XML text of the model from the source that the arguments select.
 
     Raises:
-        UsageError: the source does not exist or is not supported.
+        SpawnError: the source does not exist or is not supported.
     """
     if args.database:
-        raise UsageError("-database is not supported (there is no model database); use -file")
+        raise SpawnError("-database is not supported (there is no model database); use -file")
     if args.file:
         try:
             return Path(args.file).read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError) as error:
-            raise UsageError(f"cannot read the model file: {error}") from error
+            raise SpawnError(f"cannot read the model file: {error}") from error
     if args.param:
         if not rospy.has_param(args.param):
-            raise UsageError(
+            raise SpawnError(
                 f"parameter {rospy.resolve_name(args.param)} does not exist; load the model first,"
                 f' e.g. <param name="{args.param}" textfile="..."/>'
             )
@@ -128,18 +128,18 @@ def spawn(args: argparse.Namespace) -> None:
     """Spawn the model and set its joint positions according to the arguments.
 
     Raises:
-        UsageError: the model cannot be spawned.
+        SpawnError: the model cannot be spawned.
     """
     namespace = args.gazebo_namespace.rstrip("/")
     xml = read_xml(args)
     if not xml.strip():
-        raise UsageError("the model is empty; check the file, parameter or pipe it comes from")
+        raise SpawnError("the model is empty; check the file, parameter or pipe it comes from")
     if args.package_to_model:
         xml = xml.replace("package://", "model://")
     try:
         joints = [(name, float(position)) for name, position in args.joints]
     except ValueError as error:
-        raise UsageError(f"-J takes a joint name and a number: {error}") from error
+        raise SpawnError(f"-J takes a joint name and a number: {error}") from error
     if args.wait:
         wait_for_model(namespace, args.wait)
     service = f"{namespace}/spawn_{'urdf' if args.urdf else 'sdf'}_model"
@@ -156,7 +156,7 @@ def spawn(args: argparse.Namespace) -> None:
             args.model, xml, robot_namespace, to_pose(pose), args.reference_frame
         )
         if not response.success:
-            raise UsageError(response.status_message)
+            raise SpawnError(response.status_message)
         rospy.loginfo("%s", response.status_message)
         if joints:
             set_joint_positions(args.model, joints, namespace)
@@ -169,7 +169,7 @@ def set_joint_positions(model: str, joints: list[tuple[str, float]], namespace: 
     """Set joint positions (rad or m) of a model that has been spawned.
 
     Raises:
-        UsageError: the simulator rejects the positions.
+        SpawnError: the simulator rejects the positions.
     """
     service = f"{namespace}/set_model_configuration"
     rospy.wait_for_service(service)
@@ -178,7 +178,7 @@ def set_joint_positions(model: str, joints: list[tuple[str, float]], namespace: 
         model, "robot_description", names, positions
     )
     if not response.success:
-        raise UsageError(response.status_message)
+        raise SpawnError(response.status_message)
 
 
 def delete(args: argparse.Namespace) -> None:
@@ -196,7 +196,7 @@ def main() -> int:
     init_node("spawn_model", anonymous=True)
     try:
         spawn(args)
-    except UsageError as error:
+    except SpawnError as error:
         rospy.logerr("Spawning %s failed: %s", args.model, error)
         return 1
     except rospy.ServiceException as error:

@@ -23,6 +23,7 @@ from aras_sim_bridge.control.switching import SwitchRequest
 from aras_sim_bridge.errors import ControllerError
 from aras_sim_bridge.ros.control.command_topic import CommandTopic
 from aras_sim_bridge.ros.control.topics import ControllerTopics, PidTopics
+from aras_sim_bridge.ros.runtime.restart_record import RestartRecord
 from aras_sim_bridge.ros.runtime.services import (
     Fields,
     ServiceTable,
@@ -30,7 +31,6 @@ from aras_sim_bridge.ros.runtime.services import (
     service_handler,
 )
 from aras_sim_bridge.ros.runtime.simulation_thread import SHUTTING_DOWN, SimulationThread
-from aras_sim_bridge.ros.runtime.spawn_record import SpawnRecord
 from aras_sim_bridge.simulation import ControlledModel, Simulation
 from aras_visual_servo_base.names import resolve_name
 from aras_visual_servo_ros.parameters import get_namespace
@@ -44,10 +44,10 @@ class ManagerServices:
     """Services in <namespace>/controller_manager/ and topics of the loaded controllers."""
 
     def __init__(
-        self, robot: ControlledModel, thread: SimulationThread, spawn_record: SpawnRecord
+        self, robot: ControlledModel, thread: SimulationThread, restart_record: RestartRecord
     ) -> None:
         """Advertise the services of `robot`, whose manager runs in `thread`."""
-        self._spawn_record = spawn_record
+        self._restart_record = restart_record
         self._robot = robot
         self._manager = robot.manager
         self._thread = thread
@@ -83,7 +83,7 @@ class ManagerServices:
             self._e_stop.shutdown()
         for topics in [*self._topics.values(), *self._joint_pids]:
             topics.shutdown()
-        self._spawn_record.set_controllers(self._namespace, [])
+        self._restart_record.set_controllers(self._namespace, [])
         self._topics.clear()
 
     def _subscribe_e_stop(self) -> CommandTopic | None:
@@ -168,7 +168,7 @@ class ManagerServices:
                 thread.call(lambda: switch.finish(too_late))
         if not switch.is_successful:
             raise ControllerError(switch.reason)
-        self._spawn_record.set_controllers(self._namespace, thread.call(self._manager.list))
+        self._restart_record.set_controllers(self._namespace, thread.call(self._manager.list))
 
     def _switch_without_update(self) -> None:
         """Carry out waiting switches now if simulated time is stopped.
@@ -200,7 +200,7 @@ class ManagerServices:
             return {info.name: self._manager.get(info.name) for info in self._manager.list()}
 
         controllers = self._thread.call(find_controllers)
-        self._spawn_record.set_controllers(self._namespace, self._thread.call(self._manager.list))
+        self._restart_record.set_controllers(self._namespace, self._thread.call(self._manager.list))
         for name, topics in list(self._topics.items()):
             if controllers.get(name) is not topics.controller:
                 topics.shutdown()

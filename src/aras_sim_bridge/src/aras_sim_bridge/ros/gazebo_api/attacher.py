@@ -6,7 +6,7 @@ from gazebo_ros_link_attacher.srv import Attach, AttachRequest
 
 from aras_sim_bridge.ros.runtime.services import Fields, service_handler
 from aras_sim_bridge.simulation import Simulation
-from aras_sim_bridge.world.attachments import AttachedLinks
+from aras_sim_bridge.world.attachments import LinkPair
 
 NAMESPACE = "/link_attacher_node"
 
@@ -26,6 +26,6 @@ def detach(simulation: Simulation, request: AttachRequest) -> Fields:
     simulation.world.attachments.detach(_read_links(request))
 
 
-def _read_links(request: AttachRequest) -> AttachedLinks:
-    return AttachedLinks(request.model_name_1, request.link_name_1, request.model_name_2,
+def _read_links(request: AttachRequest) -> LinkPair:
+    return LinkPair(request.model_name_1, request.link_name_1, request.model_name_2,
                 request.link_name_2)

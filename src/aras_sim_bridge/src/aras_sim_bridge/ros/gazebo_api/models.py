@@ -110,7 +110,7 @@ class Models:
         thread.call(job, SPAWN_TIMEOUT)
         settings.check_unused_names(presets, thread, description)
         self._graph_entities.sync()
-        self._graph_entities.spawn_record.add_model(service, request)
+        self._graph_entities.restart_record.add_model(service, request)
         return {"status_message": success_text}
 
     @service_handler(DeleteModel, in_caller_thread=True)
@@ -124,7 +124,7 @@ class Models:
 
         thread.call(job)
         self._graph_entities.sync()
-        self._graph_entities.spawn_record.remove_model(request.model_name)
+        self._graph_entities.restart_record.remove_model(request.model_name)
         return {"status_message": f"DeleteModel: deleted '{request.model_name}'"}
 
     @service_handler(GetModelState, "got properties")

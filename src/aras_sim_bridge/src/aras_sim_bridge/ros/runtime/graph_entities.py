@@ -12,8 +12,8 @@ import rospy
 from aras_sim_bridge.camera.mounting import MountedCamera
 from aras_sim_bridge.ros.camera.topics import CameraTopics
 from aras_sim_bridge.ros.control.manager_services import ManagerServices
+from aras_sim_bridge.ros.runtime.restart_record import RestartRecord
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
-from aras_sim_bridge.ros.runtime.spawn_record import SpawnRecord
 from aras_sim_bridge.ros.sensors import SensorTopic
 from aras_sim_bridge.sensors import RateSensor
 from aras_sim_bridge.simulation import ControlledModel
@@ -34,17 +34,17 @@ class GraphEntities:
         self,
         thread: SimulationThread,
         before_frame: Callable[[], None] | None = None,
-        spawn_record: SpawnRecord | None = None,
+        restart_record: RestartRecord | None = None,
     ) -> None:
         """Create an object without interfaces; `sync` opens them.
 
         Args:
             thread: simulation thread.
             before_frame: function that is called before each camera frame is published, or None.
-            spawn_record: record of the spawned models on the parameter server.
+            restart_record: record of the spawned models on the parameter server.
         """
         self._thread = thread
-        self.spawn_record = spawn_record or SpawnRecord(False)
+        self.restart_record = restart_record or RestartRecord(False)
         self._before_frame = before_frame
         self._lock = threading.Lock()
         # ROS interfaces by entity. The value is None if an interface could not be opened; opening
@@ -79,7 +79,7 @@ class GraphEntities:
         """Open the interface of a robot, camera or sensor; return None and log if this fails."""
         try:
             if isinstance(entity, ControlledModel):
-                return ManagerServices(entity, self._thread, self.spawn_record)
+                return ManagerServices(entity, self._thread, self.restart_record)
             if isinstance(entity, RateSensor):
                 return SensorTopic(entity, self._thread)
             return CameraTopics(entity, self._thread, self._before_frame)

@@ -24,8 +24,8 @@ from aras_sim_bridge.ros.runtime.graph_entities import GraphEntities
 from aras_sim_bridge.ros.runtime.lockstep import Lockstep
 from aras_sim_bridge.ros.runtime.node_parameters import NodeParameters
 from aras_sim_bridge.ros.runtime.pacing import Pacer
+from aras_sim_bridge.ros.runtime.restart_record import RestartRecord
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
-from aras_sim_bridge.ros.runtime.spawn_record import SpawnRecord
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
 from aras_visual_servo_base.compiled import compile_all
 from aras_visual_servo_ros.connections import accept_in_threads
@@ -75,9 +75,9 @@ class GazeboNode:
                 parameters.lockstep_period,
             )
         self.thread.start()
-        self.spawn_record = SpawnRecord(parameters.restore)
+        self.restart_record = RestartRecord(parameters.restore)
         before_frame = None if self.lockstep is None else self.lockstep.before_frame
-        self.graph_entities = GraphEntities(self.thread, before_frame, self.spawn_record)
+        self.graph_entities = GraphEntities(self.thread, before_frame, self.restart_record)
         if parameters.enable_ros_network:
             self.api = GazeboApi(
                 self.thread, self.graph_entities, self.on_time_reset, parameters.extra_interfaces,
@@ -85,7 +85,7 @@ class GazeboNode:
             )
             settings.mount_world_cameras(self.thread)
             self.graph_entities.sync()
-            self.spawn_record.restore()
+            self.restart_record.restore()
         if not parameters.paused:
             self.thread.unpause()
 
@@ -101,7 +101,7 @@ class GazeboNode:
         if self.fault is None:
             # There may be no ROS master any more.
             with contextlib.suppress(OSError, KeyError, rospy.ROSException):
-                self.spawn_record.clear()
+                self.restart_record.clear()
 
     def _build(self) -> Simulation:
         simulation = build_simulation(self.parameters, self.world_file)

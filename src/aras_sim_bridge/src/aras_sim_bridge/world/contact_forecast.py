@@ -89,7 +89,7 @@ class IsolatedModel:
         return min(_WITHIN, *near)
 
 
-class IsolationMonitor:
+class ContactForecast:
     """Monitors which bodies may touch the fixed-base models of a world.
 
     Attributes:

@@ -10,7 +10,7 @@ import yaml
 from ..errors import catch_write_errors, find_command
 from ..metrics.formatting import format_count
 from ..setup.assembly import assemble
-from . import images
+from . import image_table
 from .study_folder import PARTS, TRACES, StudyFolder
 
 CARD_FILE = "README.md"
@@ -44,7 +44,7 @@ def make_card(folder: StudyFolder) -> str:
     table = folder.read_results()
     outcomes = sorted(table["outcome"].value_counts().to_pylist(),
                       key=lambda one: (-one["counts"], one["values"]))  # fmt: skip
-    columns = images.list_columns(study)
+    columns = image_table.list_columns(study)
     image_column = next((name for name in columns if name.startswith("picture")), "")
     image_count = int(sum(table["images"].to_pylist()))
     lines = [

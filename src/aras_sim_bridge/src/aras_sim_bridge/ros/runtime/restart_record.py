@@ -20,7 +20,7 @@ from aras_visual_servo_ros.parameters import get_namespace
 PARAMETER = "~spawned"
 
 
-class SpawnRecord:
+class RestartRecord:
     """Spawned models and loaded controllers, in the order of spawning."""
 
     def __init__(self, enabled: bool) -> None:

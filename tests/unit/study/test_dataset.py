@@ -126,7 +126,8 @@ def test_of_each_camera_the_latest_image_is_kept_with_its_colours_and_depth():
         if frame.name == "left":
             stamps.append(frame.stamp)
             rgb = np.array([[[len(stamps), 130, 40]]], np.uint8)
-            depth = np.array([[0.5 * len(stamps), 65535 * image_table.DEPTH_STEP, 6.6, np.inf, np.nan]])
+            most = 65535 * image_table.DEPTH_STEP
+            depth = np.array([[0.5 * len(stamps), most, 6.6, np.inf, np.nan]])
             frame = dataclasses.replace(frame, image=rgb, encoding="rgb8", depth=depth)
         else:
             frame = dataclasses.replace(

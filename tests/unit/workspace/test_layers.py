@@ -57,7 +57,7 @@ FLOORS = {
         {"feature_formulas", "images", "markers", "moments"},
         {"segmentation"},
         {"degeneracy", "interaction", "kernel", "line_fits", "segmented_target", "undistortion"},
-        {"corner_fits", "coverage", "labels", "model_tracker", "orientation", "silhouette"},
+        {"corner_fits", "pixel_coverage", "labels", "model_tracker", "orientation", "silhouette"},
         {"contour", "features", "label_topics", "pipeline", "trackers"},
         {"messages", "overlay", "parameters"},
         {"outputs"},

@@ -66,9 +66,8 @@ class ControllerNode:
         )
         self.publisher.wait_for_listeners()
         rospy.loginfo(
-            "scheme %s, start %s, goal %s; the camera frame %s is moved by the joints %s",
-            settings.scheme, settings.start, settings.find_goal_file(), arm.camera_frame,
-            ", ".join(arm.names),
+            "scheme %s, start %s, goal %s; frame %s is moved by the joints %s", settings.scheme,
+            settings.start, settings.find_goal_file(), arm.camera_frame, ", ".join(arm.names),
         )  # fmt: skip
         if self._loop_services is None:
             self._loop_services = LoopServices(settings.namespace.rstrip("/"), self)

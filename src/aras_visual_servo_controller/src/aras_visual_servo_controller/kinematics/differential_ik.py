@@ -22,6 +22,7 @@ possible. Speed and acceleration limits scale the task without changing its dire
 tasks get the remaining speed.
 
 Stretched elbows (see `elbow.py`) cannot move the camera along the arm to first order:
+
 - An elbow that is being stretched never passes its straight position: one step removes at most half
   of the remaining bend.
 - To bend a straight elbow, J is computed for an elbow that is bent by `reach_bend`.

@@ -27,13 +27,13 @@ def check_simulable(description: RobotDescription, name: str) -> None:
                          f"at most {MOST_LINKS} in one model: merge links that are fixed to each "
                          "other, or split the model")
     for link in description.links.values():
-        for where, size in _list_sizes(link):
+        for where, size, smallest in _list_sizes(link):
             if not size <= LARGEST:  # this condition is also true if `size` is NaN
                 raise WorldError(f"model '{name}', link '{link.name}': {where} is {size:.4g} m, "
                                  f"must be at most {LARGEST:.0e} m; reduce it")
-            if " size of " in where and size < SMALLEST:
+            if size < smallest:
                 raise WorldError(f"model '{name}', link '{link.name}': {where} is {size:.4g} m, "
-                                 f"must be at least {SMALLEST:.0e} m; increase it")
+                                 f"must be at least {smallest:.0e} m; increase it")
         if link.inertial is not None and not description.static:
             _check_inertial(link.inertial, f"model '{name}', link '{link.name}'")
     for joint in description.joints.values():
@@ -47,15 +47,15 @@ def check_simulable(description: RobotDescription, name: str) -> None:
         _check_joints(description, name)
 
 
-def _list_sizes(link: Link) -> Iterator[tuple[str, float]]:
-    """Yield the name and the value (m) of each length in a link's description."""
+def _list_sizes(link: Link) -> Iterator[tuple[str, float, float]]:
+    """Yield the name, the value and the smallest valid value (m) of each length of a link."""
     if link.inertial is not None:
-        yield "the offset of the centre of mass", math.hypot(*link.inertial.origin_xyz)
+        yield "the offset of the centre of mass", math.hypot(*link.inertial.origin_xyz), 0.0
     for kind, parts in (("visual", link.visuals), ("collision", link.collisions)):
         for part in parts:
-            yield f"the offset of a {kind}", math.hypot(*part.origin_xyz)
+            yield f"the offset of a {kind}", math.hypot(*part.origin_xyz), 0.0
             for size in _list_extents(part.geometry):
-                yield f"the {part.geometry.kind} size of a {kind}", size
+                yield f"the {part.geometry.kind} size of a {kind}", size, SMALLEST
 
 
 def _list_extents(geometry: Geometry) -> tuple[float, ...]:

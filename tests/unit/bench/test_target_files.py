@@ -403,7 +403,7 @@ def test_a_picture_too_large_is_told_before_anything_is_written(tmp_path, monkey
     picture = tmp_path / "huge.bmp"
     header = struct.pack("<2sIHHIIiiHHIIiiII", b"BM", 0, 0, 0, 54, 40, 9000, 8000, 1, 24, *6 * (0,))
     picture.write_bytes(header)
-    monkeypatch.setattr("sys.argv", ["target_description", str(picture)])
+    monkeypatch.setattr("sys.argv", ["target_description", str(picture), "--targets=."])
     assert SCRIPT["main"]() == 1
     said = capsys.readouterr().err
     assert said == f"target_description: {picture} has more than 64000000 pixels: make it smaller\n"

@@ -169,7 +169,8 @@ def test_a_target_on_the_command_line(target, monkeypatch, capsys):
             target.parse_size(text)
     shipped, words = (TARGETS / "l_shape.urdf").read_text(), f"--targets={TARGETS}"
     assert told(target, monkeypatch, capsys, "l_shape", "--size=", words) == (0, shipped + "\n", "")
-    status, printed, said = told(target, monkeypatch, capsys, "bad", "--size", "0.1 0.1")
+    status, printed, said = told(
+        target, monkeypatch, capsys, "bad", "--size", "0.1 0.1", words)
     assert (status, printed, said) == (1, "", "target_description: no such outline\n")
 
 

@@ -6,6 +6,7 @@ import collections
 import copy
 import dataclasses
 import datetime
+import pickle
 
 import numpy as np
 import pyarrow as pa
@@ -327,3 +328,10 @@ def test_an_override_of_a_preset_acts_the_same_however_it_is_written(tmp_path):
     wide = assemble(written[0].with_changes(camera="wide"))
     assert parts.cameras["camera"].true_camera == wide.cameras["camera"].true_camera
     assert parts.plant.imaging.effects.drop_probability == value
+
+
+def test_a_study_that_has_run_can_be_sent_to_another_process():
+    study = Study.from_mapping({"experiment": {"plant": "free"}})
+    assert study.goal_images is study.goal_images
+    again = pickle.loads(pickle.dumps(study))
+    assert again == study and again.goal_images is not study.goal_images

@@ -240,6 +240,10 @@ class Study(KeywordSettings):
             GOAL_IMAGE_BYTES, lambda frames: sum(frame.image.nbytes for frame in frames.values())
         )
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the state for copies and other processes, which make images of their own."""
+        return {name: value for name, value in self.__dict__.items() if name != "goal_images"}
+
     @cached_property
     def digest(self) -> str:
         """Digest of the settings that determine the runs; the layout of the file has no effect."""

@@ -156,7 +156,7 @@ def test_with_names_a_key_that_there_is_not(changes, text):
         ({"features": True}, "features is True, must be one of auto, images, exact"),
         (
             {"controller_parameters": {"gain": 2}},
-            "controller_parameters.gain cannot be set, because gain is a key of the experiment",
+            "controller_parameters.gain cannot be set: set the experiment.s key gain",
         ),
         ({"plnt": "free"}, r"unknown key 'plnt': did you mean 'plant'\?"),
         (

@@ -19,6 +19,10 @@ from aras_sim_bridge.camera.vibration import Shake
 from aras_visual_servo_base.setting_values import merge
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.experiment.cameras import CalibrationOffset, CameraSpec
+from aras_visual_servo_bench.experiment.controller_parameters import (
+    EXPERIMENT_KEYS,
+    GRAPH_PARAMETERS,
+)
 from aras_visual_servo_bench.experiment.experiment import PLANTS, Experiment, IdealSpec, SunSpec
 from aras_visual_servo_bench.experiment.overrides import with_override
 from aras_visual_servo_bench.runner.loop import Loop
@@ -26,6 +30,7 @@ from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_bench.targets.geometry import Motion
 from aras_visual_servo_bench.targets.target_spec import BoxSpec, TargetSpec
 from aras_visual_servo_controller.laws import LAWS
+from aras_visual_servo_controller.parameters import Parameters
 
 BOTH, IMAGES, EXACT = ("exact", "images"), ("images",), ("exact",)
 ARMS, LOOPS, FLYING = ("bullet", "chain"), ("bullet", "chain", "free"), ("free", "ideal")
@@ -209,8 +214,56 @@ KEYS = {
     "reached": Key([1.0, 1.0]),
     "seed": Key(5, {"camera": {"effects": {"drop_probability": 0.5}}}),
     "controller_parameters": Key({"interaction": "desired"}),
+    # -- parameters of the controller ----------------------------------------------------------
+    "controller_parameters.interaction": Key("desired"),
+    "controller_parameters.smoothing": Key(0.1),
+    "controller_parameters.continuous_start": Key(1.0),
+    "controller_parameters.ramp": Key(0.5),
+    "controller_parameters.weights": Key([1.0, 3.0], {"scheme": "points+depth"}),
     "controller_parameters.max_velocity": Key(1e-3, plants=LOOPS),
     "controller_parameters.max_acceleration": Key(1e-2, plants=LOOPS),
+    "controller_parameters.lower": Key(0.5, plants=LOOPS),
+    "controller_parameters.upper": Key(-0.5, plants=LOOPS, tried=EXACT),
+    "controller_parameters.hold_gain": Key(0.5, {"scheme": "gravity_centre"}, LOOPS),
+    "controller_parameters.stop_time": Key(1.0, plants=LOOPS),
+    "controller_parameters.watchdog": Key(0.005, plants=LOOPS),
+    # Tests of the controller show the effects of these.
+    "controller_parameters.hold": Key(0.1, tried=()),
+    **{
+        f"controller_parameters.{name}": Key(value, plants=LOOPS, tried=())
+        for name, value in {
+            "approach_speed": 0.1,
+            "lag": 0.01,
+            "lead": 0.001,
+            "output": "effort",
+            "posture": {"J1": 0.1},
+            "posture_gain": 3.0,
+            "start": [0.0] * 6,
+        }.items()
+    },
+    **{
+        f"controller_parameters.{name}": Key(value, plants=ARMS, tried=())
+        for name, value in {
+            "damping": 5.0,
+            "elbow": 1.0,
+            "joints": ["J1"],
+            "singularity_avoidance": True,
+            "stiffness": 5.0,
+        }.items()
+    },
+    **{
+        f"controller_parameters.{name}": Key(value, features=IMAGES, tried=())
+        for name, value in {
+            "depth_image": True,
+            "marker": "5",
+            "model": "mesh.stl",
+            "model_scale": 2.0,
+            "model_start": {"pose": [0.0] * 6},
+            "segmentation": {"method": "otsu"},
+            "tracker": "marker",
+            "tracker_options": {"minimum": 3},
+        }.items()
+    },
     "features": Key("images", features=EXACT),
     "sun": Key({"diffuse": 0.2}, plants=("bullet",), **LIGHT),
     "sun.diffuse": Key(0.2, plants=("bullet",), **LIGHT),
@@ -279,6 +332,14 @@ EXEMPT = {
         "renderer",  # an end after convergence; all names mean one
     },
     "IdealSpec": {f.name for f in fields(IdealSpec)},  # test_ending
+    "Parameters": {
+        *EXPERIMENT_KEYS,
+        *GRAPH_PARAMETERS,  # refused on every plant
+        "limit_avoidance",  # a free camera never needs it
+        "law_options",  # below
+        "package",
+        "scheme_timeout",  # test_hanging_scheme
+    },
 }
 PREFIXES = {
     CameraConfig: "camera.", Effects: "camera.effects.", SensorModel: "camera.effects.sensor.",
@@ -286,6 +347,7 @@ PREFIXES = {
     CalibrationOffset: "calibration_offset.",
     CameraSpec: "cameras.a.", TargetSpec: "target.", Motion: "target.motion.",
     BoxSpec: "target.box.", SunSpec: "sun.", IdealSpec: "ideal.", Experiment: "",
+    Parameters: "controller_parameters.",
 }  # fmt: skip
 
 
@@ -351,3 +413,9 @@ def test_a_key_acts_or_is_refused(key, plant, features):
     with pytest.raises(ExperimentError) as refused:
         fingerprint(changed)
     assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("name", [*EXPERIMENT_KEYS, *GRAPH_PARAMETERS])
+def test_a_parameter_that_concerns_no_experiment_is_refused(name):
+    with pytest.raises(ExperimentError, match=f"controller_parameters.{name} "):
+        Experiment(controller_parameters={name: None})

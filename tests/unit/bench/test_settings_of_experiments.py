@@ -253,10 +253,8 @@ def test_the_loop_is_told_what_the_experiment_says():
         flies = plant != "chain"
         assert (found.limit_avoidance, found.output) == (
             (False, "velocity") if flies else (True, "position"))
-    own = make_loop_settings(
-        Experiment(plant="ideal", controller_parameters={"lead": 2.0, "delay": 0.1})
-    )
-    assert (own.lead, own.delay) == (2.0, 0.1)
+    own = make_loop_settings(Experiment(controller_parameters={"lead": 2.0}))
+    assert own.lead == 2.0
     assert (
         make_loop_settings(Experiment()).gain == make_loop_settings(Experiment(plant="chain")).gain
     )

@@ -19,6 +19,7 @@ from aras_visual_servo_controller.observation.observation import CAMERA
 from ..errors import ExperimentError, StudyError, require
 from ..targets.target_spec import MAX_TARGET_SIZE, TargetSpec, Vector2, check_times
 from .cameras import HALF_TURN, MAX_DELAY, CalibrationOffset, CameraSpec, HandEyeSpec
+from .controller_parameters import check_names
 from .robots import RobotSpec
 from .starts import CameraPose, RelativeStart, Sampler
 
@@ -32,8 +33,6 @@ RENAMED_KEYS = {
     "options": "controller_parameters", "traced": "record_peak_speeds",
 }  # fmt: skip
 RENAMED_FEATURES = {"pictures": "images"}
-# Controller parameters that an experiment sets by its own keys, not by `controller_parameters`.
-SHARED_PARAMETERS = ("scheme", "law", "gain", "duration")
 CLASS_HINT = "a name, a class, or 'package.module:Class'"
 
 
@@ -190,12 +189,7 @@ class Experiment(KeywordSettings):
 
     def __post_init__(self) -> None:
         check(self, ExperimentError)
-        for name in SHARED_PARAMETERS:
-            require(
-                name not in self.controller_parameters,
-                f"controller_parameters.{name} cannot be set, because {name} is a key of the "
-                "experiment itself: set that key",
-            )
+        check_names(self.controller_parameters)
         require(self.hand_eye is None or self.plant not in FREE_CAMERA_PLANTS,
                 f"hand_eye gives the camera's pose on an arm, but plant '{self.plant}' has no "
                 "arm: use plant chain or bullet")

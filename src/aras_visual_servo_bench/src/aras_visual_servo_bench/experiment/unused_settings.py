@@ -9,11 +9,22 @@ from typing import Any
 from aras_sim_bridge.camera.config import CameraConfig
 from aras_sim_bridge.camera.effects import Effects
 from aras_visual_servo_base.settings import get_default
+from aras_visual_servo_controller.parameters import TRACKER_PARAMETERS
+from aras_visual_servo_controller.settings import Settings
 
 from ..errors import ExperimentError, require
 from .cameras import CameraSetup
 from .experiment import FREE_CAMERA_PLANTS, Experiment, IdealSpec
+from .loop_settings import FREE_CAMERA_SETTINGS
 
+PARAMETERS = Settings.__dataclass_fields__
+# Controller parameters that act only on the joints of an arm, and those that act on commanded
+# coordinates, which plant 'ideal' does not have.
+ARM_PARAMETERS = ("damping", "elbow", "joints", "singularity_avoidance", "stiffness")
+COORDINATE_PARAMETERS = (
+    "approach_speed", "hold_gain", "lag", "lead", "limit_avoidance", "lower", "output", "posture",
+    "posture_gain", "start", "stop_time", "upper", "watchdog",
+)  # fmt: skip
 # Keys that act only on some plants. Each tuple contains the key, the plants on which it acts, the
 # value that is accepted on other plants, and why it does not act on them, for the error message.
 PLANT_SETTINGS = (
@@ -26,11 +37,20 @@ PLANT_SETTINGS = (
     *((f"controller_parameters.{name}", ("bullet", "chain", "free"), None,
        f"{name} limits the joints, and plant ideal limits the speed of its camera by ideal.speed")
       for name in ("max_velocity", "max_acceleration")),
+    *((f"controller_parameters.{name}", ("bullet", "chain", "free"), FREE_CAMERA_SETTINGS.get(name),
+       f"{name} has no effect on plant ideal, whose camera executes each twist immediately and "
+       "exactly") for name in COORDINATE_PARAMETERS),
+    *((f"controller_parameters.{name}", ("bullet", "chain"), None,
+       f"{name} is a parameter for the joints of an arm") for name in ARM_PARAMETERS),
     ("target.box", ("bullet",), None, "target.box is a body in a simulation with physics"),
     ("ideal", ("ideal",), IdealSpec(), "ideal sets the properties of the ideal camera"),
 )  # fmt: skip
 # Settings that change images, but not features that are computed from the geometry.
-IMAGE_SETTINGS = ("target.perturbed", "target.occluder", "target.marker", "sun")
+IMAGE_SETTINGS = (
+    "target.perturbed", "target.occluder", "target.marker", "sun",
+    *(f"controller_parameters.{name}" for name in (
+        "tracker", "tracker_options", "segmentation", "depth_image", *TRACKER_PARAMETERS)),
+)  # fmt: skip
 # Camera effects that also act on features that are computed from the geometry: the exposure times
 # of image rows and the loss of images. All other effects change only grey levels.
 FEATURE_EFFECTS = {"row_time", "rows_together", "drop_probability"}
@@ -127,7 +147,10 @@ def check_camera(camera: CameraSetup, experiment: Experiment) -> None:
 
 
 def _read_value(experiment: Experiment, key: str) -> Any:
-    """Return the value of a dotted key of an experiment."""
+    """Return the value of a dotted key; for a controller parameter that is not set, its default."""
+    head, _, name = key.partition(".")
+    if head == "controller_parameters":
+        return experiment.controller_parameters.get(name, get_default(PARAMETERS[name]))
     value: Any = experiment
     for part in key.split("."):
         value = value.get(part) if isinstance(value, Mapping) else getattr(value, part)

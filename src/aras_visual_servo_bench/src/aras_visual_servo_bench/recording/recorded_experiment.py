@@ -22,6 +22,7 @@ from aras_visual_servo_controller.kinematics import Arm
 from aras_visual_servo_controller.settings import Settings
 
 from ..errors import BenchError, ExperimentError
+from ..experiment.controller_parameters import EXPERIMENT_KEYS, GRAPH_PARAMETERS
 from ..experiment.experiment import Experiment
 from ..experiment.packages import PackagePath
 from ..experiment.robots import RobotSpec
@@ -29,12 +30,8 @@ from .parameters import find_branch
 from .run_recorder import describe_settings
 
 # Parameters of the controller node that are not copied to `controller_parameters`, because an
-# experiment sets them by another key or does not have them.
-OWN_KEYS = {
-    "scheme", "law", "gain", "start", "desired", "listeners", "package", "namespace",
-    "camera_namespace", "description", "lockstep", "autostart", "dry", "duration", "command_topic",
-    "controllers", "gains", "delay",
-}  # fmt: skip
+# experiment sets them by another key, or does not have them.
+OWN_KEYS = {*EXPERIMENT_KEYS, *GRAPH_PARAMETERS, "start", "package", "gains"}
 GOAL_FILE = re.compile(r"\w[\w .-]*\.ya?ml")  # name of a goal file, without a folder
 DEFAULT_DURATION = 8.0  # duration of an experiment if the controller node had none, s
 
@@ -257,6 +254,9 @@ class RecordedExperiment:
         if "urdf" in launch or "gains" in launch:
             keys["robot"] = {k: launch[a] for k, a in (("urdf", "urdf"), ("config", "gains"))
                              if a in launch}  # fmt: skip
+        for name in ("camera_frame", "target_frame"):
+            if loop.get(name, "") not in ("", getattr(RobotSpec, name)):
+                keys["robot"] = {**keys.get("robot", {}), name: loop[name]}
         keys["seed"] = int(simulator.get("seed", 0))
         keys["duration"] = float(loop.get("duration") or DEFAULT_DURATION)
         parameters = {k: v for k, v in loop.items() if k not in OWN_KEYS}

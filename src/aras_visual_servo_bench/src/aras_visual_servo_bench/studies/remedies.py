@@ -17,7 +17,6 @@ from aras_visual_servo_controller.settings import Settings
 from ..errors import ExperimentError
 from ..experiment.experiment import (
     FREE_CAMERA_PLANTS,
-    SHARED_PARAMETERS,
     CameraPose,
     Experiment,
     Sampler,
@@ -65,7 +64,7 @@ def _apply_change(experiment: Experiment, change: Change) -> Experiment:
 def _to_experiment_key(key: str) -> str:
     """Return the dotted key of the experiment for a controller parameter or an experiment key."""
     head = key.partition(".")[0]
-    if head in SHARED_PARAMETERS or head in {f.name for f in fields(Experiment)}:
+    if head in {f.name for f in fields(Experiment)}:
         return key
     if head in {f.name for f in fields(Settings)}:
         return f"controller_parameters.{key}"

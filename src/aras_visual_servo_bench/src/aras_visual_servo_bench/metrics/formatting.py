@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Callable, Iterable, Mapping
+from itertools import pairwise
 
 NO_NUMBER = "–"  # text for NaN
 DIGITS = 3
@@ -18,9 +19,10 @@ NEARLY_ZERO = "≈0"  # text of a number that is negligible compared with the la
 NEGLIGIBLE_DECADES = 6
 
 # Prefixes of units, largest first, with their factors. A quantity is shown with the largest prefix
-# with which its number is at least MIN_IN_UNIT.
+# with which a typical number is at least MIN_IN_UNIT, or the largest number at least MAX_IN_UNIT
+# with the next prefix.
 PREFIXES = (("", 1.0), ("m", 1e-3), ("µ", 1e-6))
-MIN_IN_UNIT = 0.1
+MIN_IN_UNIT, MAX_IN_UNIT = 0.1, 1e4
 SCALABLE_UNITS = {"m": ("m", 1.0), "m/s": ("m/s", 1.0), "s": ("s", 1.0), "ms": ("s", 1e-3)}
 # unit in which an angle or an angular velocity is shown, by its SI unit
 ANGLE_UNITS = {"rad": "°", "rad/s": "°/s"}
@@ -81,9 +83,10 @@ def choose_unit(unit: str, values: Iterable[float]) -> tuple[str, float]:
     """Choose the unit in which values are shown.
 
     Angles are shown in degrees. A length is shown in m, mm or µm, and a time or speed in units with
-    the same prefixes. The largest unit is chosen in which a typical value is at least 0.1. The
-    typical value is the geometric mean of the largest and the smallest value; negligible values are
-    ignored. Other units do not change.
+    the same prefixes. The largest unit is chosen in which a typical value is at least 0.1; a
+    smaller unit is not chosen if the largest value would be 10 000 or more in it. The typical value
+    is the geometric mean of the largest and the smallest value; negligible values are ignored.
+    Other units do not change.
 
     Args:
         unit: unit of the values.
@@ -102,8 +105,10 @@ def choose_unit(unit: str, values: Iterable[float]) -> tuple[str, float]:
     smallest = min(s for s in sizes if s >= largest * 10.0**-NEGLIGIBLE_DECADES)
     magnitude = math.sqrt(largest) * math.sqrt(smallest)
     prefix, scale = next(
-        (one for one in PREFIXES if magnitude >= MIN_IN_UNIT * one[1]), PREFIXES[-1]
-    )
+        (one for one, (_, next_scale) in pairwise(PREFIXES)
+         if magnitude >= MIN_IN_UNIT * one[1] or largest >= MAX_IN_UNIT * next_scale),
+        PREFIXES[-1],
+    )  # fmt: skip
     return prefix + base, scale / size
 
 

@@ -142,7 +142,9 @@ def recomputed(run):
 
 
 def shows(text, value, digits):
-    """Return whether a printed number is this value, rounded to its digits."""
+    """Return whether a printed number is this value, rounded to its digits; yes is 1, no is 0."""
+    if text in ("yes", "no"):
+        return value == (text == "yes")
     if value == 0:
         return text == "0"
     step = 10.0 ** (math.floor(math.log10(abs(value))) - digits + 1)
@@ -201,6 +203,8 @@ def test_every_number_of_the_page_is_recomputed(runs, written):
     for name, value in wanted.items():
         text, unit = numbers[name]
         assert shows(text, divide(name, value, unit, written / "one"), 4), (name, text, unit, value)
+        is_binary = name in metrics.METRICS and metrics.METRICS[name].is_binary
+        assert (text in ("yes", "no")) == is_binary, name
     assert [numbers[name][1] for name in ("final_distance", "final_angle")] == ["mm", "°"]
     tiles = dict((text, value) for value, text in re.findall(
         r'class="tile"><b>(.*?)</b><span>(.*?)</span>', page))  # fmt: skip

@@ -31,6 +31,7 @@ class Quantity:
     better: 'smaller', 'greater', or '' if neither is better.
     is_feature_based: True if the value depends on the features of the scheme, so that it cannot be
         compared between schemes.
+    is_binary: True if the value is 1 for yes and 0 for no.
     """
 
     key: str
@@ -39,6 +40,7 @@ class Quantity:
     text: str
     better: str = ""
     is_feature_based: bool = False
+    is_binary: bool = False
 
     @property
     def value_text(self) -> str:
@@ -67,12 +69,16 @@ def show_quantities(quantities: Sequence[Quantity | None]) -> tuple[list[str], s
 def format_quantities(quantities: Sequence[Quantity | None]) -> list[str]:
     """Format the values of quantities that are printed side by side; unknown values are '–'."""
     numbers = [q.value for q in quantities if q is not None and isinstance(q.value, float)]
-    printed = make_number_format(numbers, DIGITS)
-    return [
-        NO_NUMBER if q is None or q.value == "" else
-        printed(q.value) if isinstance(q.value, float) else str(q.value)
-        for q in quantities
-    ]  # fmt: skip
+    format_number = make_number_format(numbers, DIGITS)
+    texts = []
+    for q in quantities:
+        if q is None or q.value == "":
+            texts.append(NO_NUMBER)
+        elif q.is_binary and q.value in (0, 1):
+            texts.append("yes" if q.value else "no")
+        else:
+            texts.append(format_number(q.value) if isinstance(q.value, float) else str(q.value))
+    return texts
 
 
 def summarise(run: Run) -> list[Quantity]:
@@ -90,7 +96,8 @@ def summarise(run: Run) -> list[Quantity]:
         if name in COUNT_METRICS:
             value = int(value)
         found.append(Quantity(
-            name, value, metric.unit, metric.text, metric.better, metric.is_feature_based
+            name, value, metric.unit, metric.text, metric.better, metric.is_feature_based,
+            metric.is_binary,
         ))
     return [*found, *_summarize_features(run)]
 

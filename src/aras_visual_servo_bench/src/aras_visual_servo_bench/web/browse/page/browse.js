@@ -35,6 +35,8 @@ function showError(text) {
 
 const column = (name) => page.columns.find((c) => c.name === name) || { name, unit: "", size: 1, kind: "word", values: [], role: "" };
 const formatIn = (name, value) => formatValue(scaleValues(value, column(name)));  // in the unit of the column
+// value of one run: a binary metric is yes or no
+const formatInRun = (name, value) => (column(name).is_binary && (value === 0 || value === 1) ? (value ? "yes" : "no") : formatIn(name, value));
 // A number in the unit of a column, in the unit of the stored values. 15 digits do not have the rounding error of the product.
 const toStored = (name, value) => Number((value * column(name).size).toPrecision(15));
 const columnLabel = (name) => formatHeading(name, column(name).unit);
@@ -287,7 +289,7 @@ function showRows() {
     const row = body.insertRow();
     row.dataset.run = values[run];
     for (const name of shown) {
-      const value = values[names.indexOf(name)], cell = row.insertCell(), text = formatIn(name, value);
+      const value = values[names.indexOf(name)], cell = row.insertCell(), text = formatInRun(name, value);
       cell.className = column(name).kind === "number" ? "number" : last.includes(name) ? "long" : "";
       if (name === "run") {
         const button = make("button", text, "plain");
@@ -335,7 +337,7 @@ async function openRun(study, run) {
     for (const [key, value] of entries) {
       const line = table.insertRow(), head = make("th", key);
       head.scope = "row";
-      line.append(head, make("td", formatIn(key, value), typeof value === "number" ? "number" : ""), make("td", column(key).unit));
+      line.append(head, make("td", formatInRun(key, value), typeof value === "number" ? "number" : ""), make("td", column(key).unit));
     }
     box.append(make("h3", name), table);
   }

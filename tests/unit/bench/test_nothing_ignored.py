@@ -19,12 +19,12 @@ from aras_sim_bridge.camera.vibration import Shake
 from aras_visual_servo_base.setting_values import merge
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.experiment.cameras import CalibrationOffset, CameraSpec
-from aras_visual_servo_bench.experiment.controller_parameters import (
+from aras_visual_servo_bench.experiment.experiment import PLANTS, Experiment, IdealSpec, SunSpec
+from aras_visual_servo_bench.experiment.overrides import with_override
+from aras_visual_servo_bench.experiment.refused_parameters import (
     EXPERIMENT_KEYS,
     GRAPH_PARAMETERS,
 )
-from aras_visual_servo_bench.experiment.experiment import PLANTS, Experiment, IdealSpec, SunSpec
-from aras_visual_servo_bench.experiment.overrides import with_override
 from aras_visual_servo_bench.runner.loop import Loop
 from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_bench.targets.geometry import Motion

@@ -19,7 +19,7 @@ from aras_visual_servo_controller.observation.observation import CAMERA
 from ..errors import ExperimentError, StudyError, require
 from ..targets.target_spec import MAX_TARGET_SIZE, TargetSpec, Vector2, check_times
 from .cameras import HALF_TURN, MAX_DELAY, CalibrationOffset, CameraSpec, HandEyeSpec
-from .controller_parameters import check_names
+from .refused_parameters import check_names
 from .robots import RobotSpec
 from .starts import CameraPose, RelativeStart, Sampler
 

@@ -22,9 +22,9 @@ from aras_visual_servo_controller.kinematics import Arm
 from aras_visual_servo_controller.settings import Settings
 
 from ..errors import BenchError, ExperimentError
-from ..experiment.controller_parameters import EXPERIMENT_KEYS, GRAPH_PARAMETERS
 from ..experiment.experiment import Experiment
 from ..experiment.packages import PackagePath
+from ..experiment.refused_parameters import EXPERIMENT_KEYS, GRAPH_PARAMETERS
 from ..experiment.robots import RobotSpec
 from .parameters import find_branch
 from .run_recorder import describe_settings

@@ -31,10 +31,9 @@ from aras_sim_bridge.errors import HardwareError
 S = 1_000_000_000
 
 
-@pytest.fixture
-def trajectories(make_rig, make_joint):
+def running(make_rig, make_joint, kind="revolute"):
     """A rig with a running trajectory controller of one position joint, steps of 10 ms."""
-    joints = [make_joint("a", "revolute", "PositionJointInterface", "none")]
+    joints = [make_joint("a", kind, "PositionJointInterface", "none")]
     parameters = {"c": {"type": "position_controllers/JointTrajectoryController",
                         "joints": ["a"]}}
     rig = make_rig(joints, parameters, 10_000_000, physics=False)
@@ -46,31 +45,9 @@ def goal(position, seconds):
     return TrajectoryGoal(Trajectory(["a"], points))
 
 
-def test_a_second_goal_has_to_arrive_by_itself(trajectories):
-    rig, controller = trajectories
-    first = controller.submit_goal(goal(1.0, 0.1))
-    rig.step(20)
-    assert first.status == "succeeded"
-    second = controller.submit_goal(goal(0.0, 0.5))
-    rig.step(40)
-    assert second.status == "active"
-    rig.step(15)
-    assert second.status == "succeeded"
-
-
-def test_the_listener_of_a_goal_is_told_at_once_that_another_took_its_place(trajectories):
-    rig, controller = trajectories
-    told = []
-    first = controller.submit_goal(goal(1.0, 1.0))
-    first.on_done = told.append
-    rig.step(5)
-    controller.submit_goal(goal(0.0, 0.5))
-    assert told == [first]
-
-
-def test_a_goal_s_feedback_has_a_rhythm_of_its_own(trajectories):
+def test_a_goal_s_feedback_has_a_rhythm_of_its_own(make_rig, make_joint):
     """At 20 a second: 50 ms after the cycle that takes it, whatever went before."""
-    rig, controller = trajectories
+    rig, controller = running(make_rig, make_joint)
     for pause in (2, 3):
         times = []
         handle = controller.submit_goal(goal(1.0, 1.0))
@@ -80,8 +57,8 @@ def test_a_goal_s_feedback_has_a_rhythm_of_its_own(trajectories):
         assert [(time - begin) // 10_000_000 for time in times] == [6, 11]
 
 
-def test_the_state_of_the_start_can_be_asked_for(trajectories):
-    rig, controller = trajectories
+def test_the_state_of_the_start_can_be_asked_for(make_rig, make_joint):
+    rig, controller = running(make_rig, make_joint)
     state = controller.query_state(rig.time_ns)
     assert [*state.positions, *state.velocities, *state.accelerations] == [0.0, 0.0, 0.0]
     # And a trajectory that begins with it has all its points, be they soon.
@@ -89,18 +66,6 @@ def test_the_state_of_the_start_can_be_asked_for(trajectories):
     controller.set_command(Trajectory(["a"], points, rig.time_ns))
     rig.step(50)
     assert rig.hardware.handles["a"].position_command == pytest.approx(1.0) and not rig.log
-
-
-def test_result_codes_are_those_of_control_msgs():
-    assert [code.value for code in ErrorCode] == [0, -1, -2, -3, -4, -5]
-    assert ErrorCode.INVALID_GOAL == -1 and ErrorCode.GOAL_TOLERANCE_VIOLATED == -5
-
-
-def test_a_joint_begins_at_rest_at_zero_with_no_command():
-    joint = JointHandle("J", "revolute")
-    assert (joint.position, joint.velocity, joint.effort) == (0.0, 0.0, 0.0)
-    commands = joint.position_command, joint.velocity_command, joint.effort_command
-    assert commands == (0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize("periods", [(0, 1000), (1000, 0), (-1, 1000), (1000, -1), (0,)])
@@ -170,28 +135,13 @@ def test_an_empty_goal_checks_the_tolerance_that_it_brings(make_rig, make_joint)
     assert handle.result.error_code == ErrorCode.GOAL_TOLERANCE_VIOLATED
 
 
-@pytest.mark.parametrize("turns", [-7, -2, -1, 0, 1, 3, 10])
-def test_a_continuous_joint_sheds_all_full_turns(make_rig, make_joint, turns):
-    joints = [make_joint("a", "continuous", "PositionJointInterface", "none")]
-    parameters = {"c": {"type": "position_controllers/JointTrajectoryController",
-                        "joints": ["a"]}}
-    rig = make_rig(joints, parameters, 10_000_000, physics=False)
-    controller = rig.run("c")
-    controller.submit_goal(goal(0.4 + 2 * pi * turns, 0.1))
-    rig.step(20)
-    assert rig.hardware.handles["a"].position_command == pytest.approx(0.4, abs=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("wanted", "reached"),
-    [(pi, pi), (-pi, -pi), (pi + 5e-4, 5e-4 - pi), (-pi - 5e-4, pi - 5e-4), (pi - 5e-4, pi - 5e-4)],
-)
-def test_only_at_half_a_turn_the_plain_difference_decides(make_rig, make_joint, wanted, reached):
-    joints = [make_joint("a", "continuous", "PositionJointInterface", "none")]
-    parameters = {"c": {"type": "position_controllers/JointTrajectoryController",
-                        "joints": ["a"]}}
-    rig = make_rig(joints, parameters, 10_000_000, physics=False)
-    controller = rig.run("c")
+@pytest.mark.parametrize(("wanted", "reached"), [
+    *[(0.4 + 2 * pi * turns, 0.4) for turns in (-7, -1, 0, 1, 10)],
+    # Only at half a turn the plain difference decides.
+    (pi, pi), (-pi, -pi), (pi + 5e-4, 5e-4 - pi), (-pi - 5e-4, pi - 5e-4), (pi - 5e-4, pi - 5e-4),
+])
+def test_a_continuous_joint_sheds_all_full_turns(make_rig, make_joint, wanted, reached):
+    rig, controller = running(make_rig, make_joint, "continuous")
     controller.submit_goal(goal(wanted, 0.1))
     rig.step(20)
     assert rig.hardware.handles["a"].position_command == pytest.approx(reached, abs=1e-9)

@@ -99,12 +99,6 @@ def test_all_streams_end_with_the_box():
     assert not box.deliver(0, 0) and not publishers[0].acted
 
 
-def test_a_stream_without_news_is_no_end(inbox):
-    publisher = Publisher(inbox)
-    assert publisher.stream.read(bytearray(100))
-    assert not inbox.deliver(0, 0) and not publisher.ended.is_set()
-
-
 def test_a_step_takes_one_message_however_often_it_is_looked_for(inbox):
     publisher = Publisher(inbox)
     publisher.send(1, 2)
@@ -151,25 +145,6 @@ def test_what_was_read_before_counts(inbox):
     for step in range(3):
         inbox.deliver(step * STEP_NS, 2)
     assert publisher.acted == [5, 6, 7]
-
-
-def test_streams_do_not_mix(inbox):
-    first, second = Publisher(inbox), Publisher(inbox)
-    first.send(1)
-    second.send(2)
-    inbox.deliver(0, 1)
-    assert (first.acted, second.acted) == ([1], [2])
-
-
-def test_the_last_word_of_who_leaves_acts_and_then_it_is_over(inbox):
-    publisher = Publisher(inbox)
-    publisher.send(1, 2)
-    publisher.end.close()
-    inbox.deliver(0, 1)
-    inbox.deliver(STEP_NS, 1)
-    assert publisher.acted == [1, 2]
-    assert publisher.ended.is_set()
-    assert not inbox.deliver(2 * STEP_NS, 1)
 
 
 def test_nonsense_ends_its_stream_alone(inbox):

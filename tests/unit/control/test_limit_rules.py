@@ -244,27 +244,18 @@ class TestResolving:
         said = []
         return resolve_limits(joint, overrides, "/r/joint_limits/J", said.append), said
 
-    def test_urdf_alone(self, make_joint):
-        limits, _ = self.resolve(make_joint("J")[0], {})
-        assert limits == JointBounds(-2.0, 2.0, 5.0, None, 100.0)
-
-    def test_continuous_has_no_range(self, make_joint):
-        limits, _ = self.resolve(make_joint("J", "continuous")[0], {})
-        assert limits == JointBounds(None, None, 5.0, None, 100.0)
-
-    def test_nothing_known_is_none(self, make_joint):
-        assert self.resolve(make_joint("J", limits="none")[0], {})[0] is None
-
-    def test_parameters_win_and_may_take_away(self, make_joint):
-        limits, _ = self.resolve(
-            make_joint("J")[0],
-            {
-                "has_position_limits": True, "min_position": -1, "max_position": 1,
-                "has_velocity_limits": False, "has_acceleration_limits": True,
-                "max_acceleration": 3.0, "has_effort_limits": True, "max_effort": 7.0,
-            },
-        )
-        assert limits == JointBounds(-1.0, 1.0, None, 3.0, 7.0)
+    @pytest.mark.parametrize(("kind", "limits", "overrides", "expected"), [
+        ("revolute", None, {}, JointBounds(-2.0, 2.0, 5.0, None, 100.0)),
+        ("continuous", None, {}, JointBounds(None, None, 5.0, None, 100.0)),
+        ("revolute", "none", {}, None),
+        ("revolute", None, {
+            "has_position_limits": True, "min_position": -1, "max_position": 1,
+            "has_velocity_limits": False, "has_acceleration_limits": True,
+            "max_acceleration": 3.0, "has_effort_limits": True, "max_effort": 7.0,
+        }, JointBounds(-1.0, 1.0, None, 3.0, 7.0)),
+    ])
+    def test_parameters_win_and_may_take_away(self, make_joint, kind, limits, overrides, expected):
+        assert self.resolve(make_joint("J", kind, limits=limits)[0], overrides) == (expected, [])
 
     def test_values_without_their_switch_are_ignored_aloud(self, make_joint):
         limits, said = self.resolve(make_joint("J")[0], {"max_effort": 7.0})

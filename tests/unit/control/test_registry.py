@@ -34,34 +34,6 @@ def users_module(tmp_path, monkeypatch):
     sys.modules.pop("users_controllers", None)
 
 
-def test_types_of_ros_controllers_are_built_in():
-    assert set(ControllerTypes().list_types()) >= {
-        "joint_state_controller/JointStateController",
-        "effort_controllers/GripperActionController",
-        "effort_controllers/JointEffortController",
-        "effort_controllers/JointPositionController",
-        "effort_controllers/JointVelocityController",
-        "effort_controllers/JointGroupEffortController",
-        "effort_controllers/JointGroupPositionController",
-        "effort_controllers/JointTrajectoryController",
-        "position_controllers/GripperActionController",
-        "position_controllers/JointPositionController",
-        "position_controllers/JointGroupPositionController",
-        "position_controllers/JointTrajectoryController",
-        "velocity_controllers/JointVelocityController",
-        "velocity_controllers/JointPositionController",
-        "velocity_controllers/JointGroupVelocityController",
-        "velocity_controllers/JointTrajectoryController",
-    }
-
-
-@pytest.mark.parametrize("kind", ["effort", "position", "velocity"])
-@pytest.mark.parametrize("name", ["JointTrajectoryController", "JointPositionController"])
-def test_a_controller_of_several_interfaces_has_that_of_its_name(kind, name):
-    cls = ControllerTypes().find(f"{kind}_controllers/{name}")
-    assert cls.interface == f"{kind.capitalize()}JointInterface"
-
-
 def test_a_users_class_by_path_or_by_parameter(users_module):
     registry = ControllerTypes()
     cls = registry.find("users_controllers:Mine")

@@ -220,21 +220,21 @@ BAD = {  # a model that cannot be served, and what is said of it
 
 
 @pytest.mark.parametrize("bad", BAD)
-def test_a_world_with_one_bad_model_of_twenty_starts_with_nineteen(tmp_path, bad):
+def test_a_world_with_one_bad_model_starts_with_the_others(tmp_path, bad):
     inside, reason = BAD[bad]
     good = [f"<model name='m{k}'><pose>{k} 0 1 0 0 0</pose>{link('a', inside=BOX)}</model>"
-            for k in range(19)]
+            for k in range(3)]
     wrong = f"<model name='bad'>{inside}</model>"
     if bad == "light":
         wrong, reason = "<light name='bad' type='candle'/>", "type 'candle' is unknown"
     path = tmp_path / "w.world"
     path.write_text("<sdf version='1.6'><world name='w'>" + "".join(
-        [*good[:7], wrong, *good[7:]]) + "</world></sdf>")
+        [*good[:2], wrong, *good[2:]]) + "</world></sdf>")
     found = world_file.load_world(str(path))
     simulation = Simulation(SimulationConfig(ground_plane=False))
     said = list(found.warnings)
     world_file.populate(simulation.spawn, found, said.append)
-    assert list(simulation.world.models) == [f"m{k}" for k in range(19)]
+    assert list(simulation.world.models) == [f"m{k}" for k in range(3)]
     assert any("'bad' is ignored" in text and (reason in text or bad == "gone include")
                for text in said)
     assert any(reason in text for text in said)

@@ -209,5 +209,3 @@ def test_hollows_are_kept_of_the_root_s_meshes_alone_where_it_never_moves(make, 
     for bolted in (True, False):
         first, second = written(described, bolted).split('<link name="b">')
         assert first.count('concave="yes"') == bolted and "concave" not in second
-
-

@@ -46,8 +46,7 @@ def weighed(make, **changes):
     return box(make, inertial=replace(box(make).links["box"].inertial, **changes))
 
 
-@pytest.mark.parametrize("kind", ["fixed", "revolute"])
-@pytest.mark.parametrize("fixed_base", [True, False])
+@pytest.mark.parametrize(("kind", "fixed_base"), [("fixed", False), ("revolute", True)])
 def test_the_longest_chain_that_bullet_takes_is_simulated(world, make, kind, fixed_base):
     model = world.spawn(chain(make, 128, kind), "m", Pose((0, 0, 3)), fixed_base=fixed_base)
     world.step()
@@ -113,10 +112,6 @@ def test_a_place_beyond_all_sense_is_refused(world, make, far):
     with pytest.raises(WorldError, match="model 'm': position .* is beyond 1e\\+09 m"):
         world.spawn(parse_urdf(make.robot(make.link("a"))), "m", Pose((0.0, far, 0.0)))
     assert "m" not in world.models
-
-
-def test_a_place_just_within_all_sense_is_taken(world, make):
-    assert world.spawn(box(make), "m", Pose((0.0, -1e9, 0.0))).spawn_pose.xyz == (0.0, -1e9, 0.0)
 
 
 @pytest.mark.parametrize("quat", [(1e300, 0, 0, 1e300), (1e-9, 0, 0, 0), (1e7, 0, 0, 0)])

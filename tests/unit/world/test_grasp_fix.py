@@ -87,18 +87,6 @@ def test_what_is_pressed_is_held_and_let_go(make, collides, grip):
         simulation.close()
 
 
-def test_without_the_plug_in_it_slips(make):
-    simulation = Simulation()
-    try:
-        hand = Hand(simulation, make, ARM.format(FINGERS) + SETTINGS)
-        simulation.grasps.clear()
-        hand.go(500, -0.18, 10.0)
-        hand.go(1500, 0.1, 10.0)
-        assert hand.box.pose().xyz[2] < 0.1
-    finally:
-        simulation.close()
-
-
 def test_deleted_things_and_resets_leave_nothing_held(make):
     simulation = Simulation()
     try:

@@ -111,12 +111,3 @@ def test_a_position_command_beyond_the_stop_rests_at_it_with_one_warning(make, c
     assert velocities == pytest.approx((0.0, 0.0), abs=0.2)
     (line,) = [record.message for record in caplog.records if "shoulder" in record.message]
     assert f"{stop:g}" in line and "stop" in line
-
-
-def test_joints_put_somewhere_stay_within_their_stops(make):
-    simulation = Simulation(SimulationConfig(ground_plane=False))
-    model = simulation.spawn(
-        parse_urdf(make.pendulum(kind="revolute", lower=-0.5, upper=1.2)), "pendulum")
-    for asked, put in ((2.0, 1.2), (-0.7, -0.5), (0.4, 0.4)):
-        simulation.set_joint_positions("pendulum", {"swing": asked})
-        assert model.read_joints()[0][0] == put

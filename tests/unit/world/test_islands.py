@@ -134,37 +134,6 @@ def test_a_ball_that_is_thrown_at_the_arm_strikes_it_and_leaves_it_alone_again(m
     assert trial.has_own_dynamics[-1], "and moves by itself when the ball has gone"
 
 
-def test_hands_change_without_a_step_or_a_memory_lost(make):
-    """What is near but does not touch: Bullet's steps go on from ours and ours from Bullet's."""
-    trial, expected = Trial(), Trial()
-    small = trial.world.spawn(ball(make, 0.01, gravity=False), "ball", Pose((5.0, 0.0, 0.05)))
-    for each in (trial, expected):
-        each.robot.steps(2)
-        each.run(200)
-    assert trial.has_own_dynamics[-1]
-
-    def carry():
-        x, y, z = trial.model.link_pose("link6").xyz
-        small.set_pose(Pose((x + 0.09, y, z)))
-        small.set_twist(Twist((0.1, 0.0, 0.0)))
-
-    trial.run(100, before=carry)
-    expected.run(100)
-    # it takes Bullet a step to wake up
-    assert trial.has_own_dynamics[200:] == [True] + [False] * 99
-    np.testing.assert_allclose(trial.states, expected.states, atol=2e-4)
-    positions = [[q for q, _ in each.states] for each in (trial, expected)]
-    np.testing.assert_allclose(*positions, atol=2e-6)
-    small.set_pose(Pose((5.0, 0.0, 0.05)))
-    for each in (trial, expected):
-        each.run(100)
-    assert trial.has_own_dynamics[-80:] == [True] * 80
-    positions = [[q for q, _ in each.states] for each in (trial, expected)]
-    np.testing.assert_allclose(*positions, atol=2e-6)
-    np.testing.assert_allclose(np.concatenate(trial.handles(), axis=None),
-                               np.concatenate(expected.handles(), axis=None), atol=1e-2, rtol=1e-3)
-
-
 def lever(make, length=0.5):
     """An arm that turns about z, bolted at its middle height."""
     return parse_urdf(make.robot(
@@ -348,5 +317,3 @@ def test_bullet_leaves_what_moves_by_itself_alone_after_a_reset_too(make):
             state = pybullet.getJointState(model.body_id, 0, physicsClientId=world.client)
             assert state[:2] == (0.0, 0.0)
             world.reset_simulation()
-
-

@@ -35,8 +35,7 @@ def block(make, size, top):
 
 
 @pytest.mark.parametrize("kind", list(SHAPES))
-@pytest.mark.parametrize("on", ["plane", "box"])
-@pytest.mark.parametrize("aslant", [0.0, 0.7])
+@pytest.mark.parametrize(("on", "aslant"), [("plane", 0.7), ("box", 0.0)])
 def test_it_rolls_across_its_axis(make, kind, on, aslant):
     """Down a slope that falls across the axis, however that lies: by its own inertia."""
     angle = math.radians(8.0)

@@ -2,7 +2,6 @@
 
 import math
 import os
-import random
 import subprocess
 import sys
 
@@ -117,15 +116,6 @@ def test_the_ground_plane_is_gazebo_s():
         assert model.description.colours == {link.name: (0.7, 0.7, 0.7, 1.0)}
 
 
-def test_links_without_gravity_float(make):
-    tag = '<gazebo reference="a"><gravity>false</gravity></gazebo>'
-    with World() as world:
-        model = world.spawn(parse_urdf(make.robot(make.link("a", 2.0, "0.1 0 0"), tag)), "m")
-        for _ in range(200):
-            world.step()
-        assert model.pose().xyz == pytest.approx((0, 0, 0), abs=1e-9)
-
-
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
@@ -162,25 +152,6 @@ def test_what_bullet_does_not_take_whole_is_refused(make, monkeypatch, name, tol
         with pytest.raises(WorldError, match=message):
             world.spawn(parse_urdf(make.pendulum()), "m")
         assert not world.models and not pybullet.getNumBodies(physicsClientId=world.client)
-
-
-def test_what_cannot_move_is_refused(make):
-    hollow = make.robot(make.link("a"), '<link name="b"/>',
-                        make.joint("j", "a", "b", "continuous"))
-    with World() as world:
-        with pytest.raises(WorldError, match="link 'b'.*no mass"):
-            world.spawn(parse_urdf(hollow), "m")
-        assert not world.models
-
-
-@pytest.mark.parametrize("step", [0.0, -1.0, 1e9, math.nan, math.inf])
-def test_impossible_steps_are_refused(step):
-    with pytest.raises(WorldError, match="time step"):
-        World(time_step=step)
-    with World() as world:
-        with pytest.raises(WorldError, match="time step"):
-            world.set_physics(time_step=step, gravity=(0, 0, 0))
-        assert (world.time_step, world.gravity) == (0.001, (0, 0, -9.8))
 
 
 def test_steps_gravity_and_sweeps_are_taken_up_to_their_bounds():
@@ -264,31 +235,6 @@ def test_joints_that_mimic_begin_where_their_leaders_do(make):
         ):
             model = world.spawn(parse_urdf(text), name, joint_positions=given)
             assert model.read_joints()[0] == pytest.approx(expected)
-
-
-def test_efforts_that_are_no_numbers_never_reach_a_motor(make):
-    with World() as world:
-        model = world.spawn(parse_urdf(make.pendulum()), "m", joint_positions={"swing": 0.5})
-        model.apply_effort("swing", math.nan)
-        with pytest.raises(WorldError, match="'swing'.*effort is not finite"):
-            world.step()
-        world.step()
-        assert math.isfinite(model.read_joints()[0][0])
-
-
-def test_long_chains_load(make):
-    count = 40
-    links = [make.link(f"l{i}", 0.1, inertia=(0.001,) * 3 + (0, 0, 0)) for i in range(count)]
-    joints = [make.joint(f"j{i}", f"l{i}", f"l{i + 1}", "continuous", xyz="0 0 -0.1")
-              for i in range(count - 1)]
-    parts = links + joints
-    random.Random(1).shuffle(parts)
-    with World() as world:
-        model = world.spawn(parse_urdf(make.robot(*parts)), "chain", fixed_base=True)
-        model.set_joint_positions({"j7": 0.7})
-        assert model.read_joints()[0][model.joint_names.index("j7")] == 0.7
-        for _ in range(20):
-            world.step()
 
 
 def test_a_world_after_others_is_as_a_fresh_one_in_a_process_of_its_own():

@@ -1,6 +1,5 @@
 """Three worlds saved by Gazebo load, and their models have the poses of `<state>`."""
 
-import math
 import sys
 from pathlib import Path
 from xml.etree import ElementTree
@@ -99,13 +98,3 @@ def test_the_arm_s_sensors_see_and_feel_its_cell(load):
     assert np.any(imu.angular_velocity)  # its noise
     assert (pose.pose, pose.twist) == arm.link_state("hand")
     assert wrench.force == pytest.approx(held.T @ (0, 0, -9.8 * 0.8), abs=1e-3)
-
-
-def test_the_storeroom_s_state_scales_inserts_deletes_and_moves_lights(load):
-    simulation, _ = load("storeroom")
-    models = simulation.world.models
-    assert sorted(models) == ["bench", "cabinet", "ground_plane", "late_poster"]
-    (collision,) = models["bench"].description.links["link"].collisions
-    assert collision.geometry.size == pytest.approx((0.6, 0.4, 0.08))
-    assert simulation.lights["lamp"].origin_xyz == (1.5, -1.0, 2.2)
-    assert math.isclose(simulation.lights["sun"].direction[2], -0.9 / math.sqrt(1.07))

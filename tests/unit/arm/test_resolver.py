@@ -386,13 +386,13 @@ def near_trouble(arm, random, kind):
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("kind", ["limit", "singularity"])
 def test_no_bound_is_ever_passed(name, kind):
-    """100 starts for each arm and kind of trouble, tasks that run into it."""
+    """50 starts for each arm and kind of trouble, tasks that run into it."""
     arm, random = make(name), np.random.default_rng(7)
     limits = Limits.for_arm(arm, velocity=1.5, acceleration=8.0)
     tasks = [JointLimitAvoidance(limits), Constant(random.normal(size=len(arm.names)))]
     resolver = DifferentialIK(arm, limits, tasks)
     at_limit = 0
-    for _ in range(100):
+    for _ in range(50):
         resolver.reset()
         q, velocities = near_trouble(arm, random, kind), np.zeros(len(arm.names))
         twist = random.normal(size=6) * (0.3, 0.3, 0.3, 1.0, 1.0, 1.0)
@@ -409,7 +409,7 @@ def test_no_bound_is_ever_passed(name, kind):
             q = q + velocities * dt
             assert (q >= limits.lower - 1e-9).all() and (q <= limits.upper + 1e-9).all()
             at_limit += bool(answer.stopped_joints)
-    assert at_limit > 20 or kind == "singularity"
+    assert at_limit > 10 or kind == "singularity"
 
 
 def test_no_motion_and_no_time():
@@ -535,20 +535,6 @@ def test_what_an_elbow_has_to_have(options, found):
     assert len(find_elbows(planar(**options))) == found
 
 
-@pytest.mark.parametrize("name", ["aras", "ur5"])
-def test_a_small_bend_keeps_the_direction_and_the_attitude(name):
-    arm = make(name)
-    (fold,) = find_elbows(arm)
-    q = np.zeros(len(arm.names))
-    q[fold.joint_before] = 0.3
-    here, there = arm.pose(q), arm.pose(bent(fold, q, 0.01))
-    distance, angle = pose_difference(here, there)
-    assert angle < 1e-7 and 1e-7 < distance < 1e-4  # of second order
-    assert pose_difference(here, arm.pose(bent(fold, q, 0.02)))[0] == pytest.approx(
-        4.0 * distance, rel=0.02
-    )
-
-
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 def test_a_stretched_arm_comes_back(side):
     arm = make("aras")
@@ -626,11 +612,6 @@ class TestSingularityAvoidance:
 
     def task(self, **options):
         return SingularityAvoidance(self.arm, **options)
-
-    def test_manipulability_is_that_of_the_rows(self):
-        rows = self.arm.jacobian(self.level)[[0, 1, 2, 5]]
-        product = np.prod(np.linalg.svd(rows, compute_uv=False))
-        assert self.task().manipulability(self.level) == pytest.approx(product, rel=1e-9)
 
     @pytest.mark.parametrize("options", [{}, {"gain": 2.0, "bound": 0.3, "max_gradient": 1e-3}])
     def test_its_step_is_up_the_slope(self, options):

@@ -15,18 +15,6 @@ GAINS = yaml.safe_load("{gazebo_ros_control: {pid_gains: {swing: {p: 500.0, i: 9
                        "i_clamp: 50.0}}}}")
 
 
-def test_set_points_outlive_a_reset():
-    robot = ArasRobot()
-    robot.steps(2)
-    robot.command((0.1,) * 6)
-    robot.steps(100)
-    robot.simulation.reset_simulation()
-    assert list(robot.positions().values()) == [0.0] * 6
-    robot.steps(900)
-    assert list(robot.positions().values()) == pytest.approx([0.1] * 6, abs=2e-2)
-    robot.close()
-
-
 @pytest.mark.parametrize("reset", ["reset_world", "reset_simulation"])
 def test_a_command_that_waited_while_all_was_reset_does_not_count(reset):
     robot = ArasRobot(interpolate=False)

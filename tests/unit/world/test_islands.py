@@ -302,18 +302,3 @@ def test_what_is_put_elsewhere_is_another_s_ground_only_within_its_reach(make):
         two.set_pose(Pose((0.9, 0.0, 0.5)))
         assert [i.nearby_models for i in world.contact_forecast.isolated_models] == [(two,), (one,)]
         assert world.contact_forecast.steps_until_update == 0
-
-
-def test_bullet_leaves_what_moves_by_itself_alone_after_a_reset_too(make):
-    with World(gravity=(0.0, 0.0, 0.0)) as world:
-        model = world.spawn(lever(make), "lever", Pose((0, 0, 0.5)))
-        world.spawn(ball(make, gravity=False), "ball", Pose((9.0, 0.0, 0.5)))
-        for _ in range(2):
-            world.step()
-            assert model.joints.has_own_dynamics and model.body.is_asleep
-            pybullet.setJointMotorControl2(model.body_id, 0, pybullet.TORQUE_CONTROL, force=5.0,
-                                           physicsClientId=world.client)
-            pybullet.stepSimulation(world.client)
-            state = pybullet.getJointState(model.body_id, 0, physicsClientId=world.client)
-            assert state[:2] == (0.0, 0.0)
-            world.reset_simulation()

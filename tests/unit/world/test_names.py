@@ -7,7 +7,6 @@ from aras_sim_bridge.errors import (
     UnknownJointError,
     UnknownLinkError,
     UnknownModelError,
-    WorldError,
 )
 from aras_sim_bridge.simulation import Simulation
 from aras_sim_bridge.world import World
@@ -17,8 +16,6 @@ INERTIAL = (
     '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
     "</inertial>"
 )
-ROBOT = f"""<robot name="r"><link name="base">{INERTIAL}</link>
-  <gazebo><plugin name="c" filename="libgazebo_ros_control.so"/></gazebo></robot>"""
 CAMERA = f"""<robot name="c"><link name="base">{INERTIAL}</link>
   <gazebo reference="base"><sensor type="camera" name="{{name}}"><camera><image>
     <width>32</width><height>24</height></image></camera>
@@ -37,21 +34,6 @@ def camera(name, root, image="image_raw"):
     return parse_urdf(CAMERA.format(name=name, root=root, image=image))
 
 
-def test_two_robots_in_one_namespace(simulation):
-    simulation.spawn(parse_urdf(ROBOT), "first", namespace="/arm")
-    before = dict(simulation.world.models)
-    with pytest.raises(WorldError) as refused:
-        simulation.spawn(parse_urdf(ROBOT), "second", namespace="/arm/")
-    for word in ("'second'", "/arm", "'first'", "robot_namespace", "<robotNamespace>"):
-        assert word in str(refused.value)
-    assert simulation.world.models == before
-    assert set(simulation.robots) == {"first"}
-    simulation.spawn(parse_urdf(ROBOT), "second", namespace="/other")
-    simulation.delete("first")
-    simulation.spawn(parse_urdf(ROBOT), "third", namespace="/arm")
-    assert set(simulation.robots) == {"second", "third"}
-
-
 @pytest.mark.parametrize("root, image, taken", [
     ("eye", "image_raw", "/eye"), ("/eye/", "other", "/eye"),
     # Another root, but the pictures of both would come on one topic.
@@ -68,21 +50,6 @@ def test_two_cameras_of_one_name(simulation, caplog, root, image, taken):
     assert (f"camera 'b' cannot use the ROS name {taken}, because camera 'a' of model 'first' uses "
             "it"
             in said)
-
-
-def test_two_cameras_of_one_robot_without_names(simulation, caplog):
-    """In Gazebo both would publish on /image_raw."""
-    eyes = "".join(
-        f"<gazebo reference='base'><sensor type='camera' name='{name}'><camera><image><width>32"
-        "</width><height>24</height></image></camera><plugin name='p' "
-        "filename='libgazebo_ros_camera.so'/></sensor></gazebo>" for name in ("front", "rear"))
-    simulation.spawn(parse_urdf(f"<robot name='r'><link name='base'/>{eyes}</robot>"), "r")
-    assert [one.sensor.config.name for one in simulation.cameras] == ["front"]
-    (said,) = [r.getMessage() for r in caplog.records if r.levelname == "ERROR"]
-    assert said == (
-        "model 'r' is simulated without camera 'rear': camera 'rear' cannot use the ROS name /, "
-        "because camera 'front' of model 'r' uses it; change cameraName or robotNamespace of one "
-        "camera")
 
 
 def test_unknown_names_carry_what_there_is(make):

@@ -156,20 +156,6 @@ def test_cameras_of_one_name_and_of_none(make):
     assert simulation.cameras == [first, second]
 
 
-def test_cameras_that_expose_together_have_one_rate(make, caplog):
-    sensor = """<gazebo reference="base"><sensor type="multicamera" name="both">{}
-      <plugin name="p" filename="libgazebo_ros_multicamera.so"><cameraName>both</cameraName>
-      </plugin></sensor></gazebo>""".format("".join(
-        f'<camera name="{eye}"><image><width>8</width><height>6</height></image></camera>'
-        for eye in ("left", "right")))  # fmt: skip
-    simulation = make()
-    settings = {"both": {"left": {"update_rate": 25.0}, "right": {"update_rate": 40.0}}}
-    simulation.spawn(parse_urdf(ROBOT.format(sensor)), "r", cameras=settings)
-    assert [camera.sensor.rate for camera in simulation.cameras] == [25.0, 25.0]
-    (said,) = [r.getMessage() for r in caplog.records if r.levelname == "WARNING"]
-    assert "exposes at that camera's 25 Hz instead of 40 Hz" in said
-
-
 def test_a_model_has_one_control_plugin_and_a_namespace_of_its_own(make):
     simulation = make()
     twice = parse_urdf(ROBOT.format(CONTROL + CONTROL.replace('"c"', '"d"')))

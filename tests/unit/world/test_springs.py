@@ -2,11 +2,10 @@
 
 import math
 
-import numpy as np
 import pytest
 
-from aras_sim_bridge.description import parse_sdf, parse_urdf
-from aras_sim_bridge.world import Pose, World
+from aras_sim_bridge.description import parse_urdf
+from aras_sim_bridge.world import World
 
 MASS = "<inertial><mass value='{m}'/><inertia ixx='{i}' iyy='{i}' izz='{i}'/></inertial>"
 
@@ -46,29 +45,3 @@ def test_a_stiff_spring_stays_stable(root, stiffness):
         for _ in range(3000):
             world.step()
         assert model.read_joints()[0][0] == pytest.approx(0.3, abs=2e-3)
-
-
-def test_a_spring_acts_beside_what_bullet_steps_as_it_does_alone():
-    """A ball that lies within the joint's reach has Bullet make the steps."""
-    ball = parse_sdf("<sdf><model name='m'><link name='l'><collision name='c'><geometry><sphere>"
-                     "<radius>0.05</radius></sphere></geometry></collision></link></model></sdf>")
-    touched = ("<sdf><model name='r'><link name='a'/><link name='b'><collision name='c'><geometry>"
-               "<box><size>1 .1 .1</size></box></geometry></collision></link><joint name='f' "
-               "type='fixed'><parent>world</parent><child>a</child></joint><joint name='j' "
-               "type='revolute'><parent>a</parent><child>b</child><axis><xyz>0 0 1</xyz><dynamics>"
-               "<spring_stiffness>20</spring_stiffness><spring_reference>0.2</spring_reference>"
-               "</dynamics></axis></joint></model></sdf>")
-    traces = []
-    for beside in (False, True):
-        with World(gravity=(0.0, 0.0, 0.0)) as world:
-            model = world.spawn(parse_sdf(touched), "r")
-            if beside:
-                world.spawn(ball, "ball", Pose((0.0, 0.0, 0.115)))
-            trace = []
-            for _ in range(300):
-                world.step()
-                trace.append(model.read_joints()[0][0])
-            assert model.joints.has_own_dynamics is not beside
-            traces.append(trace)
-    np.testing.assert_allclose(*traces, atol=2e-4)
-    assert max(traces[0]) > 0.15

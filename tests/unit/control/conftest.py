@@ -75,6 +75,9 @@ class UnitMasses(JointModel):
         if joint not in self.stuck:
             self.v[self.joint_names.index(joint)] = velocity
 
+    def bound_speed(self, joint, fastest):
+        self.calls.append(("bound", joint, fastest))
+
     def integrate(self, dt):
         """Integrate by semi-implicit Euler over dt, s."""
         for k, name in enumerate(self.joint_names):

@@ -132,6 +132,14 @@ class TestWriting:
         assert "not finite" in rig.log[0]
 
 
+def test_hard_velocity_limits_are_those_of_the_joints_that_have_one(make_rig, make_joint):
+    joints = [make_joint("A"), make_joint("B", interface=POSITION),
+              make_joint("C", limits="none")]
+    rig = make_rig(joints, {GAINS: {"hard_velocity_limits": True},
+                            "joint_limits": {"B": {"has_velocity_limits": False}}}, physics=False)
+    assert rig.model.calls == [("bound", "A", 5.0)]
+
+
 @pytest.mark.parametrize("interface", [POSITION, VELOCITY])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_pid_drive_drives_no_joint_on_that_is_too_fast(make_rig, make_joint, interface, sign):

@@ -64,6 +64,29 @@ def until(predicate) -> None:
         time.sleep(0.001)
 
 
+@pytest.mark.parametrize("gated", [False, True])
+def test_while_time_stands_still_the_thread_waits_and_does_not_spin(started, gated):
+    """Paused, or behind a closed gate; also after a bell that was heard."""
+
+    class Counting(MessageReceiver):
+        rounds = 0
+
+        def clear_wake(self) -> None:
+            self.rounds += 1
+            super().clear_wake()
+
+    inbox = Counting()
+    thread = started(1.0, gated, paused=True, receiver=inbox)
+    if gated:
+        thread.unpause()
+        thread.call(thread.lockstep.start_round)
+    thread.call(lambda: None)
+    time.sleep(0.01)
+    rounds = inbox.rounds
+    time.sleep(0.03)
+    assert inbox.rounds <= rounds + 2
+
+
 def test_no_step_is_made_behind_a_closed_gate_but_jobs_are_run(started):
     def close(time_ns: int) -> None:
         if time_ns == 10 * MS:

@@ -10,7 +10,7 @@ import pytest
 
 from aras_sim_bridge.description import read_sdf, world_file
 from aras_sim_bridge.description.lights import check_light
-from aras_sim_bridge.description.types import SUN
+from aras_sim_bridge.description.types import SUN, is_present
 from aras_sim_bridge.errors import DescriptionError, SimError, WorldError
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
 from aras_visual_servo_base import safe_xml
@@ -155,6 +155,13 @@ def test_when_a_light_shines_rises_from_0_on(shines, right):
         with pytest.raises(WorldError, match="'sun': the lit interval is from .* s; it must start "
                                              "at"):
             check_light(light)
+
+
+def test_a_light_shines_from_after_the_start_to_the_end_of_each_interval():
+    times = (0.0, 0.5, 1.0, 1.5, 3.0, 3.5)
+    assert [is_present(((0.0, 1.0), (2.0, 3.0)), time) for time in times] == [
+        False, True, True, False, True, False]
+    assert is_present(None, 9.0) and not is_present((), 9.0)
 
 
 @pytest.mark.parametrize(("inside", "expected"), [

@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+import pybullet
 import pytest
 
 from aras_sim_bridge.description import parse_urdf
@@ -243,7 +244,7 @@ def test_contacts_are_told_as_each_of_the_two_feels_them(monkeypatch):
                 rng.normal(), one, rng.normal(), two)
 
     told = [point(7, -1, 3, 2), point(3, 5, 7, 4), point(7, 0, 7, 1), point(3, 0, 4, 1)]
-    monkeypatch.setattr(bullet.pybullet, "getContactPoints", lambda physicsClientId: told)
+    monkeypatch.setattr(pybullet, "getContactPoints", lambda physicsClientId: told)
     first, second = bullet.find_contacts(7, 0)
     assert (first[:3], second[:3]) == ((-1, 3, 2), (4, 3, 5))
     for (*_, numbers), seen, here, sign in ((first, told[0], 5, 1.0), (second, told[1], 6, -1.0)):

@@ -118,18 +118,6 @@ def test_without_backlog_the_newest_that_arrived_acts_in_the_step(inbox):
     assert publisher.acted == [3, 4]
 
 
-def test_of_a_flood_the_newest_wait_and_the_last_one_acts(inbox):
-    publisher = Publisher(inbox)
-    for step in range(100):
-        publisher.send(*range(10 * step, 10 * step + 10))
-        inbox.deliver(step * STEP_NS, 1)
-        assert publisher.acted[-1] >= 10 * step + 8  # none older than the one before the newest
-    inbox.deliver(100 * STEP_NS, 1)
-    assert publisher.acted[-1] == 999
-    assert publisher.acted == sorted(publisher.acted)
-    assert len(publisher.acted) == 101
-
-
 def test_a_message_in_pieces_acts_when_it_is_whole(inbox):
     publisher = Publisher(inbox)
     data = framed(12345) + framed(678)
@@ -137,14 +125,6 @@ def test_a_message_in_pieces_acts_when_it_is_whole(inbox):
         publisher.end.sendall(data[k : k + 1])
         inbox.deliver(k * STEP_NS, 1)
         assert publisher.acted == [12345] * (k >= 8) + [678] * (k >= 15)
-
-
-def test_what_was_read_before_counts(inbox):
-    publisher = Publisher(inbox, [b"5", b"6"], framed(7)[:3])
-    publisher.end.sendall(framed(7)[3:])
-    for step in range(3):
-        inbox.deliver(step * STEP_NS, 2)
-    assert publisher.acted == [5, 6, 7]
 
 
 def test_nonsense_ends_its_stream_alone(inbox):

@@ -84,13 +84,6 @@ def test_effort_soft(make_soft, proves, position, velocity, command, expected):
     assert joint.effort_command == pytest.approx(expected), proves
 
 
-def test_effort_soft_without_position_limits_bounds_velocity_only(make_soft):
-    joint = handle(make_soft(), position=50.0, velocity=4.0)
-    joint.effort_command = 60.0
-    enforce(LimitRule(EFFORT_SOFT, JointBounds(None, None, 5.0, None, 100.0), joint), joint)
-    assert joint.effort_command == pytest.approx(20.0)  # -20 (4 - 5)
-
-
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_a_soft_limit_that_is_not_given_does_not_bind(make_soft, side):
     for soft, bound in (({}, 60.0), ({side: 1.5 * side}, 20.0), ({-side: -1.5 * side}, 60.0)):
@@ -113,13 +106,6 @@ def test_position_saturation_steps_from_the_measured_position_then_from_its_own_
     joint.position_command = -9.0
     enforce(rule, joint)
     assert joint.position_command == 1.5
-
-
-def test_position_saturation_without_velocity_limit_jumps():
-    joint = handle(interface=POSITION)
-    joint.position_command = -9.0
-    enforce(LimitRule(POSITION_SATURATION, JointBounds(-2.0, 2.0), joint), joint)
-    assert joint.position_command == -2.0
 
 
 def test_position_soft_slows_down_towards_the_soft_limit(make_soft):

@@ -71,23 +71,15 @@ def test_a_users_type_without_a_class_is_named(users_module, make_rig, make_join
         rig.manager.load("own")
 
 
-def test_reload_takes_the_new_source(users_module):
-    registry = ControllerTypes()
+def test_reload_takes_the_new_source_also_of_what_others_have_imported(users_module):
+    registry, another = ControllerTypes(), ControllerTypes()
     extra = {"mine/Mine": "users_controllers:Mine"}
-    assert registry.find("mine/Mine", extra).version == 1
-    users_module.write_text(SOURCE.format(version=22))
-    assert registry.find("mine/Mine", extra).version == 1
-    registry.reload(extra)
-    assert registry.find("mine/Mine", extra).version == 22
-
-
-def test_reload_takes_the_new_source_of_what_others_have_imported(users_module):
-    extra = {"mine/Mine": "users_controllers:Mine"}
-    assert ControllerTypes().find("mine/Mine", extra).version == 1
-    users_module.write_text(SOURCE.format(version=22))
-    another = ControllerTypes()
-    another.reload(extra)
-    assert another.find("mine/Mine", extra).version == 22
+    for one, version in ((registry, 22), (another, 333)):
+        before = registry.find("mine/Mine", extra).version
+        users_module.write_text(SOURCE.format(version=version))
+        assert registry.find("mine/Mine", extra).version == before
+        one.reload(extra)
+        assert one.find("mine/Mine", extra).version == version
 
 
 @pytest.mark.parametrize(

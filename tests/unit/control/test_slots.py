@@ -5,7 +5,6 @@ from math import nan
 import pytest
 
 from aras_sim_bridge.control.controllers import Controller
-from aras_sim_bridge.description import parse_urdf
 from aras_sim_bridge.errors import ControllerError
 
 PID = {"p": 10.0}
@@ -116,24 +115,6 @@ def test_a_pid_s_listener_that_leaves_aborts_nothing(make_rig, make_joint):
     pid.__class__ = Pid
     rig.step(3)
     assert rig.manager.list()[0].state == "running", rig.log
-
-
-@pytest.mark.parametrize("limit", ['velocity="3"', 'effort="50"', ""])
-def test_a_continuous_joint_whose_limit_is_not_complete_moves(make_rig, make_joint, limit):
-    """No effort in <limit> means none is limited, not that none is allowed."""
-    text = ('<robot name="r"><link name="w"/><link name="a"><inertial><mass value="1"/><inertia '
-            'ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="a" '
-            'type="continuous"><parent link="w"/><child link="a"/>'
-            f'<limit {limit}/></joint></robot>')
-    described = parse_urdf(text).joints["a"]
-    joint = make_joint("a", "continuous", limits=described.limits)
-    rig = make_rig([joint], {"c": {"type": "effort_controllers/JointEffortController",
-                                   "joint": "a"}})
-    controller = rig.run("c")
-    controller.set_command(40.0)
-    rig.step(2)
-    assert rig.model.tau == [40.0]
-    assert rig.model.q[0] > 0.0
 
 
 class Faulty(Controller):

@@ -241,13 +241,6 @@ def test_a_camera_stands_in_its_sensor_and_that_in_its_link(sensor, own):
     np.testing.assert_allclose(found, matrix(sensor) @ matrix(own), atol=1e-12)
 
 
-@pytest.mark.parametrize("kind", ["gnomonical", "stereographic", "equidistant", "equisolid_angle",
-                                  "orthographic", "custom"])
-def test_each_lens_is_known(kind):
-    made = camera(f"<lens><type>{kind}</type></lens>", kind="wideanglecamera")
-    assert made.lens == LensDescription(kind, True, math.pi / 2)
-
-
 @pytest.mark.parametrize(("noise", "kind"), [
     ("<noise><type>none</type></noise>", "none"), ("<noise type='other'/>", "other"),
     ("<noise type='other'><type>gaussian</type></noise>", "gaussian"),

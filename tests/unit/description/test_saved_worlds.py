@@ -597,15 +597,6 @@ def test_a_state_s_scale_makes_shapes_larger_in_their_places(folders, read, shap
         assert ("because it is not positive" in "".join(found.warnings)) == (scale[2] in "0-")
 
 
-def test_names_that_a_state_has_in_vain_are_sorted_and_what_it_deletes_is_none(read):
-    found = read("<model name='m'><link name='a'/></model><state><deletions><name> gone </name>"
-                 "<name>m</name><name/></deletions><deletions><name>went</name></deletions>"
-                 "<model name='gone'/><model name='b'/><light name='went'/><model/></state>")
-    assert found.models == ()
-    assert found.warnings == ("<state> has poses for models that do not exist (b); these poses are "
-                              "ignored",)
-
-
 def test_a_model_in_a_model_keeps_its_joints_and_plugins(folders, read):
     """Their names, and those of their links, have the inner model's before them; the world has
     none. What else stands in it is left out, two levels down too."""

@@ -3,7 +3,7 @@
 import pytest
 
 from aras_sim_bridge.description import parse_urdf, read_sdf
-from aras_sim_bridge.description.supported_elements import BLOCKS, SUPPORTED
+from aras_sim_bridge.description.supported_elements import BLOCKS
 from aras_sim_bridge.errors import DescriptionError
 from aras_sim_bridge.world import World
 
@@ -196,11 +196,6 @@ def test_a_spring_that_cannot_be_is_named(stiffness):
     with pytest.raises(DescriptionError, match="<gazebo reference='j'>: springStiffness"):
         parse_urdf(GAZEBO.format("<gazebo reference='j'><springStiffness>"
                                  f"{stiffness}</springStiffness></gazebo>"))
-
-
-def test_the_table_names_blocks_of_every_kind():
-    assert all(entry == SUPPORTED or isinstance(entry, (tuple, dict)) for block in BLOCKS.values()
-               for entry in block.values())
 
 
 LIMIT = "<limit lower='{}' upper='{}' effort='1' velocity='1'/>"

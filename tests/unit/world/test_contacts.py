@@ -152,27 +152,6 @@ def test_a_beam_slides_straight_on_aslant_to_its_edges(world, make, aslant):
     assert abs(bent) < 0.3
 
 
-def test_a_beam_that_slides_comes_to_rest_and_stays(world, make):
-    model = world.spawn(beam(make), "m", Pose((0, 0, 0.05)))
-    pushed(world, model, 0.8, count=500)
-    at = model.pose().xyz
-    assert math.hypot(*at[:2]) == pytest.approx(2.0**2 / (2 * 0.5 * G), rel=0.01)
-    for _ in range(500):
-        world.step()
-    assert math.dist(model.pose().xyz, at) < 1e-5
-
-
-def test_a_ball_rolls_down_a_slope_as_if_it_did_not_slide(world, make):
-    """What holds it where it touches, at no speed, is less than sliding friction."""
-    ball = '<collision><geometry><sphere radius="0.1"/></geometry></collision>'
-    text = make.robot(make.link("ball", 1.0, "0 0 0", (0.004,) * 3 + (0, 0, 0), ball))
-    rolling = world.spawn(parse_urdf(text), "ball", Pose((0.0, 0.0, 0.1)))
-    world.set_physics(gravity=(1.0, 0.0, -9.75))
-    for _ in range(400):
-        world.step()
-    assert rolling.twist().linear[0] == pytest.approx(5 / 7 * 0.4, rel=0.01)
-
-
 def test_what_slides_on_a_loose_body_gives_it_what_it_loses(world, make):
     """Both on ice, turned against each other: momentum stays, and both end with one speed."""
     ice = 0.0

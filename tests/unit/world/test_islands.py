@@ -211,21 +211,6 @@ def test_a_lever_strikes_a_ball_that_lies_in_its_way_where_it_lies(make, speed):
         assert model.read_joints()[0][0] == pytest.approx(meets, abs=0.0015 * speed + 2e-3)
 
 
-def test_a_post_that_is_put_into_a_lever_s_way_stops_it_until_it_is_put_away(make):
-    with World() as world:
-        model = world.spawn(lever(make), "lever", Pose((0, 0, 0.5)))
-        post = world.spawn(shelf(make, "0.1 0.1 1.0"), "post", Pose((5.0, 0.4, 0.5)))
-        world.step()
-        assert model.joints.has_own_dynamics
-        for at, least, most in ((0.0, 1.2, 1.57), (5.0, 1.7, 9.9)):
-            post.set_pose(Pose((at, 0.4, 0.5)))
-            for _ in range(1500):
-                model.apply_effort("turn", 0.3)
-                world.step()
-            assert least < model.read_joints()[0][0] < most
-            assert model.joints.has_own_dynamics is (at == 5.0)
-
-
 def test_two_robots_that_reach_for_one_another_touch(make):
     with World() as world:
         one, two = (world.spawn(lever(make), f"lever{k}", Pose((x, 0.0, 0.5)))

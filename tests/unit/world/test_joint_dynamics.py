@@ -430,51 +430,6 @@ def test_a_mimicking_joint_s_losses_are_its_leader_s_too(make):
     assert space.state[1, 0] == pytest.approx(8.5 / 10.0, rel=0.05)
 
 
-def test_what_damping_and_stops_push_makes_of_a_free_step_the_one_with_them(make):
-    """`compute_reactions` for Bullet's steps against `advance`: less what friction takes of them.
-    """
-    rng = np.random.default_rng(12)
-    text = tree_xml(make, 5).replace('lower="-10.0" upper="10.0"', 'lower="-0.2" upper="0.3"')
-    while 'damping="0.0" friction="0.0"' in text:
-        text = text.replace('damping="0.0" friction="0.0"',
-                            f'damping="{rng.choice([0.0, 5.0])}" friction="0.1"', 1)
-    space, described = space_of(text)
-    other, _ = space_of(text)
-    hold = np.array([0.0, 2.0, 0.0, 4.0, 9.0, 0.0, 1.0, 3.0])
-    goals = np.array([0.0, 0.3, 0.0, -0.2, 0.0, 0.0, 0.0, 0.0])
-    for slot in range(8):
-        for one in (space, other):
-            one.set_motor(slot, goals[slot], hold[slot])
-    stopped = 0
-    for k in range(200):
-        if k % 40 == 0:
-            push = rng.normal(size=8) * 60.0
-        space.state[2] = push + rng.normal(size=8)
-        other.state[:] = space.state
-        before = space.state.copy()
-        mass, bias = space.mass_matrix(), np.array(space.bias_efforts())
-        found = np.array(other.compute_reactions(DT))
-        np.testing.assert_array_equal(other.state, before)
-        assert space.advance(DT) == -1
-        after = space.state[1]
-        rubbed = before[2] - bias + found - mass @ (after - before[1]) / DT
-        slides = np.abs(after - goals) > 1e-9
-        size = 1e-6 * (1.0 + abs(before[2]) + abs(found))
-        assert (abs(rubbed - np.sign(after - goals) * hold)[slides] <= size[slides]).all()
-        assert (abs(rubbed) <= hold + size).all()
-        damped = (
-            np.array([described.joints[n].damping for n in described.list_moving_joints()]) * after
-        )
-        stops = abs(found + damped) > size
-        stopped += stops.sum()
-        # A stop pushes inwards, and only as long as friction does not suffice.
-        outside = np.where(space.state[0] > 0.05, -1.0, 1.0)
-        assert ((found + damped)[stops] * outside[stops] > 0.0).all()
-        still = stops & ~slides
-        assert (abs(abs(rubbed) - hold)[still] <= size[still]).all()
-    assert stopped > 60
-
-
 def test_a_joint_that_meets_its_stop_stands_on_it_and_not_beside_it_by_rounding(make):
     space, _ = space_of(make.pendulum(kind="revolute"))
     joints = space.arrays[8]

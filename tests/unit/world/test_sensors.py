@@ -279,16 +279,6 @@ def test_a_wrench_contains_what_the_ground_bears_of_it(make):
 # ------------------------------------------------------------------ rates and noise
 
 
-def test_who_gets_a_reading_may_stop_another_sensor(make):
-    tags = plugin("p3d", {"bodyName": "tool", "topicName": "t"})
-    tags += plugin("p3d", {"bodyName": "tool", "topicName": "u"})
-    simulation, _, (_, others) = make(arm(tags=tags))
-    one, other = simulation.sensors
-    one.on_state = lambda reading: setattr(other, "on_state", None)
-    steps(simulation, 4)
-    assert not others and not other.enabled
-
-
 @pytest.mark.parametrize(("rate", "expected"), [
     (0, list(range(2, 101))), (100, list(range(10, 101, 10))), (30, [34, 67, 100]),
 ])

@@ -248,3 +248,27 @@ def test_another_step_is_the_world_s_and_the_simulation_s(make):
     assert simulation.step_ns == 2_500_000
     simulation.step()
     assert simulation.time_ns == 2_500_000
+
+
+@pytest.mark.parametrize("root, image, taken", [
+    ("eye", "image_raw", "/eye"), ("/eye/", "other", "/eye"),
+    # Another root, but the pictures of both would come on one topic.
+    ("eye/image_raw", "picture", "/eye/image_raw"), ("", "eye/image_raw", "/eye/image_raw"),
+])
+def test_two_cameras_of_one_name(make, caplog, root, image, taken):
+    def camera(name, root, image="image_raw"):
+        tag = CAMERA.format(name).replace(f"<cameraName>{name}", f"<imageTopicName>{image}"
+                                          f"</imageTopicName><cameraName>{root}")
+        return parse_urdf(ROBOT.format(tag))
+
+    simulation = make()
+    simulation.spawn(camera("a", "eye"), "first")
+    simulation.spawn(camera("b", "else"), "mixed")
+    assert len(simulation.cameras) == 2
+    simulation.spawn(camera("b", root, image), "second")
+    assert len(simulation.cameras) == 2
+    (said,) = [r.getMessage() for r in caplog.records if r.levelname == "ERROR"]
+    assert said.startswith("model 'second' is simulated without camera 'b': ")
+    assert (f"camera 'b' cannot use the ROS name {taken}, because camera 'a' of model 'first' uses "
+            "it"
+            in said)

@@ -6,8 +6,14 @@ import pybullet
 import pytest
 
 from aras_sim_bridge.description import parse_urdf
-from aras_sim_bridge.errors import WorldError
+from aras_sim_bridge.errors import (
+    UnknownJointError,
+    UnknownLinkError,
+    UnknownModelError,
+    WorldError,
+)
 from aras_sim_bridge.world import Pose, Twist, World
+from aras_sim_bridge.world.labels import list_links_by_label
 
 G = 9.8
 
@@ -212,3 +218,23 @@ def test_joints_that_mimic_begin_where_their_leaders_do(make):
         ):
             model = world.spawn(parse_urdf(text), name, joint_positions=given)
             assert model.read_joints()[0] == pytest.approx(expected)
+
+
+def test_unknown_names_carry_what_there_is(make):
+    """For programs that want more than the line."""
+    with World() as world:
+        model = world.spawn(parse_urdf(make.pendulum()), "swing")
+        numbers = list_links_by_label(world.models)
+        with pytest.raises(UnknownJointError) as joint:
+            model.apply_effort("elbow", 1.0)
+        with pytest.raises(UnknownLinkError) as link:
+            model.link_pose("hand")
+        with pytest.raises(UnknownModelError) as other:
+            world.model("arm")
+    assert (joint.value.model, joint.value.joint, joint.value.available) == (
+        "swing", "elbow", ("swing",))
+    assert (link.value.link, link.value.available) == ("hand", ("world", "bob"))
+    # as Bullet numbers pixels: the body, and above it the link, 0 for the root
+    assert numbers == {model.body_id: "swing::world", model.body_id + (1 << 24): "swing::bob"}
+    assert (other.value.name, other.value.available) == ("arm", ("swing",))
+    assert str(joint.value) == "model 'swing' has no moving joint 'elbow'; its moving joints: swing"

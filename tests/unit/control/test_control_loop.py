@@ -7,6 +7,8 @@ import pytest
 from aras_sim_bridge.control.controllers import Controller
 from aras_sim_bridge.control.controllers.forward import ForwardController
 from aras_sim_bridge.control.joints import VELOCITY
+from aras_sim_bridge.control.loop import ControlLoop
+from aras_sim_bridge.errors import HardwareError
 
 STEP = 1_000_000
 
@@ -62,6 +64,13 @@ def test_after_a_reset_the_first_period_is_one_step(record):
         rig.loop.reset()
         rig.step()
         assert updates == [(time_ns // STEP + 1, 0.001)]
+
+
+@pytest.mark.parametrize("periods", [(0, 1000), (1000, 0), (-1, 1000), (1000, -1), (0,)])
+def test_periods_must_be_positive(periods):
+    with pytest.raises(HardwareError, match="must be positive"):
+        ControlLoop(None, None, *periods)
+    ControlLoop(None, None, 1, 1)
 
 
 @pytest.mark.parametrize("slower", [False, True])

@@ -1,6 +1,7 @@
 """Rules of joint_limits_interface; each expected value is computed by hand."""
 
 import random
+from math import inf
 
 import pytest
 
@@ -267,3 +268,48 @@ class TestResolving:
     def test_impossible_limits_are_refused(self, make_joint, overrides):
         with pytest.raises(HardwareError, match="/r/joint_limits/J"):
             self.resolve(make_joint("J")[0], overrides)
+
+
+@pytest.mark.parametrize("quantity", ["max_velocity", "max_acceleration", "max_effort"])
+def test_a_limit_of_zero_is_one(make_joint, quantity):
+    joint, _ = make_joint("J")
+    switch = f"has_{quantity.removeprefix('max_')}_limits"
+    limits = resolve_limits(joint, {switch: True, quantity: 0.0}, "/limits/J", print)
+    assert getattr(limits, quantity) == 0.0
+    with pytest.raises(HardwareError, match="must not be negative"):
+        resolve_limits(joint, {switch: True, quantity: -0.1}, "/limits/J", print)
+
+
+@pytest.mark.parametrize("kind", ["revolute", "prismatic"])
+def test_a_range_that_the_urdf_leaves_out_is_zero(make_joint, make_limits, kind):
+    joint, _ = make_joint("J", kind, limits=make_limits(lower=None, upper=None))
+    limits = resolve_limits(joint, {}, "/limits/J", print)
+    assert (limits.min_position, limits.max_position) == (0.0, 0.0)
+    assert JointHandle("J", kind, joint.limits).position_limits == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("command", [9.0, -9.0])
+def test_position_rules_without_a_range_limit_speed_alone(make_soft, command):
+    limits = JointBounds(max_velocity=5.0)
+    for rule in (POSITION_SATURATION, POSITION_SOFT):
+        joint = JointHandle("J", "continuous", None, make_soft(), POSITION)
+        joint.position = 3.0  # beyond the soft limits, which need a range
+        joint.position_command = command
+        enforce_limits(LimitRule(rule, limits, joint).row, joint.row, 0.1)
+        assert joint.position_command == pytest.approx(3.0 + (0.5 if command > 0 else -0.5))
+    free = JointHandle("J", "continuous", None, None, POSITION)
+    free.position_command = command
+    enforce_limits(LimitRule(POSITION_SATURATION, JointBounds(), free).row, free.row, 0.1)
+    assert free.position_command == command
+
+
+@pytest.mark.parametrize("command", [9.0, -9.0])
+@pytest.mark.parametrize("limits", [JointBounds(max_velocity=5.0), JointBounds(-2.0, 2.0, 5.0)])
+def test_soft_velocity_without_soft_limits_is_the_hard_one(make_soft, limits, command):
+    """Even with a gain of zero, times an infinite distance."""
+    joint = JointHandle("J", "revolute", None, make_soft(None, None, 0.0, 0.0), VELOCITY)
+    joint.position = 0.3
+    joint.velocity_command = command
+    enforce_limits(LimitRule(VELOCITY_SOFT, limits, joint).row, joint.row, 0.1)
+    assert joint.velocity_command == (5.0 if command > 0 else -5.0)
+    assert abs(joint.velocity_command) < inf

@@ -151,6 +151,16 @@ class TestFollowing:
         assert b.q() == pytest.approx(2 * pi - 3.0)
         assert b.after(1.0) == pytest.approx(2 * pi - 2.0)
 
+    @pytest.mark.parametrize(("wanted", "reached"), [
+        *[(0.4 + 2 * pi * turns, 0.4) for turns in (-7, -1, 0, 1, 10)],
+        # Only at half a turn the plain difference decides.
+        (pi, pi), (-pi, -pi), (pi + 5e-4, 5e-4 - pi), (-pi - 5e-4, pi - 5e-4), (pi - 5e-4, pi - 5e-4),
+    ])
+    def test_a_continuous_joint_sheds_all_full_turns(self, bench, wanted, reached):
+        b = bench(joint_kind="continuous")
+        b.controller.submit_goal(TrajectoryGoal(line(wanted, 0.1)))
+        assert b.after(0.2) == pytest.approx(reached, abs=1e-9)
+
     def test_revolute_joints_do_not_wrap(self, bench):
         b = bench(start=[3.0])
         b.controller.set_command(line(-3.0, 1.0))
@@ -378,6 +388,16 @@ class TestGoals:
             assert b.controller.submit_goal(TrajectoryGoal(line(), [bad])).status == "rejected"
         assert b.controller.submit_goal(TrajectoryGoal(line(), (), (), nan)).status == "rejected"
 
+    def test_an_empty_goal_checks_the_tolerance_that_it_brings(self, bench):
+        """It holds where it is; a joint pushed away from there does not succeed."""
+        b = bench("effort", gains={"a": {"p": 0.0}}, stop_trajectory_duration=0.5)
+        tight = (JointTolerance("a", position=0.01),)
+        handle = b.controller.submit_goal(TrajectoryGoal(Trajectory(["a"], []), (), tight))
+        b.rig.model.v[0] = 1.0
+        b.rig.step(60)
+        assert handle.status == "aborted"
+        assert handle.result.error_code == ErrorCode.GOAL_TOLERANCE_VIOLATED
+
     def test_a_listener_may_call_back_into_the_controller(self, bench):
         b = bench()
         handle = b.controller.submit_goal(TrajectoryGoal(line(0.1, 0.1)))
@@ -452,6 +472,26 @@ class TestOutputsAndState:
         b.controller.set_command(line(4.25, 0.1))
         b.rig.step(50)
         assert states[-1].error.positions[0] == pytest.approx(4.0 - 2 * pi)
+
+    def test_a_goal_s_feedback_has_a_rhythm_of_its_own(self, bench):
+        """At 20 a second: 50 ms after the cycle that takes it, whatever went before."""
+        b = bench()
+        for pause in (2, 3):
+            times = []
+            handle = b.controller.submit_goal(TrajectoryGoal(line()))
+            handle.on_feedback = lambda state, times=times: times.append(state.stamp_ns)
+            begin = b.rig.time_ns
+            b.rig.step(10 + pause)
+            assert [(time - begin) // 10_000_000 for time in times] == [6, 11]
+
+    def test_the_state_of_the_start_can_be_asked_for(self, bench):
+        b = bench()
+        state = b.controller.query_state(b.rig.time_ns)
+        assert [*state.positions, *state.velocities, *state.accelerations] == [0.0, 0.0, 0.0]
+        # And a trajectory that begins with it has all its points, be they soon.
+        points = [TrajectoryPoint(1, [0.5]), TrajectoryPoint(S, [1.5])]
+        b.controller.set_command(Trajectory(["a"], points, b.rig.time_ns))
+        assert b.after(0.5) == pytest.approx(1.0) and not b.rig.log
 
     def test_rates_of_zero_tell_nothing(self, bench):
         b, seen = bench(state_publish_rate=0.0, action_monitor_rate=0.0), []

@@ -64,12 +64,12 @@ def test_what_is_pressed_is_held_and_let_go(make, collides, grip):
             hand.go(1, -0.18, grip if grasp.grasped else 10.0)
         assert grasp.grasped["hand"].link == ("box", "box")
         before = hand.box_in_palm
-        hand.go(1500, 0.1, grip)
+        hand.go(1000, 0.1, grip)
         assert hand.box.pose().xyz[2] > 0.25
         assert math.dist(before.xyz, hand.box_in_palm.xyz) < 2e-3
-        hand.go(800, 0.1, -10.0)
+        hand.go(500, 0.1, -10.0)
         assert not grasp.grasped
-        hand.go(600, 0.1, -10.0)
+        hand.go(500, 0.1, -10.0)
         assert hand.box.pose().xyz[2] < 0.05
         # What was let go touches the ground again, and can be grasped again.
         assert hand.box.pose().xyz[2] > 0.01

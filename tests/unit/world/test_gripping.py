@@ -66,7 +66,7 @@ def held(world, make, mu, **how):
         return hand.link_pose("palm").inverse() @ box.pose()
 
     go_on(300, -0.18)
-    go_on(1500, 0.1)
+    go_on(900, 0.1)
     assert box.pose().xyz[2] > 0.25
     return go_on
 
@@ -78,8 +78,8 @@ def test_what_two_fingers_hold_stays_there(make, mu, how):
     with World() as world:
         world.spawn_ground_plane()
         go_on = held(world, make, mu, **how)
-        first = go_on(500, 0.1)
-        last = go_on(1000, 0.15)
+        first = go_on(300, 0.1)
+        last = go_on(500, 0.15)
         # Along y nothing holds two fingers that push against each other.
         assert math.dist(first.xyz[::2], last.xyz[::2]) < 1e-6
         turned = np.abs(np.subtract(first.quat, last.quat)).max()

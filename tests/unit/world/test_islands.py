@@ -106,7 +106,7 @@ def test_what_is_loose_moves_the_same_in_strides(make):
         trial = Trial()
         body = trial.world.spawn(ball(make), "ball", Pose((-3.0, 0.4, 0.4)))
         body.set_twist(Twist((0.1, 0.0, 0.0)))
-        trial.run(900, stride)
+        trial.run(600, stride)
         return trial.states[-1], body.pose(), body.twist()
     assert run(1) == run(30)
 

@@ -264,7 +264,7 @@ def test_a_wrench_contains_what_the_ground_bears_of_it(make):
     simulation, model, readings = make(f"""<robot name="stack"><link name="body"><inertial>
       <origin xyz="0.01 0.1 0"/><mass value="4"/>{INERTIA}</inertial></link>{feet}</robot>""",
                                    pose=Pose((0, 0, 0.351)), ground=True)
-    steps(simulation, 1500)
+    steps(simulation, 600)
     left, right = (np.mean([r.force for r in one[-200:]], axis=0) for one in readings)
     # The moment about the feet's line: 0.1 m of 0.2 m to the left.
     assert left[2] == pytest.approx(3 * G, abs=1.0) and right[2] == pytest.approx(G, abs=1.0)
@@ -313,7 +313,7 @@ NOISE = ("<angular_velocity><y><noise type='gaussian'><mean>0.1</mean><stddev>0.
 
 
 def test_noise_is_as_asked_for_and_depends_on_seed_and_stamp_alone(make):
-    def told(seed, inside=NOISE, count=2001, **settings):
+    def told(seed, inside=NOISE, count=801, **settings):
         tags = imu_on("base", inside=inside, **settings)
         simulation, _, (readings,) = make(arm("fixed", tags=tags), Pose.from_rpy(
             (0, 0, 0), (0, 0, 0)), seed=seed)
@@ -335,7 +335,7 @@ def test_noise_is_as_asked_for_and_depends_on_seed_and_stamp_alone(make):
     all_six = told(1, "", gaussianNoise=0.3) - [0, 0, 0, *base]
     assert not np.array_equal(told(2, "", gaussianNoise=0.3) - [0, 0, 0, *base], all_six)
     assert all_six.std(axis=0) == pytest.approx(np.full(6, 0.3), rel=0.06)
-    assert abs(np.corrcoef(all_six.T) - np.eye(6)).max() < 0.08
+    assert abs(np.corrcoef(all_six.T) - np.eye(6)).max() < 0.15
 
 
 # ------------------------------------------------------------------ contacts

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from aras_sim_bridge.description import parse_sdf, read_sdf, world_file
-from aras_sim_bridge.errors import DescriptionError, UnknownModelError
+from aras_sim_bridge.errors import UnknownModelError
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
 from aras_sim_bridge.world import World
 from aras_sim_bridge.world.closed_chains import compute_position
@@ -270,11 +270,6 @@ def test_states_place_the_free_bodies_of_a_model():
     (made,) = content.models
     assert made.initial_pose[0] == (0, 0, 5) and not content.warnings
     assert made.parts[0].initial_pose[0] == pytest.approx((3, 0, -4))
-
-
-def test_a_single_model_that_is_wrong_is_refused():
-    with pytest.raises(DescriptionError, match="joint type 'ball' is not supported"):
-        model(link("a") + link("b") + joint("j", "a", "b", "ball"))
 
 
 def test_a_free_model_with_a_closed_chain_stands_by_bullet_s_steps():

@@ -97,19 +97,6 @@ def test_models_and_their_meshes_come_from_the_model_folders(folders, read, uri)
             (0.1, 0.2, 0.3))
 
 
-def test_models_in_models_are_one(folders, read):
-    folders("wheel", f"<model name='wheel'><pose>0 0 9 0 0 0</pose>{SOLID.format('')}</model>")
-    found = read("<model name='cart'>" + SOLID.format("") + include(
-        "wheel", "<name>left</name><pose>0 0.5 0 0 0 1.5707963267948966</pose>")
-        + "<joint name='axle' type='revolute'><parent>body</parent><child>left::body</child>"
-        "<axis><xyz>0 0 1</xyz></axis></joint></model>")
-    (cart,) = found.models
-    assert list(cart.links) == ["body", "left::body"]
-    joint = cart.joints["axle"]
-    assert joint.origin_xyz == pytest.approx((0, 0.5, 0.1))
-    assert joint.origin_rpy == pytest.approx((0, 0, math.pi / 2))
-
-
 @pytest.mark.parametrize(("uri", "reason"), [
     ("model://gone", "the folder 'gone' is not in GAZEBO_MODEL_PATH, ~/.gazebo/models, or "),
     ("model://bare", "bare/model.config cannot be read"),
@@ -204,9 +191,6 @@ def places(found):
 
 
 @pytest.mark.parametrize(("inside", "expected"), [
-    ("<distribution><type>grid</type><rows>2</rows><cols>3</cols><step>0.4 0.5 0</step>"
-     "</distribution>", [(0.6, 1.75 + 0.4 * j, 3) for j in range(3)]
-     + [(0.1, 1.75 + 0.4 * j, 3) for j in range(3)]),
     ("<distribution><type>grid</type><rows>3</rows><cols>2</cols></distribution>",
      [(0.75 - 0.5 * i, 1.5 + 0.5 * j, 3) for i in range(3) for j in range(2)]),
     ("<model_count>4</model_count><box><size>2 1 0.8</size></box><distribution><type>linear-x"
@@ -288,21 +272,6 @@ def materials(folders):
     picture = folder / "materials/textures/side.png"
     cv2.imwrite(str(picture), np.zeros((2, 3, 3), np.uint8))
     return picture
-
-
-@pytest.mark.parametrize("uris", [
-    "<uri>model://crate/materials/scripts</uri><uri>model://crate/materials/textures</uri>",
-    "<uri>model://crate/materials/scripts/crate.material</uri>",
-])
-def test_a_material_script_gives_colour_and_texture(materials, read, uris):
-    (model,) = read(crate("Crate/Side", uris=uris)).models
-    assert (model.colours["body"], model.warnings) == ((0.9, 0.8, 0.7, 0.5), ())
-    assert model.links["body"].visuals[0].texture == str(materials)
-    (model,) = read(crate("Crate/Base")).models
-    assert model.colours["body"] == (0.5, 0.6, 0.7, 1.0)
-    (model,) = read(crate("Crate/Plain")).models
-    assert model.colours["body"] == (0.2, 0.3, 0.4, 1.0)
-    assert model.links["body"].visuals[0].texture == ""
 
 
 @pytest.mark.parametrize(("inside", "reason"), [
@@ -698,12 +667,3 @@ def test_packages_export_folders_of_models(folders, read, tmp_path, monkeypatch)
     for uri in ("model://sets/../../arm", "model://sets/none"):
         with pytest.raises(DescriptionError, match="the folder .* is not in GAZEBO_MODEL_PATH"):
             find_folder(uri, None)
-
-
-def test_a_population_may_include_its_model(folders, read):
-    folders("tree", "<model name='tree'><static>1</static><link name='a'/></model>")
-    found = read("<population name='wood'>" + include("tree") + "<pose>1 0 0 0 0 0</pose>"
-                 "<model_count>3</model_count><distribution><type>grid</type><rows>1</rows><cols>3"
-                 "</cols><step>2 0 0</step></distribution></population>")
-    assert [model.name for model in found.models] == [f"tree_clone_{k}" for k in range(3)]
-    assert found.warnings == ()

@@ -146,24 +146,6 @@ def test_gravity_and_step_act_as_they_were_set_last(world, make, stepper):
     assert abs(bob.read_joints()[1][0]) == pytest.approx(0.002 * 4.0 * sideways, rel=1e-9)
 
 
-def test_damping_of_a_free_body_is_chosen_anew_for_another_step(world, make):
-    """Explicit damping, right at 0.1 ms, would throw the wheel about at 5 ms."""
-    world.set_physics(gravity=(0, 0, 0), time_step=1e-4)
-    xml = make.robot(
-        make.link("hull", 1.0, "0 0 0", (0.1, 0.1, 0.1, 0, 0, 0)),
-        make.link("wheel", 0.1, "0 0 0", (0.001, 0.001, 0.001, 0, 0, 0)),
-        make.joint("spin", "hull", "wheel", "continuous", axis="0 0 1", damping=3.0))
-    model = spawn(world, xml)
-    steps(world, 5, model, spin=20.0)
-    world.set_physics(time_step=0.005)
-    rates = [model.read_joints()[1][0]]
-    for _ in range(20):
-        world.step()
-        rates.append(model.read_joints()[1][0])
-    assert rates[0] > 0.5
-    assert all(0 <= b <= a for a, b in zip(rates, rates[1:], strict=False))
-
-
 def test_a_free_body_s_joint_has_its_friction_again_once_its_damping_needs_no_motor(world, make):
     world.set_physics(gravity=(0, 0, 0), time_step=0.005)
     xml = make.robot(

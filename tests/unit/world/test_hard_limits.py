@@ -54,8 +54,7 @@ def test_what_cannot_be_done_is_refused_and_nothing_is_spawned(make, options, er
         spawned(make, **options)
 
 
-@pytest.mark.parametrize("bolted", [True, False])
-@pytest.mark.parametrize("lower", [0.8, -2.0])
+@pytest.mark.parametrize(("bolted", "lower"), [(True, -2.0), (False, 0.8)])
 def test_a_joint_that_is_spawned_beyond_its_stop_comes_back_gently(make, bolted, lower):
     """In Bullet it came back by a fifth of the way in one step, at 160 rad/s. What lies on the
     turning arm keeps it in Bullet."""

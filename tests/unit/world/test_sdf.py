@@ -52,24 +52,6 @@ def test_shapes_carry_what_falls_on_them(make, shape, height):
         assert world.models["m"].fixed_base
 
 
-def test_joints_move_about_the_child_s_origin():
-    text = model(
-        link("", "post", "<inertial><mass>5</mass></inertial>")
-        + link("", "arm", "<pose>0.5 0 1 0 0 0</pose><inertial><pose>0 0 -0.5 0 0 0</pose>"
-               "<mass>1</mass><inertia><ixx>0.01</ixx><iyy>0.01</iyy><izz>0.01</izz></inertia>"
-               "</inertial>")
-        + '<joint name="bolt" type="fixed"><parent>world</parent><child>post</child></joint>'
-        '<joint name="swing" type="revolute"><parent>post</parent><child>arm</child>'
-        "<axis><xyz>0 1 0</xyz><dynamics><damping>0.1</damping></dynamics></axis></joint>", "")
-    description = parse_sdf(text)
-    assert description.joints["swing"].kind == "continuous"
-    with World() as world:
-        made = world.spawn(description, "m", joint_positions={"swing": 0.1})
-        assert made.fixed_base
-        assert made.link_pose("arm").xyz == pytest.approx((0.5, 0, 1))
-        assert made.bias_efforts() == pytest.approx([9.8 * 0.5 * math.sin(0.1)])
-
-
 def test_the_shipped_world_is_read():
     content = read_sdf((ROBOT / "world/aras_visual_servo.world").read_text())
     assert [m.name for m in content.models] == ["ground_plane"]

@@ -395,35 +395,6 @@ def test_what_rubs_along_a_held_base_is_felt_along_its_way(world, make, first):
     assert one.contact_wrench[5] == pytest.approx(-9.8, rel=0.1)
 
 
-@pytest.mark.parametrize("case", ["struck", "rubbed"])
-def test_what_strikes_or_rubs_a_held_base_moves_it_as_it_does_a_free_one(
-        make, case):
-    """The same with Bullet alone, which never holds a base that is pushed."""
-    def moved(alone):
-        with World() as world:
-            world.spawn_ground_plane()
-            model = world.spawn(cart(make, 500.0, mu=0.1, travel=200.0), "cart")
-            if case == "struck":
-                rail = 0.0
-                loose_box(make, world, "it", 5.0, (-0.6, 0.0, 0.1), speed=(30.0, 0.0, 0.0))
-            else:  # the base bears 0.9 of 497 N: the rail's alone, not with 5 N of rubbing
-                rail = -443.5
-                loose_box(make, world, "it", 5.0, (-0.2, 0.0, 0.25), speed=(1.5, 0.0, 0.0))
-            fastest = 0.0
-            for k in range(61):
-                if alone:
-                    model.apply_force("base", (0.0, 0.0, 1e-9), model.pose().xyz)
-                assert k != 1 or model.fixed_base != alone
-                steps(world, 1, model, rail if k else 0.0)
-                fastest = max(fastest, model.twist().linear[0])
-            assert not model.fixed_base
-            return model.pose().xyz[0], fastest
-
-    held, alone = moved(False), moved(True)
-    if case == "struck":
-        assert held == pytest.approx(alone, rel=0.1) and alone[1] > 0.2
-
-
 def test_a_hard_velocity_limit_outlives_a_base_that_is_let_go(world, held):
     held.bound_speed("rail", 0.2)
     held.apply_force("base", (1.0, 0.0, 0.0), held.pose().xyz)

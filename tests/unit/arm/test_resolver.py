@@ -249,16 +249,6 @@ def test_held_directions_stand_still(modelled, still):
     assert np.abs(answer.achieved_twist[list(still)]).max() < 1e-9
 
 
-def test_held_place_comes_back_after_it_was_lost():
-    arm, q = make("ur5"), np.array(REGULAR["ur5"])
-    resolver = DifferentialIK(arm)
-    resolver.goal = arm.pose(q)
-    away = q + 0.05
-    modelled = (True, True, False, True, True, True)
-    path = goto(resolver, away, arm.pose(q), modelled, steps=200)
-    assert pose_difference(arm.pose(path[-1]), arm.pose(q))[0] < 1e-3
-
-
 def test_without_a_goal_the_first_attitude_is_kept_until_reset():
     arm, q = make("ur5"), np.array(REGULAR["ur5"])
     resolver = DifferentialIK(arm)

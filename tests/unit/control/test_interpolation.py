@@ -93,28 +93,6 @@ def test_pauses_and_a_clock_set_back_do_not_change_the_interval():
         assert values[39] == pytest.approx(0.01, rel=1e-3)
 
 
-@pytest.mark.parametrize(("intervals", "lasting"), [
-    # A fifth of the way from 1/30 s to each interval; then 2.2 times a fifth of the change from one
-    # to the next, of which half the shorter interval counts at most.
-    ((20,), 100 / 3 - 0.2 * (100 / 3 - 20)),
-    ((20, 24), 0.8 * (100 / 3 - 0.2 * (100 / 3 - 20)) + 0.2 * 24 + 2.2 * 0.2 * 4),
-    ((24, 20), 0.8 * (100 / 3 - 0.2 * (100 / 3 - 24)) + 0.2 * 20 + 2.2 * 0.2 * 4),
-    ((10, 30), 0.8 * (100 / 3 - 0.2 * (100 / 3 - 10)) + 0.2 * 30 + 2.2 * 0.2 * 5),
-    ((30, 10), 0.8 * (100 / 3 - 0.2 * (100 / 3 - 30)) + 0.2 * 10 + 2.2 * 0.2 * 5),
-    ((30, 1000, 10), 0.8 * (100 / 3 - 0.2 * (100 / 3 - 30)) + 0.2 * 10 + 2.2 * 0.2 * 5),
-])  # fmt: skip
-def test_an_uneven_stream_s_line_lasts_longer_by_its_changes(intervals, lasting):
-    it, at = interpolation(), 1000
-    it.set_target(0.0, at * MS)
-    for interval in intervals[:-1]:
-        at += interval
-        it.set_target(0.0, at * MS)
-    it.set_target(0.1, (at + intervals[-1]) * MS)
-    values = follow(it, {}, 20)
-    # The corner's lag has died away after 15 ms: then it goes as fast as the line.
-    assert values[-1] - values[-2] == pytest.approx(0.1 / lasting, rel=0.01)
-
-
 def test_the_set_point_does_not_depend_on_the_control_period():
     """Lines in time, not in cycles: after 20 ms of 1 ms or 5 ms cycles, the same place."""
     fine, coarse = interpolation(), interpolation()

@@ -85,17 +85,6 @@ def test_tensors_that_no_body_has():
     assert not warnings, "a CAD export's rounding"
 
 
-@pytest.mark.parametrize(("inertia", "kept"), [
-    ((3.0, 0.1, 0.2, 4.0, 0.3, 5.0), True), ((1.0, 0.0, 0.0, 100.0, 0.0, 1.0), True),
-    ((0.0,) * 6, False), ((1e-8, 2e-8, 0.0, 1e-8, 0.0, 1e-8), False),
-])
-def test_whatever_is_done_to_a_tensor_mass_and_frame_stay(inertia, kept):
-    made = make_inertial("w", 2.5, (1.0, 2.0, 3.0), (0.1, 0.2, 0.3), inertia, [])
-    assert (made.mass, made.origin_xyz, made.origin_rpy) == (2.5, (1, 2, 3), (0.1, 0.2, 0.3))
-    ball = 2.5 * 0.4 * 0.05**2
-    assert made.inertia == pytest.approx(inertia if kept else (ball, 0, 0, ball, 0, ball))
-
-
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e4])
 def test_how_much_a_tensor_may_be_rounded(scale):
     """Below zero by 1e-9 of the largest moment; beyond the triangle's by 1e-3 of the trace."""

@@ -55,35 +55,6 @@ def test_solids_have_their_size_and_volume(shape, expected, extents):
     assert np.linalg.norm(mesh.normals, axis=1) == pytest.approx(1.0)
 
 
-def rings(shape):
-    """(radius, z) of a round shape's rings, of the fineness that they are drawn with."""
-    radius, half = shape.radius, shape.length / 2
-    turns = np.linspace(0.0, math.pi, 17)  # from the lower pole to the upper one
-    arc = [(radius * math.sin(t), -radius * math.cos(t)) for t in turns]
-    return {"sphere": arc, "cylinder": [(radius, -half), (radius, half)],
-            "capsule": [(r, z - half) for r, z in arc[:9]] + [(r, z + half) for r, z in arc[8:]],
-            }[shape.kind]
-
-
-@pytest.mark.parametrize("shape", [
-    Geometry("sphere", radius=0.5), Geometry("cylinder", radius=0.3, length=2.0),
-    Geometry("capsule", radius=0.4, length=1.5),
-])
-def test_round_shapes_are_of_32_sectors_and_half_a_circle_of_16_rings(shape):
-    """Frustums of polygons of 32 sides: their corners, and their volume in closed form."""
-    (mesh,) = shapes.make_meshes(shape)
-    profile = np.array(rings(shape))
-    angles = np.arange(32) * 2 * math.pi / 32
-    expected = {tuple(np.round((r * math.cos(a), r * math.sin(a), z), 5) + 0.0)
-                for r, z in profile for a in angles}
-    found = {tuple(point) for point in np.round(mesh.positions.astype(float), 5) + 0.0}
-    assert found - {(0.0, 0.0, z) for z in (-1.0, 1.0)} == expected  # the middle of a lid
-    side = 16 * math.sin(2 * math.pi / 32)  # area of the polygon of radius 1
-    r, z = profile.T
-    frustums = np.diff(z) / 3 * side * (r[1:] ** 2 + r[1:] * r[:-1] + r[:-1] ** 2)
-    assert volume(mesh) == pytest.approx(frustums.sum(), rel=1e-6)
-
-
 @pytest.mark.parametrize("normal", [(0, 0, 1), (0, 0, -1), (1, 0, 0), (0, -0.6, 0.8)])
 def test_a_plane_is_a_rectangle_that_its_normal_leaves(normal):
     (mesh,) = shapes.make_meshes(Geometry("plane", size=(2.0, 6.0, 0.0), normal=normal))

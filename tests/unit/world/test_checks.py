@@ -62,7 +62,6 @@ def test_a_longer_one_is_refused(world, make, links):
 
 BAD = {
     "a heavy link": (lambda make: weighed(make, mass=1e10), r"a mass of 1e\+10 kg"),
-    "a light link": (lambda make: weighed(make, mass=1e-10), "a mass of 1e-10 kg"),
     "no mass": (lambda make: weighed(make, mass=math.nan), "a mass of nan kg"),
     "a far centre": (lambda make: weighed(make, origin_xyz=(0.0, 2e9, 0.0)), "the offset of the "
                                                                              "centre of mass"),
@@ -71,8 +70,6 @@ BAD = {
     "a negative one askew": (lambda make: weighed(make, inertia=(1, 2, 0, 1, 0, 1)), "positive"),
     "a zero tensor": (lambda make: weighed(make, inertia=(0.0,) * 6), "positive"),
     "a huge tensor": (lambda make: weighed(make, inertia=(1e20, 0, 0, 1e20, 0, 1e20)), "gyration"),
-    "a tiny tensor": (lambda make: weighed(make, inertia=(1e-20, 0, 0, 1e-20, 0, 1e-20)),
-                      "gyration"),
     "a huge box": (lambda make: shaped(make, "collisions", Geometry("box", size=(1, 1, 1e300))),
                    r"the box size of a collision is 1e\+300 m"),
     "a tiny box": (lambda make: shaped(make, "collisions", Geometry("box", size=(1e-10, 1, 1))),

@@ -329,12 +329,16 @@ def test_another_model_leaves_it_held_unless_it_is_heavy_and_loose(world, make, 
     assert not held.fixed_base
 
 
-@pytest.mark.parametrize("what", ["a cart on a table", "a cart on wheels", "a cart in a groove"])
+@pytest.mark.parametrize("what", ["a cart on a table", "a cart on a lift", "a cart on wheels",
+                                  "a cart in a groove"])
 def test_what_stands_otherwise_is_left_to_bullet(world, make, what):
+    top = make.link("top", 50.0, "0 0 0.1", (5, 5, 5, 0, 0, 0), make.box("2 2 0.2", "0 0 0.1"))
     if what == "a cart on a table":
-        top = make.box("2 2 0.2", "0 0 0.1")
-        table = parse_urdf(make.robot(make.link("table", 50.0, "0 0 0.1", (5, 5, 5, 0, 0, 0), top)))
-        world.spawn(table, "table")
+        world.spawn(parse_urdf(make.robot(top)), "table")
+        model = world.spawn(cart(make), "cart", Pose((0, 0, 0.2)))
+    elif what == "a cart on a lift":
+        world.spawn(parse_urdf(make.robot(make.link("world"), top, make.joint(
+            "up", "world", "top", "prismatic", axis="0 0 1", lower=0.0, upper=1.0))), "lift")
         model = world.spawn(cart(make), "cart", Pose((0, 0, 0.2)))
     elif what == "a cart in a groove":
         sides = "".join(f'<collision><origin xyz="{x} 0 0.2" rpy="0 {turn} 0"/><geometry>'

@@ -147,6 +147,20 @@ def test_a_cancelled_goal_holds_the_joint_where_it_is(make):
     assert rig.model.q[1] == pytest.approx(at, abs=1e-3)
 
 
+def test_time_that_is_put_back_ends_no_goal(make):
+    controller, rig = make(stall_timeout=0.2)
+    rig.model.stuck.add("b")
+    rig.step(100)
+    handle = controller.submit_goal(GripperGoal(0.9, 7.0))
+    rig.step(5)
+    rig.time_ns = 0
+    rig.loop.reset()
+    rig.step(21)
+    assert handle.status == "active"
+    rig.step(2)
+    assert handle.status == "aborted"
+
+
 @pytest.mark.parametrize("goal", [GripperGoal(nan, 1.0), GripperGoal(0.1, inf)])
 def test_a_goal_of_no_number_is_refused(make, goal):
     controller, rig = make()

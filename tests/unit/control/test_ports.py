@@ -25,11 +25,21 @@ def thread():
     made.stop()
 
 
+class AtOnce(SimulationThread):
+    """A thread that is not started: jobs are run where they are posted."""
+
+    def __init__(self) -> None:
+        super().__init__(Simulation, Pacer(1.0))
+
+    def post(self, job) -> None:
+        job()
+
+
 @pytest.fixture
 def advertise(ros, thread):
     """make() gives a PID, and the topic of its outputs."""
 
-    def make():
+    def make(thread=thread):
         pid = Pid(2.0)
         return pid, StateTopic("/state", Float64, 1, pid, lambda message, state: setattr(
             message, "data", state.output), thread)
@@ -81,11 +91,11 @@ def test_who_comes_while_another_leaves_is_heard_in_whatever_order_it_is_told(
     assert is_heard(pid, thread)
 
 
-def test_a_listener_that_was_quicker_than_the_constructor_is_heard(advertise, ros, thread):
+def test_a_listener_that_was_quicker_than_the_constructor_is_heard(advertise, ros):
     ros.tell = lambda: None
     ros.join()
-    pid, _ = advertise()
-    assert is_heard(pid, thread)
+    pid, _ = advertise(AtOnce())
+    assert pid.on_state is not None
 
 
 def test_nobody_waits_for_the_encoder_and_the_newest_frames_stay():

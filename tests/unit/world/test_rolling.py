@@ -86,3 +86,17 @@ def test_it_rests_across_an_edge_by_its_middle(make, kind):
             world.step()
         assert body.link_pose("round").apply((0, 0, 0.02))[2] == pytest.approx(
             0.3 + RADIUS, abs=2e-4)
+
+
+def test_cylinders_stand_on_each_other(make):
+    tin = make.link("tin", 1.0, "0 0 0", (2.3e-3, 2.3e-3, 1.25e-3, 0, 0, 0),
+                    '<collision><geometry><cylinder radius="0.05" length="0.14"/></geometry>'
+                    "</collision>")
+    with World() as world:
+        world.spawn_ground_plane()
+        tins = [world.spawn(parse_urdf(make.robot(tin)), f"tin{k}", Pose((0, 0, 0.07 + 0.14 * k)))
+                for k in range(3)]
+        for _ in range(1500):
+            world.step()
+        for k, model in enumerate(tins):
+            assert model.pose().xyz == pytest.approx((0, 0, 0.07 + 0.14 * k), abs=2e-4)

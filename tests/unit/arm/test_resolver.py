@@ -19,6 +19,11 @@ from aras_visual_servo_controller.kinematics import (
     SingularityAvoidance,
 )
 from aras_visual_servo_controller.kinematics.elbow import find_elbows
+from aras_visual_servo_controller.kinematics.ik_solution import IKSolution, rank
+from aras_visual_servo_controller.kinematics.limits import (
+    compute_stopping_speed,
+    compute_velocity_ranges,
+)
 from aras_visual_servo_controller.kinematics.task import Task
 
 ALL = (True,) * 6
@@ -244,16 +249,6 @@ def test_held_directions_stand_still(modelled, still):
     assert np.abs(answer.achieved_twist[list(still)]).max() < 1e-9
 
 
-def test_held_place_comes_back_after_it_was_lost():
-    arm, q = make("ur5"), np.array(REGULAR["ur5"])
-    resolver = DifferentialIK(arm)
-    resolver.goal = arm.pose(q)
-    away = q + 0.05
-    modelled = (True, True, False, True, True, True)
-    path = goto(resolver, away, arm.pose(q), modelled, steps=200)
-    assert pose_difference(arm.pose(path[-1]), arm.pose(q))[0] < 1e-3
-
-
 def test_without_a_goal_the_first_attitude_is_kept_until_reset():
     arm, q = make("ur5"), np.array(REGULAR["ur5"])
     resolver = DifferentialIK(arm)
@@ -386,13 +381,13 @@ def near_trouble(arm, random, kind):
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("kind", ["limit", "singularity"])
 def test_no_bound_is_ever_passed(name, kind):
-    """100 starts for each arm and kind of trouble, tasks that run into it."""
+    """50 starts for each arm and kind of trouble, tasks that run into it."""
     arm, random = make(name), np.random.default_rng(7)
     limits = Limits.for_arm(arm, velocity=1.5, acceleration=8.0)
     tasks = [JointLimitAvoidance(limits), Constant(random.normal(size=len(arm.names)))]
     resolver = DifferentialIK(arm, limits, tasks)
     at_limit = 0
-    for _ in range(100):
+    for _ in range(50):
         resolver.reset()
         q, velocities = near_trouble(arm, random, kind), np.zeros(len(arm.names))
         twist = random.normal(size=6) * (0.3, 0.3, 0.3, 1.0, 1.0, 1.0)
@@ -409,7 +404,7 @@ def test_no_bound_is_ever_passed(name, kind):
             q = q + velocities * dt
             assert (q >= limits.lower - 1e-9).all() and (q <= limits.upper + 1e-9).all()
             at_limit += bool(answer.stopped_joints)
-    assert at_limit > 20 or kind == "singularity"
+    assert at_limit > 10 or kind == "singularity"
 
 
 def test_no_motion_and_no_time():
@@ -535,20 +530,6 @@ def test_what_an_elbow_has_to_have(options, found):
     assert len(find_elbows(planar(**options))) == found
 
 
-@pytest.mark.parametrize("name", ["aras", "ur5"])
-def test_a_small_bend_keeps_the_direction_and_the_attitude(name):
-    arm = make(name)
-    (fold,) = find_elbows(arm)
-    q = np.zeros(len(arm.names))
-    q[fold.joint_before] = 0.3
-    here, there = arm.pose(q), arm.pose(bent(fold, q, 0.01))
-    distance, angle = pose_difference(here, there)
-    assert angle < 1e-7 and 1e-7 < distance < 1e-4  # of second order
-    assert pose_difference(here, arm.pose(bent(fold, q, 0.02)))[0] == pytest.approx(
-        4.0 * distance, rel=0.02
-    )
-
-
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 def test_a_stretched_arm_comes_back(side):
     arm = make("aras")
@@ -627,11 +608,6 @@ class TestSingularityAvoidance:
     def task(self, **options):
         return SingularityAvoidance(self.arm, **options)
 
-    def test_manipulability_is_that_of_the_rows(self):
-        rows = self.arm.jacobian(self.level)[[0, 1, 2, 5]]
-        product = np.prod(np.linalg.svd(rows, compute_uv=False))
-        assert self.task().manipulability(self.level) == pytest.approx(product, rel=1e-9)
-
     @pytest.mark.parametrize("options", [{}, {"gain": 2.0, "bound": 0.3, "max_gradient": 1e-3}])
     def test_its_step_is_up_the_slope(self, options):
         given = {"gain": 0.5, "bound": 0.1, "max_gradient": 0.1, **options}
@@ -668,3 +644,66 @@ class TestSingularityAvoidance:
         assert task.manipulability(q) > before
         assert np.abs(speeds[:5]).min() > 0.05 and np.abs(speeds[-20:]).max() < 5e-3
         assert (np.diff(np.sign(np.array(speeds)[np.abs(speeds) > 1e-3])) != 0).sum() <= 1
+
+
+# ------------------------------------------------------------- stopping, and what is reported
+
+
+@pytest.mark.parametrize("room", [1e-12, 1e-3, 0.2, 50.0])
+@pytest.mark.parametrize("acceleration", [0.3, 8.0, 1e9])
+@pytest.mark.parametrize("dt", [1e-3, 0.05, 2.0])
+def test_the_greatest_speed_that_still_stops(room, acceleration, dt):
+    """Kept for dt, then braked as hard as can be in many short steps."""
+    speed = compute_stopping_speed(room, acceleration, dt)
+    steps = np.linspace(speed, 0.0, 1001)
+    braking = 0.5 * (steps[1:] + steps[:-1]).sum() * (speed / 1000) / acceleration
+    assert speed * dt + braking == pytest.approx(room, rel=1e-9, abs=0.0)
+
+
+def test_speeds_that_no_braking_bounds():
+    assert compute_stopping_speed(0.2, np.inf, 0.05) == pytest.approx(4.0)
+    assert compute_stopping_speed(0.0, 2.0, 0.05) == 0.0
+    for room, acceleration, dt in [(np.inf, 2.0, 0.05), (np.inf, np.inf, 0.05), (0.2, 2.0, 0.0)]:
+        assert compute_stopping_speed(room, acceleration, dt) == np.inf
+
+
+def test_ranges_leave_room_to_stop_on_either_side():
+    q = np.array([0.5, 0.9, -1.2, 1.3, 4.0])  # the third and fourth outside
+    lower, upper = np.array([-1.0, -2.0, -1.0, -1.0, -np.inf]), np.array([1.0, 1.0, 1.0, 1.0, 5.0])
+    acceleration, dt = np.array([2.0, 3.0, 4.0, 5.0, np.inf]), 0.1
+    low, high = compute_velocity_ranges(
+        q, np.array([lower, upper, np.ones(5), acceleration]), dt
+    )
+    assert low[3] < 0.0 == high[3] and low[2] == 0.0 < high[2]
+    for speeds, rooms in ((-low, q - lower), (high, upper - q)):
+        stopped = speeds[:4] * dt + speeds[:4] ** 2 / (2.0 * acceleration[:4])
+        np.testing.assert_allclose(stopped, np.maximum(rooms[:4], 0.0), rtol=1e-12)
+    assert low[4] == -np.inf and high[4] == pytest.approx(10.0)
+
+
+@pytest.mark.parametrize("size", [1e-9, 1.0, 1e9])
+def test_a_rank_counts_what_is_more_than_rounding(size):
+    assert rank(size * np.array([3.0, 3.3e-12, 2.7e-12])) == 2
+    assert rank(size * np.array([3.0, 0.0])) == 1
+
+
+@pytest.mark.parametrize("none", [[], [0.0], [0.0, 0.0]])
+def test_nothing_has_no_rank(none):
+    assert rank(np.array(none)) == 0
+
+
+def test_what_a_message_does_not_tell_is_not_a_number():
+    asked, twist, velocities = np.arange(6.0), np.arange(1.0, 7.0), np.array([0.1, -0.2, 0.3])
+    told = np.array([4.0, 2.0]), np.array([2.0, 1e-5, 1e-12])
+    found = IKSolution.from_record(velocities, asked, twist, told, scale=0.5)
+    assert (
+        found.velocities is velocities
+        and found.desired_twist is asked
+        and found.achieved_twist is twist
+    )
+    assert (found.scale, found.rank) == (0.5, 2)
+    assert found.manipulability == pytest.approx(2e-17, rel=1e-9, abs=0.0)
+    np.testing.assert_array_equal(found.singular_values_L, told[0])
+    for unknown, count in ((found.infeasible_twist, 6), (found.primary, 3), (found.margins, 3)):
+        np.testing.assert_array_equal(unknown, np.full(count, np.nan))
+    assert found.L.shape == (0, 6) and found.jacobian.shape == (6, 3)

@@ -1,61 +1,60 @@
 """Robot without physics engine: unit masses that are driven by efforts or by positions."""
 
+import socket
+import struct
 import sys
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 
+from aras_sim_bridge.control.drives import JointModel
 from aras_sim_bridge.control.hardware import RobotHardware
 from aras_sim_bridge.control.loop import ControlLoop
 from aras_sim_bridge.control.manager import ControllerManager
+from aras_sim_bridge.description import (
+    Joint,
+    JointLimits,
+    RobotDescription,
+    SoftLimits,
+    Transmission,
+)
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "as_new"))  # recorded_values.py
 
 PREFIX = "hardware_interface/"
 
 
-def _limits(lower=-2.0, upper=2.0, velocity=5.0, effort=100.0):
-    return SimpleNamespace(lower=lower, upper=upper, velocity=velocity, effort=effort)
+def limits_of(lower=-2.0, upper=2.0, velocity=5.0, effort=100.0):
+    return JointLimits(lower, upper, effort, velocity)
 
 
-def _soft(lower=-1.5, upper=1.5, k_position=10.0, k_velocity=20.0):
-    return SimpleNamespace(
-        lower=lower, upper=upper, k_position=k_position, k_velocity=k_velocity
-    )
+def soft_limits_of(lower=-1.5, upper=1.5, k_position=10.0, k_velocity=20.0):
+    return SoftLimits(lower, upper, k_position, k_velocity)
 
 
-def _joint(
-    name, kind="revolute", interface="EffortJointInterface", limits=None, soft_limits=None, **more
-):
-    """Return a joint with its transmission; limits: SimpleNamespace, or 'none'."""
-    if limits is None:
-        limits = _limits()
-    joint = SimpleNamespace(
-        name=name, kind=kind, limits=None if limits == "none" else limits, soft_limits=soft_limits
-    )
+def joint_of(name, kind="revolute", interface="EffortJointInterface", limits=None, **more):
+    """Return a joint and its transmission; `limits`: JointLimits, or 'none'; `more`: fields of the
+    transmission."""
+    limits = {None: limits_of(), "none": None}.get(limits, limits)
     full = PREFIX + interface if interface else ""
-    transmission = SimpleNamespace(
-        name=f"{name}_transmission", type="SimpleTransmission", joint=name, interface=full,
-        has_actuator=True, joints=(name,), interfaces=(full,),
+    transmission = Transmission(
+        f"{name}_transmission", "SimpleTransmission", name, full, True, (name,), (full,)
     )
-    for key, value in more.items():
-        setattr(transmission, key, value)
-    return joint, transmission
+    return Joint(name, kind, "base", name, limits=limits), replace(transmission, **more)
 
 
-class FakeModel:
-    """Robot of unit masses. `stuck` joints do not move; `calls` records the calls of the hardware.
+class UnitMasses(JointModel):
+    """Unit masses, one a joint.
+
+    `stuck` joints do not move, `stops` are upper stops by joint, and `calls` lists the calls of the
+    hardware.
     """
 
     def __init__(self, names):
         self.joint_names = tuple(names)
-        self.q = [0.0] * len(names)
-        self.v = [0.0] * len(names)
-        self.tau = [0.0] * len(names)
-        self.stuck = set()
-        self.calls = []
+        self.q, self.v, self.tau = ([0.0] * len(names) for _ in range(3))
+        self.stuck, self.stops, self.calls = set(), {}, []
 
     def read_joints(self):
         return self.q, self.v, self.tau
@@ -66,6 +65,7 @@ class FakeModel:
 
     def set_position(self, joint, position):
         self.calls.append(("position", joint, position))
+        position = min(position, self.stops.get(joint, position))
         if joint not in self.stuck:
             self.q[self.joint_names.index(joint)] = position
         return position
@@ -74,6 +74,9 @@ class FakeModel:
         self.calls.append(("velocity", joint, velocity, max_effort))
         if joint not in self.stuck:
             self.v[self.joint_names.index(joint)] = velocity
+
+    def bound_speed(self, joint, fastest):
+        self.calls.append(("bound", joint, fastest))
 
     def integrate(self, dt):
         """Integrate by semi-implicit Euler over dt, s."""
@@ -87,7 +90,7 @@ class FakeModel:
 class Rig:
     """Model, hardware, manager and loop with a simulated clock; `log` collects messages."""
 
-    model: FakeModel
+    model: UnitMasses
     hardware: RobotHardware
     manager: ControllerManager
     loop: ControlLoop
@@ -113,19 +116,85 @@ class Rig:
         return controllers if len(controllers) > 1 else controllers[0]
 
 
+class Connection:
+    """rospy's connection to a subscriber, whose end of the socket is `far`."""
+
+    endpoint_id = "/listener"
+
+    def __init__(self):
+        self.socket, self.far = socket.socketpair()
+        self.far.settimeout(5.0)
+
+    def close(self):
+        self.socket.close()
+
+    def bodies(self, count):
+        """Read so many messages."""
+        sizes = (struct.unpack("<I", self._read(4))[0] for _ in range(count))
+        return [self._read(size) for size in sizes]
+
+    def _read(self, size):
+        data = b""
+        while len(data) < size:
+            data += self.far.recv(size - len(data))
+        return data
+
+
+class AdvertisedTopic:
+    """rospy's side of one topic: its connections, and `tell` for its SubscribeListener."""
+
+    make_connection = Connection
+
+    def __init__(self):
+        self.connections, self.removed, self.tell = [], [], None
+
+    def remove_connection(self, connection):
+        self.removed.append(connection)
+
+    def join(self, connection=None):
+        connection = connection or Connection()
+        self.connections = [*self.connections, connection]
+        self.tell()
+        return connection
+
+    def leave(self, connection):
+        self.connections = [c for c in self.connections if c is not connection]
+        connection.close()
+        self.tell()
+
+
+@pytest.fixture
+def ros(monkeypatch):
+    """The topic that rospy advertises for the test."""
+    import rospy
+
+    topic = AdvertisedTopic()
+
+    class Publisher:
+        def __init__(self, *_args, subscriber_listener, **_options):
+            topic.tell = subscriber_listener.peer_subscribe
+            self.impl = topic
+
+        def unregister(self):
+            self.impl = None
+
+    monkeypatch.setattr(rospy, "Publisher", Publisher)
+    return topic
+
+
 @pytest.fixture
 def make_joint():
-    return _joint
+    return joint_of
 
 
 @pytest.fixture
 def make_limits():
-    return _limits
+    return limits_of
 
 
 @pytest.fixture
 def make_soft():
-    return _soft
+    return soft_limits_of
 
 
 @pytest.fixture
@@ -135,11 +204,11 @@ def make_rig():
     def make(joints, parameters=None, step_ns=1_000_000, control_period_ns=None, physics=True,
              q=None):
         log = []
-        description = SimpleNamespace(
-            joints={joint.name: joint for joint, _ in joints},
-            transmissions=tuple(transmission for _, transmission in joints),
+        description = RobotDescription(
+            "robot", "base", {}, {joint.name: joint for joint, _ in joints},
+            tuple(transmission for _, transmission in joints),
         )
-        model = FakeModel([joint.name for joint, _ in joints if joint.kind != "fixed"])
+        model = UnitMasses([joint.name for joint, _ in joints if joint.kind != "fixed"])
         model.q[:] = q or model.q
         parameters = {} if parameters is None else parameters
         hardware = RobotHardware(description, model, parameters, "/robot", log.append)

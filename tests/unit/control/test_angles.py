@@ -86,18 +86,6 @@ def test_all_agree_with_the_ros_package_everywhere():
             ), where
 
 
-def test_distances_lead_to_the_goal_s_angle():
-    """Whatever way they go: start + distance is the goal, give or take full turns."""
-    for start, goal, lower, upper in grid_and_noise():
-        for distance in (
-            angles.shortest_angular_distance(start, goal),
-            angles.shortest_angular_distance_with_large_limits(start, goal, lower, upper),
-        ):
-            turns = (start + distance - goal) / (2 * pi)
-            assert turns == pytest.approx(round(turns), abs=1e-9)
-            assert abs(distance) <= 2 * pi
-
-
 def test_nothing_of_ros_is_needed():
     """The package must serve programs where no ROS is installed."""
     code = (

@@ -2,59 +2,80 @@
 
 from __future__ import annotations
 
+import socket
 import struct
 import sys
+import time
 from io import BytesIO
-from types import SimpleNamespace
 
 import pytest
+import rospy
 from rospy.msg import deserialize_messages
 from std_msgs.msg import Float64
 
 from aras_sim_bridge.errors import ControllerError
-from aras_sim_bridge.ros.control import command_topic
 from aras_sim_bridge.ros.control.command_topic import CommandTopic
+from aras_sim_bridge.ros.runtime.lockstep import Lockstep
+from aras_sim_bridge.ros.runtime.message_receiver import MessageReceiver
+from aras_sim_bridge.ros.runtime.pacing import Pacer
+from aras_sim_bridge.ros.runtime.send_queue import QueueFlusher
+from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
+from aras_sim_bridge.simulation import Simulation
 
 
-class Inbox:
-    """Lets all that a stream has act at once."""
+class Inbox(MessageReceiver):
+    """Lists its streams; what a stream has acts at once if it `delivers`, and the stream `ends`."""
+
+    def __init__(self, delivers: bool, ends: bool) -> None:
+        super().__init__()
+        self.delivers, self.ends, self.streams, self.removed = delivers, ends, [], []
 
     def add(self, stream) -> None:
+        self.streams.append(stream)
         step = 0
-        while stream.deliver(step, 8):
+        while self.delivers and stream.deliver(step, 8):
             step += 1
+        if self.ends:
+            stream.on_end()
+
+    def remove(self, stream) -> None:
+        self.removed.append(stream)
         stream.on_end()
 
 
-class Thread:
-    """Replacement of SimulationThread that runs jobs at once."""
+class Thread(SimulationThread):
+    """A thread that is not started: jobs are run at once."""
 
-    lockstep = None
-    receiver = Inbox()
+    def __init__(self, delivers: bool = True, ends: bool = True) -> None:
+        super().__init__(Simulation, Pacer(1.0), receiver=Inbox(delivers, ends))
 
     def post(self, job) -> None:
         job()
 
 
+class Subscriptions:
+    """Open subscriptions of rospy, the options and the object of the last one, and log lines."""
+
+    def __init__(self) -> None:
+        self.open, self.lines, self.options, self.latest = [], [], {}, None
+
+
 @pytest.fixture
 def ros(monkeypatch):
     """rospy's subscriptions, which the test counts, and lines of the log."""
-    it = SimpleNamespace(open=[], lines=[])
+    it = Subscriptions()
 
     class Subscriber:
         def __init__(self, topic, kind, hear, **options) -> None:
             it.open.append(topic)
             it.options, it.latest = options, self
-            self.kind, self.hear, self.impl = kind, hear, None
+            self.kind, self.hear, self.impl, self.connections = kind, hear, None, []
 
         def unregister(self) -> None:
             it.open.pop()
 
-    monkeypatch.setattr(command_topic.rospy, "Subscriber", Subscriber)
-    monkeypatch.setattr(command_topic, "_subscriptions", {})
-    monkeypatch.setattr(
-        command_topic.rospy, "logerr", lambda text, *args: it.lines.append(text % args)
-    )
+    monkeypatch.setattr(rospy, "Subscriber", Subscriber)
+    monkeypatch.setattr(rospy, "logerr", lambda text, *args: it.lines.append(text % args))
     return it
 
 
@@ -65,7 +86,7 @@ def body(value: float) -> bytes:
 
 
 class Connection:
-    """Replacement of rospy's connection: messages that were read, and `rest` of the next one."""
+    """rospy's connection: messages that were read, `rest` of the next one, and what `comes`."""
 
     def __init__(self, *bodies: bytes, rest: bytes = b"", comes: bytes = b"") -> None:
         self.header = {"callerid": "/somebody"}
@@ -74,16 +95,13 @@ class Connection:
             self.read_buff.write(struct.pack("<I", len(one)) + one)
         self.read_buff.write(rest)
         self.done = False
-        self._comes = comes
-        self.socket = SimpleNamespace(fileno=lambda: 5, recv_into=self._receive)
-
-    def _receive(self, buffer: bytearray, *_how: int) -> int:
-        buffer[: len(self._comes)] = self._comes
-        return len(self._comes)
+        self.socket, self.far = socket.socketpair()
+        self.far.sendall(comes)
 
     def tell(self, subscriber) -> None:
         """Process the messages as rospy's thread does."""
-        subscriber.impl = SimpleNamespace(connections=[self])
+        subscriber.impl = subscriber
+        subscriber.connections = [self]
         for message in self.messages(subscriber.kind):
             subscriber.hear(message)
 
@@ -139,7 +157,7 @@ def test_what_cannot_be_taken_is_said_once_in_a_while_and_the_next_is_taken(ros)
 
 def test_complaints_come_five_seconds_apart_and_count_what_was_refused(ros, monkeypatch):
     now = [0.0]
-    monkeypatch.setattr(command_topic.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
     topic = CommandTopic("/c", Float64, lambda m: None, Thread())
     for now[0] in (0.0, 4.9, 5.0, 9.9):
         Connection(b"abc").tell(ros.latest)
@@ -150,67 +168,53 @@ def test_complaints_come_five_seconds_apart_and_count_what_was_refused(ros, monk
 
 
 def test_all_that_rospy_read_goes_with_the_connection_and_only_once(ros):
-    streams, taken, thread = [], [], Thread()
-    thread.receiver = SimpleNamespace(add=lambda stream: (streams.append(stream), stream.on_end()))
-    CommandTopic("/c", Float64, lambda m: taken.append(m.data), thread)
+    taken, thread = [], Thread(delivers=False)
+    topic = CommandTopic("/c", Float64, lambda m: taken.append(m.data), thread)
     last = struct.pack("<I", 8) + body(4.0)
     connection = Connection(body(1.0), body(2.0), body(3.0), rest=last[:2], comes=last[2:])
     connection.tell(ros.latest)
-    (stream,) = streams
+    (stream,) = thread.receiver.streams
     assert connection.read_buff.getvalue() == b"" and connection.read_buff.tell() == 0
     for step in range(3):
         stream.deliver(step, 8)
     assert taken == [1.0, 2.0, 3.0]
     assert stream.read(bytearray(64)) and stream.deliver(3, 8)  # begun by rospy, ended by us
     assert taken[3:] == [4.0]
+    topic.shutdown()
 
 
 @pytest.mark.parametrize("why", ["rospy closed it", "the node ends"])
 def test_rospy_s_thread_rests_until_its_connection_ends(ros, monkeypatch, why):
-    assert command_topic.CLOSED_PERIOD == 1.0
-    monkeypatch.setattr(command_topic, "CLOSED_PERIOD", 0.001)
-    monkeypatch.setattr(command_topic.rospy, "is_shutdown", lambda: why == "the node ends")
-    streams, removed = [], []
-    thread = Thread()
-    thread.receiver = SimpleNamespace(
-        add=streams.append, remove=lambda stream: (removed.append(stream), stream.on_end()))
+    monkeypatch.setattr(rospy, "is_shutdown", lambda: why == "the node ends")
+    thread = Thread(delivers=False, ends=False)
+    inbox = thread.receiver
     topic = CommandTopic("/c", Float64, lambda m: None, thread)
     connection, subscriber = Connection(body(1.0)), ros.latest
     connection.done = why == "rospy closed it"
     connection.tell(subscriber)
-    assert removed == (streams if connection.done else [])
+    assert inbox.removed == (inbox.streams if connection.done else [])
     topic.shutdown()  # what is left is read no more
-    assert removed == streams and len(streams) == 1
+    assert inbox.removed == inbox.streams and len(inbox.streams) == 1
     (late,) = Connection(body(1.0)).messages(subscriber.kind)
     subscriber.impl = None
     subscriber.hear(late)  # one that was closed meanwhile
-    assert len(streams) == 1
-
-
-class Gate:
-    """Gate of the simulation thread that records its calls."""
-
-    def __init__(self) -> None:
-        self.told = []
-
-    def claim(self, topic: str) -> None:
-        self.told.append(f"claim {topic}")
-
-    def note_message(self, topic: str) -> None:
-        self.told.append(f"heard {topic}")
-
-    def release(self, topic: str) -> None:
-        self.told.append(f"release {topic}")
+    assert len(inbox.streams) == 1
 
 
 def test_lockstep_hears_of_a_message_when_all_have_taken_it(ros):
-    thread = Thread()
-    thread.lockstep = Gate()
+    thread, taken = Thread(), []
+    thread.lockstep = gate = Lockstep(["/c"], 1.0, lambda: None, flusher=QueueFlusher())
     first, second = (
-        CommandTopic("/c", Float64, lambda m: thread.lockstep.told.append(m.data), thread)
+        CommandTopic("/c", Float64, lambda m: taken.append((m.data, gate.is_closed)), thread)
         for _ in range(2)
     )
+    gate.start_round()
     Connection(body(1.0)).tell(ros.latest)
+    assert taken == [(1.0, True)] * 2 and not gate.is_closed
     first.shutdown()
+    gate.start_round()
+    assert ros.open == ["/c"]  # which is still claimed
     second.shutdown()
-    assert thread.lockstep.told == ["claim /c", 1.0, 1.0, "heard /c", "release /c"]
+    gate.start_round()
+    assert ros.open == ["/c"]  # the gate's own
+    assert ros.latest.kind is rospy.AnyMsg

@@ -4,62 +4,73 @@ import threading
 
 import pytest
 
+from aras_sim_bridge.control.controllers import Controller
 from aras_sim_bridge.control.controllers.forward import ForwardController
 from aras_sim_bridge.control.joints import VELOCITY
 from aras_sim_bridge.control.loop import ControlLoop
+from aras_sim_bridge.errors import HardwareError
 
 STEP = 1_000_000
 
 
-class Log:
-    """Hardware and manager in one, that write down what is called."""
+class Recorder(Controller):
+    """A user's own: lists its updates, and commands as effort the position that it is told."""
 
-    def __init__(self):
-        self.calls = []
+    interface = "EffortJointInterface"
 
-    def reset(self):
-        """Record the call, like the manager's reset."""
+    def init(self, hardware, parameters, context):
+        super().init(hardware, parameters, context)
+        self.handle, self.updates = self.take_handle(hardware, "a"), []
 
-    def __getattr__(self, verb):
-        return lambda *times: self.calls.append((verb, *times))
-
-
-def loop_of(control_ns=None):
-    log = Log()
-    return ControlLoop(log, log, STEP, control_ns), log.calls
+    def update(self, time_ns, period):
+        self.updates.append((time_ns // STEP, period))
+        self.handle.effort_command = self.handle.position
 
 
-def test_read_update_write_each_step_with_the_steps_period():
-    loop, calls = loop_of()
-    loop.step(STEP)
-    loop.step(2 * STEP)
-    assert calls == [
-        ("read",), ("update", STEP, 0.001), ("write", STEP, 0.001),
-        ("read",), ("update", 2 * STEP, 0.001), ("write", 2 * STEP, 0.001),
-    ]
+@pytest.fixture
+def record(make_rig, make_joint):
+    """make(control period) gives (rig, updates of a running controller)."""
+
+    def make(control_period_ns=None):
+        rig = make_rig([make_joint("a")], {"c": {"type": f"{__name__}:Recorder"}},
+                       control_period_ns=control_period_ns, physics=False)
+        return rig, rig.run("c").updates
+
+    return make
 
 
-def test_slower_controllers_get_the_period_that_passed_and_writing_goes_on():
-    loop, calls = loop_of(2_500_000)
-    for k in range(1, 8):
-        loop.step(k * STEP)
+def test_each_step_reads_updates_and_writes_with_the_steps_period(record):
+    rig, updates = record()
+    for position in (0.5, 0.25):
+        rig.model.q[0] = position
+        rig.step()
+        assert rig.model.tau == [position]
+    assert updates == [(2, 0.001), (3, 0.001)]
+
+
+def test_slower_controllers_get_the_period_that_passed_and_writing_goes_on(record):
+    rig, updates = record(2_500_000)
+    rig.step(7)
     # 2.5 ms is reached at whole steps only.
-    updates = [(t[0] // STEP, t[1]) for verb, *t in calls if verb == "update"]
-    assert updates == [(1, 0.001), (4, 0.003), (7, 0.003)]
-    assert len([c for c in calls if c[0] == "write"]) == 7
+    assert updates == [(4, 0.003), (7, 0.003)]
+    assert len(rig.model.calls) == 8
 
 
-def test_after_a_reset_the_first_period_is_one_step():
-    loop, calls = loop_of()
-    loop.step(5000 * STEP)
-    loop.reset()
-    calls.clear()
-    loop.step(5010 * STEP)
-    assert {call[2] for call in calls[1:]} == {0.001}
-    loop.reset()
-    calls.clear()
-    loop.step(STEP)
-    assert {call[2] for call in calls[1:]} == {0.001}
+def test_after_a_reset_the_first_period_is_one_step(record):
+    rig, updates = record()
+    for time_ns in (5000 * STEP, 5010 * STEP, STEP):
+        updates.clear()
+        rig.time_ns = time_ns
+        rig.loop.reset()
+        rig.step()
+        assert updates == [(time_ns // STEP + 1, 0.001)]
+
+
+@pytest.mark.parametrize("periods", [(0, 1000), (1000, 0), (-1, 1000), (1000, -1), (0,)])
+def test_periods_must_be_positive(periods):
+    with pytest.raises(HardwareError, match="must be positive"):
+        ControlLoop(None, None, *periods)
+    ControlLoop(None, None, 1, 1)
 
 
 @pytest.mark.parametrize("slower", [False, True])
@@ -135,19 +146,6 @@ def robot(make_rig, make_joint):
     }
     rig = make_rig([make_joint(name) for name in "abc"], parameters)
     return rig, rig.run(*parameters)
-
-
-def test_two_runs_are_bit_identical(make_rig, make_joint):
-    def run():
-        rig, controllers = robot(make_rig, make_joint)
-        trace = []
-        for k in range(500):
-            controllers[k % 3].set_command(0.001 * k)
-            rig.step()
-            trace.append((*rig.model.q, *rig.model.v, *rig.model.tau))
-        return trace
-
-    assert run() == run()
 
 
 def test_a_flood_of_commands_from_other_threads_is_followed_to_the_last(make_rig, make_joint):

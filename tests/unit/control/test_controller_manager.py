@@ -1,8 +1,5 @@
 """controller_manager: states, strictness, conflicts, time of a switch, errors of users' code."""
 
-import sys
-import types
-
 import pytest
 
 from aras_sim_bridge.control.controllers import Controller, ControllerTypes
@@ -53,15 +50,11 @@ class Recorder(Controller):
 
 
 @pytest.fixture
-def rig(make_rig, make_joint, monkeypatch):
-    module = types.ModuleType("some_users_package")
-    module.Recorder = Recorder
-    module.NotOne = dict
-    monkeypatch.setitem(sys.modules, "some_users_package", module)
-    parameters = dict(PARAMETERS)
-    parameters["r"] = {"type": "some_users_package:Recorder"}
+def rig(make_rig, make_joint):
+    users = f"{Recorder.__module__}:Recorder"
+    parameters = {**PARAMETERS, "r": {"type": users}}
     for verb in ("init", "starting", "update", "stopping", "reset"):
-        own = {"type": "some_users_package:Recorder", "raises": verb, "joints": ["b"]}
+        own = {"type": users, "raises": verb, "joints": ["b"]}
         parameters[f"r_{verb}"] = own
         parameters[f"q_{verb}"] = {**own, "quits": True}
     return make_rig([make_joint("a"), make_joint("b")], parameters, physics=False)
@@ -110,6 +103,7 @@ class TestLoading:
             ("nobody", "/robot/nobody/type is missing"),
             ("", "type is missing"),
             ("r_init", "RuntimeError: no luck"),
+            ("q_init", "SystemExit: enough"),
         ):
             with pytest.raises(ControllerError, match=text):
                 rig.manager.load(name)
@@ -154,7 +148,6 @@ class TestLoading:
         assert recorder.calls[-1] == "stopping"
         assert states(rig) == {}
         assert request.is_done and not request.is_successful
-
 
     def test_who_is_not_loaded_is_named(self, rig):
         with pytest.raises(ControllerError, match="'zz' is not loaded"):
@@ -247,11 +240,6 @@ class TestSwitching:
         assert not ok
         assert "'a' by a1, " in reason and start[0] in reason
 
-    def test_two_new_ones_may_conflict_too(self, rig):
-        load(rig, "a1", "a2")
-        ok, reason = switch(rig, ["a1", "a2"])
-        assert not ok and "'a' by a1, a2" in reason
-
     def test_conflicts_go_across_interfaces(self, make_rig, make_joint):
         rig = make_rig([make_joint("a")], PARAMETERS)
         rig.hardware.interfaces["PositionJointInterface"].add("a")
@@ -267,9 +255,6 @@ class TestSwitching:
         switch(rig, ["a1"])
         assert switch(rig, ["a2"], ["a1"]) == (True, "")
         assert states(rig) == {"a1": "stopped", "a2": "running"}
-
-    def test_empty_lists_are_done_after_a_cycle(self, rig):
-        assert switch(rig) == (True, "")
 
     def test_strictness_zero_is_best_effort_aloud_others_are_refused(self, rig):
         load(rig, "a1")
@@ -327,12 +312,6 @@ class TestFaults:
         rig.step(3)
         assert len(recorder.calls) == n
 
-    def test_one_that_fails_at_a_reset_is_aborted(self, rig):
-        load(rig, "r_reset", "a1")
-        switch(rig, ["r_reset", "a1"])
-        rig.loop.reset()
-        assert states(rig) == {"r_reset": "aborted", "a1": "running"}
-
     @pytest.mark.parametrize("verb", ["starting", "update", "stopping", "reset"])
     def test_sys_exit_ends_the_controller_alone(self, rig, verb):
         load(rig, f"q_{verb}", "a1")
@@ -342,10 +321,6 @@ class TestFaults:
         switch(rig, (), [f"q_{verb}"], BEST_EFFORT)
         assert states(rig) == {f"q_{verb}": "aborted", "a1": "running"}
         assert any(f"SystemExit in {verb}(): enough" in line for line in rig.log)
-
-    def test_sys_exit_while_loading_is_a_refusal(self, rig):
-        with pytest.raises(ControllerError, match="SystemExit: enough"):
-            rig.manager.load("q_init")
 
     def test_an_aborted_one_may_be_started_again(self, rig):
         (recorder,) = load(rig, "r_update")

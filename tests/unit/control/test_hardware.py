@@ -1,5 +1,6 @@
 """read() and write(): the five command modes, emergency stop, invalid transmissions."""
 
+from dataclasses import replace
 from math import inf, nan, pi
 
 import pytest
@@ -30,29 +31,24 @@ class TestReading:
             assert (a.position, a.velocity, a.effort) == (q, 1.5, 3.5)
             assert (b.position, b.velocity, b.effort) == (-q, 2.5, 4.5)
 
-    def test_each_handle_reads_its_own_joint_where_some_have_no_transmission(
-        self, make_rig, make_joint
-    ):
-        rig = make_rig([make_joint("A", type=""), make_joint("J")])
-        rig.model.q, rig.model.v, rig.model.tau = [1.0, 2.0], [3.0, 4.0], [5.0, 6.0]
-        rig.hardware.read()
-        handle = rig.hardware.handles["J"]
-        assert (handle.position, handle.velocity, handle.effort) == (2.0, 4.0, 6.0)
-
 
 class TestWriting:
-    def test_effort_is_limited_and_applied_every_step(self, make_rig, make_joint):
-        rig = make_rig([make_joint("J")])
-        rig.hardware.handles["J"].effort_command = 160.0
+    @pytest.mark.parametrize(("interface", "limits", "command", "applied"), [
+        (EFFORT, None, 160.0, ("effort", 100.0)), (EFFORT, "none", 1e9, ("effort", 1e9)),
+        (VELOCITY, None, 9.0, ("velocity", 5.0, 100.0)),
+        (VELOCITY, "none", 0.5, ("velocity", 0.5, inf)),
+    ])
+    def test_a_command_is_limited_and_applied_in_every_step(
+        self, make_rig, make_joint, interface, limits, command, applied
+    ):
+        rig = make_rig([make_joint("A", type=""), make_joint("J", interface=interface,
+                                                             limits=limits)])
+        name = {EFFORT: "effort", VELOCITY: "velocity"}[interface]
+        setattr(rig.hardware.handles["J"], f"{name}_command", command)
         rig.hardware.write(0, 0.001)
         rig.hardware.write(1, 0.001)
-        assert only(rig, 2) == [("effort", 100.0), ("effort", 100.0)]
+        assert rig.model.calls == [(applied[0], "J", *applied[1:])] * 2
 
-    def test_without_limits_nothing_is_clamped(self, make_rig, make_joint):
-        rig = make_rig([make_joint("J", limits="none")])
-        rig.hardware.handles["J"].effort_command = 1e9
-        rig.hardware.write(0, 0.001)
-        assert only(rig) == [("effort", 1e9)]
 
     @pytest.mark.parametrize("values", [{}, {"p": 20.0, "i": 5.0, "i_clamp": 9.0}])
     def test_a_position_joint_stays_where_it_was_put_until_commanded(
@@ -74,25 +70,6 @@ class TestWriting:
         rig.hardware.hold_positions(["J"])
         rig.step(3)
         assert only(rig) == [("effort", 0.0) if values else ("position", -1.5)]
-
-    def test_a_velocity_limited_command_that_nobody_renews_stays(self, make_rig, make_joint):
-        rig = make_rig([make_joint("J", interface=POSITION)], q=[1.0])
-        rig.hardware.handles["J"].position_command = 0.0
-        rig.hardware.write(0, 0.1)
-        rig.hardware.write(1, 0.1)
-        # The limit handle stores what it limited: 1.0 - 5 · 0.1, and that is the command now.
-        assert only(rig, 2) == [("position", 0.5), ("position", 0.5)]
-
-    def test_velocity_joint_gets_a_motor_with_the_effort_limit(self, make_rig, make_joint):
-        rig = make_rig([make_joint("J", interface=VELOCITY)])
-        rig.hardware.handles["J"].velocity_command = 9.0
-        rig.hardware.write(0, 0.001)
-        assert only(rig) == [("velocity", 5.0, 100.0)]
-
-    def test_velocity_joint_without_limits_has_an_unbounded_motor(self, make_rig, make_joint):
-        rig = make_rig([make_joint("J", interface=VELOCITY, limits="none")])
-        rig.hardware.write(0, 0.001)
-        assert only(rig) == [("velocity", 0.0, inf)]
 
     @pytest.mark.parametrize(
         ("proves", "kind", "lower", "upper", "position", "command", "effort"),
@@ -118,21 +95,11 @@ class TestWriting:
         assert only(rig)[0] == ("effort", pytest.approx(effort)), proves
         assert rig.hardware.pids["J"].gains.p == 10.0
 
-    def test_velocity_pid(self, make_rig, make_joint):
-        rig = make_rig([make_joint("J", interface=VELOCITY)], gains("J", p=10.0))
-        rig.model.v[0] = 1.0
-        rig.hardware.read()
-        rig.hardware.handles["J"].velocity_command = 4.0
-        rig.hardware.write(0, 0.001)
-        assert only(rig) == [("effort", 30.0)]
-
     def test_gains_without_p_mean_no_pid_and_a_line(self, make_rig, make_joint):
         rig = make_rig([make_joint("J", interface=POSITION)], gains("J", i=10.0))
         rig.hardware.write(0, 0.001)
         assert only(rig) == [("position", 0.0)]
         assert "pid_gains/J has no p" in rig.log[0]
-
-    def test_ill_typed_gains_are_a_hardware_error(self, make_rig, make_joint):
         with pytest.raises(HardwareError, match="/robot/gazebo_ros_control/pid_gains/J/p"):
             make_rig([make_joint("J", interface=POSITION)], gains("J", p="much"))
 
@@ -165,6 +132,14 @@ class TestWriting:
         assert "not finite" in rig.log[0]
 
 
+def test_hard_velocity_limits_are_those_of_the_joints_that_have_one(make_rig, make_joint):
+    joints = [make_joint("A"), make_joint("B", interface=POSITION),
+              make_joint("C", limits="none")]
+    rig = make_rig(joints, {GAINS: {"hard_velocity_limits": True},
+                            "joint_limits": {"B": {"has_velocity_limits": False}}}, physics=False)
+    assert rig.model.calls == [("bound", "A", 5.0)]
+
+
 @pytest.mark.parametrize("interface", [POSITION, VELOCITY])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_pid_drive_drives_no_joint_on_that_is_too_fast(make_rig, make_joint, interface, sign):
@@ -172,7 +147,7 @@ def test_a_pid_drive_drives_no_joint_on_that_is_too_fast(make_rig, make_joint, i
     rig = make_rig([make_joint("J", interface=interface)], gains("J", p=1000.0))
     handle = rig.hardware.handles["J"]
     for speed, wanted, effort in ((4.9, 2.0, 100.0), (5.1, 2.0, 0.0), (5.1, -2.0, -100.0)):
-        rig.model.v[0] = sign * (speed if interface == POSITION else speed)
+        rig.model.v[0] = sign * speed
         rig.hardware.read()
         if interface == POSITION:
             handle.position_command = handle.position + sign * wanted
@@ -183,6 +158,21 @@ def test_a_pid_drive_drives_no_joint_on_that_is_too_fast(make_rig, make_joint, i
             rig.hardware.drives[0].rule.row[0] = NO_RULE
             rig.hardware.write(0, 0.001)
         assert only(rig) == [("effort", sign * effort)]
+
+
+@pytest.mark.parametrize(("e_stop", "speed", "effort"), [(False, 1.0, 30.0), (True, 2.0, -20.0)])
+def test_a_velocity_pid_drives_the_joint_and_brakes_it_in_an_emergency(
+    make_rig, make_joint, e_stop, speed, effort
+):
+    """The joint is the second of two, of which the first has no transmission."""
+    rig = make_rig([make_joint("A", type=""), make_joint("J", interface=VELOCITY)],
+                   gains("J", p=10.0))
+    rig.model.v[:] = [7.0, speed]
+    rig.hardware.read()
+    rig.hardware.handles["J"].velocity_command = 4.0
+    rig.hardware.e_stop = e_stop
+    rig.hardware.write(0, 0.001)
+    assert only(rig) == [("effort", effort)]
 
 
 class TestReporting:
@@ -216,7 +206,7 @@ class TestReporting:
 
     def test_a_joint_that_rests_at_a_stop_within_its_range_is_told(self, make_rig, make_joint):
         rig = make_rig([make_joint("J", interface=POSITION)])
-        rig.model.set_position = lambda joint, position: min(position, 1.23)
+        rig.model.stops["J"] = 1.23
         for k in range(300):
             rig.hardware.handles["J"].position_command = 1.75
             rig.hardware.write(k * 10_000_000, 0.01)
@@ -279,15 +269,6 @@ class TestEmergencyStop:
         # Each stop holds its own place.
         assert only(rig, 3)[2] == ("position", pytest.approx(0.303))
 
-    def test_velocity_pid_brakes(self, make_rig, make_joint):
-        rig = make_rig([make_joint("J", interface=VELOCITY)], gains("J", p=10.0))
-        rig.model.v[0] = 2.0
-        rig.hardware.read()
-        rig.hardware.handles["J"].velocity_command = 4.0
-        rig.hardware.e_stop = True
-        rig.hardware.write(0, 0.001)
-        assert only(rig) == [("effort", -20.0)]
-
 
 class TestTransmissions:
     def test_all_interfaces_exist_and_every_joint_has_a_state(self, make_rig, make_joint):
@@ -326,10 +307,8 @@ class TestTransmissions:
         assert "only the first of the interfaces" in rig.log[0]
 
     def test_interface_without_prefix_is_taken_with_one_line_for_all(self, make_rig, make_joint):
-        joints = [make_joint("A"), make_joint("B")]
-        for _, transmission in joints:
-            transmission.interface = "EffortJointInterface"
-        rig = make_rig(joints)
+        rig = make_rig([(joint, replace(transmission, interface="EffortJointInterface"))
+                        for joint, transmission in map(make_joint, "AB")])
         assert set(rig.hardware.handles) == {"A", "B"}
         assert len(rig.log) == 1
         assert "A, B" in rig.log[0]

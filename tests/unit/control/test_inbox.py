@@ -99,12 +99,6 @@ def test_all_streams_end_with_the_box():
     assert not box.deliver(0, 0) and not publishers[0].acted
 
 
-def test_a_stream_without_news_is_no_end(inbox):
-    publisher = Publisher(inbox)
-    assert publisher.stream.read(bytearray(100))
-    assert not inbox.deliver(0, 0) and not publisher.ended.is_set()
-
-
 def test_a_step_takes_one_message_however_often_it_is_looked_for(inbox):
     publisher = Publisher(inbox)
     publisher.send(1, 2)
@@ -124,18 +118,6 @@ def test_without_backlog_the_newest_that_arrived_acts_in_the_step(inbox):
     assert publisher.acted == [3, 4]
 
 
-def test_of_a_flood_the_newest_wait_and_the_last_one_acts(inbox):
-    publisher = Publisher(inbox)
-    for step in range(100):
-        publisher.send(*range(10 * step, 10 * step + 10))
-        inbox.deliver(step * STEP_NS, 1)
-        assert publisher.acted[-1] >= 10 * step + 8  # none older than the one before the newest
-    inbox.deliver(100 * STEP_NS, 1)
-    assert publisher.acted[-1] == 999
-    assert publisher.acted == sorted(publisher.acted)
-    assert len(publisher.acted) == 101
-
-
 def test_a_message_in_pieces_acts_when_it_is_whole(inbox):
     publisher = Publisher(inbox)
     data = framed(12345) + framed(678)
@@ -143,33 +125,6 @@ def test_a_message_in_pieces_acts_when_it_is_whole(inbox):
         publisher.end.sendall(data[k : k + 1])
         inbox.deliver(k * STEP_NS, 1)
         assert publisher.acted == [12345] * (k >= 8) + [678] * (k >= 15)
-
-
-def test_what_was_read_before_counts(inbox):
-    publisher = Publisher(inbox, [b"5", b"6"], framed(7)[:3])
-    publisher.end.sendall(framed(7)[3:])
-    for step in range(3):
-        inbox.deliver(step * STEP_NS, 2)
-    assert publisher.acted == [5, 6, 7]
-
-
-def test_streams_do_not_mix(inbox):
-    first, second = Publisher(inbox), Publisher(inbox)
-    first.send(1)
-    second.send(2)
-    inbox.deliver(0, 1)
-    assert (first.acted, second.acted) == ([1], [2])
-
-
-def test_the_last_word_of_who_leaves_acts_and_then_it_is_over(inbox):
-    publisher = Publisher(inbox)
-    publisher.send(1, 2)
-    publisher.end.close()
-    inbox.deliver(0, 1)
-    inbox.deliver(STEP_NS, 1)
-    assert publisher.acted == [1, 2]
-    assert publisher.ended.is_set()
-    assert not inbox.deliver(2 * STEP_NS, 1)
 
 
 def test_nonsense_ends_its_stream_alone(inbox):

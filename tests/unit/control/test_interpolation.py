@@ -1,18 +1,18 @@
 """Interpolated set points: values, continuity, and activation."""
 
 from math import pi
-from types import SimpleNamespace
 
 import pytest
 
 from aras_sim_bridge.control.controllers.interpolation import CommandInterpolator
 from aras_sim_bridge.control.joints import JointHandle
+from aras_sim_bridge.description import JointLimits
 
 MS = 1_000_000
 
 
 def interpolation(kind="revolute", velocity=5.0):
-    limits = SimpleNamespace(lower=-9.0, upper=9.0, velocity=velocity, effort=1.0)
+    limits = JointLimits(-9.0, 9.0, 1.0, velocity)
     return CommandInterpolator(JointHandle("a", kind, limits))
 
 
@@ -74,7 +74,7 @@ def test_without_a_velocity_limit_a_far_command_takes_the_usual_interval():
     ("prismatic", -9.0, 9.0, 4.0),
 ])
 def test_a_command_beyond_half_a_turn_goes_the_way_that_steps_go(kind, lower, upper, end):
-    limits = SimpleNamespace(lower=lower, upper=upper, velocity=50.0, effort=1.0)
+    limits = JointLimits(lower, upper, 1.0, 50.0)
     it = CommandInterpolator(JointHandle("a", kind, limits))
     values = follow(it, {1: 4.0}, 400)
     assert values[-1] == pytest.approx(end, abs=1e-12)
@@ -91,68 +91,6 @@ def test_pauses_and_a_clock_set_back_do_not_change_the_interval():
         # Over 10 ms, not over 33 or 100.
         assert values[8] == pytest.approx(0.01 * (9 - 3 * (1 - 0.75**9)) / 10.0, rel=0.01)
         assert values[39] == pytest.approx(0.01, rel=1e-3)
-
-
-def test_starting_forgets_the_stream_and_rests():
-    it = interpolation()
-    follow(it, {k: 0.001 * k for k in range(1, 200, 10)}, 200)
-    it.start(-1.0)
-    assert not it.is_moving
-    assert follow(it, {}, 50) == [-1.0] * 50
-    fresh = interpolation()
-    fresh.start(-1.0)
-    assert follow(it, {1: -0.9}, 50) == follow(fresh, {1: -0.9}, 50)
-
-
-def test_starting_forgets_how_uneven_the_stream_was():
-    it, fresh = interpolation(), interpolation()
-    follow(it, {1: 0.1, 4: 0.2, 16: 0.3, 19: 0.4, 32: 0.5, 35: 0.6}, 40)
-    after = {k: 0.01 * k for k in range(1, 60, 7)}
-    for one in (it, fresh):
-        one.start(0.0)
-    assert follow(it, after, 60) == follow(fresh, after, 60)
-
-
-@pytest.mark.parametrize(("intervals", "lasting"), [
-    # A fifth of the way from 1/30 s to each interval; then 2.2 times a fifth of the change from one
-    # to the next, of which half the shorter interval counts at most.
-    ((20,), 100 / 3 - 0.2 * (100 / 3 - 20)),
-    ((20, 24), 0.8 * (100 / 3 - 0.2 * (100 / 3 - 20)) + 0.2 * 24 + 2.2 * 0.2 * 4),
-    ((24, 20), 0.8 * (100 / 3 - 0.2 * (100 / 3 - 24)) + 0.2 * 20 + 2.2 * 0.2 * 4),
-    ((10, 30), 0.8 * (100 / 3 - 0.2 * (100 / 3 - 10)) + 0.2 * 30 + 2.2 * 0.2 * 5),
-    ((30, 10), 0.8 * (100 / 3 - 0.2 * (100 / 3 - 30)) + 0.2 * 10 + 2.2 * 0.2 * 5),
-    ((30, 1000, 10), 0.8 * (100 / 3 - 0.2 * (100 / 3 - 30)) + 0.2 * 10 + 2.2 * 0.2 * 5),
-])  # fmt: skip
-def test_an_uneven_stream_s_line_lasts_longer_by_its_changes(intervals, lasting):
-    it, at = interpolation(), 1000
-    it.set_target(0.0, at * MS)
-    for interval in intervals[:-1]:
-        at += interval
-        it.set_target(0.0, at * MS)
-    it.set_target(0.1, (at + intervals[-1]) * MS)
-    values = follow(it, {}, 20)
-    # The corner's lag has died away after 15 ms: then it goes as fast as the line.
-    assert values[-1] - values[-2] == pytest.approx(0.1 / lasting, rel=0.01)
-
-
-def test_a_late_command_makes_the_line_rest_only_shortly():
-    """Jitter of 1 ms at 100 commands a second: the speed stays within 25 % of the stream's."""
-    it = interpolation()
-    arrivals = [1]
-    for k in range(150):
-        arrivals.append(arrivals[-1] + (9, 11, 10, 10)[k * 7 % 4])
-    values = follow(it, {at: 0.001 * at for at in arrivals}, 1400)
-    speeds = [(b - a) / 0.001 for a, b in zip(values[400:], values[401:], strict=False)]
-    assert min(speeds) > 0.7
-    assert max(speeds) < 1.25
-
-
-def test_a_continuous_joint_takes_the_short_way():
-    it = interpolation("continuous")
-    it.start(3.0)
-    values = follow(it, {1: -3.0}, 300)
-    assert values[-1] == pytest.approx(2 * pi - 3.0)
-    assert max(values) == values[-1]
 
 
 def test_the_set_point_does_not_depend_on_the_control_period():

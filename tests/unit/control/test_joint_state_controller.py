@@ -130,14 +130,6 @@ def test_joints_gives_subset_and_order_extra_joints_follow(make):
     assert states[0].efforts == [0.0, 0.0, 0.0, 3.5]
 
 
-def test_it_claims_nothing(make):
-    rig = make()
-    controller = rig.manager.load("jsc")
-    (claim,) = controller.claimed_resources
-    assert claim.hardware_interface == "hardware_interface::JointStateInterface"
-    assert claim.resources == ()
-
-
 @pytest.mark.parametrize(
     ("change", "text"),
     [

@@ -7,8 +7,7 @@ import weakref
 
 import pytest
 
-from aras_sim_bridge.ros.runtime import send_queue as lanes
-from aras_sim_bridge.ros.runtime.send_queue import SendQueue
+from aras_sim_bridge.ros.runtime.send_queue import QueueFlusher, SendQueue
 
 SIZE = 300_000  # of a message: more than the socket below takes at once
 QUEUE = 2
@@ -16,7 +15,7 @@ QUEUE = 2
 
 @pytest.fixture
 def line():
-    """A lane, its listener's end, and the connections that were reported lost."""
+    """A lane, its listener's end, the connections that were reported lost, and the flusher."""
     server = socket.create_server(("127.0.0.1", 0))
     ours = socket.socket()
     ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 32_768)
@@ -24,9 +23,9 @@ def line():
     theirs, _ = server.accept()
     theirs.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 32_768)
     theirs.settimeout(5.0)
-    lost = []
-    lane = SendQueue(ours, QUEUE, lambda: lost.append(ours))
-    yield lane, theirs, lost
+    lost, flusher = [], QueueFlusher()
+    lane = SendQueue(ours, QUEUE, lambda: lost.append(ours), flusher=flusher)
+    yield lane, theirs, lost, flusher
     lane.close()
     for end in (ours, theirs, server):
         end.close()
@@ -49,14 +48,14 @@ def received(theirs: socket.socket, size: int) -> bytes:
 
 
 def test_rest_of_a_message_follows_without_another_one(line):
-    lane, theirs, _ = line
+    lane, theirs, _, flusher = line
     lane.send(message(7))
     assert lane.has_unsent  # otherwise this test would show nothing
     assert received(theirs, SIZE) == bytes([7]) * SIZE
 
 
 def test_slow_listener_gets_whole_messages_and_the_newest(line):
-    lane, theirs, lost = line
+    lane, theirs, lost, _ = line
     start = time.monotonic()
     for n in range(1, 21):
         lane.send(message(n))
@@ -72,7 +71,7 @@ def test_slow_listener_gets_whole_messages_and_the_newest(line):
 
 
 def test_next_message_waits_behind_the_rest_of_the_one_before(line):
-    lane, theirs, _ = line
+    lane, theirs, _, flusher = line
     for n in (1, 2):
         lane.send(message(n))
     assert received(theirs, 2 * SIZE) == bytes([1]) * SIZE + bytes([2]) * SIZE
@@ -81,15 +80,15 @@ def test_next_message_waits_behind_the_rest_of_the_one_before(line):
 
 
 def test_who_is_behind_is_told_until_it_has_taken_all_or_is_given_up(line):
-    lane, theirs, _ = line
+    lane, theirs, _, flusher = line
     lane.send(message(1))
     assert lane.has_unsent
     assert not lane.is_behind  # the socket has the beginning; the next message finds a place
     lane.send(message(2))
     assert lane.is_behind
-    assert lane in lanes.QUEUE_FLUSHER.list_behind()
+    assert lane in flusher.list_behind()
     lane.is_abandoned = True
-    assert lane not in lanes.QUEUE_FLUSHER.list_behind()
+    assert lane not in flusher.list_behind()
     assert received(theirs, 2 * SIZE) == bytes([1]) * SIZE + bytes([2]) * SIZE
     end = time.monotonic() + 5.0
     while lane.is_abandoned and time.monotonic() < end:
@@ -99,10 +98,10 @@ def test_who_is_behind_is_told_until_it_has_taken_all_or_is_given_up(line):
     assert lane.is_behind  # it is waited for again
 
 
-def test_somebody_is_told_when_a_socket_took_more(line, monkeypatch):
-    lane, theirs, _ = line
+def test_somebody_is_told_when_a_socket_took_more(line):
+    lane, theirs, _, flusher = line
     told = []
-    monkeypatch.setattr(lanes.QUEUE_FLUSHER, "on_progress", lambda: told.append(lane.has_unsent))
+    flusher.on_progress = lambda: told.append(lane.has_unsent)
     lane.send(message(1))
     received(theirs, SIZE)
     end = time.monotonic() + 5.0
@@ -137,7 +136,7 @@ def test_every_byte_goes_once_wherever_a_socket_stops(most):
 
 
 def test_lost_listener_is_reported_once(line):
-    lane, theirs, lost = line
+    lane, theirs, lost, _ = line
     lane.send(message(1))
     theirs.close()
     end = time.monotonic() + 5.0
@@ -151,7 +150,7 @@ def test_lost_listener_is_reported_once(line):
 
 
 def test_what_a_closed_socket_did_not_take_is_let_go(line):
-    lane, _, _ = line
+    lane, _, _, flusher = line
     images = [message(n) for n in range(1, 4)]
     gone = [weakref.ref(image[1].obj) for image in images]
     for image in images:
@@ -160,7 +159,7 @@ def test_what_a_closed_socket_did_not_take_is_let_go(line):
     lane.socket.close()  # by rospy, which tells the publisher
     lane.close()
     assert not lane.has_unsent
-    assert lane not in lanes.QUEUE_FLUSHER.list_unsent()
+    assert lane not in flusher.list_unsent()
     del image, images
     assert [reference() for reference in gone] == [None] * 3
     lane.send(message(9))
@@ -168,9 +167,9 @@ def test_what_a_closed_socket_did_not_take_is_let_go(line):
 
 
 def test_a_lane_with_the_number_of_a_closed_one_keeps_its_turn(line):
-    first, _, _ = line
+    first, _, _, flusher = line
     first.send(message(1))
-    second = SendQueue(first.socket, QUEUE, lambda: None)
+    second = SendQueue(first.socket, QUEUE, lambda: None, flusher=flusher)
     second.send(message(2))
     first.close()
-    assert second in lanes.QUEUE_FLUSHER.list_unsent()
+    assert second in flusher.list_unsent()

@@ -1,6 +1,7 @@
 """Rules of joint_limits_interface; each expected value is computed by hand."""
 
 import random
+from math import inf
 
 import pytest
 
@@ -84,13 +85,6 @@ def test_effort_soft(make_soft, proves, position, velocity, command, expected):
     assert joint.effort_command == pytest.approx(expected), proves
 
 
-def test_effort_soft_without_position_limits_bounds_velocity_only(make_soft):
-    joint = handle(make_soft(), position=50.0, velocity=4.0)
-    joint.effort_command = 60.0
-    enforce(LimitRule(EFFORT_SOFT, JointBounds(None, None, 5.0, None, 100.0), joint), joint)
-    assert joint.effort_command == pytest.approx(20.0)  # -20 (4 - 5)
-
-
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_a_soft_limit_that_is_not_given_does_not_bind(make_soft, side):
     for soft, bound in (({}, 60.0), ({side: 1.5 * side}, 20.0), ({-side: -1.5 * side}, 60.0)):
@@ -113,13 +107,6 @@ def test_position_saturation_steps_from_the_measured_position_then_from_its_own_
     joint.position_command = -9.0
     enforce(rule, joint)
     assert joint.position_command == 1.5
-
-
-def test_position_saturation_without_velocity_limit_jumps():
-    joint = handle(interface=POSITION)
-    joint.position_command = -9.0
-    enforce(LimitRule(POSITION_SATURATION, JointBounds(-2.0, 2.0), joint), joint)
-    assert joint.position_command == -2.0
 
 
 def test_position_soft_slows_down_towards_the_soft_limit(make_soft):
@@ -244,27 +231,18 @@ class TestResolving:
         said = []
         return resolve_limits(joint, overrides, "/r/joint_limits/J", said.append), said
 
-    def test_urdf_alone(self, make_joint):
-        limits, _ = self.resolve(make_joint("J")[0], {})
-        assert limits == JointBounds(-2.0, 2.0, 5.0, None, 100.0)
-
-    def test_continuous_has_no_range(self, make_joint):
-        limits, _ = self.resolve(make_joint("J", "continuous")[0], {})
-        assert limits == JointBounds(None, None, 5.0, None, 100.0)
-
-    def test_nothing_known_is_none(self, make_joint):
-        assert self.resolve(make_joint("J", limits="none")[0], {})[0] is None
-
-    def test_parameters_win_and_may_take_away(self, make_joint):
-        limits, _ = self.resolve(
-            make_joint("J")[0],
-            {
-                "has_position_limits": True, "min_position": -1, "max_position": 1,
-                "has_velocity_limits": False, "has_acceleration_limits": True,
-                "max_acceleration": 3.0, "has_effort_limits": True, "max_effort": 7.0,
-            },
-        )
-        assert limits == JointBounds(-1.0, 1.0, None, 3.0, 7.0)
+    @pytest.mark.parametrize(("kind", "limits", "overrides", "expected"), [
+        ("revolute", None, {}, JointBounds(-2.0, 2.0, 5.0, None, 100.0)),
+        ("continuous", None, {}, JointBounds(None, None, 5.0, None, 100.0)),
+        ("revolute", "none", {}, None),
+        ("revolute", None, {
+            "has_position_limits": True, "min_position": -1, "max_position": 1,
+            "has_velocity_limits": False, "has_acceleration_limits": True,
+            "max_acceleration": 3.0, "has_effort_limits": True, "max_effort": 7.0,
+        }, JointBounds(-1.0, 1.0, None, 3.0, 7.0)),
+    ])
+    def test_parameters_win_and_may_take_away(self, make_joint, kind, limits, overrides, expected):
+        assert self.resolve(make_joint("J", kind, limits=limits)[0], overrides) == (expected, [])
 
     def test_values_without_their_switch_are_ignored_aloud(self, make_joint):
         limits, said = self.resolve(make_joint("J")[0], {"max_effort": 7.0})
@@ -290,3 +268,48 @@ class TestResolving:
     def test_impossible_limits_are_refused(self, make_joint, overrides):
         with pytest.raises(HardwareError, match="/r/joint_limits/J"):
             self.resolve(make_joint("J")[0], overrides)
+
+
+@pytest.mark.parametrize("quantity", ["max_velocity", "max_acceleration", "max_effort"])
+def test_a_limit_of_zero_is_one(make_joint, quantity):
+    joint, _ = make_joint("J")
+    switch = f"has_{quantity.removeprefix('max_')}_limits"
+    limits = resolve_limits(joint, {switch: True, quantity: 0.0}, "/limits/J", print)
+    assert getattr(limits, quantity) == 0.0
+    with pytest.raises(HardwareError, match="must not be negative"):
+        resolve_limits(joint, {switch: True, quantity: -0.1}, "/limits/J", print)
+
+
+@pytest.mark.parametrize("kind", ["revolute", "prismatic"])
+def test_a_range_that_the_urdf_leaves_out_is_zero(make_joint, make_limits, kind):
+    joint, _ = make_joint("J", kind, limits=make_limits(lower=None, upper=None))
+    limits = resolve_limits(joint, {}, "/limits/J", print)
+    assert (limits.min_position, limits.max_position) == (0.0, 0.0)
+    assert JointHandle("J", kind, joint.limits).position_limits == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("command", [9.0, -9.0])
+def test_position_rules_without_a_range_limit_speed_alone(make_soft, command):
+    limits = JointBounds(max_velocity=5.0)
+    for rule in (POSITION_SATURATION, POSITION_SOFT):
+        joint = JointHandle("J", "continuous", None, make_soft(), POSITION)
+        joint.position = 3.0  # beyond the soft limits, which need a range
+        joint.position_command = command
+        enforce_limits(LimitRule(rule, limits, joint).row, joint.row, 0.1)
+        assert joint.position_command == pytest.approx(3.0 + (0.5 if command > 0 else -0.5))
+    free = JointHandle("J", "continuous", None, None, POSITION)
+    free.position_command = command
+    enforce_limits(LimitRule(POSITION_SATURATION, JointBounds(), free).row, free.row, 0.1)
+    assert free.position_command == command
+
+
+@pytest.mark.parametrize("command", [9.0, -9.0])
+@pytest.mark.parametrize("limits", [JointBounds(max_velocity=5.0), JointBounds(-2.0, 2.0, 5.0)])
+def test_soft_velocity_without_soft_limits_is_the_hard_one(make_soft, limits, command):
+    """Even with a gain of zero, times an infinite distance."""
+    joint = JointHandle("J", "revolute", None, make_soft(None, None, 0.0, 0.0), VELOCITY)
+    joint.position = 0.3
+    joint.velocity_command = command
+    enforce_limits(LimitRule(VELOCITY_SOFT, limits, joint).row, joint.row, 0.1)
+    assert joint.velocity_command == (5.0 if command > 0 else -5.0)
+    assert abs(joint.velocity_command) < inf

@@ -2,112 +2,100 @@
 
 from __future__ import annotations
 
+import struct
 import threading
-from types import SimpleNamespace
 
 import pytest
+from std_msgs.msg import Float64
 
+from aras_sim_bridge.control.pid import Pid
 from aras_sim_bridge.ros.camera.compressed import BackgroundWorker
-from aras_sim_bridge.ros.control import state_topic
 from aras_sim_bridge.ros.control.state_topic import StateTopic
+from aras_sim_bridge.ros.runtime.pacing import Pacer
+from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
+from aras_sim_bridge.simulation import Simulation
 
 
-class Publisher:
-    """Replacement of NonBlockingPublisher; the test adds and removes its subscribers."""
-
-    def __init__(self, topic, message, queue_size, on_change) -> None:
-        self.subscriber_count = 0
-        self.on_change = on_change
-        self.sent: list[object] = []
-        Publisher.latest = self
-
-    def publish(self, message: object) -> None:
-        self.sent.append(message.data)
-
-    def unregister(self) -> None:
-        self.subscriber_count = 0
+@pytest.fixture(scope="module")
+def thread():
+    """A thread whose simulation is paused; a call comes after all that was posted before."""
+    made = SimulationThread(Simulation, Pacer(1.0), paused=True)
+    made.start()
+    yield made
+    made.stop()
 
 
-class Thread:
-    """Replacement of SimulationThread, whose jobs the test runs."""
+class AtOnce(SimulationThread):
+    """A thread that is not started: jobs are run where they are posted."""
 
     def __init__(self) -> None:
-        self.jobs = []
+        super().__init__(Simulation, Pacer(1.0))
 
     def post(self, job) -> None:
-        self.jobs.append(job)
-
-    def turn(self) -> None:
-        jobs, self.jobs = self.jobs, []
-        for job in jobs:
-            job()
+        job()
 
 
 @pytest.fixture
-def topic(monkeypatch):
-    """A state topic of `port`, with its thread and its publisher."""
-    monkeypatch.setattr(state_topic, "NonBlockingPublisher", Publisher)
-    port, thread = SimpleNamespace(on_state=None), Thread()
-    made = StateTopic(
-        "/state", lambda: SimpleNamespace(data=None), 1, port,
-        lambda message, state: setattr(message, "data", state), thread,
-    )  # fmt: skip
-    return SimpleNamespace(topic=made, port=port, thread=thread, publisher=Publisher.latest)
+def advertise(ros, thread):
+    """make() gives a PID, and the topic of its outputs."""
+
+    def make(thread=thread):
+        pid = Pid(2.0)
+        return pid, StateTopic("/state", Float64, 1, pid, lambda message, state: setattr(
+            message, "data", state.output), thread)
+
+    return make
 
 
-def listen(topic, count: int) -> None:
-    topic.publisher.subscriber_count = count
-    topic.publisher.on_change()
+def is_heard(pid, thread) -> bool:
+    return thread.call(lambda: pid.on_state is not None)
 
 
-def test_nothing_is_built_while_nobody_listens(topic):
-    topic.thread.turn()
-    assert topic.port.on_state is None
-    listen(topic, 1)
-    topic.thread.turn()
-    topic.port.on_state(3)
-    assert topic.publisher.sent == [3]
+def test_nothing_is_built_while_nobody_listens(advertise, ros, thread):
+    pid, topic = advertise()
+    assert not is_heard(pid, thread)
+    listener = ros.join()
+    thread.call(lambda: None)
+    thread.call(lambda: pid.compute(1.5, 0.1))
+    assert struct.unpack("<d", *listener.bodies(1)) == (3.0,)
+    topic.shutdown()
+    assert not is_heard(pid, thread)
 
 
-def test_a_listener_that_leaves_does_not_take_the_callback_from_a_running_update(topic):
-    listen(topic, 1)
-    topic.thread.turn()
-    assert topic.port.on_state is not None  # an update has looked
-    listen(topic, 0)  # in a thread of rospy's, between look and call
-    topic.port.on_state(4)
-    topic.thread.turn()
-    assert topic.port.on_state is None
+def test_a_listener_that_leaves_does_not_take_the_callback_from_a_running_update(
+    advertise, ros, thread
+):
+    pid, _ = advertise()
+    listener = ros.join()
+    assert is_heard(pid, thread)
+
+    def update():
+        ros.leave(listener)  # in a thread of rospy's, between look and call
+        pid.compute(1.5, 0.1)
+        return pid.on_state is not None
+
+    assert thread.call(update)
+    assert not is_heard(pid, thread)
 
 
-def test_who_comes_while_another_leaves_is_heard_in_whatever_order_it_is_told(topic):
-    listen(topic, 1)
-    topic.publisher.subscriber_count = 2  # one comes,
-    topic.publisher.subscriber_count = 1  # the other leaves,
-    topic.publisher.on_change()  # and both are told late
-    topic.publisher.on_change()
-    topic.thread.turn()
-    assert topic.port.on_state is not None
+def test_who_comes_while_another_leaves_is_heard_in_whatever_order_it_is_told(
+    advertise, ros, thread
+):
+    pid, _ = advertise()
+    first = ros.join()
+    tell, ros.tell = ros.tell, lambda: None
+    ros.join()
+    ros.leave(first)
+    tell()  # both are told late
+    tell()
+    assert is_heard(pid, thread)
 
 
-def test_a_listener_that_was_quicker_than_the_constructor_is_heard(monkeypatch):
-    class Awaited(Publisher):
-        def __init__(self, *args, **options) -> None:
-            super().__init__(*args, **options)
-            self.subscriber_count = 1  # rospy told nobody
-
-    monkeypatch.setattr(state_topic, "NonBlockingPublisher", Awaited)
-    port, thread = SimpleNamespace(on_state=None), Thread()
-    StateTopic("/state", SimpleNamespace, 1, port, lambda message, state: None, thread)
-    thread.turn()
-    assert port.on_state is not None
-
-
-def test_a_topic_that_is_shut_down_is_silent(topic):
-    listen(topic, 1)
-    topic.thread.turn()
-    topic.topic.shutdown()
-    topic.thread.turn()
-    assert topic.port.on_state is None
+def test_a_listener_that_was_quicker_than_the_constructor_is_heard(advertise, ros):
+    ros.tell = lambda: None
+    ros.join()
+    pid, _ = advertise(AtOnce())
+    assert pid.on_state is not None
 
 
 def test_nobody_waits_for_the_encoder_and_the_newest_frames_stay():

@@ -34,34 +34,6 @@ def users_module(tmp_path, monkeypatch):
     sys.modules.pop("users_controllers", None)
 
 
-def test_types_of_ros_controllers_are_built_in():
-    assert set(ControllerTypes().list_types()) >= {
-        "joint_state_controller/JointStateController",
-        "effort_controllers/GripperActionController",
-        "effort_controllers/JointEffortController",
-        "effort_controllers/JointPositionController",
-        "effort_controllers/JointVelocityController",
-        "effort_controllers/JointGroupEffortController",
-        "effort_controllers/JointGroupPositionController",
-        "effort_controllers/JointTrajectoryController",
-        "position_controllers/GripperActionController",
-        "position_controllers/JointPositionController",
-        "position_controllers/JointGroupPositionController",
-        "position_controllers/JointTrajectoryController",
-        "velocity_controllers/JointVelocityController",
-        "velocity_controllers/JointPositionController",
-        "velocity_controllers/JointGroupVelocityController",
-        "velocity_controllers/JointTrajectoryController",
-    }
-
-
-@pytest.mark.parametrize("kind", ["effort", "position", "velocity"])
-@pytest.mark.parametrize("name", ["JointTrajectoryController", "JointPositionController"])
-def test_a_controller_of_several_interfaces_has_that_of_its_name(kind, name):
-    cls = ControllerTypes().find(f"{kind}_controllers/{name}")
-    assert cls.interface == f"{kind.capitalize()}JointInterface"
-
-
 def test_a_users_class_by_path_or_by_parameter(users_module):
     registry = ControllerTypes()
     cls = registry.find("users_controllers:Mine")
@@ -99,23 +71,15 @@ def test_a_users_type_without_a_class_is_named(users_module, make_rig, make_join
         rig.manager.load("own")
 
 
-def test_reload_takes_the_new_source(users_module):
-    registry = ControllerTypes()
+def test_reload_takes_the_new_source_also_of_what_others_have_imported(users_module):
+    registry, another = ControllerTypes(), ControllerTypes()
     extra = {"mine/Mine": "users_controllers:Mine"}
-    assert registry.find("mine/Mine", extra).version == 1
-    users_module.write_text(SOURCE.format(version=22))
-    assert registry.find("mine/Mine", extra).version == 1
-    registry.reload(extra)
-    assert registry.find("mine/Mine", extra).version == 22
-
-
-def test_reload_takes_the_new_source_of_what_others_have_imported(users_module):
-    extra = {"mine/Mine": "users_controllers:Mine"}
-    assert ControllerTypes().find("mine/Mine", extra).version == 1
-    users_module.write_text(SOURCE.format(version=22))
-    another = ControllerTypes()
-    another.reload(extra)
-    assert another.find("mine/Mine", extra).version == 22
+    for one, version in ((registry, 22), (another, 333)):
+        before = registry.find("mine/Mine", extra).version
+        users_module.write_text(SOURCE.format(version=version))
+        assert registry.find("mine/Mine", extra).version == before
+        one.reload(extra)
+        assert one.find("mine/Mine", extra).version == version
 
 
 @pytest.mark.parametrize(

@@ -2,54 +2,42 @@
 
 from __future__ import annotations
 
-import inspect
 import logging
 import threading
 import time
 from collections.abc import Callable
-from concurrent.futures import Future
-from concurrent.futures import TimeoutError as FutureTimeoutError
 
 import pytest
 
-from aras_sim_bridge.ros.runtime import simulation_thread
+from aras_sim_bridge.ros.runtime.lockstep import Lockstep
 from aras_sim_bridge.ros.runtime.message_receiver import MessageReceiver
 from aras_sim_bridge.ros.runtime.pacing import Pacer
+from aras_sim_bridge.ros.runtime.send_queue import QueueFlusher
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationBusyError, SimulationThread
+from aras_sim_bridge.simulation import Simulation, SimulationConfig
 
 MS = 1_000_000
 
 
-class Counter:
-    """A simulation that only counts."""
+class Empty(Simulation):
+    """A simulation of nothing; `is_closed` says that it has ended."""
+
+    is_closed = False
 
     def __init__(self) -> None:
-        self.time_ns = 0
-        self.step_ns = 1_000_000
-
-    def step(self) -> None:
-        self.time_ns += self.step_ns
-        time.sleep(0.0001)
-
-    def next_image_ns(self) -> None:
-        return None
+        super().__init__(SimulationConfig(ground_plane=False))
 
     def close(self) -> None:
         time.sleep(0.005)
-        self.closed = True
+        super().close()
+        self.is_closed = True
 
 
-class Gate:
-    """Closes at a simulated time until it is opened."""
-
-    def __init__(self) -> None:
-        self.is_closed = False
-
-    def compute_remaining(self) -> float | None:
-        return 1.0 if self.is_closed else None
-
-    def end_round(self) -> None:
-        self.is_closed = False
+def gate_of(thread: SimulationThread) -> Lockstep:
+    """A gate that waits for /c, of which the test tells the messages."""
+    gate = Lockstep(["/c"], 60.0, thread.wake, flusher=QueueFlusher())
+    gate.claim("/c")
+    return gate
 
 
 @pytest.fixture
@@ -57,9 +45,9 @@ def started():
     """Factory of running threads at a pace; they are ended afterwards."""
     threads = []
 
-    def start(factor: float, gate: Gate | None = None, **options) -> SimulationThread:
-        thread = SimulationThread(Counter, Pacer(factor), **options)
-        thread.lockstep = gate
+    def start(factor: float, gated: bool = False, **options) -> SimulationThread:
+        thread = SimulationThread(Empty, Pacer(factor), **options)
+        thread.lockstep = gate_of(thread) if gated else None
         threads.append(thread)
         thread.start()
         return thread
@@ -76,29 +64,49 @@ def until(predicate) -> None:
         time.sleep(0.001)
 
 
+@pytest.mark.parametrize("gated", [False, True])
+def test_while_time_stands_still_the_thread_waits_and_does_not_spin(started, gated):
+    """Paused, or behind a closed gate; also after a bell that was heard."""
+
+    class Counting(MessageReceiver):
+        rounds = 0
+
+        def clear_wake(self) -> None:
+            self.rounds += 1
+            super().clear_wake()
+
+    inbox = Counting()
+    thread = started(1.0, gated, paused=True, receiver=inbox)
+    if gated:
+        thread.unpause()
+        thread.call(thread.lockstep.start_round)
+    thread.call(lambda: None)
+    time.sleep(0.01)
+    rounds = inbox.rounds
+    time.sleep(0.03)
+    assert inbox.rounds <= rounds + 2
+
+
 def test_no_step_is_made_behind_a_closed_gate_but_jobs_are_run(started):
-    gate = Gate()
-
     def close(time_ns: int) -> None:
-        if time_ns == 10_000_000:
-            gate.is_closed = True
+        if time_ns == 10 * MS:
+            thread.lockstep.start_round()
 
-    thread = started(0.0, gate, after_step=close)
+    thread = started(0.0, True, paused=True, after_step=close)
+    thread.unpause()
     until(lambda: thread.is_time_stopped)
-    assert thread.call(lambda: thread.simulation.time_ns) == 10_000_000
+    assert thread.call(lambda: thread.simulation.time_ns) == 10 * MS
     time.sleep(0.02)
-    assert thread.call(lambda: thread.simulation.time_ns) == 10_000_000
-    gate.is_closed = False
-    thread.wake()
-    until(lambda: thread.now_ns() > 20_000_000)
+    assert thread.call(lambda: thread.simulation.time_ns) == 10 * MS
+    thread.lockstep.note_message("/c")
+    until(lambda: thread.now_ns() > 20 * MS)
 
 
 def test_unpausing_clears_the_gate_that_steps_closed(started):
-    gate = Gate()
-    thread = started(0.0, gate, paused=True, after_step=lambda _: setattr(gate, "is_closed", True))
-    assert thread.step(5, 5.0) == 5_000_000  # steps asked for are made
+    thread = started(0.0, True, paused=True, after_step=lambda _: thread.lockstep.start_round())
+    assert thread.step(5, 5.0) == 5 * MS  # steps asked for are made
     thread.unpause()
-    until(lambda: thread.now_ns() == 6_000_000)
+    until(lambda: thread.now_ns() == 6 * MS)
 
 
 class Commands(MessageReceiver):
@@ -138,13 +146,13 @@ class Plan(Pacer):
         return 60.0 if self.over.is_set() else 0.0
 
 
-def run(plan: Plan, inbox: MessageReceiver, gate: Gate | None = None, build=Counter) -> None:
+def run(plan: Plan, inbox: MessageReceiver, gated: bool = False, build=Empty) -> None:
     thread = SimulationThread(build, plan, receiver=inbox)
-    thread.lockstep = gate
+    thread.lockstep = gate_of(thread) if gated else None
     thread.start()
     assert plan.over.wait(20.0)
     thread.stop()
-    assert thread.simulation.closed  # it has ended
+    assert thread.simulation.is_closed  # it has ended
 
 
 @pytest.mark.parametrize(("flood", "groups"), [
@@ -165,7 +173,7 @@ def test_steps_are_made_one_by_one_for_so_long_after_a_command():
 
 
 def test_what_came_before_time_was_set_back_is_forgotten():
-    made = Counter()
+    made = Empty()
     made.time_ns = 100 * MS
 
     class Reset(Plan):
@@ -179,20 +187,20 @@ def test_what_came_before_time_was_set_back_is_forgotten():
     assert plan.groups == [4, 1, 4, 4]
 
 
-@pytest.mark.parametrize(("factor", "gate", "backlogs"), [
-    (1.0, None, [3, 2, 1, 2, 1]), (1.0, Gate(), [3, 2, 1, 2, 1]), (0.0, None, 5 * [0]),
-    (0.0, Gate(), 5 * [8]),
+@pytest.mark.parametrize(("factor", "gated", "backlogs"), [
+    (1.0, False, [3, 2, 1, 2, 1]), (1.0, True, [3, 2, 1, 2, 1]), (0.0, False, 5 * [0]),
+    (0.0, True, 5 * [8]),
 ])
-def test_of_the_commands_of_a_topic_one_may_wait_for_each_step_that_is_due(factor, gate, backlogs):
+def test_of_the_commands_of_a_topic_one_may_wait_for_each_step_that_is_due(factor, gated, backlogs):
     inbox = Commands(lambda _: False)
-    run(Plan(2.5, 2, factor=factor), inbox, gate)
+    run(Plan(2.5, 2, factor=factor), inbox, gated)
     assert inbox.backlogs == backlogs
     assert inbox.waits == [(60.0, True)]  # what is due at once is not waited for
 
 
 def test_a_pause_is_not_made_good():
     wall = [0.0]
-    thread = SimulationThread(Counter, Pacer(1.0, lambda: wall[0]), paused=True)
+    thread = SimulationThread(Empty, Pacer(1.0, lambda: wall[0]), paused=True)
     thread.start()
     wall[0] = 0.15
     thread.unpause()
@@ -200,31 +208,6 @@ def test_a_pause_is_not_made_good():
     until(lambda: thread.now_ns() >= 8_000_000)
     thread.stop()
     assert thread.now_ns() == 8_000_000
-
-
-def test_a_bell_that_was_heard_does_not_wake_again(started):
-    """While time stands still the thread waits, and does not spin."""
-
-    class Counting(MessageReceiver):
-        waits = 0
-
-        def wait(self, seconds: float | None, commands: bool = True) -> bool:
-            self.waits += 1
-            return super().wait(seconds, commands)
-
-    inbox = Counting()
-    thread = started(1.0, paused=True, receiver=inbox)
-    thread.call(lambda: None)
-    until(lambda: inbox.waits)
-    waits = inbox.waits
-    time.sleep(0.03)
-    assert inbox.waits <= waits + 2
-
-
-def test_the_time_after_a_job_is_known_at_once(started):
-    thread = started(1.0, paused=True)
-    thread.call(lambda: setattr(thread.simulation, "time_ns", 77))
-    until(lambda: thread.now_ns() == 77)
 
 
 def test_a_stall_is_not_made_good_and_not_complained_of(started, caplog):
@@ -317,13 +300,6 @@ def test_the_end_interrupts_steps_and_answers_who_waits(started):
     assert "shutting down" in str(faults[0])
 
 
-def test_how_long_it_is_waited_for():
-    defaults = [inspect.signature(getattr(SimulationThread, name)).parameters["timeout"].default
-                for name in ("start", "call", "stop")]  # fmt: skip
-    assert defaults == [60.0, 10.0, 5.0]
-    assert SimulationThread(Counter, Pacer(1.0)).now_ns() == 0
-
-
 def test_who_waits_too_long_is_told_and_what_he_asked_for_is_not_done(started):
     thread = started(1.0, paused=True)
     go_on, begun, done = threading.Event(), threading.Event(), []
@@ -335,20 +311,9 @@ def test_who_waits_too_long_is_told_and_what_he_asked_for_is_not_done(started):
     assert thread.call(lambda: 8) == 8 and not done
 
 
-def test_a_job_that_has_begun_is_waited_for_whatever_it_takes(started, monkeypatch):
-    begun, late = threading.Event(), threading.Event()
-
-    class Late(Future):
-        def result(self, timeout: float | None = None) -> object:
-            if timeout == 0.125:
-                assert begun.wait(20.0)
-                late.set()
-                raise FutureTimeoutError
-            return super().result(timeout)
-
+def test_a_job_that_has_begun_is_waited_for_whatever_it_takes(started):
     thread = started(1.0, paused=True)
-    monkeypatch.setattr(simulation_thread, "Future", Late)
-    assert thread.call(lambda: (begun.set(), late.wait(20.0), 7)[-1], 0.125) == 7
+    assert thread.call(lambda: time.sleep(0.6) or 7, 0.5) == 7
 
 
 def test_a_job_does_not_wait_for_the_rest_of_the_steps_that_are_due():
@@ -358,7 +323,7 @@ def test_a_job_does_not_wait_for_the_rest_of_the_steps_that_are_due():
         if time_ns == MS:
             thread.post(lambda: seen.append(thread.simulation.time_ns))
 
-    thread = SimulationThread(Counter, plan, after_step, receiver=Commands(lambda _: False))
+    thread = SimulationThread(Empty, plan, after_step, receiver=Commands(lambda _: False))
     thread.start()
     assert plan.over.wait(20.0)
     thread.stop()

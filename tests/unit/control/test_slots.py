@@ -5,7 +5,6 @@ from math import nan
 import pytest
 
 from aras_sim_bridge.control.controllers import Controller
-from aras_sim_bridge.description import parse_urdf
 from aras_sim_bridge.errors import ControllerError
 
 PID = {"p": 10.0}
@@ -118,24 +117,6 @@ def test_a_pid_s_listener_that_leaves_aborts_nothing(make_rig, make_joint):
     assert rig.manager.list()[0].state == "running", rig.log
 
 
-@pytest.mark.parametrize("limit", ['velocity="3"', 'effort="50"', ""])
-def test_a_continuous_joint_whose_limit_is_not_complete_moves(make_rig, make_joint, limit):
-    """No effort in <limit> means none is limited, not that none is allowed."""
-    text = ('<robot name="r"><link name="w"/><link name="a"><inertial><mass value="1"/><inertia '
-            'ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="a" '
-            'type="continuous"><parent link="w"/><child link="a"/>'
-            f'<limit {limit}/></joint></robot>')
-    described = parse_urdf(text).joints["a"]
-    joint = make_joint("a", "continuous", limits=described.limits)
-    rig = make_rig([joint], {"c": {"type": "effort_controllers/JointEffortController",
-                                   "joint": "a"}})
-    controller = rig.run("c")
-    controller.set_command(40.0)
-    rig.step(2)
-    assert rig.model.tau == [40.0]
-    assert rig.model.q[0] > 0.0
-
-
 class Faulty(Controller):
     """Commands everything it has, then fails."""
 
@@ -152,13 +133,10 @@ class Faulty(Controller):
         raise ValueError("mine")
 
 
-def test_a_controller_that_fails_leaves_no_command_behind(make_rig, make_joint, monkeypatch):
+def test_a_controller_that_fails_leaves_no_command_behind(make_rig, make_joint):
     """Its joint gets velocity 0 and the line says why."""
-    import sys
-
-    monkeypatch.setitem(sys.modules, "faulty_module", sys.modules[__name__])
     rig = make_rig([make_joint("a", interface="VelocityJointInterface")],
-                   {"c": {"type": "faulty_module:Faulty"}}, physics=False)
+                   {"c": {"type": f"{Faulty.__module__}:Faulty"}}, physics=False)
     rig.run("c")
     rig.step(2)
     handle = rig.hardware.handles["a"]

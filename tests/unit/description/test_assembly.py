@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from aras_sim_bridge.description import parse_sdf, read_sdf, world_file
-from aras_sim_bridge.errors import DescriptionError, UnknownModelError
+from aras_sim_bridge.errors import UnknownModelError
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
 from aras_sim_bridge.world import World
 from aras_sim_bridge.world.closed_chains import compute_position
@@ -220,21 +220,21 @@ BAD = {  # a model that cannot be served, and what is said of it
 
 
 @pytest.mark.parametrize("bad", BAD)
-def test_a_world_with_one_bad_model_of_twenty_starts_with_nineteen(tmp_path, bad):
+def test_a_world_with_one_bad_model_starts_with_the_others(tmp_path, bad):
     inside, reason = BAD[bad]
     good = [f"<model name='m{k}'><pose>{k} 0 1 0 0 0</pose>{link('a', inside=BOX)}</model>"
-            for k in range(19)]
+            for k in range(3)]
     wrong = f"<model name='bad'>{inside}</model>"
     if bad == "light":
         wrong, reason = "<light name='bad' type='candle'/>", "type 'candle' is unknown"
     path = tmp_path / "w.world"
     path.write_text("<sdf version='1.6'><world name='w'>" + "".join(
-        [*good[:7], wrong, *good[7:]]) + "</world></sdf>")
+        [*good[:2], wrong, *good[2:]]) + "</world></sdf>")
     found = world_file.load_world(str(path))
     simulation = Simulation(SimulationConfig(ground_plane=False))
     said = list(found.warnings)
     world_file.populate(simulation.spawn, found, said.append)
-    assert list(simulation.world.models) == [f"m{k}" for k in range(19)]
+    assert list(simulation.world.models) == [f"m{k}" for k in range(3)]
     assert any("'bad' is ignored" in text and (reason in text or bad == "gone include")
                for text in said)
     assert any(reason in text for text in said)
@@ -270,11 +270,6 @@ def test_states_place_the_free_bodies_of_a_model():
     (made,) = content.models
     assert made.initial_pose[0] == (0, 0, 5) and not content.warnings
     assert made.parts[0].initial_pose[0] == pytest.approx((3, 0, -4))
-
-
-def test_a_single_model_that_is_wrong_is_refused():
-    with pytest.raises(DescriptionError, match="joint type 'ball' is not supported"):
-        model(link("a") + link("b") + joint("j", "a", "b", "ball"))
 
 
 def test_a_free_model_with_a_closed_chain_stands_by_bullet_s_steps():

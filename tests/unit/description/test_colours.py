@@ -20,12 +20,6 @@ def painted(name):
                     "</link></model></sdf>")
 
 
-def test_gazebo_s_materials_are_known():
-    for description in painted("Gazebo/Black"):
-        assert description.colours == {"a": (0.0, 0.0, 0.0, 1.0)}
-        assert not description.warnings
-
-
 LIGHTS = {"Red": "r", "Green": "g", "Blue": "b", "Yellow": "rg", "Purple": "rb",
           "Turquoise": "gb", "White": "rgb", "Black": ""}
 

@@ -1,7 +1,6 @@
 """<gazebo> tags of a URDF: plugins, cameras, flags of links; unknown tags cause a warning."""
 
 import math
-from dataclasses import astuple
 
 import numpy as np
 import pytest
@@ -14,8 +13,6 @@ from aras_sim_bridge.description import (
     Noise,
     parse_urdf,
 )
-from aras_sim_bridge.description.types import Light, SensorDescription
-from aras_sim_bridge.description.world_file import WorldFile
 from aras_sim_bridge.errors import DescriptionError
 
 
@@ -47,29 +44,15 @@ def test_a_camera_s_numbers():
 
 
 def test_what_a_camera_leaves_open():
+    """Its numbers: test_left_open.py."""
     made = camera()
-    assert (made.horizontal_fov, made.width, made.height) == (1.047, 320, 240)
-    assert made.format == "R8G8B8"
-    assert (made.near, made.far, made.update_rate) == (0.1, 100.0, 0.0)
     assert (made.noise, made.distortion, made.distortion_center) == (Noise(), None, (0.5, 0.5))
-    assert made.pose == ((0, 0, 0), (0, 0, 0))
     for size in (1, 16384):  # the smallest and the largest picture there are
         image = f"<image><width>{size}</width><height>{size}</height></image>"
         assert (camera(image).width, camera(image).height) == (size, size)
     assert camera("<noise/>").noise == Noise("gaussian", 0.0, 0.0)
     made = camera("<distortion/>")
     assert (made.distortion, made.distortion_center) == ((0, 0, 0, 0, 0), (0.5, 0.5))
-
-
-def test_what_gazebo_takes_where_a_file_says_nothing():
-    world, lens, sensor = WorldFile(), LensDescription(), SensorDescription("wrench", "t")
-    assert (world.time_step, world.gravity, world.update_rate) == (0.001, (0.0, 0.0, -9.8), 1000.0)
-    assert (lens.kind, lens.scale_to_hfov) == ("gnomonical", True)
-    assert lens.cutoff_angle == math.pi / 2
-    assert (sensor.wrench_frame, sensor.on_child, sensor.rate) == ("child", False, 0.0)
-    assert astuple(Light("l"))[1:12] == (
-        "directional", (0.0, 0.0, 10.0), (0.0,) * 3, (0.8, 0.8, 0.8, 1.0), (0.2, 0.2, 0.2, 1.0),
-        (-0.4834, 0.0967, -0.8701), 0.9, 0.01, 0.001, 1000.0, 0.6)
 
 
 def test_a_joint_s_own_sensor_needs_no_name_of_it():
@@ -166,21 +149,6 @@ def test_the_control_plugin():
         robot(text.format("<controlPeriod>0</controlPeriod>"))
 
 
-def test_flags_of_links():
-    text = "<gazebo reference='a'>{}</gazebo>"
-    assert not robot(text.format("<gravity>false</gravity>")).links["a"].gravity
-    assert not robot(text.format("<turnGravityOff>1</turnGravityOff>")).links["a"].gravity
-    assert robot(text.format("<turnGravityOff>0</turnGravityOff>")).links["a"].gravity
-    assert robot(text.format("<kinematic value='true'/>")).links["a"].kinematic
-    assert robot(text.format("<mu1>.4</mu1>")).links["a"].mu == 0.4
-    assert robot("<gazebo><static>true</static></gazebo>").static
-    assert not robot("<gazebo/>").static
-    with pytest.raises(DescriptionError, match="mu1 is -1.0; it must not be negative"):
-        robot(text.format("<mu1>-1</mu1>"))
-    with pytest.raises(DescriptionError, match="kinematic: 'maybe' is neither true nor false"):
-        robot(text.format("<kinematic>maybe</kinematic>"))
-
-
 @pytest.mark.parametrize("inside, warning", [
     ("<gazebo reference='b'/>", "<gazebo reference='b'> is ignored, because it names no link"),
     ("<gazebo><plugin filename='x.so'/></gazebo>", "plugin 'x.so' is ignored, because "
@@ -192,6 +160,16 @@ def test_what_is_not_known_warns(inside, warning):
     assert warning in said
 
 
+def test_a_robot_is_static_and_flags_that_cannot_be_are_named():
+    text = "<gazebo reference='a'>{}</gazebo>"
+    assert robot("<gazebo><static>true</static></gazebo>").static
+    assert not robot("<gazebo/>").static
+    with pytest.raises(DescriptionError, match="mu1 is -1.0; it must not be negative"):
+        robot(text.format("<mu1>-1</mu1>"))
+    with pytest.raises(DescriptionError, match="kinematic: 'maybe' is neither true nor false"):
+        robot(text.format("<kinematic>maybe</kinematic>"))
+
+
 FLAGS = {"gravity": True, "kinematic": False, "mu": None, "bounce": None}
 BOUNCE = ("<collision><surface><bounce><restitution_coefficient>{}</restitution_coefficient>"
           "</bounce></surface></collision>")
@@ -200,7 +178,7 @@ BOUNCE = ("<collision><surface><bounce><restitution_coefficient>{}</restitution_
 @pytest.mark.parametrize(("tags", "changes"), [
     ("", {}), ("<mu1>0</mu1>", {"mu": 0.0}), ("<mu1 value='.4'/>", {"mu": 0.4}),
     ("<mu1>.4</mu1><mu2>.4</mu2>", {"mu": 0.4}), ("<gravity value='0'/>", {"gravity": False}),
-    ("<gravity>1</gravity>", {}), ("<kinematic>1</kinematic>", {"kinematic": True}),
+    ("<gravity>1</gravity>", {}), ("<kinematic value='true'/>", {"kinematic": True}),
     ("<turnGravityOff>true</turnGravityOff><gravity>true</gravity>", {"gravity": False}),
     ("<turnGravityOff>false</turnGravityOff><gravity>false</gravity>", {"gravity": False}),
     ("<collision/>" + BOUNCE.format(0.5) + BOUNCE.format(0.7), {"bounce": (0.5, 0.0)}),
@@ -261,13 +239,6 @@ def test_a_camera_stands_in_its_sensor_and_that_in_its_link(sensor, own):
     xyz, rpy = camera(tag.format(own) if own else "", tag.format(sensor) if sensor else "").pose
     found = matrix(" ".join(map(str, (*xyz, *rpy))))
     np.testing.assert_allclose(found, matrix(sensor) @ matrix(own), atol=1e-12)
-
-
-@pytest.mark.parametrize("kind", ["gnomonical", "stereographic", "equidistant", "equisolid_angle",
-                                  "orthographic", "custom"])
-def test_each_lens_is_known(kind):
-    made = camera(f"<lens><type>{kind}</type></lens>", kind="wideanglecamera")
-    assert made.lens == LensDescription(kind, True, math.pi / 2)
 
 
 @pytest.mark.parametrize(("noise", "kind"), [

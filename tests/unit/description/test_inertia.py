@@ -26,17 +26,6 @@ def matrix(rpy):
     return about(2, rpy[2]) @ about(1, rpy[1]) @ about(0, rpy[0])
 
 
-@pytest.mark.parametrize("place", [1, 2, 4])
-def test_one_product_of_inertia_turns_the_axes(place):
-    inertia = [2.0, 0.0, 0.0, 2.0, 0.0, 2.0]
-    inertia[place] = 0.5
-    moments, axes = principal_axes(tuple(inertia))
-    assert sorted(moments) == pytest.approx([1.5, 2.0, 2.5])
-    np.testing.assert_allclose(
-        axes @ np.diag(moments) @ axes.T, inertia_tensor(inertia), atol=1e-12
-    )
-
-
 def tensors():
     """Symmetric positive tensors whose eigenvectors come out of numpy as reflections and not."""
     rng = np.random.default_rng(4)
@@ -77,18 +66,6 @@ def test_what_bullet_gets_is_the_same_tensor_about_the_same_point():
                                    frame @ inertia_tensor(inertia) @ frame.T, atol=1e-12)
 
 
-def test_a_tensor_too_small_to_matter_refuses_no_robot():
-    """TIAGo's antennas, a milligram each."""
-    warnings = []
-    antenna = (2.371e-8, 6.119e-8, 1.179e-8, 2.833e-8, 7.74e-9, 3.849e-8)
-    made = make_inertial("link 'a'", 1e-6, (0, 0, 0), (0, 0, 0), antenna, warnings)
-    assert made.inertia == pytest.approx((1e-9, 0, 0, 1e-9, 0, 1e-9))
-    assert "principal moment (-3.535e-08), so the tensor of a solid sphere" in warnings[0]
-    larger = tuple(40 * moment for moment in antenna)
-    with pytest.raises(DescriptionError, match=r"negative principal moment \(-1.4"):
-        make_inertial("link 'a'", 1e-6, (0, 0, 0), (0, 0, 0), larger, warnings)
-
-
 def test_tensors_that_no_body_has():
     warnings = []
     assert make_inertial("link 'a'", 0.0, (0, 0, 0), (0, 0, 0), (1,) * 6, warnings) is None
@@ -106,17 +83,6 @@ def test_tensors_that_no_body_has():
     assert "1, 1, 100 break the triangle inequality" in warnings.pop()
     make_inertial("link 'a'", 1.0, (0, 0, 0), (0, 0, 0), (1, 0, 0, 1, 0, 2.003), warnings)
     assert not warnings, "a CAD export's rounding"
-
-
-@pytest.mark.parametrize(("inertia", "kept"), [
-    ((3.0, 0.1, 0.2, 4.0, 0.3, 5.0), True), ((1.0, 0.0, 0.0, 100.0, 0.0, 1.0), True),
-    ((0.0,) * 6, False), ((1e-8, 2e-8, 0.0, 1e-8, 0.0, 1e-8), False),
-])
-def test_whatever_is_done_to_a_tensor_mass_and_frame_stay(inertia, kept):
-    made = make_inertial("w", 2.5, (1.0, 2.0, 3.0), (0.1, 0.2, 0.3), inertia, [])
-    assert (made.mass, made.origin_xyz, made.origin_rpy) == (2.5, (1, 2, 3), (0.1, 0.2, 0.3))
-    ball = 2.5 * 0.4 * 0.05**2
-    assert made.inertia == pytest.approx(inertia if kept else (ball, 0, 0, ball, 0, ball))
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e4])

@@ -6,63 +6,24 @@ from dataclasses import astuple
 import pytest
 
 from aras_sim_bridge.description import (
-    CameraDescription,
     CameraPlugin,
-    ChannelNoise,
-    ControlPlugin,
     DepthTopics,
-    Geometry,
-    LensDescription,
-    Light,
-    Link,
-    Noise,
-    RobotDescription,
-    SensorDescription,
-    Transmission,
-    Visual,
     parse_sdf,
     parse_urdf,
     read_sdf,
     world_file,
 )
 from aras_sim_bridge.description.types import SUN as SUN_OF_GAZEBO
-from aras_sim_bridge.description.types import SceneSettings
 from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base.settings import build
 
 NONE = (0.0, 0.0, 0.0)
 HERE = (NONE, NONE)
-BOX = ("box", NONE, 0.0, 0.0, "", (1.0, 1.0, 1.0), (0.0, 0.0, 1.0))
 SUN = ("directional", (0.0, 0.0, 10.0), NONE, (0.8, 0.8, 0.8, 1.0), (0.2, 0.2, 0.2, 1.0),
        (-0.4834, 0.0967, -0.8701), 0.9, 0.01, 0.001, 1000.0, 0.6, 1.0, 1.0, False, None)
 STREAM = ("", "", "image_raw", "camera_info", "", 0.0, 0.0, 0.0, 0.0, 0.0, (0.0,) * 5, False, "",
           None)
 LENS = ("gnomonical", True, math.pi / 2, None)
-
-
-@pytest.mark.parametrize(("made", "expected"), [
-    (Geometry("box"), BOX),
-    (Visual("v", NONE, NONE, Geometry("box")), ("v", NONE, NONE, BOX, "")),
-    (Link("a", None), ("a", None, (), (), True, False, None, None)),
-    (Transmission("t", "k", "j", "i", True), ("t", "k", "j", "i", True, (), ())),
-    (ControlPlugin(), (None, None, None)),
-    (Noise(), ("none", 0.0, 0.0)),
-    (LensDescription(), LENS),
-    (DepthTopics(), ("depth/image_raw", "depth/camera_info", "", 0.0, math.inf, False, True)),
-    (CameraPlugin(), STREAM),
-    (CameraDescription("n", "a", HERE, "camera", 1.0, 2.0, 3, 4, "f", 5.0, 6.0),
-     ("n", "a", HERE, "camera", 1.0, 2.0, 3, 4, "f", 5.0, 6.0, ("none", 0.0, 0.0), None,
-      (0.5, 0.5), None, None, "")),
-    (ChannelNoise(), (0.0, 0.0, 0.0, 0.0)),
-    (SensorDescription("imu", "t"),
-     ("imu", "t", "", "", 0.0, "", HERE, HERE, 0.0, 0.0, False, (), (), "", "child", False, ())),
-    (Light("sun"), ("sun", *SUN)),
-    (SceneSettings(), ((0.4, 0.4, 0.4, 1.0), (0.7, 0.7, 0.7, 1.0), False, "none")),
-    (RobotDescription("r", "a", {}, {}),
-     ("r", "a", {}, {}, (), (), (), (), (), {}, False, (), HERE, {}, (), ())),
-])
-def test_what_a_part_is_without_being_told(made, expected):
-    assert astuple(made) == expected
 
 
 def test_the_light_of_no_world_is_gazebo_s_sun():

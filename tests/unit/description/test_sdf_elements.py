@@ -16,7 +16,6 @@ JOINT = ("<model name='m'><link name='a'/><link name='l'/><joint name='j' type='
 INERTIAL = "<inertial>{}</inertial>"
 VISUAL = "<visual name='v'>" + BOX + "{}</visual>"
 COLLISION = "<collision name='c'>" + BOX + "{}</collision>"
-NOISE = "<noise><type>gaussian</type>{}</noise>"
 # where, with {} for the element: (elements with values, those without a meaning here)
 PLACES = {
     "{}": (

@@ -3,7 +3,7 @@
 import pytest
 
 from aras_sim_bridge.description import parse_urdf, read_sdf
-from aras_sim_bridge.description.supported_elements import BLOCKS, SUPPORTED
+from aras_sim_bridge.description.supported_elements import BLOCKS
 from aras_sim_bridge.errors import DescriptionError
 from aras_sim_bridge.world import World
 
@@ -52,22 +52,6 @@ def urdf_places():
         yield URDF.format(**{**empty, "gazebo": joint})
 
 
-def sdf_places():
-    yield "<sdf><world name='w'>{}</world></sdf>"
-    yield "<sdf><world name='w'><light name='l'>{}</light></world></sdf>"
-    model = "<sdf><model name='m'>{}</model></sdf>"
-    yield model.format("<link name='a'/>{}")
-    for inside in SDF_LINK:
-        yield model.format(inside.format())
-    for inside in SDF_JOINT:
-        yield model.format(
-            "<link name='a'/><link name='b'/><joint name='k' type='revolute'><parent>a</parent>"
-            f"<child>b</child>{inside.format()}</joint>")
-    for kind, inside in SENSORS.items():
-        sensor = f"<sensor name='s' type='{kind}'>{inside}</sensor>"
-        yield model.format(f"<link name='a'>{sensor}</link>")
-
-
 def said(text):
     if text.startswith("<robot"):
         return list(parse_urdf(text).warnings)
@@ -79,11 +63,11 @@ UNKNOWN = ["<riverbed/>", "<light name='n'/>", "<projector name='n'><fov>1</fov>
            "<gripper name='n'/>", "<include><uri>model://x</uri></include>"]
 
 
-@pytest.mark.parametrize("place", [*urdf_places(), *sdf_places()])
+@pytest.mark.parametrize("place", list(urdf_places()))
 def test_an_element_that_is_not_served_is_named_once(place):
-    """In every block that is: of URDF, of <gazebo> tags, of SDF; and other programs' are not."""
-    for text in UNKNOWN[:1] if "<world" in place or "<sdf><model name='m'><link name='a'/>{}" in (
-            place) else UNKNOWN:
+    """In every block of URDF and of <gazebo> tags, and other programs' are not; SDF's blocks:
+    test_sdf_elements.py."""
+    for text in UNKNOWN:
         tag = text[1:].split()[0].rstrip("/>").partition(">")[0]
         before = said(place.replace("{}", ""))
         named = [one for one in said(place.replace("{}", text)) if one not in before]
@@ -196,11 +180,6 @@ def test_a_spring_that_cannot_be_is_named(stiffness):
     with pytest.raises(DescriptionError, match="<gazebo reference='j'>: springStiffness"):
         parse_urdf(GAZEBO.format("<gazebo reference='j'><springStiffness>"
                                  f"{stiffness}</springStiffness></gazebo>"))
-
-
-def test_the_table_names_blocks_of_every_kind():
-    assert all(entry == SUPPORTED or isinstance(entry, (tuple, dict)) for block in BLOCKS.values()
-               for entry in block.values())
 
 
 LIMIT = "<limit lower='{}' upper='{}' effort='1' velocity='1'/>"

@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 
-from aras_sim_bridge.blending import blend_poses
 from aras_sim_bridge.description import (
     Geometry,
     Inertial,
@@ -25,7 +24,7 @@ from aras_visual_servo_base.meshes.mesh import (
     from_indices,
     normalise,
 )
-from aras_visual_servo_base.poses import Pose, quaternion_from_rpy
+from aras_visual_servo_base.poses import Pose
 
 BOX = Geometry("box", size=(0.2, 0.4, 0.6))
 
@@ -54,35 +53,6 @@ def test_solids_have_their_size_and_volume(shape, expected, extents):
     assert np.abs(mesh.positions.max(axis=0) + mesh.positions.min(axis=0)).max() < 1e-6
     assert 0.98 * expected < volume(mesh) <= expected * (1 + 1e-6)
     assert np.linalg.norm(mesh.normals, axis=1) == pytest.approx(1.0)
-
-
-def rings(shape):
-    """(radius, z) of a round shape's rings, of the fineness that they are drawn with."""
-    radius, half = shape.radius, shape.length / 2
-    turns = np.linspace(0.0, math.pi, 17)  # from the lower pole to the upper one
-    arc = [(radius * math.sin(t), -radius * math.cos(t)) for t in turns]
-    return {"sphere": arc, "cylinder": [(radius, -half), (radius, half)],
-            "capsule": [(r, z - half) for r, z in arc[:9]] + [(r, z + half) for r, z in arc[8:]],
-            }[shape.kind]
-
-
-@pytest.mark.parametrize("shape", [
-    Geometry("sphere", radius=0.5), Geometry("cylinder", radius=0.3, length=2.0),
-    Geometry("capsule", radius=0.4, length=1.5),
-])
-def test_round_shapes_are_of_32_sectors_and_half_a_circle_of_16_rings(shape):
-    """Frustums of polygons of 32 sides: their corners, and their volume in closed form."""
-    (mesh,) = shapes.make_meshes(shape)
-    profile = np.array(rings(shape))
-    angles = np.arange(32) * 2 * math.pi / 32
-    expected = {tuple(np.round((r * math.cos(a), r * math.sin(a), z), 5) + 0.0)
-                for r, z in profile for a in angles}
-    found = {tuple(point) for point in np.round(mesh.positions.astype(float), 5) + 0.0}
-    assert found - {(0.0, 0.0, z) for z in (-1.0, 1.0)} == expected  # the middle of a lid
-    side = 16 * math.sin(2 * math.pi / 32)  # area of the polygon of radius 1
-    r, z = profile.T
-    frustums = np.diff(z) / 3 * side * (r[1:] ** 2 + r[1:] * r[:-1] + r[:-1] ** 2)
-    assert volume(mesh) == pytest.approx(frustums.sum(), rel=1e-6)
 
 
 @pytest.mark.parametrize("normal", [(0, 0, 1), (0, 0, -1), (1, 0, 0), (0, -0.6, 0.8)])
@@ -125,13 +95,6 @@ def test_a_stretched_ball_s_normals_stand_on_its_surface(scale):
         cosine = np.einsum("ni,ni->n", expected @ T[:3, :3].T, moved.normals)
         assert cosine.min() > 0.99
         assert volume(moved) == pytest.approx(volume(ball) * abs(np.prod(scale)), rel=1e-4)
-
-
-def test_what_is_inside():
-    (box,) = shapes.make_meshes(BOX)
-    assert box.contains(np.array([0.09, -0.19, 0.29]))
-    for point in ((0.11, 0, 0), (0, 0.21, 0), (0, 0, -0.31)):
-        assert not box.contains(np.array(point))
 
 
 def wound(mesh, point):
@@ -329,16 +292,6 @@ def test_poses_between_the_snapshot_and_now():
             (pose,) = scene.interpolate_poses(blend)
             assert pose[0, 3] == pytest.approx(min(blend, 1.0))
             assert math.atan2(pose[1, 0], pose[0, 0]) % (2 * math.pi) == pytest.approx(yaw)
-
-
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_half_a_turn_is_the_same_with_either_sign_of_a_quaternion(sign):
-    before, after = (np.array([quaternion_from_rpy(0, 0, yaw)]) for yaw in (0.4, 0.6))
-    here = np.zeros((1, 3))
-    (pose,) = blend_poses(here, before, here + 2.0, sign * after, 0.5)
-    assert pose[:3, 3] == pytest.approx([1, 1, 1])
-    expected = np.array(Pose.from_rpy((0, 0, 0), (0, 0, 0.5)).matrix())[:3, :3]
-    np.testing.assert_allclose(pose[:3, :3], expected, atol=1e-12)
 
 
 def test_the_memory_of_a_mesh_is_counted():

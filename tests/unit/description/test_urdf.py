@@ -91,20 +91,6 @@ def test_a_mimic_follows_a_joint_that_moves():
         robot(text.format("k", ""))
 
 
-def test_shapes():
-    (box,) = shown("<box size='1 2 3'/>")
-    assert (box.geometry.kind, box.geometry.size, box.name) == ("box", (1, 2, 3), "")
-    for kind in ("cylinder", "capsule"):
-        (part,) = shown(f"<{kind} radius='.5' length='2'/>", "collision")
-        assert (part.geometry.kind, part.geometry.radius, part.geometry.length) == (kind, 0.5, 2.0)
-        assert part.name == "a_collision"
-    assert shown("<sphere radius='.5'/>")[0].geometry.radius == 0.5
-    plane = shown("<plane normal='0 3 4'/>")[0].geometry
-    assert plane.normal == pytest.approx((0, 0.6, 0.8))
-    assert plane.size == (0.0, 0.0, 0.0)
-    assert shown("<plane/>")[0].geometry.normal == (0.0, 0.0, 1.0)
-
-
 def test_meshes_name_their_files(tmp_path):
     file = tmp_path / "a.stl"
     file.touch()
@@ -166,19 +152,6 @@ def test_inertials_origins_and_names_of_parts():
     assert [c.name for c in link.collisions] == ["a_collision", "a_collision_1"]
     assert link.collisions[0].origin_xyz == (7, 8, 9)
     assert link.gravity and not link.kinematic and link.mu is None
-
-
-def test_transmissions_are_kept_as_written():
-    found = robot(
-        "<link name='a'/><transmission name='t'><type>x/Simple</type><joint name='j'>"
-        "<hardwareInterface>EffortJointInterface</hardwareInterface></joint><joint name='k'/>"
-        "<actuator name='m'><mechanicalReduction>50</mechanicalReduction></actuator></transmission>"
-        "<transmission name='u' type='Old'><mechanicalReduction>7</mechanicalReduction>"
-        "</transmission>").transmissions
-    assert found == (
-        Transmission("t", "x/Simple", "j", "EffortJointInterface", True, ("j", "k"),
-                     ("EffortJointInterface",)),
-        Transmission("u", "Old", "", "", False))
 
 
 A = "<link name='a'/>"
@@ -261,7 +234,7 @@ def test_texts_that_are_no_urdf(text, reason):
 
 def test_long_chains_and_many_names_are_read_in_our_lifetime():
     """Each name compared with each, or each chain climbed from every link, would take hours."""
-    count = 20_000
+    count = 8_000
     links = "".join(f"<link name='l{k}'/>" for k in range(count))
     joints = "".join(
         f"<joint name='j{k}' type='continuous'><parent link='l{k}'/><child link='l{k + 1}'/>"

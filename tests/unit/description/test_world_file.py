@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from aras_sim_bridge.description import read_sdf, world_file
-from aras_sim_bridge.description.lights import _DIRECTION_FIELDS, _STRENGTH_FIELDS, check_light
-from aras_sim_bridge.description.types import SUN
+from aras_sim_bridge.description.lights import check_light
+from aras_sim_bridge.description.types import SUN, is_present
 from aras_sim_bridge.errors import DescriptionError, SimError, WorldError
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
 from aras_visual_servo_base import safe_xml
@@ -45,8 +45,11 @@ def test_a_file_says_all_itself(tmp_path):
     assert [m.name for m in found.models] == ["m"] and [i.name for i in found.lights] == ["l"]
     assert found.warnings == ("world: plugin 'x.so' is ignored, because it is not "
                               "known",)
-    old = world(tmp_path, "<physics><gravity>0 0 -1</gravity></physics>")
-    assert (old.time_step, old.gravity, old.update_rate) == (0.001, (0, 0, -1), 1000.0)
+    old = "<physics><gravity>0 0 -1</gravity></physics>"
+    for text, gravity in ((old, (0, 0, -1)), ("<physics/>", (0, 0, -9.8)),
+                          (old + "<gravity>1 2 3</gravity>", (1, 2, 3))):
+        found = world(tmp_path, text)
+        assert (found.time_step, found.gravity, found.update_rate) == (0.001, gravity, 1000.0)
 
 
 def test_models_are_put_where_the_file_has_them(tmp_path):
@@ -84,33 +87,6 @@ def test_files_that_are_no_world(tmp_path):
         world_file.load_world(str(path))
 
 
-def test_a_light_s_numbers(tmp_path):
-    (light,) = world(
-        tmp_path, "<light name='l' type='directional'><pose>1 2 3 0 0 0</pose><diffuse>.1 .2 .3"
-        "</diffuse><specular>.4 .5 .6 .7</specular><direction>0 3 -4</direction><attenuation>"
-        "<constant>.1</constant><linear>.2</linear><quadratic>.3</quadratic></attenuation>"
-        "<cast_shadows>1</cast_shadows></light>").lights
-    assert (light.kind, light.origin_xyz) == ("directional", (1, 2, 3))
-    assert (light.diffuse, light.specular) == ((0.1, 0.2, 0.3, 1), (0.4, 0.5, 0.6, 0.7))
-    assert light.direction == pytest.approx((0, 0.6, -0.8))
-    assert (light.attenuation_constant, light.attenuation_linear) == (0.1, 0.2)
-    assert (light.attenuation_quadratic, light.cast_shadows) == (0.3, True)
-    (bare,) = world(tmp_path, "<light name='l'/>").lights
-    assert (bare.kind, bare.direction, bare.diffuse) == ("point", (0, 0, -1), (1, 1, 1, 1))
-
-
-@pytest.mark.parametrize("changes, reason", [
-    ({"name": ""}, "has no name"), ({"direction": (0.0, 0.0, 0.0)}, "direction is the zero vector"),
-    ({"diffuse": (1.0, -0.1, 0.0, 1.0)}, "diffuse .* must not be negative"),
-    ({"attenuation_linear": float("nan")}, "attenuation_linear nan is not finite"),
-    ({"origin_xyz": (0.0, float("inf"), 0.0)}, "origin_xyz .* is not finite"),
-])
-def test_lights_that_cannot_be(changes, reason):
-    assert check_light(SUN) is SUN
-    with pytest.raises(WorldError, match=reason):
-        check_light(replace(SUN, **changes))
-
-
 def test_a_mesh_that_is_missing_is_left_out_and_named(tmp_path, monkeypatch):
     monkeypatch.setenv("GAZEBO_MODEL_PATH", str(tmp_path))
     (tmp_path / "crate").mkdir()
@@ -134,10 +110,21 @@ def test_a_mesh_that_is_missing_is_left_out_and_named(tmp_path, monkeypatch):
     assert "outside of" in world_file.load_world(str(path)).warnings[0]
 
 
-NUMBERS = [*_DIRECTION_FIELDS, *_STRENGTH_FIELDS]
+DIRECTIONS = ("origin_xyz", "origin_rpy", "direction")
+STRENGTHS = ("diffuse", "specular", "attenuation_constant", "attenuation_linear",
+             "attenuation_quadratic", "attenuation_range", "spot_inner", "spot_outer",
+             "spot_falloff")  # fmt: skip
 
 
-@pytest.mark.parametrize("what", NUMBERS)
+@pytest.mark.parametrize(("change", "reason"), [
+    ({"name": ""}, "has no name"), ({"direction": (0.0, 0.0, 0.0)}, "direction is the zero vector"),
+])
+def test_a_light_has_a_name_and_a_direction(change, reason):
+    with pytest.raises(WorldError, match=reason):
+        check_light(replace(SUN, **change))
+
+
+@pytest.mark.parametrize("what", [*DIRECTIONS, *STRENGTHS])
 def test_each_number_of_a_light_is_finite_and_each_strength_not_negative(what):
     value = getattr(SUN, what)
     count = len(value) if isinstance(value, tuple) else 0
@@ -145,7 +132,7 @@ def test_each_number_of_a_light_is_finite_and_each_strength_not_negative(what):
         for bad in (math.nan, math.inf, -math.inf, -1e-9):
             given = tuple(bad if k == place else 1.0 for k in range(count)) if count else bad
             light = replace(SUN, **{what: given})
-            if bad == -1e-9 and what in _DIRECTION_FIELDS:
+            if bad == -1e-9 and what in DIRECTIONS:
                 assert check_light(light) is light
             else:
                 kind = "must not be negative" if bad == -1e-9 else "is not finite"
@@ -170,6 +157,13 @@ def test_when_a_light_shines_rises_from_0_on(shines, right):
             check_light(light)
 
 
+def test_a_light_shines_from_after_the_start_to_the_end_of_each_interval():
+    times = (0.0, 0.5, 1.0, 1.5, 3.0, 3.5)
+    assert [is_present(((0.0, 1.0), (2.0, 3.0)), time) for time in times] == [
+        False, True, True, False, True, False]
+    assert is_present(None, 9.0) and not is_present((), 9.0)
+
+
 @pytest.mark.parametrize(("inside", "expected"), [
     ("", ((0.4, 0.4, 0.4, 1.0), (0.7, 0.7, 0.7, 1.0), False, "none")),
     ("<scene/>", ((0.4, 0.4, 0.4, 1.0), (0.7, 0.7, 0.7, 1.0), False, "none")),
@@ -191,13 +185,6 @@ def test_what_is_around_in_full(tmp_path, inside, expected):
 def test_what_is_around_is_not_darker_than_black(tmp_path, tag):
     with pytest.raises(DescriptionError, match=rf"a\.world: scene: {tag} 0 0 -1 must not be neg"):
         world(tmp_path, f"<scene><{tag}>0 0 -1</{tag}></scene>")
-
-
-def test_a_world_s_own_gravity_comes_before_that_of_its_physics(tmp_path):
-    physics = "<physics><gravity>4 5 6</gravity></physics>"
-    assert world(tmp_path, physics + "<gravity>1 2 3</gravity>").gravity == (1, 2, 3)
-    assert world(tmp_path, physics).gravity == (4, 5, 6)
-    assert world(tmp_path, "<physics/>").gravity == (0, 0, -9.8)
 
 
 @pytest.mark.parametrize("count", [3, 7])

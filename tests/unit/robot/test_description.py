@@ -9,7 +9,6 @@ import numpy as np
 import pybullet
 import pytest
 from robot_figures import (
-    BOUNDS,
     BOXES,
     INERTIALS,
     JOINTS,
@@ -103,50 +102,12 @@ def test_inertial_figures(name):
     assert tuple(float(tensor.get(k)) for k in ("ixy", "ixz", "iyz")) == products
 
 
-@pytest.mark.parametrize("name", [n for n, link in LINKS.items() if link.find("inertial")])
-def test_inertia_belongs_to_a_possible_body(name):
-    tensor = LINKS[name].find("inertial").find("inertia")
-    i = {key: float(value) for key, value in tensor.items()}
-    matrix = np.array(
-        [
-            (i["ixx"], i["ixy"], i["ixz"]),
-            (i["ixy"], i["iyy"], i["iyz"]),
-            (i["ixz"], i["iyz"], i["izz"]),
-        ]
-    )
-    low, middle, high = np.linalg.eigvalsh(matrix)
-    assert low > 0
-    assert low + middle >= high * (1 - 1e-9)
-
-
 @pytest.mark.parametrize("name", BOXES)
 def test_boxes_are_drawn_in_their_place(name):
     size, centre = BOXES[name]
     visual = LINKS[name].find("visual")
     assert numbers(visual.find("geometry/box").get("size")) == size
     assert origin(visual) == (centre, (0, 0, 0))
-
-
-@pytest.mark.parametrize("name", BOUNDS)
-def test_mesh_links_point_to_files_of_the_package(name):
-    (mesh,) = LINKS[name].findall("visual/geometry/mesh")
-    prefix = "package://aras_visual_servo_gazebo/"
-    assert mesh.get("filename").startswith(prefix)
-    assert (PACKAGE / mesh.get("filename").removeprefix(prefix)).is_file()
-
-
-def test_colours():
-    colour = {m.get("name"): m.find("color").get("rgba") for m in ROBOT.findall("material")}
-    grey, blueish = (0.753, 0.753, 0.753, 1), (0.792, 0.820, 0.933, 1)
-    for name, link in LINKS.items():
-        for visual in link.findall("visual"):
-            rgba = numbers(colour[visual.find("material").get("name")])
-            if name == "base_link":
-                assert rgba == grey
-            elif name == "camera_link":
-                assert rgba[0] > 0.5 > rgba[1]
-            else:
-                assert rgba == blueish
 
 
 def test_transmissions_are_accepted_and_reduce_nothing():
@@ -270,14 +231,6 @@ def test_nothing_collides_where_the_robot_works(bullet, pose):
     names = {index: name for name, index in joints.items()} | {-1: "base"}
     touching = {(names[c[3]], names[c[4]]) for c in contacts if c[8] <= 0}
     assert touching == set()
-
-
-def test_bullet_puts_the_camera_where_the_chain_says(bullet):
-    client, body, joints = bullet
-    for name in ("gantry", "J1", "J2", "J3", "J5", "J6"):
-        pybullet.resetJointState(body, joints[name], 0.0, physicsClientId=client)
-    state = pybullet.getLinkState(body, joints["camera_joint"], physicsClientId=client)
-    np.testing.assert_allclose(state[4], world_T_link("camera_link")[:3, 3], atol=2e-5)
 
 
 @pytest.mark.parametrize("pose", POSES)

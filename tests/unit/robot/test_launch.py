@@ -1,13 +1,14 @@
 """Launch files, world, gains, camera presets and rviz configuration are valid for their tools."""
 
 import importlib.machinery
-import io
 import os
 import re
+import shutil
 import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import time
 import types
 import xml.etree.ElementTree as ElementTree
@@ -33,15 +34,6 @@ def root(name: str) -> ElementTree.Element:
 def arguments(name: str) -> dict[str, str | None]:
     """Declared arguments of a launch file and their defaults."""
     return {arg.get("name"): arg.get("default") for arg in root(name).findall("arg")}
-
-
-def test_the_original_launch_files_are_there():
-    assert {path.name for path in LAUNCH} >= {
-        "aras_visual_servo.launch",
-        "aras_visual_servo_controller.launch",
-        "aras_visual_servo_gazebo.launch",
-        "aras_visual_servo_nodes.launch",
-    }
 
 
 @pytest.mark.parametrize("path", LAUNCH, ids=lambda path: path.name)
@@ -226,10 +218,14 @@ def test_a_recorder_ends_before_its_disk_is_full(tmp_path, monkeypatch, capfd, s
     loader = importlib.machinery.SourceFileLoader("report_recorder_end", str(END))
     module = types.ModuleType(loader.name)
     loader.exec_module(module)
-    looks, kept = iter([9e9] * 5), io.BytesIO()
-    monkeypatch.setattr(module.shutil, "disk_usage",
-                        lambda _: types.SimpleNamespace(free=next(looks, 1e6)))
-    monkeypatch.setattr(module, "reserve", lambda _: kept)
+    looks, kept, make, used = iter([9e9] * 5), [], tempfile.TemporaryFile, shutil.disk_usage("/")
+
+    def keep(**options):
+        kept.append(make(**options))
+        return kept[-1]
+
+    monkeypatch.setattr(tempfile, "TemporaryFile", keep)
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: used._replace(free=next(looks, 1e6)))
     monkeypatch.setattr(sys, "argv", ["x", "sh", "-c", script, f"--output-name={tmp_path}/a.bag"])
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
@@ -239,7 +235,7 @@ def test_a_recorder_ends_before_its_disk_is_full(tmp_path, monkeypatch, capfd, s
             signal.signal(number, handler)
     line = capfd.readouterr().err
     assert line.count("\n") == 1 and words in line and f"disk of {tmp_path} is full" in line
-    assert kept.closed
+    assert [file.closed for file in kept] == [True]
 
 
 def test_world_has_floor_and_sun_but_no_shadows():
@@ -324,72 +320,43 @@ def test_a_replay_is_shown_as_a_run_is():
     assert run == replay == "$(arg show_rviz)"
 
 
-def test_roslaunch_resolves_every_file(monkeypatch):
-    """Only this package's own includes: the bridge's files belong to its own tests."""
+@pytest.fixture
+def load(monkeypatch):
+    """The configuration of a launch file of this package with these arguments."""
     roslaunch = pytest.importorskip("roslaunch")
     monkeypatch.setenv("ROS_PACKAGE_PATH", f"{PACKAGE.parent}:/usr/share")
-    for name in ("aras_visual_servo_controller", "aras_visual_servo_nodes", "record"):
-        config = roslaunch.config.load_config_default(
-            [str(PACKAGE / "launch" / f"{name}.launch")], None, assign_machines=False
-        )
-        assert config.nodes
+
+    def load(name, *given):
+        path = str(PACKAGE / "launch" / f"{name}.launch")
+        return roslaunch.config.load_config_default([(path, list(given))], None,
+                                                    assign_machines=False)  # fmt: skip
+
+    return load
 
 
-@pytest.mark.parametrize(
-    "moved", [[], ["camera_rpy:=-0.1 0 0", "camera_xyz:=0.01 0 0"]]
-)
-def test_a_moved_camera_is_moved_in_the_description(monkeypatch, moved):
-    roslaunch = pytest.importorskip("roslaunch")
-    monkeypatch.setenv("ROS_PACKAGE_PATH", f"{PACKAGE.parent}:/usr/share")
-    path = str(PACKAGE / "launch" / "aras_visual_servo_gazebo.launch")
-    config = roslaunch.config.load_config_default(
-        [(path, moved)], None, assign_machines=False
-    )
+def test_the_description_is_the_shipped_one_with_what_is_asked_for(load):
+    """A moved camera, and joints without friction."""
     shipped = (PACKAGE / "robots" / "aras_visual_servo.urdf").read_text()
-    description = config.params["/robot_description"].value
-    if not moved:
-        assert description == shipped
-        return
-    joints = {j.get("name"): j for j in ElementTree.fromstring(description).findall("joint")}
+    plain = load("aras_visual_servo_gazebo").params["/robot_description"].value
+    changed = load("aras_visual_servo_gazebo", "camera_rpy:=-0.1 0 0", "camera_xyz:=0.01 0 0",
+                   "joint_friction:=False").params["/robot_description"].value  # fmt: skip
+    assert plain == shipped
+    joints = {j.get("name"): j for j in ElementTree.fromstring(changed).findall("joint")}
     assert joints["camera_joint"].find("child").get("link") == "camera_mount"
-    assert joints["camera_mount_joint"].find("child").get("link") == "camera_link"
-    origin = joints["camera_mount_joint"].find("origin")
-    for argument in moved:
-        key, _, value = argument.removeprefix("camera_").partition(":=")
-        assert [float(v) for v in origin.get(key).split()] == [float(v) for v in value.split()]
+    mount = joints["camera_mount_joint"]
+    assert mount.find("child").get("link") == "camera_link"
+    values = {key: [float(v) for v in mount.find("origin").get(key).split()]
+              for key in ("xyz", "rpy")}  # fmt: skip
+    assert values == {"xyz": [0.01, 0, 0], "rpy": [-0.1, 0, 0]}
+    dynamics = [d for d in (j.find("dynamics") for j in joints.values()) if d is not None]
+    assert [float(d.get("friction")) for d in dynamics] == [0.0] * 6
+    assert float(joints["J2"].find("dynamics").get("damping")) == 0.1
 
 
-@pytest.mark.parametrize(("given", "moved"), [
-    ("False", ["camera_xyz:=0 -0.03 0"]), ("true", ["camera_rpy:=0 0 1"]),
-])
-def test_joint_friction_can_be_left_out(monkeypatch, given, moved):
-    roslaunch = pytest.importorskip("roslaunch")
-    monkeypatch.setenv("ROS_PACKAGE_PATH", f"{PACKAGE.parent}:/usr/share")
-    path = str(PACKAGE / "launch" / "aras_visual_servo_gazebo.launch")
-    config = roslaunch.config.load_config_default(
-        [(path, [f"joint_friction:={given}", *moved])], None, assign_machines=False
-    )
-    robot = ElementTree.fromstring(config.params["/robot_description"].value)
-    dynamics = {j.get("name"): j.find("dynamics") for j in robot.findall("joint")}
-    friction = {name: float(d.get("friction")) for name, d in dynamics.items() if d is not None}
-    assert len(friction) == 6
-    assert all(value > 0 for value in friction.values()) == (given == "true")
-    assert any(friction.values()) == (given == "true")
-    assert float(dynamics["J2"].get("damping")) == 0.1
-    assert ("camera_mount_joint" in dynamics) == bool(moved)
-
-
-@pytest.mark.parametrize(
-    ("scheme", "layout"),
-    [("moments", "moments"), ("kernel", "kernel"), ("my_lab.schemes:Mine", "moments")],
-)
-def test_the_layout_follows_the_scheme(monkeypatch, scheme, layout):
-    roslaunch = pytest.importorskip("roslaunch")
-    monkeypatch.setenv("ROS_PACKAGE_PATH", f"{PACKAGE.parent}:/usr/share")
-    path = str(PACKAGE / "launch" / "aras_visual_servo_nodes.launch")
-    config = roslaunch.config.load_config_default(
-        [(path, [f"scheme:={scheme}"])], None, assign_machines=False
-    )
+@pytest.mark.parametrize(("scheme", "layout"), [("kernel", "kernel"),
+                                                ("my_lab.schemes:Mine", "moments")])
+def test_the_layout_follows_the_scheme(load, scheme, layout):
+    config = load("aras_visual_servo_nodes", f"scheme:={scheme}")
     values = {name: parameter.value for name, parameter in config.params.items()}
     assert values["/aras_visual_servo_camera/layout"] == layout
     assert values["/aras_visual_servo_controller/scheme"] == scheme

@@ -22,13 +22,10 @@ def read_stl(link: str) -> tuple[np.ndarray, np.ndarray]:
     """Normals (n, 3) and corners (n, 3, 3) of a mesh file."""
     data = (PACKAGE / "meshes" / f"{link}.stl").read_bytes()
     (count,) = np.frombuffer(data, "<u4", 1, 80)
-    records = np.frombuffer(data, make_meshes._RECORD, count, 84)
+    record = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("colour", "<u2")])
+    records = np.frombuffer(data, record, count, 84)
     assert len(data) == 84 + 50 * count
     return records["normal"].astype(float), records["corners"].astype(float)
-
-
-def test_every_link_with_a_size_has_a_mesh():
-    assert set(LINKS) == set(BOUNDS)
 
 
 @pytest.mark.parametrize("link", LINKS)
@@ -36,16 +33,6 @@ def test_bounds(link):
     corners = read_stl(link)[1].reshape(-1, 3)
     bounds = np.stack([corners.min(axis=0), corners.max(axis=0)], axis=1)
     np.testing.assert_allclose(bounds, BOUNDS[link], atol=1e-3)
-
-
-def test_fewer_than_5000_triangles_in_all():
-    assert sum(len(read_stl(link)[0]) for link in LINKS) < 5000
-
-
-@pytest.mark.parametrize("link", LINKS)
-def test_files_are_what_the_script_draws(link):
-    drawn = make_meshes.stl_bytes(make_meshes.link_parts(link), f"ARAS visual servo robot: {link}")
-    assert drawn == (PACKAGE / "meshes" / f"{link}.stl").read_bytes()
 
 
 def test_the_script_writes_all_of_them_and_says_how_many_triangles(tmp_path, monkeypatch, capsys):

@@ -4,6 +4,7 @@ import argparse
 import importlib.machinery
 import importlib.util
 import json
+import os
 import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
@@ -18,10 +19,11 @@ PROGRAMS = PACKAGE.parent / "aras_visual_servo_bench" / "scripts"
 TARGETS = PACKAGE / "targets"
 
 SHIPPED = (PACKAGE / "robots" / "aras_visual_servo.urdf").read_text()
-# Says what it was asked for in the place of a description.
-MAKER = (sys.executable, "-c", """
+MAKER = "rosrun aras_visual_servo_bench target_files"
+# A rosrun whose target_files says what it was asked for in the place of a description.
+ROSRUN = f"""#!{sys.executable}
 import pathlib, sys
-words = sys.argv[1:]
+words = sys.argv[3:]
 if words[0] == "bad":
     print("one line"); print("target_files: no such outline"); sys.exit(2)
 if words[0] == "mute":
@@ -31,7 +33,7 @@ if words[0] == "loud":
 folder = pathlib.Path(words[words.index("--out") + 1])
 folder.mkdir(parents=True, exist_ok=True)
 (folder / "target.urdf").write_text(repr(words))
-""")
+"""
 
 
 def program(name: str):
@@ -49,10 +51,12 @@ def told(made, monkeypatch, capsys, *words: str) -> tuple[int, str, str]:
 
 
 @pytest.fixture
-def target(monkeypatch):
-    made = program("target_description")
-    monkeypatch.setattr(made, "MAKER", MAKER)
-    return made
+def target(monkeypatch, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("bin")
+    (folder / "rosrun").write_text(ROSRUN)
+    (folder / "rosrun").chmod(0o755)
+    monkeypatch.setenv("PATH", str(folder), prepend=os.pathsep)
+    return program("target_description")
 
 
 @pytest.fixture
@@ -144,20 +148,20 @@ def test_what_is_no_target_is_named(describe, tmp_path, name, size, words):
 
 
 def test_what_cannot_be_made_is_told_in_its_makers_words(target, describe, tmp_path, monkeypatch):
-    for name, words in (("bad", "no such outline"), ("mute", f"{' '.join(MAKER)} failed"),
+    for name, words in (("bad", "no such outline"), ("mute", f"{MAKER} failed"),
                         ("loud", "b")):  # fmt: skip
         with pytest.raises(ValueError) as refused:
             target.make(name, (0.1, 0.1), tmp_path)
         assert str(refused.value) == words
-    monkeypatch.setattr(target, "MAKER", ("/nowhere/maker",))
-    with pytest.raises(ValueError, match="box needs /nowhere/maker, which makes its mesh"):
-        describe("box", (0.1, 0.2, 0.3), tmp_path)
 
     def slow(_command, timeout, **_more):
         raise subprocess.TimeoutExpired("maker", timeout)
 
-    monkeypatch.setattr(target.subprocess, "run", slow)
-    with pytest.raises(ValueError, match="box needs /nowhere/maker, .*timed out after 120.0 s"):
+    monkeypatch.setenv("PATH", "/nowhere")
+    with pytest.raises(ValueError, match=f"box needs {MAKER}, which makes its mesh"):
+        describe("box", (0.1, 0.2, 0.3), tmp_path)
+    monkeypatch.setattr(subprocess, "run", slow)
+    with pytest.raises(ValueError, match=f"box needs {MAKER}, .*timed out after 120.0 s"):
         describe("box", (0.1, 0.2, 0.3), tmp_path)
 
 

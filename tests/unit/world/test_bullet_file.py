@@ -171,34 +171,6 @@ def written(described, fixed_base):
         return Path(files.urdf).read_text()
 
 
-def test_a_link_comes_before_those_that_would_pass_through_what_never_moves(make):
-    """Of a bolted model whose first joint moves: where what is fixed to that has shapes."""
-    box = make.box("0.1 0.1 0.1")
-
-    def parts(kind, *shapes, static=False, more=""):
-        return replace(parse_urdf(make.robot(
-            '<link name="world"/>', make.link("a", shapes=box),
-            *(make.link(f"b{k}", shapes=shape) for k, shape in enumerate(shapes)),
-            make.joint("first", "world", "a", kind, axis="0 0 1"),
-            *(make.joint(f"j{k}", f"b{k - 1}" if k else "a", f"b{k}", "fixed")
-              for k in range(len(shapes))), more)), static=static)
-
-    turning = make.link("c", shapes=box) + make.joint("jc", "a", "c", "continuous")
-    for described, bolted, expected in (
-        (parts("continuous", box), True, True), (parts("continuous", box), False, False),
-        (parts("continuous", "", box), True, True), (parts("continuous", box, ""), True, True),
-        (parts("continuous", ""), True, False), (parts("continuous"), True, False),
-        (parts("fixed", box), True, False), (parts("continuous", box, static=True), True, False),
-        (parts("continuous", more=turning), True, False),
-        (parse_urdf(make.robot(make.link("a", shapes=box))), True, False),
-    ):
-        assert ('<link name="empty">' in written(described, bolted)) is expected
-    for taken in (make.link("empty") + make.joint("x", "a", "empty", "fixed"),
-                  make.link("y") + make.joint("empty", "a", "y", "fixed")):
-        text = written(parts("continuous", box, more=taken), True)
-        assert text.count('name="empty_"') == 2 and text.count('<link name="empty') < 3
-
-
 def test_hollows_are_kept_of_the_root_s_meshes_alone_where_it_never_moves(make, tmp_path):
     mesh = tmp_path / "m.obj"
     mesh.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
@@ -209,5 +181,3 @@ def test_hollows_are_kept_of_the_root_s_meshes_alone_where_it_never_moves(make, 
     for bolted in (True, False):
         first, second = written(described, bolted).split('<link name="b">')
         assert first.count('concave="yes"') == bolted and "concave" not in second
-
-

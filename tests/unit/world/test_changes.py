@@ -3,12 +3,10 @@
 import math
 from dataclasses import replace
 
-import pybullet
 import pytest
 
 from aras_sim_bridge.description import parse_urdf
 from aras_sim_bridge.errors import SimError
-from aras_sim_bridge.simulation import Simulation
 from aras_sim_bridge.world import Pose, Twist, World
 from aras_sim_bridge.world.description_changes import change_joint, change_link
 
@@ -66,28 +64,6 @@ def test_damping_friction_and_stops(make):
             rotor.apply_effort("spin", 1.0)
             world.step()
         assert rotor.read_joints()[0][0] == pytest.approx(0.2, abs=1e-3)
-
-
-def test_a_model_with_mimic_joints_can_be_changed_and_deleted(make):
-    xml = make.robot('<link name="world"/>', make.link("a"), make.link("b"),
-                     make.joint("leader", "world", "a", axis="0 0 1"),
-                     make.joint("follower", "world", "b", axis="0 0 1", xyz="1 0 0",
-                                extra='<mimic joint="leader" multiplier="-2"/>'))
-    simulation = Simulation()
-    model = simulation.spawn(parse_urdf(xml), "m")
-    simulation.world.change_model("m", change_joint(model.description, "leader", damping=1.0))
-    for _ in range(200):
-        model.apply_effort("leader", 1.0)
-        simulation.step()
-    leader, follower = model.read_joints()[0]
-    assert leader > 1e-3
-    assert follower == pytest.approx(-2 * leader, abs=1e-4)
-    client = simulation.world.client
-    assert pybullet.getNumConstraints(physicsClientId=client) == 1
-    simulation.delete("m")
-    assert pybullet.getNumConstraints(physicsClientId=client) == 0
-    simulation.step()
-    simulation.close()
 
 
 @pytest.mark.parametrize(("change", "reason"), [

@@ -46,8 +46,7 @@ def weighed(make, **changes):
     return box(make, inertial=replace(box(make).links["box"].inertial, **changes))
 
 
-@pytest.mark.parametrize("kind", ["fixed", "revolute"])
-@pytest.mark.parametrize("fixed_base", [True, False])
+@pytest.mark.parametrize(("kind", "fixed_base"), [("fixed", False), ("revolute", True)])
 def test_the_longest_chain_that_bullet_takes_is_simulated(world, make, kind, fixed_base):
     model = world.spawn(chain(make, 128, kind), "m", Pose((0, 0, 3)), fixed_base=fixed_base)
     world.step()
@@ -63,7 +62,6 @@ def test_a_longer_one_is_refused(world, make, links):
 
 BAD = {
     "a heavy link": (lambda make: weighed(make, mass=1e10), r"a mass of 1e\+10 kg"),
-    "a light link": (lambda make: weighed(make, mass=1e-10), "a mass of 1e-10 kg"),
     "no mass": (lambda make: weighed(make, mass=math.nan), "a mass of nan kg"),
     "a far centre": (lambda make: weighed(make, origin_xyz=(0.0, 2e9, 0.0)), "the offset of the "
                                                                              "centre of mass"),
@@ -72,8 +70,6 @@ BAD = {
     "a negative one askew": (lambda make: weighed(make, inertia=(1, 2, 0, 1, 0, 1)), "positive"),
     "a zero tensor": (lambda make: weighed(make, inertia=(0.0,) * 6), "positive"),
     "a huge tensor": (lambda make: weighed(make, inertia=(1e20, 0, 0, 1e20, 0, 1e20)), "gyration"),
-    "a tiny tensor": (lambda make: weighed(make, inertia=(1e-20, 0, 0, 1e-20, 0, 1e-20)),
-                      "gyration"),
     "a huge box": (lambda make: shaped(make, "collisions", Geometry("box", size=(1, 1, 1e300))),
                    r"the box size of a collision is 1e\+300 m"),
     "a tiny box": (lambda make: shaped(make, "collisions", Geometry("box", size=(1e-10, 1, 1))),
@@ -113,10 +109,6 @@ def test_a_place_beyond_all_sense_is_refused(world, make, far):
     with pytest.raises(WorldError, match="model 'm': position .* is beyond 1e\\+09 m"):
         world.spawn(parse_urdf(make.robot(make.link("a"))), "m", Pose((0.0, far, 0.0)))
     assert "m" not in world.models
-
-
-def test_a_place_just_within_all_sense_is_taken(world, make):
-    assert world.spawn(box(make), "m", Pose((0.0, -1e9, 0.0))).spawn_pose.xyz == (0.0, -1e9, 0.0)
 
 
 @pytest.mark.parametrize("quat", [(1e300, 0, 0, 1e300), (1e-9, 0, 0, 0), (1e7, 0, 0, 0)])

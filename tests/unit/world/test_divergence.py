@@ -2,42 +2,26 @@
 
 import time
 
-from aras_sim_bridge.errors import WorldError
+from aras_sim_bridge.description import parse_urdf
 from aras_sim_bridge.ros.runtime.pacing import Pacer
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
+from aras_sim_bridge.simulation import Simulation, SimulationConfig
 
 
-class Diverging:
-    """Steps until `bad` is true."""
-
-    time_ns = 0
-    step_ns = 1_000_000
-    bad = False
-
-    def step(self) -> None:
-        if self.bad:
-            raise WorldError("the simulation diverged")
-        self.time_ns += self.step_ns
-
-    def next_image_ns(self) -> None:
-        return None
-
-    def close(self) -> None:
-        pass
-
-
-def test_divergence_pauses_and_the_thread_goes_on():
-    simulation, faults = Diverging(), []
-    thread = SimulationThread(lambda: simulation, Pacer(0.0), on_fault=faults.append)
+def test_divergence_pauses_and_the_thread_goes_on(make):
+    faults = []
+    thread = SimulationThread(lambda: Simulation(SimulationConfig(ground_plane=False)), Pacer(0.0),
+                              on_fault=faults.append)
     thread.start()
     try:
-        thread.call(lambda: setattr(simulation, "bad", True))
+        model = thread.call(lambda: thread.simulation.spawn(parse_urdf(make.rotor()), "m"))
+        thread.call(lambda: model.apply_effort("spin", 1e30))
         end = time.monotonic() + 10.0
         while not thread.paused and time.monotonic() < end:
             time.sleep(0.002)
         assert thread.paused
         assert thread.call(lambda: "alive") == "alive"
-        thread.call(lambda: setattr(simulation, "bad", False))
+        thread.call(thread.simulation.reset_simulation)
         before = thread.now_ns()
         thread.unpause()
         while thread.now_ns() == before and time.monotonic() < end:

@@ -7,7 +7,6 @@ import pytest
 from test_joint_dynamics import tree_xml
 
 from aras_sim_bridge.description import parse_urdf
-from aras_sim_bridge.errors import WorldError
 from aras_sim_bridge.world import Pose, Twist, World
 
 POSE = Pose.from_rpy((1.0, -2.0, 3.0), (0.3, -0.4, 0.5))
@@ -90,17 +89,6 @@ def test_setting_the_pose_moves_the_model_rigidly(make):
             np.testing.assert_allclose(model.link_pose(name).matrix(), (POSE @ pose).matrix(),
                                        atol=1e-12)
         assert model.read_joints()[0] == pytest.approx([0.4])
-
-
-def test_unknown_names_are_named(make):
-    with World() as world:
-        model = world.spawn(parse_urdf(xml(make)), "m")
-        with pytest.raises(WorldError, match="no link 'nose'.*hull, arm, tip"):
-            model.link_pose("nose")
-        with pytest.raises(WorldError, match="no moving joint 'fix'.*turn"):
-            model.apply_effort("fix", 1.0)
-        with pytest.raises(WorldError, match="'n' does not exist.*m"):
-            world.model("n")
 
 
 def test_a_force_off_the_centre_turns_the_body(make):

@@ -11,10 +11,11 @@ from aras_sim_bridge.world import Pose, World
 PALM, REACH = 0.3, 0.065  # m: height of the palm, of the fingers' middles below it
 
 
-def gripper(make, mu, tips=False, mimic=True):
+def gripper(make, mu=None, tips=False, mimic=True, least=0.0, more=""):
     """A palm on a vertical slide with two fingers that close along y, 0.2 kg of box between them.
 
     tips: the fingers' shapes are those of links fixed to them. mimic: one finger follows the other.
+    least: how far the fingers open beyond their places, m.
     """
     finger = make.box("0.03 0.01 0.08")
     still = (1e-4,) * 3 + (0, 0, 0)
@@ -25,26 +26,31 @@ def gripper(make, mu, tips=False, mimic=True):
     ]
     for side, sign in (("left", 1.0), ("right", -1.0)):
         shape = "" if tips else finger
+        rough = f'<gazebo reference="{side}_{"tip" if tips else "finger"}"><mu1>{mu}</mu1></gazebo>'
         parts += [
             make.link(f"{side}_finger", 0.1, "0 0 0", still, shape),
             make.joint(side, "palm", f"{side}_finger", "prismatic", f"0 {0.045 * sign} {-REACH}",
-                       f"0 {-sign} 0", 0.0, 0.04, 50.0, 0.05, extra=follows * (sign < 0)),
-            f'<gazebo reference="{side}_{"tip" if tips else "finger"}"><mu1>{mu}</mu1></gazebo>',
+                       f"0 {-sign} 0", least, 0.04, 50.0, 0.05, extra=follows * (sign < 0)),
+            rough if mu is not None else "",
         ]
         if tips:
             parts += [make.link(f"{side}_tip", 0.01, "0 0 0", (1e-6,) * 3 + (0, 0, 0), finger),
                       make.joint(f"at_{side}", f"{side}_finger", f"{side}_tip", "fixed")]
-    return parse_urdf(make.robot(*parts))
+    return parse_urdf(make.robot(*parts, more))
+
+
+def box_of(make, mu):
+    """A box of 0.2 kg that stands between the fingers."""
+    return parse_urdf(make.robot(
+        make.link("box", 0.2, "0 0 0", (8.7e-5, 8.7e-5, 5.3e-5, 0, 0, 0),
+                  make.box("0.04 0.04 0.06")),
+        f'<gazebo reference="box"><mu1>{mu}</mu1></gazebo>'))
 
 
 def held(world, make, mu, **how):
     """A box that was grasped and lifted; a function that goes on for some steps and tells where the
     box is in the palm's frame."""
-    sides = (0.04, 0.04, 0.06)
-    inertia = [0.2 * (a * a + b * b) / 12 for a, b in (sides[1:], sides[::2], sides[:2])]
-    box = world.spawn(parse_urdf(make.robot(
-        make.link("box", 0.2, "0 0 0", (*inertia, 0, 0, 0), make.box("0.04 0.04 0.06")),
-        f'<gazebo reference="box"><mu1>{mu}</mu1></gazebo>')), "box", Pose((0.004, 0.0, 0.03)))
+    box = world.spawn(box_of(make, mu), "box", Pose((0.004, 0.0, 0.03)))
     hand = world.spawn(gripper(make, mu, **how), "hand", joint_positions={"lift": -0.18})
     fingers = ("left",) if how.get("mimic", True) else ("left", "right")
 
@@ -60,7 +66,7 @@ def held(world, make, mu, **how):
         return hand.link_pose("palm").inverse() @ box.pose()
 
     go_on(300, -0.18)
-    go_on(1500, 0.1)
+    go_on(900, 0.1)
     assert box.pose().xyz[2] > 0.25
     return go_on
 
@@ -72,20 +78,12 @@ def test_what_two_fingers_hold_stays_there(make, mu, how):
     with World() as world:
         world.spawn_ground_plane()
         go_on = held(world, make, mu, **how)
-        first = go_on(500, 0.1)
-        last = go_on(1000, 0.15)
+        first = go_on(300, 0.1)
+        last = go_on(500, 0.15)
         # Along y nothing holds two fingers that push against each other.
         assert math.dist(first.xyz[::2], last.xyz[::2]) < 1e-6
         turned = np.abs(np.subtract(first.quat, last.quat)).max()
         assert turned < 1e-6
-
-
-def test_what_is_held_too_weakly_slips_out(make):
-    """Friction of two fingers at 10 N bears 2 mu 10 N: not 0.2 kg with mu = 0.08."""
-    with World() as world:
-        world.spawn_ground_plane()
-        with pytest.raises(AssertionError):
-            held(world, make, 0.08)
 
 
 @pytest.mark.parametrize("mimic", [True, False])

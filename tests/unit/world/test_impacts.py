@@ -59,15 +59,14 @@ def rebound(world, model, height, speed, count=120):
 
 
 @pytest.mark.parametrize(("what", "ground", "speed"), [
-    ("ball", "plane", 5.9), ("ball", "box", 0.6), ("block", "plane", 0.6), ("block", "box", 5.9),
-    ("plate", "plane", 5.9), ("plate", "box", 0.6),
+    ("ball", "plane", 5.9), ("block", "plane", 0.6), ("block", "box", 5.9), ("plate", "box", 0.6),
 ])
 def test_what_falls_stays_where_it_fell(make, ground, what, speed):
     """Wherever in a step it strikes; Bullet alone throws it back at up to 0.14 of its speed."""
     size = (0.3, 0.2, 0.02) if what == "plate" else (0.05, 0.03, 0.04)
     described = ball(make) if what == "ball" else block(make, size)
     height = 0.02 if what == "ball" else size[2] / 2
-    for share in (0.0, 0.35, 0.6, 0.9):
+    for share in (0.0, 0.35, 0.9):
         with World() as world:
             world.spawn_ground_plane() if ground == "plane" else world.spawn(floor(make), "floor")
             model = world.spawn(described, "m", Pose((0, 0, height + 0.01 + share * speed * 1e-3),
@@ -79,8 +78,7 @@ def test_what_falls_stays_where_it_fell(make, ground, what, speed):
 
 
 @pytest.mark.parametrize(("what", "coefficient", "speed"), [
-    ("ball", 0.3, 5.9), ("ball", 0.8, 0.5), ("ball", 1.0, 5.9),
-    ("block", 0.3, 0.5), ("block", 0.8, 5.9), ("block", 1.0, 0.5),
+    ("ball", 0.3, 5.9), ("ball", 1.0, 0.5), ("block", 0.8, 5.9),
 ])
 def test_what_bounces_leaves_at_its_share_of_the_speed(make, coefficient, what, speed):
     size = (0.05, 0.03, 0.04)
@@ -96,7 +94,7 @@ def test_what_bounces_leaves_at_its_share_of_the_speed(make, coefficient, what, 
 @pytest.mark.parametrize(("radius", "speed"), [(0.3, 2.0), (0.02, 0.12)])
 def test_large_and_slow_balls_bounce_too(make, radius, speed):
     """Bullet sees the large one coming for three steps, and by itself bounces nothing so slow."""
-    for share in (0.1, 0.5, 0.9):
+    for share in (0.1, 0.9):
         with World() as world:
             world.spawn_ground_plane()
             model = world.spawn(ball(make, 0.7, radius=radius), "ball",
@@ -106,19 +104,7 @@ def test_large_and_slow_balls_bounce_too(make, radius, speed):
                     0.7 * speed, rel=0.02, abs=0.7 * G * 1e-3)  # a step's gravity
 
 
-def test_what_bounced_once_stays_where_it_strikes_too_slowly(make):
-    with World() as world:
-        world.spawn_ground_plane()
-        model = world.spawn(ball(make, 0.6, 1.5), "ball", Pose((0, 0, 0.05)))
-        assert rebound(world, model, 0.02, 2.0, 60)[0] == pytest.approx(0.6, abs=0.02)
-        heights = []
-        for _ in range(500):
-            world.step()
-            heights.append(model.pose().xyz[2])
-        assert max(heights[-200:]) < 0.0201
-
-
-@pytest.mark.parametrize("higher", np.linspace(0.0, 9e-3, 7))
+@pytest.mark.parametrize("higher", np.linspace(0.0, 9e-3, 4))
 def test_a_plate_that_spins_strikes_with_its_corner(make, higher):
     """Its middle stands still in the air: what reaches the ground is the turning alone."""
     with World(gravity=(0.0, 0.0, 0.0)) as world:
@@ -134,20 +120,6 @@ def test_a_plate_that_spins_strikes_with_its_corner(make, higher):
             spins.append(model.twist().angular[1])
         assert lowest > -5e-4
         assert min(spins) < 40.0 and max(spins) < 60.001
-
-
-def test_a_ball_bounces_on_to_the_heights_of_its_coefficient(make):
-    with World() as world:
-        world.spawn_ground_plane()
-        model = world.spawn(ball(make, 0.9), "ball", Pose((0, 0, 1.02)))
-        heights, tops = [], []
-        for _ in range(2500):
-            world.step()
-            heights.append(model.pose().xyz[2] - 0.02)
-        for a, b, c in zip(heights, heights[1:], heights[2:], strict=False):
-            if b > max(a, c):
-                tops.append(b)
-        assert tops[:3] == pytest.approx([0.81, 0.81**2, 0.81**3], rel=0.03)
 
 
 @pytest.mark.parametrize(("own", "ground", "expected"), [
@@ -191,20 +163,8 @@ def test_a_ball_that_spins_takes_its_spin_along_the_wall(make):
         assert angular[1] == pytest.approx(linear[0] / 0.02, rel=0.02)
 
 
-def test_a_fast_ball_does_not_pass_through_a_thin_wall(make):
-    wall = parse_urdf(make.robot(f'<link name="world">{make.box("0.004 1 1")}</link>'))
-    with World() as world:
-        world.spawn(wall, "wall")
-        model = world.spawn(ball(make, gravity=False), "ball", Pose((-0.5, 0.0, 0.0)))
-        model.set_twist(Twist((60.0, 0.0, 0.0)))
-        for _ in range(60):
-            world.step()
-        assert model.pose().xyz[0] == pytest.approx(-0.022, abs=1e-4)
-        assert abs(model.twist().linear[0]) < 0.1
-
-
 @pytest.mark.parametrize(("struck", "speed", "other"), [
-    ("base", 7.0, 7.0), ("slide", 7.0, 7.0), ("base", 7.0, 2.0), ("slide", 7.0, 2.0),
+    ("base", 7.0, 7.0), ("base", 7.0, 2.0), ("slide", 7.0, 2.0),
 ])
 def test_what_moves_ahead_is_struck_when_a_ball_has_caught_up_with_it(make, struck, speed, other):
     """A loose model with a joint or what slides on a bolted one, 4.3 mm ahead: not before, and by
@@ -269,5 +229,3 @@ def test_a_block_that_lands_askew_turns_over_the_edge_that_strikes(make):
         assert model.pose().xyz[2] == pytest.approx(0.05, abs=1e-4)
         assert max(np.diff(energies)) < 0.02
         assert math.hypot(*model.pose().quat[:2]) < 1e-3
-
-

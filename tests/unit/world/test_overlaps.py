@@ -61,5 +61,3 @@ def test_without_a_posture_contacts_are_those_of_the_last_step():
         robot.set_joint_positions({"rail": -0.2})
         assert find_overlaps(world, robot)[0] == first
         assert find_overlaps(world, robot, before_step=True) == []
-
-

@@ -1,16 +1,13 @@
 """SDF: shapes, colours, links, joints and lights; unsupported elements are named."""
 
 import math
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from aras_sim_bridge.description import Light, parse_sdf, read_sdf
-from aras_sim_bridge.errors import DescriptionError, WorldError
-from aras_sim_bridge.rendering.scene import Scene
-from aras_sim_bridge.simulation import Simulation
+from aras_sim_bridge.description import parse_sdf, read_sdf
+from aras_sim_bridge.errors import DescriptionError
 from aras_sim_bridge.world import Pose, World
 
 ROBOT = Path(__file__).parents[3] / "src" / "aras_visual_servo_gazebo"
@@ -55,55 +52,6 @@ def test_shapes_carry_what_falls_on_them(make, shape, height):
         assert world.models["m"].fixed_base
 
 
-def test_poses_of_model_and_links_are_kept():
-    text = model(
-        solid(BOX, name="a", extra="<pose>0 0 0.5 0 0 0</pose>")
-        + solid(BOX, name="b", extra="<pose>1 0 0.5 0 0 1.5707963267948966</pose>"),
-        "<static>1</static><pose>3 4 0 0 0 0.5</pose>")
-    description = parse_sdf(text)
-    assert description.initial_pose[0] == (3, 4, 0)
-    assert description.initial_pose[1] == pytest.approx((0, 0, 0.5))
-    assert description.links["a"].visuals[0].origin_xyz == (0, 0, 0.5)
-    with World() as world:
-        placed = world.spawn(description, "m", Pose.from_rpy(*description.initial_pose))
-        expected = Pose.from_rpy((3, 4, 0), (0, 0, 0.5)) @ Pose.from_rpy((1, 0, 0.5),
-                                                                          (0, 0, math.pi / 2))
-        np.testing.assert_allclose(placed.link_pose("b").matrix(), expected.matrix(), atol=1e-12)
-
-
-def test_joints_move_about_the_child_s_origin():
-    text = model(
-        link("", "post", "<inertial><mass>5</mass></inertial>")
-        + link("", "arm", "<pose>0.5 0 1 0 0 0</pose><inertial><pose>0 0 -0.5 0 0 0</pose>"
-               "<mass>1</mass><inertia><ixx>0.01</ixx><iyy>0.01</iyy><izz>0.01</izz></inertia>"
-               "</inertial>")
-        + '<joint name="bolt" type="fixed"><parent>world</parent><child>post</child></joint>'
-        '<joint name="swing" type="revolute"><parent>post</parent><child>arm</child>'
-        "<axis><xyz>0 1 0</xyz><dynamics><damping>0.1</damping></dynamics></axis></joint>", "")
-    description = parse_sdf(text)
-    assert description.joints["swing"].kind == "continuous"
-    with World() as world:
-        made = world.spawn(description, "m", joint_positions={"swing": 0.1})
-        assert made.fixed_base
-        assert made.link_pose("arm").xyz == pytest.approx((0.5, 0, 1))
-        assert made.bias_efforts() == pytest.approx([9.8 * 0.5 * math.sin(0.1)])
-
-
-def test_colours_reach_the_cameras():
-    script = "<material><script><name>Gazebo/Red</name></script></material>"
-    diffuse = "<material><diffuse>0.1 0.2 0.3 1</diffuse></material>"
-    text = model(link(part("visual", BOX, script), "a") + link(part("visual", BOX, diffuse), "b")
-                 + link(part("visual", BOX), "c"))
-    description = parse_sdf(text)
-    assert description.colours == {"a": (1.0, 0.0, 0.0, 1.0), "b": (0.1, 0.2, 0.3, 1.0)}
-    with World() as world:
-        world.spawn(description, "m")
-        scene = Scene(world)
-        scene.refresh()
-        assert [part.rgba for part in scene.visuals] == [
-            (1.0, 0.0, 0.0, 1.0), (0.1, 0.2, 0.3, 1.0), (1.0, 1.0, 1.0, 1.0)]
-
-
 def test_the_shipped_world_is_read():
     content = read_sdf((ROBOT / "world/aras_visual_servo.world").read_text())
     assert [m.name for m in content.models] == ["ground_plane"]
@@ -112,21 +60,6 @@ def test_the_shipped_world_is_read():
     assert (sun.name, sun.kind, sun.diffuse) == ("sun", "directional", (0.8, 0.8, 0.8, 1.0))
     assert sun.direction == pytest.approx(np.array((-0.5, 0.1, -0.9)) / math.sqrt(1.07))
     assert (sun.attenuation_constant, sun.attenuation_linear) == (0.9, 0.01)
-
-
-def test_included_ground_and_sun_are_known():
-    text = ('<sdf version="1.6"><world name="default"><include><uri>model://{}</uri></include>'
-            "</world></sdf>")
-    assert read_sdf(text.format("ground_plane")).models[0].name == "ground_plane"
-    (sun,) = read_sdf(text.format("sun")).lights
-    assert sun.direction == pytest.approx(Light("sun").direction, abs=1e-4)
-    assert replace(sun, direction=Light("sun").direction) == Light("sun")
-
-
-def test_what_changes_nothing_is_left_out_with_one_warning():
-    described = parse_sdf(model(link("<battery name='b'/>")))
-    assert described.warnings == (
-        "model 'm', link 'link': <battery> 'b' is ignored, because it is not supported",)
 
 
 @pytest.mark.parametrize(("text", "reason"), [
@@ -150,15 +83,3 @@ def test_what_changes_nothing_is_left_out_with_one_warning():
 def test_what_is_not_supported_is_named(text, reason):
     with pytest.raises(DescriptionError, match=reason):
         parse_sdf(text)
-
-
-def test_lights_come_change_and_go():
-    simulation = Simulation()
-    (sun,) = read_sdf((ROBOT / "world/aras_visual_servo.world").read_text()).lights
-    simulation.set_light(sun)
-    assert simulation.lights == {"sun": sun}
-    with pytest.raises(WorldError, match="light 'lamp' does not exist; existing lights: sun"):
-        simulation.delete_light("lamp")
-    simulation.delete_light("sun")
-    assert simulation.lights == {}
-    simulation.close()

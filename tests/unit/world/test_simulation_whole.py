@@ -1,12 +1,10 @@
 """Simulation: lights, cameras, robots and sensors, and errors."""
 
-import zlib
 from dataclasses import replace
-from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
-from aras_sim_bridge import simulation as module
 from aras_sim_bridge.description import Light, parse_urdf
 from aras_sim_bridge.description.types import SUN, SceneSettings
 from aras_sim_bridge.errors import (
@@ -29,27 +27,11 @@ INERTIAL = (
 CONTROL = '<gazebo><plugin name="c" filename="libgazebo_ros_control.so"/></gazebo>'
 ROBOT = f'<robot name="r"><link name="base">{INERTIAL}</link>{{}}</robot>'
 POSE = """<gazebo><plugin name="{0}" filename="libgazebo_ros_p3d.so"><bodyName>base</bodyName>
-  <topicName>{0}</topicName></plugin></gazebo>"""
+  <topicName>{0}</topicName><gaussianNoise>0.1</gaussianNoise></plugin></gazebo>"""
 CAMERA = """<gazebo reference="base"><sensor type="camera" name="{0}"><camera><image>
   <width>8</width><height>6</height></image></camera>
   <plugin name="c" filename="libgazebo_ros_camera.so"><cameraName>{0}</cameraName></plugin>
   </sensor></gazebo>"""
-
-
-@pytest.fixture
-def renderers(monkeypatch):
-    """Renderers that draw nothing; `given` lists the arguments of each."""
-    made = []
-
-    def create(*given):
-        renderer = SimpleNamespace(given=given, light=given[-1], closed=0)
-        renderer.prepare = lambda view: None
-        renderer.close = lambda: setattr(renderer, "closed", renderer.closed + 1)
-        made.append(renderer)
-        return renderer
-
-    monkeypatch.setattr(module, "create_renderer", create)
-    return made
 
 
 @pytest.fixture
@@ -107,48 +89,56 @@ TINTED = replace(AROUND, tint=(0.5, 1.0, 1.0))
     ((), BLUE, replace(TINTED, lights=(NO_LIGHT,))),
     ((GREY,), BLACK, replace(PLAIN, ambient=0.0, tint=(0.0,) * 3)),
 ])  # fmt: skip
-def test_the_light_of_pictures_is_one_white_sun_where_that_is_all(
-    make, renderers, lights, scene, sun
-):
-    simulation = make(lights=lights, scene=scene, exposure="gazebo", renderer="tiny")
-    simulation.add_camera("eye", EYE)
-    (renderer,) = renderers
-    assert renderer.given == ("tiny", simulation.world, sun)
+def test_the_light_of_pictures_is_one_white_sun_where_that_is_all(make, lights, scene, sun):
+    assert make(lights=lights, scene=scene, exposure="gazebo").lighting == sun
 
 
 def test_no_light_is_dark():
     assert NO_LIGHT.name == "none" and NO_LIGHT.diffuse == (0.0, 0.0, 0.0, 1.0)
 
 
-def test_lights_that_change_are_seen_by_the_cameras_there_are(make, renderers, caplog):
-    simulation = make(lights=())
-    simulation.set_light(GREY)  # before there is a camera
-    simulation.add_camera("eye", EYE)
-    (renderer,) = renderers
-    simulation.set_light(replace(GREY, diffuse=(0.75,) * 4))
-    assert renderer.light.diffuse == 0.75
+def test_lights_come_change_and_go(make, caplog):
+    simulation = make(lights=(GREY,))
     for k in range(16):
         simulation.set_light(replace(RED, name=f"l{k}"))
-    assert len(renderer.light.lights) == 16 and renderer.light.lights[0].name == "sun"
+    assert len(simulation.lighting.lights) == 16 and simulation.lighting.lights[0].name == "sun"
     simulation.set_light(replace(RED, name="l15"))  # which is one too many still, and said before
     assert [record.args for record in caplog.records] == [("l15", 16)]
     simulation.delete_light("sun")
-    assert [light.name for light in renderer.light.lights] == [f"l{k}" for k in range(16)]
+    assert [light.name for light in simulation.lighting.lights] == [f"l{k}" for k in range(16)]
     with pytest.raises(WorldError, match="light 'sun' does not exist; existing lights: l0, l1"):
         simulation.delete_light("sun")
     for k in range(16):
         simulation.delete_light(f"l{k}")
-    assert renderer.light.diffuse == 0.0 and not renderer.light.lights
+    assert simulation.lighting.diffuse == 0.0 and not simulation.lighting.lights
     with pytest.raises(WorldError, match="light 'sun' does not exist; existing lights: none"):
         simulation.light("sun")
-    simulation.add_camera("other", EYE)
-    assert len(renderers) == 1  # one draws for all
-    simulation.close()
-    simulation.close()
-    assert renderer.closed == 1
 
 
-def test_cameras_of_one_name_and_of_none(make, renderers):
+def test_lights_that_change_are_seen_by_the_cameras_there_are(make):
+    """A wall before two cameras, of which one is added later."""
+    wall = '<visual><geometry><box size="0.1 9 9"/></geometry></visual>'
+    simulation, means = make(lights=(), exposure="gazebo"), []
+    simulation.spawn(parse_urdf(ROBOT.format(f"<link name='w'>{wall}</link><joint name='j' type="
+                                             "'fixed'><parent link='base'/><child link='w'/>"
+                                             "<origin xyz='2 0 0'/></joint>")), "wall")
+    simulation.add_camera("eye", EYE)
+    for light in (None, GREY, replace(GREY, diffuse=(0.9, 0.9, 0.9, 1.0)), None):
+        if light is not None:
+            simulation.set_light(light)
+        elif simulation.lights:
+            simulation.delete_light("sun")
+        camera, frames = simulation.cameras[-1], []
+        camera.on_frame, camera.enabled = frames.append, True
+        while not frames:
+            simulation.step()
+        means.append(frames[0].image.mean())
+        if len(simulation.cameras) == 1:
+            simulation.add_camera("other", EYE)
+    assert means[0] < means[1] < means[2] and means[3] == means[0], means
+
+
+def test_cameras_of_one_name_and_of_none(make):
     simulation = make()
     with pytest.raises(WorldError, match="camera '/eye' does not exist; existing cameras: none"):
         simulation.camera("/eye")
@@ -164,20 +154,6 @@ def test_cameras_of_one_name_and_of_none(make, renderers):
     with pytest.raises(CameraError, match="update_rate 2000 Hz is above the physics rate of 1000"):
         simulation.add_camera("fast", {**EYE, "update_rate": 2000.0})
     assert simulation.cameras == [first, second]
-
-
-def test_cameras_that_expose_together_have_one_rate(make, renderers, caplog):
-    sensor = """<gazebo reference="base"><sensor type="multicamera" name="both">{}
-      <plugin name="p" filename="libgazebo_ros_multicamera.so"><cameraName>both</cameraName>
-      </plugin></sensor></gazebo>""".format("".join(
-        f'<camera name="{eye}"><image><width>8</width><height>6</height></image></camera>'
-        for eye in ("left", "right")))  # fmt: skip
-    simulation = make()
-    settings = {"both": {"left": {"update_rate": 25.0}, "right": {"update_rate": 40.0}}}
-    simulation.spawn(parse_urdf(ROBOT.format(sensor)), "r", cameras=settings)
-    assert [camera.sensor.rate for camera in simulation.cameras] == [25.0, 25.0]
-    (said,) = [r.getMessage() for r in caplog.records if r.levelname == "WARNING"]
-    assert "exposes at that camera's 25 Hz instead of 40 Hz" in said
 
 
 def test_a_model_has_one_control_plugin_and_a_namespace_of_its_own(make):
@@ -219,7 +195,7 @@ def test_a_robot_whose_hardware_cannot_be_leaves_the_world_as_it_was(make):
         simulation.set_joint_positions("s", {"j": 0.0})
 
 
-def test_a_camera_that_comes_later_exposes_at_the_next_of_its_instants(make, renderers):
+def test_a_camera_that_comes_later_exposes_at_the_next_of_its_instants(make):
     simulation = make()
     for _ in range(30):
         simulation.step()
@@ -229,26 +205,29 @@ def test_a_camera_that_comes_later_exposes_at_the_next_of_its_instants(make, ren
     assert simulation.next_image_ns() == 40_000_000
 
 
-def test_sensors_have_seeds_of_their_own_and_go_with_their_model(make, renderers, monkeypatch):
-    given = []
+def test_sensors_have_noise_of_their_own_and_go_with_their_model(make):
+    def readings(seed):
+        simulation, found = make(seed=seed), []
+        for name in ("one", "two"):
+            text = POSE.format("a") + POSE.format("b") + CONTROL + CAMERA.format(name)
+            simulation.spawn(parse_urdf(ROBOT.format(text)), name, namespace=f"/{name}/",
+                             parameters={"c": {"type": "joint_state_controller/"
+                                               "JointStateController", "publish_rate": 9.0}})
+        for sensor in simulation.sensors:
+            sensor.on_state = lambda reading: found.append(reading.twist.linear)
+        for _ in range(2):
+            simulation.step()
+        return simulation, found
 
-    def kind(sensor, model, world, seed):
-        given.append((sensor.topic, model.name, world, seed))
-        return SimpleNamespace(model=model, enabled=False)
-
-    monkeypatch.setattr(module, "KINDS", {"pose": kind})
-    simulation = make(seed=9)
-    for name in ("one", "two"):
-        text = POSE.format("a") + POSE.format("b") + CONTROL + CAMERA.format(name)
-        simulation.spawn(parse_urdf(ROBOT.format(text)), name, namespace=f"/{name}/")
-    assert given == [
-        (topic, name, simulation.world, 9 ^ zlib.crc32(f"{name} pose {topic}".encode()))
-        for name in ("one", "two") for topic in "ab"]
-    ended = []
-    monkeypatch.setattr(simulation.robots["one"].manager, "shutdown", lambda: ended.append(True))
+    simulation, noise = readings(9)
+    assert noise == readings(9)[1] and len(np.unique(noise, axis=0)) == 4
+    assert not set(noise) & set(readings(8)[1])
+    manager = simulation.robots["one"].manager
+    manager.load("c")
     cameras = simulation.cameras[1:]
     simulation.delete("one")
-    assert ended and list(simulation.robots) == ["two"] == list(simulation.world.models)
+    assert not manager.list()  # it was shut down
+    assert list(simulation.robots) == ["two"] == list(simulation.world.models)
     assert {sensor.model.name for sensor in simulation.sensors} == {"two"}
     assert len(simulation.sensors) == 2 and simulation.cameras == cameras and len(cameras) == 1
     with pytest.raises(UnknownModelError, match="model 'one' does not exist; existing models: two"):
@@ -269,3 +248,27 @@ def test_another_step_is_the_world_s_and_the_simulation_s(make):
     assert simulation.step_ns == 2_500_000
     simulation.step()
     assert simulation.time_ns == 2_500_000
+
+
+@pytest.mark.parametrize("root, image, taken", [
+    ("eye", "image_raw", "/eye"), ("/eye/", "other", "/eye"),
+    # Another root, but the pictures of both would come on one topic.
+    ("eye/image_raw", "picture", "/eye/image_raw"), ("", "eye/image_raw", "/eye/image_raw"),
+])
+def test_two_cameras_of_one_name(make, caplog, root, image, taken):
+    def camera(name, root, image="image_raw"):
+        tag = CAMERA.format(name).replace(f"<cameraName>{name}", f"<imageTopicName>{image}"
+                                          f"</imageTopicName><cameraName>{root}")
+        return parse_urdf(ROBOT.format(tag))
+
+    simulation = make()
+    simulation.spawn(camera("a", "eye"), "first")
+    simulation.spawn(camera("b", "else"), "mixed")
+    assert len(simulation.cameras) == 2
+    simulation.spawn(camera("b", root, image), "second")
+    assert len(simulation.cameras) == 2
+    (said,) = [r.getMessage() for r in caplog.records if r.levelname == "ERROR"]
+    assert said.startswith("model 'second' is simulated without camera 'b': ")
+    assert (f"camera 'b' cannot use the ROS name {taken}, because camera 'a' of model 'first' uses "
+            "it"
+            in said)

@@ -1,7 +1,6 @@
 """Physics step: contacts only between links that can touch, joints solved to rounding."""
 
 import ctypes
-import math
 import os
 
 import pytest
@@ -41,7 +40,7 @@ def test_a_link_that_can_reach_the_ground_lands_on_it(make, height):
     with World() as world:
         world.spawn_ground_plane()
         model = world.spawn(drop(make), "arm", Pose((0, 0, height)))
-        for _ in range(2000):
+        for _ in range(1000):
             world.step()
         lowest = min(tip_height(model), model.link_pose("arm").apply((0.5, 0.0, -0.025))[2])
         # From 0.53 m it hangs straight down and swings.
@@ -69,48 +68,6 @@ def test_whatever_brings_link_and_ground_together_is_noticed(make, order):
         for _ in range(1000):
             world.step()
         assert tip_height(model) > -0.002
-
-
-@pytest.mark.parametrize(("kind", "travel"), [("prismatic", 1.0), ("fixed", 1.0),
-                                              ("revolute", 0.0)])
-def test_what_the_joints_above_allow_counts(make, kind, travel):
-    """1.3 m up, below a slide of 1 m, a fixed mast of 1 m; below a joint that turns, 0.45 m up."""
-    with World() as world:
-        world.spawn_ground_plane()
-        description = drop(make, above=lift(make, kind, travel))
-        model = world.spawn(description, "arm", Pose((0, 0, 0.3 + travel if travel else 0.45)))
-        for _ in range(2000):
-            world.step()
-        assert tip_height(model) > -0.003
-
-
-def test_a_telescope_below_a_turning_joint_reaches_as_far_as_it_extends(make):
-    """A boom of 0.5 m that turns and slides out by 1 m, 1.2 m above the ground."""
-    boom = make.link("boom", 1.0, "0.25 0 0", (0.01, 0.03, 0.03, 0, 0, 0),
-                     make.box("0.5 0.05 0.05", "0.25 0 0"))
-    description = parse_urdf(make.robot(
-        '<link name="world"/>', make.link("hub", 1.0), boom,
-        make.joint("turn", "world", "hub", lower=-3.0, upper=3.0),
-        make.joint("slide", "hub", "boom", "prismatic", axis="1 0 0", lower=0.0, upper=1.0)))
-    with World() as world:
-        world.spawn_ground_plane()
-        model = world.spawn(description, "boom", Pose((0, 0, 1.2)))
-        heights = []
-        for _ in range(2000):
-            model.apply_effort("slide", 20.0)
-            world.step()
-            heights.append(model.link_pose("boom").apply((0.5, 0.0, 0.0))[2])
-        assert -0.01 < min(heights) < 0.1
-
-
-def test_a_pedestal_is_in_reach_as_the_ground_is(make):
-    pedestal = parse_urdf(make.robot('<link name="world">' + make.box("0.4 0.4 2.0") + "</link>"))
-    with World() as world:
-        world.spawn(pedestal, "pedestal", Pose((0.4, 0, 0)))
-        model = world.spawn(drop(make), "arm", Pose((0, 0, 1.3)))
-        for _ in range(2000):
-            world.step()
-        assert math.asin((1.3 - tip_height(model)) / 0.5) < 0.95
 
 
 def test_a_body_that_falls_onto_a_link_out_of_the_ground_s_reach_rests_there(make):
@@ -176,22 +133,6 @@ def test_joints_that_friction_holds_stand_still(robot):
     assert creep(robot) < 1e-12
 
 
-def test_a_free_body_beside_the_arm_brings_the_sweeps_and_takes_them_along(robot, make):
-    world = robot.simulation.world
-    robot.steps(1)
-    robot.command(POSE)
-    robot.steps(2000)
-    at = robot.model.link_pose("link6").xyz
-    cube = world.spawn(parse_urdf(make.robot(
-        make.link("cube", shapes=make.box("0.02 0.02 0.02")),
-        '<gazebo reference="cube"><gravity>false</gravity></gazebo>')), "cube", Pose(at))
-    cube.set_pose(Pose((at[0] + 0.09, at[1], at[2])))
-    assert 1e-8 < creep(robot) < 1e-4
-    assert not robot.model.joints.has_own_dynamics
-    world.delete("cube")
-    assert creep(robot) < 1e-12
-
-
 def test_bullet_s_remarks_stay_off_the_standard_output(robot, make, capfd):
     world = robot.simulation.world
     world.spawn(parse_urdf(make.robot(make.link("stone"))), "stone", Pose((3, 0, 5)))
@@ -230,5 +171,3 @@ def test_only_a_bullet_that_made_no_step_serves_another_world(make):
         assert bool(pybullet.getConnectionInfo(client)["isConnected"]) == (steps == 0)
     with World() as world:
         assert world.client == client
-
-

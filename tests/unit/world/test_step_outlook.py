@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from aras_robot import ArasRobot
 
 from aras_sim_bridge.control.stability import (
     STABILITY_BOUND,
@@ -108,24 +107,3 @@ def test_steps_diverge_where_it_is_told_and_not_before(make, way, root, caplog):
     said = [record.message for record in caplog.records if "unstable" in record.message]
     # When controllers start, in the run that diverges alone; a drive's gains need none to run.
     assert said == ([] if way == "drive" else [f"model 'arm': {told}"])
-
-
-def test_the_shipped_robot_bears_its_own_step_and_not_ten_of_it():
-    robot = ArasRobot()
-    try:
-        joints = robot.model.joints
-        robot.simulation.step()
-
-        def told(step):
-            return report_stability(robot.hardware, robot.manager.running, robot.model.joint_names,
-                           joints.inverse_inertia, step)
-
-        assert robot.manager.running and told(0.001) == ""
-        assert "are unstable at steps of 0.01 s" in told(0.01)
-        for entry in list(robot.manager.running):
-            robot.manager.switch([], [entry.name], 2)
-        robot.simulation.step()
-        assert told(0.01) == ""  # no loop is closed
-        assert not np.any(collect_gains(robot.hardware, (), robot.model.joint_names))
-    finally:
-        robot.simulation.close()

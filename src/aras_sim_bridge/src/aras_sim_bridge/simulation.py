@@ -295,7 +295,7 @@ class Simulation:
                 "delete one of these first lights", light.name, MOST_LIGHTS
             )
         if self._renderer is not None:
-            self._renderer.light = self._compute_lighting()
+            self._renderer.light = self.lighting
 
     def delete_light(self, name: str) -> None:
         """Remove the light `name`.
@@ -305,10 +305,11 @@ class Simulation:
         """
         del self.lights[self.light(name).name]
         if self._renderer is not None:
-            self._renderer.light = self._compute_lighting()
+            self._renderer.light = self.lighting
 
-    def _compute_lighting(self) -> Lighting:
-        """Return the light in camera images at the present simulated time."""
+    @property
+    def lighting(self) -> Lighting:
+        """Light in camera images at the present simulated time, from all lights and the scene."""
         lights = tuple(self.lights.values())[:MOST_LIGHTS]
         now = tuple(
             light
@@ -381,7 +382,7 @@ class Simulation:
         if due and self.before_images is not None:
             self.before_images(self.time_ns)
         if due and any(light.lit_intervals is not None for light in self.lights.values()):
-            self._renderer.light = self._compute_lighting()
+            self._renderer.light = self.lighting
         for camera in due:
             camera.after_step(self.time_ns)
 
@@ -608,7 +609,7 @@ class Simulation:
                 )
         if self._renderer is None:
             self._renderer = create_renderer(
-                self.config.renderer, self.world, self._compute_lighting()
+                self.config.renderer, self.world, self.lighting
             )
         sensor = CameraSensor(config, self._renderer)
         sensor.check_time_step(self.step_ns)

@@ -27,6 +27,7 @@ class SendQueue:
         queue_size: int,
         on_broken: Callable[[], None],
         name: str = "",
+        flusher: QueueFlusher | None = None,
     ) -> None:
         """Create the queue of a socket.
 
@@ -35,6 +36,7 @@ class SendQueue:
             queue_size: largest number of waiting messages.
             on_broken: function that is called once when the connection is broken.
             name: name of the subscriber and the topic in log messages.
+            flusher: thread that sends the waiting messages; None means QUEUE_FLUSHER.
         """
         self.name = name
         # Set to True by lockstep mode when it no longer waits for this queue, and to False by
@@ -43,6 +45,7 @@ class SendQueue:
         self.socket = connection
         self.descriptor = connection.fileno()
         self._on_broken = on_broken
+        self._flusher = QUEUE_FLUSHER if flusher is None else flusher
         self._lock = threading.Lock()
         self._unsent_rest: MessageParts = ()
         self._messages: collections.deque[MessageParts] = collections.deque(maxlen=queue_size)
@@ -54,7 +57,7 @@ class SendQueue:
             self._is_broken = True
             self._unsent_rest = ()
             self._messages.clear()
-        QUEUE_FLUSHER.forget(self)
+        self._flusher.forget(self)
 
     def send(self, parts: MessageParts) -> None:
         """Write as much of a message as the socket accepts; the rest is sent later."""
@@ -70,7 +73,7 @@ class SendQueue:
             else:
                 self._unsent_rest = rest
         if rest:
-            QUEUE_FLUSHER.add(self)
+            self._flusher.add(self)
 
     @property
     def has_unsent(self) -> bool:

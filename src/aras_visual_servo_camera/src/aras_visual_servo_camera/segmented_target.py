@@ -32,7 +32,7 @@ COMPONENT_DESCRIPTIONS = {
 }
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class SegmentedTarget:
     """The target's pixels in one image.
 

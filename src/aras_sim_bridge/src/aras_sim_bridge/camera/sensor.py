@@ -29,7 +29,7 @@ _log = logging.getLogger(__name__)
 NEVER = (1 << 63) - 1  # time, ns, that is never reached; used while a camera waits for a trigger
 
 
-@dataclass(frozen=True)
+@dataclass
 class SensorFrame:
     """One frame of a camera.
 

@@ -46,7 +46,7 @@ class _Canvas:
         self.nbytes = tiles.nbytes + 8 * tiles.valid.size
 
 
-@dataclass(frozen=True)
+@dataclass
 class SampledView:
     """Samples of the pixels of one view.
 

@@ -15,7 +15,7 @@ from ..errors import RenderingError
 from .tiles import Tiles, get_shared_tiles
 
 
-@dataclass(frozen=True)
+@dataclass
 class View:
     """View of the world through a pinhole or a lens.
 

@@ -55,7 +55,7 @@ MIN_EXPLAINED_PART = 0.1
 MAX_PERIOD = 0.2
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class _ServoedImage:
     """Data of one image at which the camera was servoed.
 

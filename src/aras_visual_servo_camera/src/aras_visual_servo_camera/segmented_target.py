@@ -278,7 +278,7 @@ def _count_components(mask: Mask) -> int:
     """
     _, hierarchy = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE)
     # count the outer contours, which have no parent (-1), unlike the contours of holes
-    return int((hierarchy[0, :, 3] < 0).sum())
+    return int(np.count_nonzero(hierarchy[0, :, 3] < 0))
 
 
 def _choose_component(

@@ -422,4 +422,4 @@ def _is_within_tolerances(images: Sequence[_ServoedImage]) -> bool:
     errors = [s.error for s in images]
     if len({len(e) for e in errors}) != 1:
         return False
-    return max([abs(sum(component)) for component in zip(*errors, strict=True)]) < len(errors)
+    return all(abs(sum(component)) < len(errors) for component in zip(*errors, strict=True))

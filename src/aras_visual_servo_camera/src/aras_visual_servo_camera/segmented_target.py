@@ -6,7 +6,8 @@ column 0 and the row 0. A box is (column, row, width, height).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import cv2
 import numpy as np
@@ -49,6 +50,7 @@ class SegmentedTarget:
         component: rule by which the target was chosen among the components, as in Segmentation, or
             'marker'.
         is_uneven: True if the segmentation method allows several grey levels on the target.
+        coverage: image, band and result of the last call of `compute_coverage`; None before it.
     """
 
     mask: Mask
@@ -60,6 +62,7 @@ class SegmentedTarget:
     component_count: int = 1
     component: str = "all"
     is_uneven: bool = False
+    coverage: tuple[Mask, int, Any] | None = field(default=None, repr=False)
 
     def describe(self) -> str:
         """Return a text that describes which object was chosen as the target, and by which rule."""

@@ -60,6 +60,8 @@ class PointFeature(Feature):
     is_ordered: ClassVar[bool] = True
     # Latest goal, and its points, which are cached for all images.
     _goal_points: tuple[Goal | None, np.ndarray] = (None, np.zeros(0))
+    # Latest observation, the goal's points, and the result of `_match_to_goal` for them.
+    _latest_match: tuple[Any, Any, Any] = (None, None, None)
 
     def __init__(self, count: int = 4) -> None:
         self._set_count(count)
@@ -76,6 +78,7 @@ class PointFeature(Feature):
     def reset(self) -> None:
         """Forget earlier images."""
         self._match_rotation = 0.0
+        self._latest_match = (None, None, None)
 
     def check(self, goal: Goal) -> None:
         """Refuse a goal that this feature cannot servo to."""
@@ -114,7 +117,7 @@ class PointFeature(Feature):
     def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
         """Measure s, s*, the error and L in one image."""
         desired = self.read_desired_points(goal)
-        points, ambiguity = self._match_to_goal(observation, desired)
+        points, ambiguity = self._match(observation, desired)
         inverse_depth = compute_inverse_depth(get_plane(observation), points)
         s, goal_s = points.ravel(), desired.ravel()
         return FeatureMeasurement(s, goal_s, s - goal_s, point_interaction(points, inverse_depth),
@@ -130,7 +133,7 @@ class PointFeature(Feature):
         if not observation.corner_accuracy:
             return None
         desired = self.read_desired_points(goal)
-        points = self._match_to_goal(observation, desired)[0]
+        points = self._match(observation, desired)[0]
         return estimate_corner_accuracy(observation, goal, points, desired)
 
     def _set_count(self, count: int) -> None:
@@ -149,6 +152,14 @@ class PointFeature(Feature):
                 f"{goal.name}: {error} according to the assumed camera mounting; check the "
                 "camera's pose (camera_xyz, camera_rpy) and the goal"
             ) from error
+
+    def _match(self, observation: Observation, desired: np.ndarray) -> tuple[np.ndarray, str]:
+        """Return the result of `_match_to_goal`, which is computed once for each image."""
+        known = self._latest_match
+        if known[0] is not observation or known[1] is not desired:
+            found = self._match_to_goal(observation, desired)
+            self._latest_match = known = observation, desired, found
+        return known[2]
 
     def _match_to_goal(
         self, observation: Observation, desired: np.ndarray

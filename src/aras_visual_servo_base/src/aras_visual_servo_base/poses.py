@@ -72,7 +72,8 @@ class Pose(NamedTuple):
         """Return the homogeneous matrix (4, 4)."""
         first, second, third = rotation_from_quaternion(self.quat)
         x, y, z = self.xyz
-        return np.array([[*first, x], [*second, y], [*third, z], [0.0, 0.0, 0.0, 1.0]])
+        rows = (*first, x, *second, y, *third, z, 0.0, 0.0, 0.0, 1.0)
+        return np.array(rows).reshape(4, 4)
 
 
 IDENTITY = Pose()
@@ -306,8 +307,9 @@ def optical_pose(a_T_link: np.ndarray) -> np.ndarray:
 
 def pose_difference(a_T_b: np.ndarray, a_T_c: np.ndarray) -> tuple[float, float]:
     """Return the distance (m) and the rotation angle (rad) between two poses (4, 4)."""
-    distance = float(np.linalg.norm(a_T_b[:3, 3] - a_T_c[:3, 3]))
-    return distance, float(np.linalg.norm(rotation_vector(a_T_b[:3, :3].T @ a_T_c[:3, :3])))
+    offset = a_T_b[:3, 3] - a_T_c[:3, 3]
+    rotation = rotation_vector(a_T_b[:3, :3].T @ a_T_c[:3, :3])
+    return math.sqrt(offset.dot(offset)), math.sqrt(rotation.dot(rotation))
 
 
 def rotation_vector(R: np.ndarray) -> np.ndarray:

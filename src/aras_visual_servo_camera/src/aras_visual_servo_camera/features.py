@@ -77,7 +77,7 @@ class Reference:
         return cls(moments.area, depth, Orientation.from_moments(moments, plane))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class FeatureSet:
     """Features of one view and their interaction matrix.
 

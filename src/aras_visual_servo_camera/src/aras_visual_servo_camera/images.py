@@ -36,7 +36,7 @@ _ENCODINGS: dict[str, tuple[int, int, int | None, int | None]] = {
 ENCODINGS = tuple(_ENCODINGS)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Image:
     """One image; its grey and RGB arrays are computed at first use.
 

@@ -295,9 +295,9 @@ class Moments:
         """
         _check_computable(order)
         rows, columns = weights.shape
-        # Compiled functions that take arrays in C order need writable arrays; `require` copies the
-        # array if necessary.
-        weights = np.require(weights, np.float64, ("C", "W"))
+        # Compiled functions that take arrays in C order need writable arrays (`carray`).
+        if weights.dtype != np.float64 or not weights.flags.carray:
+            weights = np.array(weights, np.float64, order="C")
         if coverage and full_scale != 1.0:
             weights, full_scale = weights / full_scale, 1.0
         u, u_slopes = _compute_powers(columns, coverage)

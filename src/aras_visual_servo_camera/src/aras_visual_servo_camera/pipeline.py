@@ -40,7 +40,7 @@ class PipelineSettings:
 Settings = PipelineSettings  # the documentation's examples use this short name
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class TargetDetection:
     """Result of the measurement of one image.
 

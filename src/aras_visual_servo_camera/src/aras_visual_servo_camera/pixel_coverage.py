@@ -37,6 +37,8 @@ def compute_coverage(
     edge, and the weights are clipped to [0, 1]. Where bg and fg differ by less than MIN_CONTRAST,
     the weight is 1 in the target's mask, otherwise 0.
 
+    The result is stored in the target, because its moments and its outline need the same weights.
+
     Returns:
         The weights (rows, columns) of a crop of the image around the target; (column, row) of the
         crop's first pixel; bg; fg. If `target.is_uneven`, the returned bg and fg are the means over
@@ -45,6 +47,15 @@ def compute_coverage(
     Raises:
         SegmentationError: bg and fg differ by less than one grey level.
     """
+    known = target.coverage
+    if known is None or known[0] is not grey or known[1] != band:
+        target.coverage = known = grey, band, _compute_coverage(grey, target, band)
+    return known[2]
+
+
+def _compute_coverage(
+    grey: Mask, target: SegmentedTarget, band: int
+) -> tuple[NDArray[np.float64], tuple[int, int], float, float]:
     margin = 2 * band + 1
     column, row, width, height = target.box
     left, top = max(column - margin, 0), max(row - margin, 0)

@@ -6,7 +6,8 @@ column 0 and the row 0. A box is (column, row, width, height).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import cv2
 import numpy as np
@@ -32,7 +33,7 @@ COMPONENT_DESCRIPTIONS = {
 }
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class SegmentedTarget:
     """The target's pixels in one image.
 
@@ -49,6 +50,7 @@ class SegmentedTarget:
         component: rule by which the target was chosen among the components, as in Segmentation, or
             'marker'.
         is_uneven: True if the segmentation method allows several grey levels on the target.
+        coverage: image, band and result of the last call of `compute_coverage`; None before it.
     """
 
     mask: Mask
@@ -60,6 +62,7 @@ class SegmentedTarget:
     component_count: int = 1
     component: str = "all"
     is_uneven: bool = False
+    coverage: tuple[Mask, int, Any] | None = field(default=None, repr=False)
 
     def describe(self) -> str:
         """Return a text that describes which object was chosen as the target, and by which rule."""
@@ -278,7 +281,7 @@ def _count_components(mask: Mask) -> int:
     """
     _, hierarchy = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE)
     # count the outer contours, which have no parent (-1), unlike the contours of holes
-    return int((hierarchy[0, :, 3] < 0).sum())
+    return int(np.count_nonzero(hierarchy[0, :, 3] < 0))
 
 
 def _choose_component(

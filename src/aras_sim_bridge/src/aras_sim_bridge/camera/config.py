@@ -11,7 +11,7 @@ import re
 import zlib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -262,7 +262,7 @@ class CameraConfig:
         if not condition:
             raise CameraError(f"camera '{self.name}': {message}")
 
-    @property
+    @cached_property
     def encoding(self) -> str:
         """ROS image encoding of the pixel format."""
         return find_encoding(self.format, self.name)

@@ -29,7 +29,7 @@ _log = logging.getLogger(__name__)
 NEVER = (1 << 63) - 1  # time, ns, that is never reached; used while a camera waits for a trigger
 
 
-@dataclass(frozen=True)
+@dataclass
 class SensorFrame:
     """One frame of a camera.
 
@@ -360,8 +360,8 @@ class CameraSensor:
         surfaces are not drawn, so the link does not hide the view.
         """
         first, self._first = self._first, False
-        # Test a single pixel first: this is fast, and the pixel is usually not black.
-        black = not (self._has_warned_black or image[0, 0].any() or image[::8, ::8].any())
+        # Test a single number first: this is fast, and the first pixel is usually not black.
+        black = not (self._has_warned_black or image.item(0) or image[::8, ::8].any())
         if not first and not black:
             return
         around = [name for name in self.renderer.find_bodies_around(world_T_optical[:3, 3])

@@ -30,7 +30,7 @@ from .tiles import Tiles
 from .triangles import Triangles
 
 
-@dataclass(frozen=True)
+@dataclass
 class VisibleTriangles:
     """Triangles that face the camera, and the tiles that they touch.
 

@@ -13,7 +13,7 @@ from .tiles import Tiles
 from .triangles import Triangles
 
 
-@dataclass(frozen=True)
+@dataclass
 class Fragments:
     """Visible parts of triangles (fragments) in the pixels with edges.
 

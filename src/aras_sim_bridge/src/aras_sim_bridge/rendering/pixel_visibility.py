@@ -20,7 +20,7 @@ from .tiles import TILE, Tiles
 BACKGROUND, NOTHING, SEVERAL = -1, -2, -3
 
 
-@dataclass(frozen=True)
+@dataclass
 class PixelSamples:
     """Visible triangle at one point, the sample, of each pixel.
 

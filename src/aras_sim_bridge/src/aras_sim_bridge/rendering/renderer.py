@@ -46,7 +46,7 @@ class _Canvas:
         self.nbytes = tiles.nbytes + 8 * tiles.valid.size
 
 
-@dataclass(frozen=True)
+@dataclass
 class SampledView:
     """Samples of the pixels of one view.
 
@@ -125,7 +125,9 @@ class Renderer:
         uniform = canvas.shader.compute_uniform_colours(triangles, one.visible)
         if self.light.lights:
             uniform[:] = 0
-        edges, fragments, background = self.resolve(one, view, uniform)
+        background = 255.0 * np.array(MIDDLE if self.light.sky else self.light.background[:3])
+        packed_background = pack_colour(*background.tolist())
+        edges, fragments = self.resolve(one, view, uniform, packed_background)
         light = self._compute_irradiance(one, view, edges, fragments)
         sky = NO_SKY
         if self.light.sky:
@@ -135,7 +137,7 @@ class Renderer:
             one.visible,
             one.samples,
             uniform,
-            pack_colour(*background),
+            packed_background,
             edges,
             light,
             sky,
@@ -183,24 +185,24 @@ class Renderer:
         visible = self._binning.find_visible(
             canvas.tiles, optical_T_link,
             light.to_sun @ world_T_link[:, :3, :3],
-            light.scale * np.array([light.ambient, light.diffuse]), view.near, view.far)
+            light.sun_levels, view.near, view.far)
         samples = canvas.sampler.sample(visible, view.near, view.far, offset)
         return SampledView(canvas, visible, samples, optical_T_link)
 
-    def resolve(self, sampled: SampledView, view: View, uniform: np.ndarray
-                ) -> tuple[np.ndarray, Fragments, np.ndarray]:
+    def resolve(
+        self, sampled: SampledView, view: View, uniform: np.ndarray, background: np.uint32
+    ) -> tuple[np.ndarray, Fragments]:
         """Find the pixels with edges, and compute the visible parts (fragments) of their triangles.
 
         Args:
             sampled: samples of the view.
             view: the view.
             uniform: see edge_detection.find_edges.
+            background: packed colour of the background.
 
         Returns:
-            Bit masks of the pixels with edges (see edge_detection.find_edges), their fragments, and
-            the background's rgb (3,), 0..255.
+            Bit masks of the pixels with edges (see edge_detection.find_edges), and their fragments.
         """
-        background = 255.0 * np.array(MIDDLE if self.light.sky else self.light.background[:3])
         t = self.triangles
         smooth = t.facets if self.light.lights else t.smooth
         smooth, part = smooth[sampled.visible.triangle], t.part[sampled.visible.triangle]
@@ -211,14 +213,14 @@ class Renderer:
             uniform,
             smooth,
             part,
-            pack_colour(*background),
+            background,
             view.near,
             view.far,
         )
         fragments = sampled.canvas.edge_resolver.resolve(
             self.triangles, sampled.visible, sampled.samples, found, uniform, view.near, view.far
         )
-        return edges, fragments, background
+        return edges, fragments
 
     def find_bodies_around(self, point: np.ndarray) -> list[str]:
         """Return the names 'model::link' of the links with a visual that contains `point`.

@@ -17,7 +17,7 @@ from aras_sim_bridge.world.labels import make_label
 from aras_visual_servo_base.meshes.mesh import Mesh
 
 if TYPE_CHECKING:
-    from aras_sim_bridge.world import Model, World
+    from aras_sim_bridge.world import Model, Pose, World
 
 _log = logging.getLogger(__name__)
 
@@ -31,18 +31,19 @@ class VisualMesh:
     rgba: Rgba
 
 
-@dataclass(frozen=True)
+@dataclass
 class _ModelRows:
     """Rows of one model in the arrays of poses.
 
     Row `first` belongs to the model's root if `has_root`; the next rows belong to `links`, in this
-    order.
+    order. `root_pose` is the pose in row `first`; None if this row is not filled yet.
     """
 
     model: Model
     first: int
     has_root: bool
     links: tuple[str, ...]
+    root_pose: Pose | None = None
 
 
 class Scene:
@@ -124,7 +125,9 @@ class Scene:
         for rows in self._models:
             row = rows.first
             if rows.has_root:
-                p[row], q[row] = rows.model.pose()
+                pose = rows.model.pose()
+                if pose is not rows.root_pose:  # a fixed root keeps its pose
+                    p[row], q[row] = rows.root_pose = pose
                 row += 1
             if rows.links:
                 behind = slice(row, row + len(rows.links))

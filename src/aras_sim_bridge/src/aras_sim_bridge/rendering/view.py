@@ -15,7 +15,7 @@ from ..errors import RenderingError
 from .tiles import Tiles, get_shared_tiles
 
 
-@dataclass(frozen=True)
+@dataclass
 class View:
     """View of the world through a pinhole or a lens.
 
@@ -109,7 +109,7 @@ class Lighting:
             return float((diffuse + self.ambient * np.array(self.tint)).max())
         return self.ambient + self.diffuse
 
-    @property
+    @cached_property
     def scale(self) -> float:
         """Fraction of the grey level 255 per unit of reflected light intensity."""
         if self.exposure == "gazebo":
@@ -123,6 +123,11 @@ class Lighting:
     def ambient_levels(self) -> np.ndarray:
         """Ambient light (red, green, blue) as a fraction of the grey level 255."""
         return self.scale * self.ambient * np.array(self.tint)
+
+    @cached_property
+    def sun_levels(self) -> np.ndarray:
+        """Ambient light and diffuse light of the sun (2,), as fractions of the grey level 255."""
+        return self.scale * np.array([self.ambient, self.diffuse])
 
     @cached_property
     def to_sun(self) -> np.ndarray:

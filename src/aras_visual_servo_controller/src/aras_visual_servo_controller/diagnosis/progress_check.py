@@ -55,7 +55,7 @@ MIN_EXPLAINED_PART = 0.1
 MAX_PERIOD = 0.2
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class _ServoedImage:
     """Data of one image at which the camera was servoed.
 
@@ -422,4 +422,4 @@ def _is_within_tolerances(images: Sequence[_ServoedImage]) -> bool:
     errors = [s.error for s in images]
     if len({len(e) for e in errors}) != 1:
         return False
-    return max([abs(sum(component)) for component in zip(*errors, strict=True)]) < len(errors)
+    return all(abs(sum(component)) < len(errors) for component in zip(*errors, strict=True))

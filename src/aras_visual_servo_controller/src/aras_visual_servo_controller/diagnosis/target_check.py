@@ -21,7 +21,7 @@ from ..observation.observation import Observation
 from ..schemes.base import SchemeOutput
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class _Row:
     """One row of the fit: motion of k features over at least ROW_PERIOD, in units of the tolerance.
 

@@ -36,7 +36,7 @@ def scale_tolerances(tolerances: Sequence[float], goal: Goal) -> tuple[float, ..
     )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class FeatureMeasurement:
     """Measurement of a feature in one image: s, s*, their difference, and the interaction matrix.
 

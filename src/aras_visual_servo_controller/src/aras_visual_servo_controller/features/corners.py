@@ -105,7 +105,7 @@ class CornerFeature(NumberedPoints):
     def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
         """Measure s, s*, the error and L in one image."""
         desired = self.read_desired_points(goal)
-        points, ambiguity = self._match_to_goal(observation, desired)
+        points, ambiguity = self._match(observation, desired)
         w = compute_inverse_depth(get_plane(observation), points)
         s = self.values(points, w)
         goal_s = self.values(desired, self._compute_goal_inverse_depth(goal, desired))

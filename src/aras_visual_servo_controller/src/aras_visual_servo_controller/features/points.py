@@ -60,6 +60,8 @@ class PointFeature(Feature):
     is_ordered: ClassVar[bool] = True
     # Latest goal, and its points, which are cached for all images.
     _goal_points: tuple[Goal | None, np.ndarray] = (None, np.zeros(0))
+    # Latest observation, the goal's points, and the result of `_match_to_goal` for them.
+    _latest_match: tuple[Any, Any, Any] = (None, None, None)
 
     def __init__(self, count: int = 4) -> None:
         self._set_count(count)
@@ -76,6 +78,7 @@ class PointFeature(Feature):
     def reset(self) -> None:
         """Forget earlier images."""
         self._match_rotation = 0.0
+        self._latest_match = (None, None, None)
 
     def check(self, goal: Goal) -> None:
         """Refuse a goal that this feature cannot servo to."""
@@ -114,7 +117,7 @@ class PointFeature(Feature):
     def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
         """Measure s, s*, the error and L in one image."""
         desired = self.read_desired_points(goal)
-        points, ambiguity = self._match_to_goal(observation, desired)
+        points, ambiguity = self._match(observation, desired)
         inverse_depth = compute_inverse_depth(get_plane(observation), points)
         s, goal_s = points.ravel(), desired.ravel()
         return FeatureMeasurement(s, goal_s, s - goal_s, point_interaction(points, inverse_depth),
@@ -130,7 +133,7 @@ class PointFeature(Feature):
         if not observation.corner_accuracy:
             return None
         desired = self.read_desired_points(goal)
-        points = self._match_to_goal(observation, desired)[0]
+        points = self._match(observation, desired)[0]
         return estimate_corner_accuracy(observation, goal, points, desired)
 
     def _set_count(self, count: int) -> None:
@@ -149,6 +152,14 @@ class PointFeature(Feature):
                 f"{goal.name}: {error} according to the assumed camera mounting; check the "
                 "camera's pose (camera_xyz, camera_rpy) and the goal"
             ) from error
+
+    def _match(self, observation: Observation, desired: np.ndarray) -> tuple[np.ndarray, str]:
+        """Return the result of `_match_to_goal`, which is computed once for each image."""
+        known = self._latest_match
+        if known[0] is not observation or known[1] is not desired:
+            found = self._match_to_goal(observation, desired)
+            self._latest_match = known = observation, desired, found
+        return known[2]
 
     def _match_to_goal(
         self, observation: Observation, desired: np.ndarray
@@ -294,14 +305,15 @@ def estimate_corner_accuracy(
         goal: goal with its camera.
         points, desired: (n, 2) points of image and goal, in the same order, normalised.
     """
-    accuracy, identity = observation.corner_accuracy, np.eye(points.size)
+    accuracy = observation.corner_accuracy
     if goal.camera != observation.camera:
-        return accuracy * identity
+        return accuracy * np.eye(points.size)
     away, fx = float(np.mean((points - desired) ** 2)), observation.camera.K[0]
     spread = _spread(observation, points)
     if spread is None:
         common = SHARED_PIXEL_ERROR / fx + SHARED_DISTANCE_ERROR * sqrt(away)
-        return max(min(accuracy, common), observation.corner_repeatability) * identity
+        deviation = max(min(accuracy, common), observation.corner_repeatability)
+        return deviation * np.eye(points.size)
     # Noise increases the measured distance of the corners from the goal, so the noise's variance is
     # subtracted from the squared distance.
     deviation = compute_rms_deviation(spread)
@@ -316,13 +328,27 @@ def _spread(observation: Observation, points: np.ndarray) -> np.ndarray | None:
 
     Return None if the points are not the corners of the observation.
     """
-    if observation.corner_spread is None or observation.corner_spread.size == 0:
+    spread, rows = observation.corner_spread, np.empty(2 * len(points), np.int64)
+    if spread is None or spread.size == 0:
         return None
-    same = (points[:, None] == observation.corners).all(axis=2)
-    if not same.any(axis=1).all():
-        return None
-    rows = 2 * same.argmax(axis=1)
-    return observation.corner_spread[np.column_stack([rows, rows + 1]).ravel()]
+    return spread[rows] if _find_rows(points, observation.corners, rows) else None
+
+
+@jit("f8[:,:], f8[:,:], i8[::1]", allocates=False)
+def _find_rows(points, corners, rows):
+    """Find the corner (m, 2) that is equal to each point (n, 2).
+
+    Write the rows (2n,) of the points' coordinates x_0, y_0, x_1, ... in an array with two rows for
+    each corner. Return False if a point is not a corner.
+    """
+    for i in range(len(points)):
+        k = 0
+        while points[i, 0] != corners[k, 0] or points[i, 1] != corners[k, 1]:
+            k += 1
+            if k == len(corners):
+                return False
+        rows[2 * i], rows[2 * i + 1] = 2 * k, 2 * k + 1
+    return True
 
 
 def backproject(points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:

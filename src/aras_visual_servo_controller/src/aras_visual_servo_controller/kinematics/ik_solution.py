@@ -10,7 +10,7 @@ import numpy as np
 from .algebra import ROUNDING_TOLERANCE, svd
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class IKSolution:
     """Joint velocities for a task, with the limits that affected them.
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from ..errors import MeasurementError
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class JointSample:
     """Measured or commanded positions and velocities of the joints, in the arm's order.
 

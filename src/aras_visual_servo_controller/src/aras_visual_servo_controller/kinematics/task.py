@@ -27,7 +27,7 @@ UNITS = ("m/s",) * 3 + ("rad/s",) * 3
 MAX_UNCERTAINTY = 0.3
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Task:
     """Camera task L v = desired_rate, where v is the camera twist in the optical frame.
 
@@ -90,10 +90,10 @@ class Task:
             accuracy = accuracy if accuracy.ndim else float(accuracy)
         if len(L) > 6:
             L, rate, accuracy = _reduce_rows(L, rate, accuracy)
-        object.__setattr__(self, "accuracy", accuracy)
+        self.accuracy = accuracy
         for name, array in (("L", L), ("desired_rate", rate), ("modelled", modelled)):
             array.setflags(write=False)
-            object.__setattr__(self, name, array)
+            setattr(self, name, array)
 
     @classmethod
     def from_interaction(

@@ -216,7 +216,7 @@ class ServoControl:
         ):
             away = np.abs(self.integrator.command - self._joints.positions)
             return self.integrator.is_at_rest and bool((away > self.integrator.lead).any())
-        return self.phase in (SERVOING, CONVERGED) and bool(self.integrator.is_late.any())
+        return self.phase in (SERVOING, CONVERGED) and any(self.integrator.is_late.tolist())
 
     @property
     def is_approaching(self) -> bool:

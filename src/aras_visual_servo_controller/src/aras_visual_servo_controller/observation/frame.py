@@ -48,7 +48,7 @@ class MeasuredTarget:
     touched_borders: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Frame:
     """One exposure of a camera.
 

@@ -1,4 +1,4 @@
-"""Observation: an immutable record of everything that is known of one image.
+"""Observation: a record of everything that is known of one image.
 
 `observe` makes an observation. Features read observations and store nothing themselves. In the
 camera's optical frame, z points forward, x to the right and y down. `a_T_b` (4, 4) maps b to a.
@@ -43,7 +43,7 @@ class Need(Enum):
 SEGMENTED = frozenset((Need.MOMENTS, Need.CONTOUR, Need.CORNERS, Need.KERNEL))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Observation:
     """Everything that is known of one image; quantities that no scheme needs are None.
 

@@ -49,7 +49,7 @@ class RunContext:
     joints_beyond_limits: Sequence[str] = ()
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class JointRecord:
     """State of the n joints at an image.
 
@@ -63,7 +63,7 @@ class JointRecord:
     measured_velocities: np.ndarray
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class ImageRecord:
     """Record of one image.
 

@@ -168,7 +168,7 @@ class Source:
         )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Command:
     """Joint command of one update.
 
@@ -194,7 +194,7 @@ class Command:
         return self.values if self.kind == "position" else None
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class ServoState:
     """State of the loop at one image, or at an event without an image.
 

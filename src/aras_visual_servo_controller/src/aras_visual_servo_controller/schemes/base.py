@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from ..kinematics import Arm
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class SchemeOutput:
     """Output of a scheme or joint controller for one image; k is the number of components.
 

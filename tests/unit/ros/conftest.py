@@ -8,13 +8,16 @@ from __future__ import annotations
 
 import atexit
 import importlib.util
+import logging
 import math
 import os
 import shutil
+import signal
 import socket
 import subprocess
 import sys
 import tempfile
+import threading
 from collections.abc import Callable, Iterator
 from io import BytesIO
 from pathlib import Path
@@ -26,6 +29,7 @@ import rospy
 from genpy import Message
 from genpy.generator import MsgGenerator, SrvGenerator
 from geometry_msgs.msg import Point, Pose, Quaternion
+from rospy.impl import tcpros_base
 
 from aras_sim_bridge.ros.runtime.pacing import Pacer
 from aras_sim_bridge.ros.runtime.send_queue import QUEUE_FLUSHER
@@ -132,10 +136,12 @@ class Graph:
         self.publishers: dict[str, Publisher] = {}
         self.subscribers: dict[str, Callable[[object], None]] = {}
         self.heard: dict[str, tuple[type, dict[str, object]]] = {}
+        self.subscriptions: dict[str, SimpleNamespace] = {}
         self.parameters: dict[str, object] = {}
         self.lines: list[str] = []
         self.periods: list[float] = []  # s, of lines that are written once in a while
         self.timers: list[tuple] = []
+        self.wall_time = 100.0
         self.sources: dict[str, int] = {}  # how many publish on a topic to which a node listens
         self.proxies: list[tuple[str, type, dict[str, object]]] = []  # of services that were asked
 
@@ -158,6 +164,26 @@ class Graph:
         publisher.impl.connections = [Connection() for _ in range(count)]
         publisher.listener.peer_subscribe(topic, lambda message: None, None)
         return publisher.impl.connections
+
+    def send(self, topic: str, message: Message) -> None:
+        """Send a message to a command topic through a connection of its own, and close it."""
+        near, far = socket.socketpair()
+        connection = SimpleNamespace(header={}, socket=near, read_buff=BytesIO(), done=False)
+        self.subscriptions[topic].impl = SimpleNamespace(connections=[connection])
+        content = BytesIO()
+        message.serialize(content)
+
+        def receive() -> None:
+            received = self.heard[topic][0]().deserialize(content.getvalue())
+            received._connection_header = connection.header
+            self.subscribers[topic](received)
+
+        far.close()
+        receiver = threading.Thread(target=receive)
+        receiver.start()
+        receiver.join(30.0)
+        assert not receiver.is_alive(), f"the connection to {topic} is not read"
+        near.close()
 
     def set(self, name: str, value: object) -> None:
         """Set a parameter, like rospy.set_param."""
@@ -239,8 +265,10 @@ def graph(monkeypatch: pytest.MonkeyPatch) -> Graph:
 
     def subscriber(topic: str, kind: type, callback: Callable, **more: object) -> SimpleNamespace:
         it.subscribers[topic], it.heard[topic] = callback, (kind, more)
-        return SimpleNamespace(unregister=lambda: it.subscribers.pop(topic, None), impl=None,
-                               get_num_connections=lambda: it.sources.get(topic, 0))
+        it.subscriptions[topic] = SimpleNamespace(
+            unregister=lambda: it.subscribers.pop(topic, None), impl=None,
+            get_num_connections=lambda: it.sources.get(topic, 0))  # fmt: skip
+        return it.subscriptions[topic]
 
     def log(text: str, *args: object) -> None:
         it.lines.append(text % args if args else text)
@@ -248,7 +276,13 @@ def graph(monkeypatch: pytest.MonkeyPatch) -> Graph:
     monkeypatch.setattr(rospy, "Service", service)
     monkeypatch.setattr(rospy, "Publisher", publisher)
     monkeypatch.setattr(rospy, "Subscriber", subscriber)
-    monkeypatch.setattr(rospy, "Timer", lambda *given: it.timers.append(given))
+    def timer(*given: object) -> SimpleNamespace:
+        it.timers.append(given)
+        return SimpleNamespace(shutdown=lambda: None)
+
+    monkeypatch.setattr(rospy, "Timer", timer)
+    monkeypatch.setattr(rospy.Time, "now", staticmethod(lambda: rospy.Time.from_sec(it.wall_time)))
+    monkeypatch.setattr(rospy, "search_param", lambda _name: None)
     monkeypatch.setattr(rospy, "get_param", it.given)
     monkeypatch.setattr(parameters.rosgraph, "Master", lambda _name: it)
     monkeypatch.setattr(rospy, "set_param", it.set)
@@ -273,11 +307,15 @@ class Life:
     """Life cycle of a node: its start, the wall time while it sleeps, and its shutdown.
 
     While it sleeps the next of `steps` is done; after the last one the node is shut down.
+    rospy's own part of the start and of the end is replaced; signals stay as they are.
     """
 
-    def __init__(self, graph: Graph, monkeypatch: pytest.MonkeyPatch) -> None:
+    def __init__(self, graph: Graph, monkeypatch: pytest.MonkeyPatch, logs: Path) -> None:
         self.graph, self.down, self.now = graph, False, 100.0
-        self.begun: list[tuple[tuple[str, ...], dict[str, bool]]] = []
+        self.begun: list[tuple[str, dict[str, bool]]] = []
+        self.is_open = False  # to several connections at once
+        self.end_reasons: list[str] = []
+        self.handled_signals: list[int] = []
         self.slept: list[float] = []
         self.steps: list[Callable[[], object]] = []
         self.ending: list[Callable[[], object]] = []
@@ -286,6 +324,19 @@ class Life:
         monkeypatch.setenv("ROS_PACKAGE_PATH", str(SOURCES))
         monkeypatch.setattr("time.monotonic", lambda: self.now)
         monkeypatch.setattr("time.sleep", self.sleep)
+        monkeypatch.setenv("ROS_LOG_DIR", str(logs))
+        monkeypatch.setattr(rospy, "init_node", lambda name, **options: self.begun.append(
+            (name, options)))
+        monkeypatch.setattr(signal, "signal", lambda number, _: self.handled_signals.append(number))
+        monkeypatch.setattr(signal, "set_wakeup_fd", lambda *_, **__: -1)
+        monkeypatch.setattr(logging.getLogger("rosout"), "filters", [])
+        monkeypatch.setattr(rospy.core, "add_shutdown_hook", lambda _hook: None)
+        monkeypatch.setattr(rospy.core, "is_shutdown_requested", lambda: self.down)
+        monkeypatch.setattr(rospy, "signal_shutdown", self.end)
+        monkeypatch.setattr(tcpros_base, "start_tcpros_server", lambda: None)
+        socket_ = SimpleNamespace(listen=lambda _backlog: setattr(self, "is_open", True))
+        server = SimpleNamespace(server_sock=socket_, inbound_handler=None)
+        monkeypatch.setattr(tcpros_base, "_tcpros_server", SimpleNamespace(tcp_ros_server=server))
         monkeypatch.setattr(rospy, "is_shutdown", lambda: self.down)
         monkeypatch.setattr(rospy, "on_shutdown", self.ending.append)
         monkeypatch.setattr(rospy, "get_time", lambda: self.now - 90.0)
@@ -299,9 +350,12 @@ class Life:
         else:
             self.down = True
 
-    def begin(self, *given: str, **options: bool) -> None:
-        """Replacement of begin_node."""
-        self.begun.append((given, options))
+    def end(self, reason: str) -> None:
+        """End the node like rospy.signal_shutdown."""
+        self.end_reasons.append(reason)
+        self.down = True
+        for hook in self.ending:
+            hook()
 
     def thread(self, **given: object) -> SimpleNamespace:
         """Replacement of threading.Thread; the test calls its function."""
@@ -317,9 +371,9 @@ class Life:
 
 
 @pytest.fixture
-def life(graph: Graph, monkeypatch: pytest.MonkeyPatch) -> Life:
+def life(graph: Graph, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Life:
     """Life cycle of the one node that the test runs."""
-    return Life(graph, monkeypatch)
+    return Life(graph, monkeypatch, tmp_path / "log")
 
 
 @pytest.fixture

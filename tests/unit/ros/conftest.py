@@ -29,13 +29,13 @@ import rospy
 from genpy import Message
 from genpy.generator import MsgGenerator, SrvGenerator
 from geometry_msgs.msg import Point, Pose, Quaternion
-from rospy.impl import tcpros_base
+from rospy.impl import masterslave, registration, tcpros_base
 
 from aras_sim_bridge.ros.runtime.pacing import Pacer
 from aras_sim_bridge.ros.runtime.send_queue import QUEUE_FLUSHER
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_sim_bridge.simulation import Simulation
-from aras_visual_servo_ros import parameters
+from aras_visual_servo_ros import connections, parameters
 
 sys.path.insert(0, str(Path(__file__).parent))
 SOURCES = Path(__file__).parents[3] / "src"
@@ -303,42 +303,66 @@ def graph(monkeypatch: pytest.MonkeyPatch) -> Graph:
     return it
 
 
-class Life:
+class Start:
+    """Start and end of a node, in which rospy's own part is replaced; signals stay as they are."""
+
+    def __init__(self, graph: Graph, monkeypatch: pytest.MonkeyPatch, logs: Path) -> None:
+        self.graph, self.down = graph, False
+        self.begun: list[tuple[str, dict[str, bool]]] = []
+        self.is_open = False  # to several connections at once
+        self.is_ended_early = lambda: False
+        self.end_reasons: list[str] = []
+        self.ending: list[Callable[[], object]] = []
+        self.handled_signals: list[int] = []
+        socket_ = SimpleNamespace(listen=lambda _backlog: setattr(self, "is_open", True))
+        server = SimpleNamespace(server_sock=socket_, inbound_handler=None)
+        monkeypatch.setenv("ROS_PACKAGE_PATH", str(SOURCES))
+        monkeypatch.setenv("ROS_LOG_DIR", str(logs))
+        for place, name, value in (
+            (rospy, "init_node", lambda name, **options: self.begun.append((name, options))),
+            (rospy, "is_shutdown", lambda: self.down),
+            (rospy, "on_shutdown", self.ending.append),
+            (rospy, "signal_shutdown", self.end),
+            (rospy.core, "add_shutdown_hook", lambda _hook: None),
+            (rospy.core, "is_shutdown_requested", lambda: self.is_ended_early()),
+            (masterslave.ROSHandler, "_connect_topic", lambda *_: None),
+            (registration.RegManager, "publisher_update", lambda *_: None),
+            (tcpros_base, "start_tcpros_server", lambda: None),
+            (tcpros_base, "_tcpros_server", SimpleNamespace(tcp_ros_server=server)),
+            (signal, "signal", lambda number, _: self.handled_signals.append(number)),
+            (signal, "set_wakeup_fd", lambda *_, **__: -1),
+            (logging.getLogger("rosout"), "filters", []),
+        ):
+            monkeypatch.setattr(place, name, value)
+
+    def end(self, reason: str) -> None:
+        """End the node like rospy.signal_shutdown."""
+        self.end_reasons.append(reason)
+        self.down = True
+        for hook in self.ending:
+            hook()
+
+    @property
+    def finds_publishers(self) -> bool:
+        """Whether rospy has been patched so that it connects to every publisher once."""
+        return masterslave.ROSHandler._connect_topic.__module__ == connections.__name__
+
+
+class Life(Start):
     """Life cycle of a node: its start, the wall time while it sleeps, and its shutdown.
 
     While it sleeps the next of `steps` is done; after the last one the node is shut down.
-    rospy's own part of the start and of the end is replaced; signals stay as they are.
     """
 
     def __init__(self, graph: Graph, monkeypatch: pytest.MonkeyPatch, logs: Path) -> None:
-        self.graph, self.down, self.now = graph, False, 100.0
-        self.begun: list[tuple[str, dict[str, bool]]] = []
-        self.is_open = False  # to several connections at once
-        self.end_reasons: list[str] = []
-        self.handled_signals: list[int] = []
+        super().__init__(graph, monkeypatch, logs)
+        self.now = 100.0
         self.slept: list[float] = []
         self.steps: list[Callable[[], object]] = []
-        self.ending: list[Callable[[], object]] = []
         self.waited: list[tuple[str, float]] = []
         self.threads: list[SimpleNamespace] = []
-        monkeypatch.setenv("ROS_PACKAGE_PATH", str(SOURCES))
         monkeypatch.setattr("time.monotonic", lambda: self.now)
         monkeypatch.setattr("time.sleep", self.sleep)
-        monkeypatch.setenv("ROS_LOG_DIR", str(logs))
-        monkeypatch.setattr(rospy, "init_node", lambda name, **options: self.begun.append(
-            (name, options)))
-        monkeypatch.setattr(signal, "signal", lambda number, _: self.handled_signals.append(number))
-        monkeypatch.setattr(signal, "set_wakeup_fd", lambda *_, **__: -1)
-        monkeypatch.setattr(logging.getLogger("rosout"), "filters", [])
-        monkeypatch.setattr(rospy.core, "add_shutdown_hook", lambda _hook: None)
-        monkeypatch.setattr(rospy.core, "is_shutdown_requested", lambda: self.down)
-        monkeypatch.setattr(rospy, "signal_shutdown", self.end)
-        monkeypatch.setattr(tcpros_base, "start_tcpros_server", lambda: None)
-        socket_ = SimpleNamespace(listen=lambda _backlog: setattr(self, "is_open", True))
-        server = SimpleNamespace(server_sock=socket_, inbound_handler=None)
-        monkeypatch.setattr(tcpros_base, "_tcpros_server", SimpleNamespace(tcp_ros_server=server))
-        monkeypatch.setattr(rospy, "is_shutdown", lambda: self.down)
-        monkeypatch.setattr(rospy, "on_shutdown", self.ending.append)
         monkeypatch.setattr(rospy, "get_time", lambda: self.now - 90.0)
         monkeypatch.setattr(rospy, "wait_for_service", self._wait)
 
@@ -349,13 +373,6 @@ class Life:
             self.steps.pop(0)()
         else:
             self.down = True
-
-    def end(self, reason: str) -> None:
-        """End the node like rospy.signal_shutdown."""
-        self.end_reasons.append(reason)
-        self.down = True
-        for hook in self.ending:
-            hook()
 
     def thread(self, **given: object) -> SimpleNamespace:
         """Replacement of threading.Thread; the test calls its function."""
@@ -371,9 +388,29 @@ class Life:
 
 
 @pytest.fixture
+def start(graph: Graph, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Start:
+    """Start and end of the one node that the test runs."""
+    return Start(graph, monkeypatch, tmp_path / "log")
+
+
+@pytest.fixture
 def life(graph: Graph, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Life:
     """Life cycle of the one node that the test runs."""
     return Life(graph, monkeypatch, tmp_path / "log")
+
+
+@pytest.fixture
+def roslaunch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
+    """Function that makes a bash script the program `roslaunch`."""
+    folder = tmp_path / "programs"
+    folder.mkdir()
+    monkeypatch.setenv("PATH", f"{folder}:{os.environ['PATH']}")
+
+    def write(script: str) -> None:
+        (folder / "roslaunch").write_text(f"#!/bin/bash\n{script}")
+        (folder / "roslaunch").chmod(0o755)
+
+    return write
 
 
 @pytest.fixture

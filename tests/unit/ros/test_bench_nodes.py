@@ -513,7 +513,7 @@ def test_a_bag_is_converted_message_by_message(tmp_path):
 
 
 @pytest.fixture
-def launch(tmp_path, monkeypatch):
+def launch(tmp_path, roslaunch, monkeypatch):
     """A roslaunch that is a script; a signal to a process of any other session is a failure."""
     begin, kill, sessions = subprocess.Popen, os.kill, set()
 
@@ -531,12 +531,9 @@ def launch(tmp_path, monkeypatch):
     monkeypatch.setattr(os, "kill", guarded)
 
     def start(script):
-        tool = tmp_path / "roslaunch"
-        tool.write_text(f"#!/bin/bash\n{script}")
-        tool.chmod(0o755)
-        monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+        roslaunch(script)
         begun.append(ros_launch.RosLaunch(["a", "b:=1"], tmp_path / "the.log",
-                                      {**os.environ, "MINE": "yes"}))
+                                          {**os.environ, "MINE": "yes"}))
         return begun[-1]
 
     begun = []

@@ -142,6 +142,7 @@ class Graph:
         self.periods: list[float] = []  # s, of lines that are written once in a while
         self.timers: list[tuple] = []
         self.wall_time = 100.0
+        self.published: list | Exception = []  # topics with their publishers, as the master says
         self.sources: dict[str, int] = {}  # how many publish on a topic to which a node listens
         self.proxies: list[tuple[str, type, dict[str, object]]] = []  # of services that were asked
 
@@ -219,6 +220,12 @@ class Graph:
     def getPid(self) -> int:
         """Answer like the master's getPid."""
         return 7
+
+    def getSystemState(self) -> tuple:
+        """Answer like the master's getSystemState."""
+        if isinstance(self.published, Exception):
+            raise self.published
+        return self.published, [], []
 
     def lookupService(self, name: str) -> str:
         """Answer like the master's lookupService."""
@@ -381,7 +388,7 @@ class Life(Start):
         self.threads.append(it)
         return it
 
-    def _wait(self, name: str, timeout: float) -> None:
+    def _wait(self, name: str, timeout: float | None = None) -> None:
         self.waited.append((name, timeout))
         if rospy.resolve_name(name) not in self.graph.services:
             raise rospy.ROSException(f"timeout exceeded while waiting for service {name}")

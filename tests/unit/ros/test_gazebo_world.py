@@ -6,12 +6,12 @@ import math
 from types import SimpleNamespace
 
 import pytest
-import rospy
 from dynamic_reconfigure.msg import BoolParameter, Config, DoubleParameter, IntParameter
 from gazebo_msgs.msg import ModelState, ODEJointProperties, ODEPhysics
 from geometry_msgs.msg import Point, Pose, Quaternion, Twist, Vector3
 from std_msgs.msg import ColorRGBA
 
+from aras_sim_bridge.description import parse_urdf
 from aras_sim_bridge.ros.gazebo_api.descriptions import find_namespace
 from aras_sim_bridge.ros.runtime.pacing import Pacer
 from aras_sim_bridge.ros.runtime.reconfigure import PHYSICS_FIELDS
@@ -124,18 +124,6 @@ def test_names_that_cannot_be(call, name, words):
         len(name) > 9)
 
 
-def test_the_longest_name_is_taken_and_a_spawn_has_a_minute(api, call, monkeypatch):
-    limits, given = [], api.thread.call
-
-    def watched(job, *limit):
-        limits.extend(limit)
-        return given(job, *limit)
-
-    monkeypatch.setattr(api.thread, "call", watched)
-    call("spawn_urdf_model", "x" * 256, BALL, "", Pose(), "")
-    assert limits == [60.0]
-
-
 @pytest.mark.parametrize(("own", "requested", "namespace"), [
     ([], "/a/b/", "/a/b"), ([], "", ""), ([], "/", ""), (["", "mine/"], "/a", "/mine"),
     (["mine", "his"], "", "/mine"),
@@ -143,8 +131,10 @@ def test_the_longest_name_is_taken_and_a_spawn_has_a_minute(api, call, monkeypat
 def test_controllers_are_in_the_namespace_of_the_plugin_or_of_the_request(
     own, requested, namespace
 ):
-    description = SimpleNamespace(
-        control_plugins=[SimpleNamespace(robot_namespace=name) for name in own])
+    plugins = "".join(
+        "<gazebo><plugin name='c' filename='libgazebo_ros_control.so'>"
+        f"<robotNamespace>{name}</robotNamespace></plugin></gazebo>" for name in own)
+    description = parse_urdf(f"<robot name='r'><link name='l'/>{plugins}</robot>")
     assert find_namespace(description, requested) == namespace
 
 
@@ -346,7 +336,7 @@ def test_metrics_tell_how_often_cameras_that_are_looked_at_draw(api, monkeypatch
 
 def test_metrics_are_told_five_times_a_second(api, monkeypatch):
     now = [0.5]
-    monkeypatch.setattr("aras_sim_bridge.ros.gazebo_api.states.time.monotonic", lambda: now[0])
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
     metrics, told = api.graph.publishers["/gazebo/performance_metrics"], []
     metrics.impl.connections.append(object())
     for now[0] in (0.5, 0.6875, 0.75, 0.875, 0.96875):
@@ -366,18 +356,6 @@ def test_the_real_time_factor_is_told_once_a_second(api):
     tell(None)  # a second comes round while the node ends: no traceback
     assert factor.sent == [0.0]
 
-
-def test_a_fault_of_ours_is_an_answer_too(api, call, monkeypatch):
-    def broken(*_: object) -> None:
-        raise SystemExit("gone")
-
-    monkeypatch.setattr(type(api.thread.simulation), "delete_light", broken)
-    answer = call("delete_light", "sun", refused=True)
-    assert answer.status_message == "DeleteLight: internal error, SystemExit: gone"
-    assert "please report it" in api.graph.lines[-1]
-    monkeypatch.setattr(type(api.thread.simulation), "reset_world", broken)
-    with pytest.raises(rospy.ServiceException, match="internal error"):
-        call("reset_world")
 
 HINGE = "<axis><xyz>0 1 0</xyz></axis>"
 BARS = ("<sdf version='1.6'><model name='m'><link name='a'/><link name='b'><pose>0 0 1 0 0 0</pose>"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import subprocess
-import sys
 import time
 
 import numpy as np
@@ -209,13 +208,6 @@ def test_kernel_features_carry_their_images_stamp_or_a_reason(ros_node, collect,
     assert not found.messages[-1].data
 
 
-def test_waits_for_images_and_says_so(ros_node, start) -> None:
-    node = start(log_period=0.5)
-    wait_for(
-        lambda: "waiting for images on /labrob/camera/image_raw" in node.output(), 20.0, "its line"
-    )
-
-
 def test_wrong_parameters_end_it_with_one_line(ros_node, ros_master, start) -> None:
     """All of them: tests/unit/features/test_parameters.py."""
     node = start(mask_image="/nowhere.png")
@@ -249,25 +241,3 @@ def test_master_gone_ends_the_node(tmp_path):
     assert node.returncode == 0
     assert "the ROS master does not answer any more: ending" in output
     assert "Traceback" not in output
-
-
-ENDING = """
-import os, signal, threading, rospy
-from aras_visual_servo_ros.shutdown import end_on_signals
-held = threading.Lock()
-rospy.on_shutdown(lambda: held.acquire() and print("let go", flush=True))
-end_on_signals()
-with held:
-    os.kill(os.getpid(), signal.SIGINT)
-    rospy.rostime.wallsleep(0.2)
-    print("holding", flush=True)
-while not rospy.is_shutdown():
-    rospy.rostime.wallsleep(0.01)
-"""
-
-
-def test_ctrl_c_waits_for_locks_that_the_main_thread_holds():
-    """As that on the master's proxy, in the middle of a log line."""
-    command = [sys.executable, "-c", ENDING]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=20)
-    assert done.stdout.split("\n")[:2] == ["holding", "let go"], done.stderr

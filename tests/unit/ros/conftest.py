@@ -430,13 +430,29 @@ def face(graph: Graph) -> object:
     return RosPublisher(SETTINGS, JOINTS, "camera_optical_frame")
 
 
+class TimedThread(SimulationThread):
+    """Simulation thread that stores the time limits of calls, s."""
+
+    def __init__(self, *given: object, **more: object) -> None:
+        self.limits: list[float] = []
+        super().__init__(*given, **more)
+
+    def call(self, job: Callable[[], object], *limit: float) -> object:
+        self.limits += limit
+        return super().call(job, *limit)
+
+    def step(self, count: int, limit: float) -> int:
+        self.limits.append(limit)
+        return super().step(count, limit)
+
+
 @pytest.fixture
-def thread(request: pytest.FixtureRequest) -> Iterator[SimulationThread]:
+def thread() -> Iterator[TimedThread]:
     """Thread of a simulation with only the ground, paused at time 0; each of `batch_hooks` is
     called after a group of steps."""
     hooks: list[Callable[[int], None]] = []
-    it = SimulationThread(Simulation, Pacer(0.0), paused=True,
-                          after_batch=lambda time_ns: [hook(time_ns) for hook in hooks])
+    it = TimedThread(Simulation, Pacer(0.0), paused=True,
+                     after_batch=lambda time_ns: [hook(time_ns) for hook in hooks])
     it.batch_hooks = hooks
     it.start()
     yield it

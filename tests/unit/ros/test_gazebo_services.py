@@ -26,13 +26,15 @@ def velocity(call):
     return call("get_link_state", "ball::ball").link_state.twist
 
 
-def test_time_advances_by_steps(call, step):
+def test_time_advances_by_steps(api, call, step):
     answer = step(7)
     assert answer.sim_time.to_nsec() == 7_000_000
     assert call("get_world_properties").sim_time == pytest.approx(0.007)
     call("reset_simulation")
     assert call("get_world_properties").sim_time == 0.0
-    assert step(1).status_message == "made 1 steps"
+    api.thread.limits.clear()
+    assert step(1).status_message == "made 1 steps" and api.thread.limits[0] == 600.0
+    assert call("get_world_properties").rendering_enabled
 
 
 @pytest.mark.parametrize("count", [0, 1_000_001])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from types import SimpleNamespace
 
 import pytest
 from dynamic_reconfigure.msg import BoolParameter, Config, DoubleParameter, IntParameter
@@ -12,9 +11,11 @@ from geometry_msgs.msg import Point, Pose, Quaternion, Twist, Vector3
 from std_msgs.msg import ColorRGBA
 
 from aras_sim_bridge.description import parse_urdf
+from aras_sim_bridge.ros.control.manager_services import ManagerServices
 from aras_sim_bridge.ros.gazebo_api.descriptions import find_namespace
 from aras_sim_bridge.ros.runtime.pacing import Pacer
 from aras_sim_bridge.ros.runtime.reconfigure import PHYSICS_FIELDS
+from aras_sim_bridge.ros.runtime.restart_record import RestartRecord
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
 
@@ -148,6 +149,11 @@ def test_text_that_is_no_urdf_is_refused(api, call, text, words):
     assert words in answer.status_message and words in api.graph.lines[-1]
 
 
+def test_the_longest_name_is_taken_and_a_spawn_has_a_minute(api, call):
+    call("spawn_urdf_model", "x" * 256, BALL, "", Pose(), "")
+    assert api.thread.limits == [60.0]
+
+
 def test_a_name_is_given_once_and_a_model_comes_with_what_it_says(api, call, ball):
     answer = call("spawn_urdf_model", "ball", BALL, "", Pose(), "", refused=True)
     assert answer.status_message.startswith("SpawnModel: ")
@@ -182,28 +188,46 @@ def test_physics_tells_what_was_set(api, call, step, ball):
     assert xyz(twist.linear) == pytest.approx((0.02, 0.04, -0.06), abs=1e-9)
 
 
-def test_at_least_one_iteration_is_made_and_what_robots_do_not_bear_is_said(api, call):
-    simulation = api.thread.simulation
-    simulation.robots.update({
-        name: SimpleNamespace(
-            report_stability=lambda step, name=name: name and f"{name} shakes at {step}")
-        for name in ("a", "", "b")})  # fmt: skip
+STIFF = """<robot name="arm"><link name="world"/>
+  <joint name="swing" type="revolute"><parent link="world"/><child link="rod"/><axis xyz="0 0 1"/>
+    <limit lower="-2" upper="2" effort="50" velocity="10"/></joint>
+  <link name="rod"><inertial><mass value="1"/>
+    <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <transmission name="t"><type>transmission_interface/SimpleTransmission</type><joint name="swing">
+    <hardwareInterface>hardware_interface/EffortJointInterface</hardwareInterface></joint>
+    <actuator name="m"/></transmission>
+  <gazebo><plugin name="c" filename="libgazebo_ros_control.so"/></gazebo></robot>"""
+
+
+def test_at_least_one_iteration_is_made_and_what_the_gains_do_not_bear_is_said(api, call):
+    """Of 1 kg m²: 2 h D + h² P = 4 at 41.4 ms."""
+    api.graph.parameters |= {
+        "/arm/stiff/type": "effort_controllers/JointPositionController",
+        "/arm/stiff/joint": "swing", "/arm/stiff/pid/p": 400.0, "/arm/stiff/pid/i": 0.0,
+        "/arm/stiff/pid/d": 40.0}
+    call("spawn_urdf_model", "arm", STIFF, "/arm", Pose(), "")
+    robot = api.thread.simulation.robots["arm"]
+    services = ManagerServices(robot, api.thread, RestartRecord(False))
+    manager = "/arm/controller_manager"
+    assert api.graph.call(f"{manager}/load_controller", "stiff").ok
+    assert api.graph.call(f"{manager}/switch_controller", ["stiff"], [], 2).ok
     before = call("get_physics_properties")
     before.ode_config.sor_pgs_iters = 0
-    answer = call("set_physics_properties", 0.004, 250.0, before.gravity, before.ode_config)
-    told = "a shakes at 0.004; b shakes at 0.004"
-    assert answer.status_message == f"SetPhysicsProperties: physics engine updated; {told}"
-    assert api.graph.lines[-1] == told
-    assert simulation.world.solver_iterations == 1
+    told = ("model 'arm': the loaded PIDs are unstable at steps of 0.043 s: at the current joint "
+            "positions they need 0.041 s")
+    for seconds, warned in ((0.04, False), (0.043, True), (0.001, False)):
+        answer = call("set_physics_properties", seconds, 250.0, before.gravity, before.ode_config)
+        assert answer.status_message.startswith("SetPhysicsProperties: physics engine updated")
+        assert (told in answer.status_message) is warned
+    assert told in api.graph.lines[-1]
+    assert api.thread.simulation.world.solver_iterations == 1
     assert call("get_physics_properties").ode_config.sor_pgs_iters == 0
-    simulation.robots.clear()
-    answer = call("set_physics_properties", 0.001, 250.0, before.gravity, before.ode_config)
-    assert answer.status_message == "SetPhysicsProperties: physics engine updated"
+    services.shutdown()
 
 
 def test_fields_of_physics_are_gazebo_ros_s():
     free = ("double", 0.0, -100.0, 100.0)
-    assert {f.name: (f.type, f.default, f.minimum, f.maximum) for f in PHYSICS_FIELDS} == {
+    fields = {
         "time_step": ("double", 0.001, 0, 10), "max_update_rate": ("double", 60, 0, 1000),
         "gravity_x": free, "gravity_y": free, "gravity_z": ("double", -9.8, -100, 100),
         "auto_disable_bodies": ("bool", False, False, True),
@@ -214,6 +238,8 @@ def test_fields_of_physics_are_gazebo_ros_s():
         "contact_max_correcting_vel": ("double", 100, 0, 1e7),
         "max_contacts": ("int", 100, 0, 10000000),
     }
+    found = {f.name: (f.type, f.default, f.minimum, f.maximum) for f in PHYSICS_FIELDS}
+    assert found == fields and list(found) == list(fields)
     assert all(field.level == 1 for field in PHYSICS_FIELDS)
 
 

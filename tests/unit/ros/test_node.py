@@ -355,34 +355,43 @@ def process(graph, start, monkeypatch):
     """The node's process, which `start.end` ends like a signal."""
     monkeypatch.setattr(sys, "setswitchinterval", lambda interval: start.begun.append(interval))
     monkeypatch.setattr(rospy.rostime, "wallsleep", lambda _seconds: None)
+    sleep, start.slept = time.sleep, []
+    monkeypatch.setattr(time, "sleep", lambda seconds: start.slept.append(seconds) or sleep(0.001))
     start.graph.parameters[f"{rospy.get_name()}/paused"] = True
 
     def run(**given: object) -> threading.Thread:
+        given = {"master_check_period": 1e-4, **given}
         thread = threading.Thread(target=lambda: setattr(start, "status", node.main(given)))
         thread.start()
         return thread
 
-    start.run = run
-    return start
+    def lose_master() -> None:
+        def gone() -> None:
+            raise OSError
+
+        graph.getPid = gone
+
+    start.run, start.lose_master = run, lose_master
+    yield start
+    lose_master()
+    for thread in threading.enumerate():
+        if thread.name == "master watch":
+            thread.join(30.0)
 
 
-def test_the_process_runs_until_it_is_ended(process, monkeypatch):
-    asked, slept, sleep, get_pid = [], [], time.sleep, process.graph.getPid
-    monkeypatch.setattr(process.graph, "getPid", lambda: asked.append(1) or get_pid())
-    monkeypatch.setattr(time, "sleep", lambda seconds: sleep(0.001) or slept.append(seconds))
-    thread = process.run(paused=False, master_check_period=1e-4)
+def test_the_process_runs_until_it_is_ended(process):
+    asked, get_pid = [], process.graph.getPid
+    process.graph.getPid = lambda: asked.append(1) or get_pid()
+    thread = process.run(paused=False)
     until(lambda: len(asked) > 5 or not thread.is_alive())
-    assert len(asked) > 0.5 * slept.count(0.5)  # as often as it is set
+    assert len(asked) > 0.5 * process.slept.count(0.5)  # as often as it is set
     assert process.graph.parameters["/use_sim_time"] is True
     # The parameters of the server come before those of the command line.
     assert process.graph.call("/gazebo/get_physics_properties").pause is True
     assert process.begun == [0.0005, ("gazebo", {"disable_signals": True, "disable_rostime": True})]
     assert process.is_open and all(function.signatures for function in list_functions())
 
-    def gone() -> None:
-        raise OSError
-
-    monkeypatch.setattr(process.graph, "getPid", gone)
+    process.lose_master()
     thread.join(300.0)
     assert process.status == 0
     assert process.end_reasons == ["the ROS master does not answer any more"]

@@ -512,6 +512,45 @@ def slider(call):
     call("spawn_urdf_model", "slider", SLIDER, "", Pose(), "")
 
 
+@pytest.fixture
+def hear_with(graph: Graph, shipped_arm: object) -> Callable[..., object]:
+    """Function that makes a loop with these observers, which stores what it is given."""
+    from aras_visual_servo_controller.observation.camera_rig import CameraRig
+    from aras_visual_servo_controller.ros.ros_publisher import RosPublisher
+    from aras_visual_servo_controller.runner.loop_runner import LoopRunner
+    from aras_visual_servo_controller.settings import Settings
+
+    class HearingRunner(LoopRunner):
+        """Loop that stores its inputs, and the observations of images, without processing them."""
+
+        joints = command = None  # joints at the exposure, and the command that was sent since
+
+        def __init__(self, *given: object) -> None:
+            self.images, self.told, self.sources, self.stops = [], [], {}, []
+            super().__init__(*given)
+
+        def set_source(self, camera: str, source: object) -> None:
+            self.sources[camera] = source
+
+        def add_image(self, stamp: float, observe_frame: Callable, camera: str = "") -> None:
+            commands = () if self.command is None else (self.command,)
+            self.images.append((stamp, observe_frame(self.joints, commands), camera))
+
+        def add_joint_state(self, *given: object) -> None:
+            self.told.append(given)
+
+        def emergency_stop(self, pressed: bool) -> None:
+            self.stops.append(pressed)
+
+    def make(*observers: object) -> HearingRunner:
+        settings = Settings.from_mapping({}, SOURCES / "aras_visual_servo_controller")
+        publisher = RosPublisher(settings, shipped_arm.names, shipped_arm.camera_frame)
+        return HearingRunner(settings.make_servo(shipped_arm), CameraRig(observers), settings,
+                             publisher, lambda: 0.0)
+
+    return make
+
+
 @pytest.fixture(scope="session")
 def shipped_arm() -> object:
     """Arm of the ARAS robot."""

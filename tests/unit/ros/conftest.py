@@ -430,12 +430,29 @@ def face(graph: Graph) -> object:
     return RosPublisher(SETTINGS, JOINTS, "camera_optical_frame")
 
 
+class TimedPacer(Pacer):
+    """Pacer without a limit that stores the simulated times at which it was restarted, ns."""
+
+    def __init__(self) -> None:
+        self.restarts: list[int] = []
+        super().__init__(0.0)
+
+    def restart(self, time_ns: int) -> None:
+        self.restarts.append(time_ns)
+        super().restart(time_ns)
+
+
 class TimedThread(SimulationThread):
-    """Simulation thread that stores the time limits of calls, s."""
+    """Simulation thread that stores the time limits of calls, s; its pace is as it is set."""
 
     def __init__(self, *given: object, **more: object) -> None:
         self.limits: list[float] = []
+        self.pace: float | None = None
         super().__init__(*given, **more)
+
+    @property
+    def real_time_factor(self) -> float:
+        return super().real_time_factor if self.pace is None else self.pace
 
     def call(self, job: Callable[[], object], *limit: float) -> object:
         self.limits += limit
@@ -451,7 +468,7 @@ def thread() -> Iterator[TimedThread]:
     """Thread of a simulation with only the ground, paused at time 0; each of `batch_hooks` is
     called after a group of steps."""
     hooks: list[Callable[[int], None]] = []
-    it = TimedThread(Simulation, Pacer(0.0), paused=True,
+    it = TimedThread(Simulation, TimedPacer(), paused=True,
                      after_batch=lambda time_ns: [hook(time_ns) for hook in hooks])
     it.batch_hooks = hooks
     it.start()

@@ -36,7 +36,6 @@ from aras_visual_servo_bench.ros import (
     mcap,
     move_target,
     ros_launch,
-    target_link,
 )
 from aras_visual_servo_ros import shutdown
 
@@ -288,23 +287,6 @@ def test_a_target_is_moved_from_where_it_lies(graph, life, monkeypatch, capsys):
     monkeypatch.setattr(rospy, "wait_for_service", interrupted)
     assert move_target.main(["circle=0.02", "frequency=0.2"]) == 0
     capsys.readouterr()
-
-
-@pytest.mark.parametrize(("module", "usage", "words", "example"), [
-    (move_target, "move_target [-h] [--model MODEL] [key=value ...]",
-     ["velocity, circle, ...", "name of the model"], "circle=0.02 frequency=0.2"),
-    (target_link, "target_link [-h] --world WORLD link {mesh,start}",
-     ["MODEL::LINK, or MODEL if only one link is visible", "path of the world file"],
-     "crate --world a.world start"),
-])
-def test_a_tool_s_help_has_an_example(module, usage, words, example, monkeypatch, capsys):
-    monkeypatch.setenv("COLUMNS", "200")
-    with pytest.raises(SystemExit):
-        module.main(["--help"])
-    told, name = capsys.readouterr().out, usage.split()[0]
-    assert told.startswith(f"usage: {usage}\n")
-    assert all(word in told for word in (module.__doc__.splitlines()[0], *words))
-    assert told.strip().endswith(f"example: rosrun aras_visual_servo_bench {name} {example}")
 
 
 # -- pictures of a bag -----------------------------------------------------------------------------
@@ -589,12 +571,3 @@ def test_a_launch_is_interrupted_when_its_parent_is_killed(launch):
     ask = "import ctypes as c; n = c.c_int(); c.CDLL(None).prctl(2, c.byref(n)); print(n.value)"
     one = launch(f"exec {sys.executable} -SE -c '{ask}'")
     assert until(lambda: not one.running) and int(one.read_log()) == signal.SIGINT
-
-
-def test_a_free_port_is_free():
-    import socket
-
-    with socket.socket() as probe, socket.socket() as other:
-        for one in (probe, other):
-            one.bind(("127.0.0.1", ros_launch.find_free_port()))
-

@@ -340,7 +340,7 @@ def test_states_are_published_while_somebody_listens(api, call, step, slider, ba
 
 
 def test_metrics_tell_how_often_cameras_that_are_looked_at_draw(api, monkeypatch):
-    monkeypatch.setattr(SimulationThread, "real_time_factor", 0.5)
+    api.thread.pace = 0.5
     simulation = api.thread.simulation
     api.thread.step(2, 60.0)
     settings = {"parent": "world", "pose": [0.0] * 6, "width": 8, "height": 6, "update_rate": 20.0}

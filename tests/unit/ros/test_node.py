@@ -20,7 +20,6 @@ from std_msgs.msg import Float64
 from aras_sim_bridge.control.switching import ControllerInfo
 from aras_sim_bridge.description.types import SceneSettings
 from aras_sim_bridge.description.world_file import WorldFile
-from aras_sim_bridge.errors import SimError
 from aras_sim_bridge.ros.runtime import node
 from aras_sim_bridge.ros.runtime.clock import ClockPublisher
 from aras_sim_bridge.ros.runtime.node import GazeboNode, make_pacer
@@ -343,11 +342,6 @@ def test_lockstep_waits_for_its_topics_by_periods(make):
     until(lambda: it.thread.now_ns() >= 4 * MS)
     make.graph.call("/gazebo/reset_simulation")
     until(lambda: it.thread.is_time_stopped and it.thread.now_ns() == 2 * MS)
-
-
-def test_lockstep_without_topics_is_refused(make):
-    with pytest.raises(SimError, match="lockstep_topics is empty"):
-        make(speed_mode="lockstep")
 
 
 @pytest.fixture

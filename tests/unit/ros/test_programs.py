@@ -603,7 +603,12 @@ def test_help_has_an_example_that_is_understood(program, capsys, module):
     name = module.__name__.rpartition(".")[2]
     with pytest.raises(SystemExit):
         program.run(module, "--help")
-    told = " ".join(capsys.readouterr().out.split())
+    told = capsys.readouterr().out
+    lines = told.splitlines()
+    for line, after in zip(lines, lines[1:], strict=False):
+        if line.startswith("  -"):
+            assert "  " in line.strip() or after.startswith(10 * " "), f"{line}: no help"
+    told = " ".join(told.split())
     assert told.startswith(f"usage: {name} [-h]") and " ".join(module.__doc__.split()) in told
     start = f"example: rosrun {'gazebo_ros' if module is gzserver else 'aras_sim_bridge'} {name} "
     words = told.partition(start)[2].split()

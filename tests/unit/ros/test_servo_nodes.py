@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -373,8 +374,9 @@ def asked(graph, life, monkeypatch):
     made = []
     monkeypatch.setattr(loop_services, "SimpleActionServer", lambda *given, **more: (
         made.append(Server(*given, **more)), made[-1])[1])
-    monkeypatch.setattr(loop_services, "threading", SimpleNamespace(Thread=life.thread))
-    loop_services.LoopServices("/two", owner)
+    with monkeypatch.context() as patch:
+        patch.setattr(threading, "Thread", life.thread)
+        loop_services.LoopServices("/two", owner)
     owner.server, owner.life = made[0], life
     return owner
 

@@ -137,7 +137,7 @@ class Rig:
     def __init__(self, namespace: str, collect) -> None:
         self.namespace = namespace
         self.manager = f"{namespace}/controller_manager"
-        self._states = collect(f"{namespace}/joint_states", JointState)
+        self.states_heard = collect(f"{namespace}/joint_states", JointState)
         self._publishers: dict[str, rospy.Publisher] = {}
 
     def load(self, *names: str) -> None:
@@ -178,14 +178,14 @@ class Rig:
 
     def at(self, time_ns: int) -> JointState:
         """Return the joint states of that time."""
-        return self._states.wait(1, 5.0, where=lambda m: m.header.stamp.to_nsec() == time_ns)
+        return self.states_heard.wait(1, 5.0, where=lambda m: m.header.stamp.to_nsec() == time_ns)
 
     def hear(self) -> None:
         """Wait until joint states arrive from a new publisher."""
 
         def heard() -> bool:
             time_ns = step(1)
-            return any(m.header.stamp.to_nsec() == time_ns for m in self._states.messages)
+            return any(m.header.stamp.to_nsec() == time_ns for m in self.states_heard.messages)
 
         wait_for(heard, 5.0, "joint states", interval=0.1)
 
@@ -230,7 +230,7 @@ def rig(rig_world, collect):
     """The first robot, at rest at zero, with only its joint state controller."""
     call("/gazebo/reset_simulation", Empty)
     robot = Rig("/rig", collect)
-    wait_for(robot._states.connected, 5.0, "joint states")
+    wait_for(robot.states_heard.connected, 5.0, "joint states")
     yield robot
     robot.clear()
 
@@ -239,6 +239,6 @@ def rig(rig_world, collect):
 def other(rig_world, collect):
     """The second robot."""
     robot = Rig("/other", collect)
-    wait_for(robot._states.connected, 5.0, "joint states")
+    wait_for(robot.states_heard.connected, 5.0, "joint states")
     yield robot
     robot.clear()

@@ -290,11 +290,6 @@ class Launch:
                 f"{self.name}: {trouble} {', '.join(sorted(missing))} came up:\n{self.tail()}"
             )
 
-    def wait_for_end(self, timeout: float) -> int:
-        """Return roslaunch's exit status after it has ended by itself."""
-        wait_for(lambda: self.process.poll() is not None, timeout, f"the end of {self.name}")
-        return self.process.returncode
-
     def interrupt(self) -> None:
         """Stop it as with Ctrl-C, without deleting parameters."""
         if self.process.poll() is None:

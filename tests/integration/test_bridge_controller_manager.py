@@ -1,48 +1,47 @@
-"""Controller manager on the graph: switching rules, user-defined controllers, tools.
+"""Controllers and their manager on the graph: commands, goals, user-defined controllers, tools.
 
 The robots and the world that they stand in: see controller_rig.py.
 """
 
 from __future__ import annotations
 
+import math
 import signal
 import subprocess
+import sys
 import threading
 
+import actionlib
 import pytest
 import rospy
+from actionlib_msgs.msg import GoalStatus
+from control_msgs.msg import FollowJointTrajectoryAction, FollowJointTrajectoryGoal
 from controller_manager_msgs.srv import (
     ListControllerTypes,
     LoadController,
     ReloadControllerLibraries,
 )
-from controller_rig import BEST_EFFORT, USER_CLASS, call
+from controller_rig import USER_CLASS, call, step
 from gazebo_msgs.srv import DeleteModel
 from ros_graph import PATIENCE, wait_for
 from std_msgs.msg import Bool
 from std_srvs.srv import Empty
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 pytest_plugins = ["controller_rig"]
 
+UNDER_WAY = (GoalStatus.PENDING, GoalStatus.ACTIVE)
+WRONG_TYPE = """
+import sys, time, rospy
+from std_msgs.msg import String
+
+rospy.init_node("wrong", anonymous=True)
+publisher = rospy.Publisher(sys.argv[1], String, queue_size=1, latch=True)
+publisher.publish("5.0")
+time.sleep(0.5)
+print(publisher.get_num_connections(), "connections")
+"""
 RELOAD = "/rig/controller_manager/reload_controller_libraries"
-
-
-def test_switch_rules(rig):
-    rig.load("push", "efforts", "spin")
-    assert not rig.switch(["push", "efforts"])  # both claim the cart
-    assert not rig.switch(["nobody"])
-    assert rig.switch(["nobody", "push"], [], BEST_EFFORT)
-    assert not rig.switch(["push"])  # it runs
-    assert not rig.switch([], ["spin"])  # it does not
-    assert not rig.switch(["push"], ["push"], BEST_EFFORT)
-    assert rig.switch([], [])
-    assert rig.switch(["efforts"], ["push"])
-    assert rig.states() == {
-        "joint_state_controller": "running",
-        "push": "stopped",
-        "efforts": "running",
-        "spin": "initialized",
-    }
 
 
 def test_switches_in_the_middle_of_resets(rig):
@@ -185,6 +184,60 @@ def test_spawners_files_waits_and_ends(rig, ros_master, tmp_path):
     finally:
         call("/gazebo/pause_physics", Empty)
         gate.unregister()
+
+
+def test_joint_states_are_alphabetical_with_extra_joints(rig):
+    message = rig.at(step(1))
+    assert message.name == ["cart", "servo", "slide", "table", "wheel", "dummy"]
+    assert message.position[-1] == 0.5
+    assert message.header.frame_id == ""
+
+
+def test_wrong_type_and_nan_on_a_command_topic(rig, rig_world, ros_master):
+    rig.start("push")
+    # In a process of its own: rospy has one type a topic and process.
+    seen = ros_master.run([sys.executable, "-c", WRONG_TYPE, "/rig/push/command"])
+    assert seen.stdout.strip() == "0 connections"
+    assert rig.see("cart", "effort", 5) == 0.0
+    rig.send("push", 2.0)
+    rig.until("cart", "effort", lambda f: f == 2.0)
+    for value in (math.nan, math.inf):
+        rig.send("push", value)
+    wait_for(lambda: "is not finite" in rig_world.output(), 5.0, "the complaint")
+    assert rig.see("cart", "effort", 3) == 2.0
+
+
+def goal_for(names, points, **fields) -> FollowJointTrajectoryGoal:
+    """A goal of (time [s], positions) pairs."""
+    trajectory = JointTrajectory(joint_names=names)
+    for time, positions in points:
+        point = JointTrajectoryPoint(positions=positions)
+        point.time_from_start = rospy.Duration.from_sec(time)
+        trajectory.points.append(point)
+    return FollowJointTrajectoryGoal(trajectory=trajectory, **fields)
+
+
+def client_of(controller: str) -> actionlib.SimpleActionClient:
+    client = actionlib.SimpleActionClient(
+        f"{controller}/follow_joint_trajectory", FollowJointTrajectoryAction
+    )
+    assert client.wait_for_server(rospy.Duration(10.0))
+    return client
+
+
+def test_a_goal_is_cancelled(rig):
+    rig.start("path")
+    client = client_of("/rig/path")
+    client.send_goal(goal_for(["slide", "servo"], [(2.0, [0.5, 0.5])]))
+    wait_for(lambda: client.get_state() == GoalStatus.ACTIVE, 5.0, "the goal's acceptance")
+    held = rig.see("slide", steps=100)
+    client.cancel_goal()
+    wait_for(lambda: client.get_state() not in UNDER_WAY, 5.0, "the goal's end, while time stands")
+    assert client.get_state() == GoalStatus.PREEMPTED
+    # It holds where it was read last, and has gone on from there for one step, as in ros_control.
+    assert rig.see("slide") > held + 1e-4
+    for steps in (1, 100):
+        assert rig.see("slide", steps=steps) == pytest.approx(held, abs=1e-6)
 
 
 def test_log_holds_no_traceback(rig_world):

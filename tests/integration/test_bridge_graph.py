@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
-import ctypes
 import math
-import re
-import signal
 from itertools import pairwise
-from pathlib import Path
 
 import pytest
 import rospy
 from control_msgs.msg import JointControllerState
 from controller_manager_msgs.srv import ListControllers
 from ros_graph import wait_for, wait_for_message
-from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, Image, JointState
 from std_msgs.msg import Float64
-from std_srvs.srv import Empty
 
 ROBOT = "/aras_visual_servo"
 MANAGER = f"{ROBOT}/controller_manager"
@@ -118,31 +112,5 @@ def test_camera_sees_white_table_and_black_target():
     assert min(image.data[corner : corner + 3]) >= 231
 
 
-def test_reset_simulation_restarts_the_clock_and_everything_goes_on(collect):
-    clock = collect("/clock", Clock)
-    states = collect(f"{ROBOT}/joint_states", JointState)
-    images = collect("/labrob/camera/image_raw", Image)
-    images.wait(2, timeout=5.0)
-    call("/gazebo/reset_simulation", Empty)
-    for collector in (clock, states, images):
-        collector.clear()
-    assert clock.wait(3, timeout=5.0).clock.to_sec() < 5.0
-    assert states.wait(3, timeout=5.0).header.stamp.to_sec() < 5.0
-    assert images.wait(3, timeout=5.0).header.stamp.to_sec() < 5.0
-    assert len(running()) == 7
-
-
 def test_log_holds_no_traceback(bridge):
     assert "Traceback" not in bridge.output()
-
-
-def test_interrupt_that_another_thread_takes_ends_the_node(launch):
-    """The kernel gives a process's signal to any thread; only the main one runs the handler."""
-    launched = launch("aras_sim_bridge", "empty_world.launch", own_master=True)
-    found = wait_for(lambda: re.search(r"is up, process (\d+)", launched.output()), 30.0, "gazebo")
-    process = int(found[1])
-    threads = sorted(int(task.name) for task in Path(f"/proc/{process}/task").iterdir())
-    other = threads[1]  # the first after the main thread lasts: it is rospy's
-    if ctypes.CDLL(None, use_errno=True).tgkill(process, other, signal.SIGINT):
-        raise OSError(ctypes.get_errno(), "tgkill")
-    wait_for(lambda: not Path(f"/proc/{process}").exists(), 5.0, "the end of the node")

@@ -7,14 +7,11 @@ from itertools import pairwise
 import pytest
 import rospy
 from controller_manager_msgs.srv import ListControllers, LoadController, SwitchController
-from dynamic_reconfigure.msg import Config, ConfigDescription
 from gazebo_calls import ARM, EYE, at, call, delete, place, spawn, step
 from gazebo_msgs.srv import (
     GetJointProperties,
-    GetPhysicsProperties,
     GetWorldProperties,
     SetModelState,
-    SetPhysicsProperties,
 )
 from geometry_msgs.msg import Twist
 from ros_graph import wait_for
@@ -112,45 +109,6 @@ def test_resets_with_controllers_and_images(collect):
     assert angle() == pytest.approx(0.75, abs=1e-3)
     delete("arm", "eye")
     assert call("get_world_properties", GetWorldProperties).model_names == ["ground_plane"]
-
-
-def test_physics_fields_in_upstreams_order(collect):
-    found = collect("/gazebo/parameter_descriptions", ConfigDescription).wait(1)
-    names = [p.name for p in found.groups[0].parameters]
-    assert names == [
-        "time_step", "max_update_rate", "gravity_x", "gravity_y", "gravity_z",
-        "auto_disable_bodies", "sor_pgs_precon_iters", "sor_pgs_iters", "sor_pgs_w",
-        "sor_pgs_rms_error_tol", "cfm", "erp", "contact_surface_layer",
-        "contact_max_correcting_vel", "max_contacts",
-    ]  # fmt: skip
-    assert {p.level for p in found.groups[0].parameters} == {1}
-    limits = {p.name: (p.value, q.value) for p, q in zip(found.min.doubles, found.max.doubles,
-                                                         strict=True)}  # fmt: skip
-    assert limits["time_step"] == (0.0, 10.0)
-    assert limits["contact_max_correcting_vel"] == (0.0, 1e7)
-    defaults = {p.name: p.value for p in found.dflt.doubles}
-    assert (defaults["max_update_rate"], defaults["sor_pgs_rms_error_tol"]) == (60.0, -1.0)
-    present = collect("/gazebo/parameter_updates", Config).wait(1)
-    assert {p.name: p.value for p in present.doubles}["gravity_z"] == -9.8
-
-
-def test_a_step_that_the_gains_do_not_bear_is_told_in_the_answer(world):
-    gains = {"p": 400.0, "i": 0.0, "d": 40.0}  # of 1 kg m2: 2 h D + h2 P = 4 at 41.4 ms
-    rospy.set_param("/arm/stiff", {
-        "type": "effort_controllers/JointPositionController", "joint": "swing", "pid": gains})
-    spawn("arm", ARM, initial_pose=at(3, 0, 0))
-    assert call("/arm/controller_manager/load_controller", LoadController, "stiff").ok
-    call("/arm/controller_manager/switch_controller", SwitchController, ["stiff"], [], 2, False,
-         0.0)
-    before = call("get_physics_properties", GetPhysicsProperties)
-    rest = (before.max_update_rate, before.gravity, before.ode_config)
-    for seconds, warned in ((0.04, False), (0.043, True), (before.time_step, False)):
-        answer = call("set_physics_properties", SetPhysicsProperties, seconds, *rest)
-        assert answer.success
-        assert ("model 'arm': the loaded PIDs are unstable at steps of 0.043 s: at the current "
-                "joint positions they need 0.041 s" in answer.status_message) == warned
-    assert "need 0.041 s" in world.output()
-    delete("arm")
 
 
 def test_loggers_answer():

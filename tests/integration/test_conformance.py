@@ -14,9 +14,6 @@ from ros_graph import wait_for
 from sensor_msgs.msg import CameraInfo, Image, JointState
 from std_msgs.msg import Float64
 
-from aras_sim_bridge.errors import DescriptionError
-from aras_sim_bridge.ros.cli.gzserver import find_world, parse
-
 TREES = Path(__file__).parents[1] / "conformance"
 
 
@@ -51,24 +48,3 @@ def test_its_camera_is_there(first_generation, collect):
     image = collect("/arm/eye/image_raw", Image).wait(1, 30.0)
     info = collect("/arm/eye/camera_info", CameraInfo).wait(1, 30.0)
     assert (image.width, image.height, info.header.frame_id) == (64, 48, "eye")
-
-
-def test_gazebos_command_line_is_understood():
-    words = "-u -e ode --seed 7 -s libgazebo_ros_api_plugin.so -r worlds/empty.world"
-    given = parse(words.split())
-    assert (given.world, given.paused, given.verbose, given.seed) == (
-        "worlds/empty.world", True, False, 7
-    )  # fmt: skip
-    assert parse([]).world == "" and not parse([]).paused
-
-
-def test_worlds_are_found_where_gazebo_looks(tmp_path, monkeypatch):
-    world = tmp_path / "worlds" / "mine.world"
-    world.parent.mkdir()
-    world.write_text("<sdf/>")
-    monkeypatch.setenv("GAZEBO_RESOURCE_PATH", f"/nowhere:{tmp_path}")
-    assert find_world("worlds/mine.world") == str(world)
-    assert find_world("worlds/empty.world").endswith("gazebo_ros/worlds/empty.world")
-    assert find_world("") == ""
-    with pytest.raises(DescriptionError, match=r"worlds/none\.world.*GAZEBO_RESOURCE_PATH"):
-        find_world("worlds/none.world")

@@ -27,7 +27,7 @@ from played_robot import (
     image_of,
     phase_is,
 )
-from ros_graph import PATIENCE, RosMaster, wait_for
+from ros_graph import PATIENCE, wait_for
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 from std_srvs.srv import Trigger
@@ -228,75 +228,3 @@ def test_velocity_output_ends_with_zero(plant, start, states, collect):
     assert len(speeds.messages[-1].data) == 6 and not plant.received
     assert node.stop() == 0
     wait_for(lambda: not np.any(speeds.messages[-1].data), 5.0, "zero")
-
-
-@pytest.fixture
-def controllers():
-    """Puts parameters of controllers where a robot's are, and takes them away."""
-    put = []
-
-    def add(name, kind, **joints):
-        put.append(f"{NAMESPACE}/{name}")
-        rospy.set_param(put[-1], {"type": f"effort_controllers/Joint{kind}Controller", **joints})
-
-    yield add
-    for name in put:
-        rospy.delete_param(name)
-
-
-def test_controllers_are_found_by_joint_and_type(plant, start, states, collect, controllers):
-    """Beside those of positions, which the robot's own file names; who is not there is named."""
-    for name in ARM.names:
-        controllers(CONTROLLERS[name], "Position", joint=name)
-        controllers(f"turns_{name}", "Velocity", joint=name)
-    heard = {n: collect(f"{NAMESPACE}/turns_{n}/command", Float64) for n in ARM.names[:-1]}
-    node = start("_start:=none", "_output:=velocity")
-    wait_for(phase_is(states, "servoing"), 20.0, "servoing")
-    wait_for(lambda: all(topic.messages for topic in heard.values()), 10.0, "speeds")
-    wait_for(lambda: "no controller subscribes to" in node.output(), 20.0, "a warning")
-    (told, *_) = [line for line in node.output().splitlines() if "no controller subscribes" in line]
-    assert f"to {NAMESPACE}/turns_{ARM.names[-1]}/command: start that controller" in told
-    assert not plant.received
-
-
-def test_a_group_gets_the_numbers_in_its_own_order(plant, start, states, controllers):
-    order = (*ARM.names[2:], *ARM.names[:2])
-    controllers("whole", "GroupPosition", joints=list(order))
-
-    def taken(message):
-        for name, value in zip(order, message.data, strict=True):
-            plant.command[ARM.names.index(name)] = value
-
-    topic = rospy.Subscriber(f"{NAMESPACE}/whole/command", Float64MultiArray, taken)
-    start("_start:=2016")
-    try:
-        wait_for(phase_is(states, "converged"), 30.0, "the goal")
-    finally:
-        topic.unregister()
-    assert not plant.received
-    distance, angle = plant.off()
-    assert distance < 1e-3 and angle < 0.01
-
-
-def test_wrong_parameters_end_the_node_in_one_line(ros_node, start):
-    """All of them: tests/unit/servo/test_parameters.py."""
-    node = start("_gian:=3")
-    assert node.process.wait(20.0 * PATIENCE) == 1
-    lines = [line for line in node.output().splitlines() if line.strip()]
-    assert len(lines) == 1
-    assert "unknown parameter ~gian: did you mean 'gain'" in lines[0]
-
-
-def test_master_gone_ends_the_node(start, tmp_path):
-    master = RosMaster(tmp_path)
-    try:
-        node = start(master=master)
-        wait_for(lambda: "/aras_visual_servo_controller" in master.nodes(), 20.0, "the node")
-        time.sleep(2.5)  # it has asked the living master at least once
-    finally:
-        master.process.terminate()
-        master.process.wait()
-    assert node.process.wait(20.0 * PATIENCE) == 0
-    assert "the ROS master does not answer any more: ending" in node.output()
-    assert "Traceback" not in node.output()
-    master.output.close()

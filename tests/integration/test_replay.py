@@ -17,8 +17,6 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
-from aras_visual_servo_bench.ros.decompress import decompress
-
 GAZEBO = Path(__file__).parents[2] / "src" / "aras_visual_servo_gazebo"
 SHIPPED = (GAZEBO / "robots" / "aras_visual_servo.urdf").read_text()
 URDF = SHIPPED.replace('<robot name="aras_visual_servo"', '<robot name="another"')
@@ -107,14 +105,3 @@ def test_a_bag_plays_with_its_robot_its_clock_and_its_pictures(launch, collect, 
     stamps = [message.clock.to_sec() for message in clock.messages]
     assert stamps[0] >= START and stamps[-1] <= START + SECONDS
     assert stamps == sorted(stamps)  # one clock, that of the bag
-
-
-def test_pictures_that_cannot_be_read_are_none():
-    made = decompress(compressed(rospy.Time(3), ".jpg"))
-    assert made.header.stamp == rospy.Time(3) and made.step == 960
-    red = np.frombuffer(made.data, np.uint8).reshape(240, 320, 3)[120, 150]
-    assert red[0] > red[2]
-    assert decompress(CompressedImage(format="jpeg", data=b"none")) is None
-    grey = cv2.imencode(".png", np.full((2, 3), 7, np.uint8))[1].tobytes()
-    made = decompress(CompressedImage(format="png", data=grey))
-    assert (made.encoding, made.step, made.data) == ("mono8", 3, bytes([7] * 6))

@@ -6,7 +6,6 @@ import json
 import re
 from pathlib import Path
 
-import cv2
 import genpy.dynamic
 import numpy as np
 import pytest
@@ -16,7 +15,7 @@ import yaml
 from aras_visual_servo_camera.msg import ImageMoments
 from aras_visual_servo_controller.msg import ServoState
 from geometry_msgs.msg import TransformStamped
-from sensor_msgs.msg import CameraInfo, CompressedImage, Image, JointState
+from sensor_msgs.msg import CameraInfo, Image, JointState
 from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
@@ -25,9 +24,7 @@ from aras_visual_servo_bench.errors import BenchError
 from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.metrics.summary import summarise
 from aras_visual_servo_bench.recording.image_tracks import compute_tracks
-from aras_visual_servo_bench.recording.recorded_experiment import find_preset
 from aras_visual_servo_bench.ros.bag import read_bag
-from aras_visual_servo_bench.ros.describe import find_launch_commands
 from aras_visual_servo_bench.runner.loop import Loop
 from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_bench.web.report.write import write_report
@@ -73,7 +70,7 @@ def description():
     }  # fmt: skip
 
 
-def write_run(path, optical=True, seconds=3.0, described=False, compressed=False):
+def write_run(path, seconds=3.0, described=False, goals=()):
     """Record a run of the runner as the recorder would; returns run, arm, last joints."""
     experiment = Experiment(plant="chain", start="2016", duration=seconds,
         time_after_convergence=None,
@@ -93,14 +90,12 @@ def write_run(path, optical=True, seconds=3.0, described=False, compressed=False
     with rosbag.Bag(str(path), "w", chunk_threshold=20_000) as bag:
         half = transform("base_link", "upside_down", np.eye(4), rospy.Time(1))
         half.transform.rotation.x, half.transform.rotation.w = 1.0, 0.0
-        static = [half]
-        if optical:
-            static.append(
-                transform("camera_link", "camera_optical_frame", link_T_optical, rospy.Time(1))
-            )
-        bag.write("/tf_static", TFMessage(static), rospy.Time(1))
+        optical = transform("camera_link", "camera_optical_frame", link_T_optical, rospy.Time(1))
+        bag.write("/tf_static", TFMessage([half, optical]), rospy.Time(1))
         if described:
-            text = String(json.dumps(description()))
+            told = description()
+            told["goals"].update(goals)
+            text = String(json.dumps(told))
             bag.write(f"{NAMESPACE}/experiment", text, rospy.Time(1))
         for seen_state, q, outline in seen:
             stamp = seen_state.stamp
@@ -120,15 +115,8 @@ def write_run(path, optical=True, seconds=3.0, described=False, compressed=False
                               D=[0.0] * 4, distortion_model="equidistant")
             bag.write("/labrob/camera/camera_info", info, later)
             image = Image(encoding="rgb8", width=4, height=2, step=12, data=bytes(range(24)))
-            topic = "/labrob/camera/image_raw"
-            if compressed:
-                red = np.zeros((2, 4, 3), np.uint8)
-                red[..., 2] = 255
-                image = CompressedImage(format="rgb8; jpeg compressed bgr8",
-                                        data=cv2.imencode(".jpg", red)[1].tobytes())  # fmt: skip
-                topic += "/compressed"
             image.header.stamp = time
-            bag.write(topic, image, later)
+            bag.write("/labrob/camera/image_raw", image, later)
 
             moments = ImageMoments(valid=True, order=4)
             moments.header.stamp = time
@@ -145,10 +133,9 @@ def write_run(path, optical=True, seconds=3.0, described=False, compressed=False
     return loop.make_run(), arm, seen[-1][1]
 
 
-@pytest.mark.parametrize("optical", [True, False])
-def test_bag_gives_the_run_back(tmp_path, optical):
+def test_bag_gives_the_run_back(tmp_path):
     path = tmp_path / "run.bag"
-    result, arm, last = write_run(path, optical=optical)
+    result, arm, last = write_run(path)
     run = read_bag(path)
     assert run.names == result.names and run.outcome == "converged"
     np.testing.assert_allclose(run.error, result.error)
@@ -197,45 +184,16 @@ def test_a_described_bag_tells_what_the_run_itself_tells(tmp_path):
     np.testing.assert_allclose(found.pixels[-1], found.desired, atol=0.5)
 
 
-def test_a_described_bag_gives_its_experiment_back(tmp_path):
-    path = tmp_path / "run.bag"
-    write_run(path, described=True)
-    told = Experiment.from_mapping(yaml.safe_load(read_bag(path).yaml))
-    assert (told.scheme, told.start, told.camera) == ("moments", "2016", "fisheye")
-    assert told.camera_xyz == (0.0, 0.03, 0.0) and told.seed == 7 and told.gain == 4.0
-    assert told.controller_parameters == {"smoothing": 0.02}
-
-
-def test_launches_of_this_master_are_found_whatever_its_address_looks_like(tmp_path, monkeypatch):
-    def process(number, words, master):
-        folder = tmp_path / str(number)
-        folder.mkdir()
-        (folder / "cmdline").write_bytes("\0".join([*words, ""]).encode())
-        (folder / "environ").write_bytes(f"HOME=/root\0ROS_MASTER_URI={master}\0".encode())
-
-    here = "http://localhost:11311"
-    process(9, ["python3", "/usr/bin/roslaunch", "a", "b.launch", "camera:=wide"], here + "/")
-    process(10, ["/usr/bin/python3", "/usr/bin/roslaunch", "c", "d.launch"], here)
-    process(11, ["python3", "/usr/bin/roslaunch", "e", "f.launch"], "http://elsewhere:11311")
-    process(12, ["python3", "/usr/bin/rosmaster", "roslauncher"], here)
-    (tmp_path / "self").mkdir()
-    monkeypatch.setenv("ROS_MASTER_URI", here + "/")
-    assert find_launch_commands(tmp_path) == [["a", "b.launch", "camera:=wide"], ["c", "d.launch"]]
-
-
-def test_a_camera_is_named_by_its_preset():
-    presets = ROOT / "src/aras_visual_servo_gazebo/config/cameras"
-    for name in ("original", "fisheye"):
-        assert find_preset(yaml.safe_load((presets / f"{name}.yaml").read_text())) == name
-    assert find_preset({"width": 17}) == {"width": 17} and find_preset({}) == "original"
-
-
 def test_a_bag_shows_its_experiment_and_what_it_was_made_of(tmp_path, capsys):
     path, out = tmp_path / "run.bag", tmp_path / "shown"
     write_run(path, described=True)
     assert main(["show", str(path), "--out", str(out)]) == 0
     told = yaml.safe_load(capsys.readouterr().out)
-    assert told["camera"] == "fisheye" and Experiment.from_mapping(told).seed == 7
+    experiment = Experiment.from_mapping(told)
+    assert (experiment.scheme, experiment.start, experiment.camera) == (
+        "moments", "2016", "fisheye")
+    assert experiment.camera_xyz == (0.0, 0.03, 0.0) and experiment.seed == 7
+    assert experiment.gain == 4.0 and experiment.controller_parameters == {"smoothing": 0.02}
     assert Experiment.from_yaml(out / "experiment.yaml") == Experiment.from_mapping(told)
     assert (out / "robot.urdf").read_text() == description()["parameters"]["robot_description"]
     assert (out / "goal_2016.yaml").is_file()
@@ -247,14 +205,11 @@ def test_a_bag_shows_its_experiment_and_what_it_was_made_of(tmp_path, capsys):
     assert "older version" in capsys.readouterr().err
 
 
-def test_no_name_in_a_bag_leads_out_of_the_folder(tmp_path, capsys, monkeypatch):
+def test_no_name_in_a_bag_leads_out_of_the_folder(tmp_path, capsys):
     path, out = tmp_path / "run.bag", tmp_path / "deep" / "shown"
     hostile = {"../stolen.yaml": "a", str(tmp_path / "there.yaml"): "b", "..": "c", "a/b.yaml": "d",
                "\n.yaml": "e", "experiment.yaml": "f", "robot.urdf": "g", ".bashrc": "h"}
-    told = description()
-    told["goals"] |= hostile
-    monkeypatch.setitem(globals(), "description", lambda: told)
-    write_run(path, described=True)
+    write_run(path, described=True, goals=hostile)
     assert main(["show", str(path), "--out", str(out)]) == 0
     said = capsys.readouterr().out
     assert said.count("is omitted: it is not a file name") == 7
@@ -264,14 +219,9 @@ def test_no_name_in_a_bag_leads_out_of_the_folder(tmp_path, capsys, monkeypatch)
         "versions.txt"}  # fmt: skip
     assert {p.name for p in tmp_path.iterdir()} == {"run.bag", "deep"}
     assert "scheme" in yaml.safe_load((out / "experiment.yaml").read_text())
-    told["goals"] = ["no", "names"]
-    write_run(path, described=True)
-    assert main(["show", str(path), "--out", str(out)]) == 1
-    assert "cannot be read: the entry 'goals' is not a mapping" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("closed", [True, False])
-def test_foxgloves_own_reader_reads_the_conversion(tmp_path, closed, capsys):
+def test_foxgloves_own_reader_reads_the_conversion(tmp_path, capsys):
     """Every message of the bag, bit for bit, through the reference implementation of MCAP."""
     reader = pytest.importorskip("mcap.reader")
     decoder = pytest.importorskip("mcap_ros1.decoder")
@@ -280,8 +230,7 @@ def test_foxgloves_own_reader_reads_the_conversion(tmp_path, closed, capsys):
     with rosbag.Bag(str(path)) as bag:
         written = [(t, raw[1], time.to_nsec()) for t, raw, time in bag.read_messages(raw=True)]
         sums = {raw[2] for _, raw, _ in bag.read_messages(raw=True)}
-    if not closed:
-        path = cut_off(path, 1.0)
+    path = cut_off(path, 1.0)
     assert main(["convert", str(path)]) == 0
     out = tmp_path / f"{path.name.split('.')[0]}.mcap"
     assert f"{out}: {len(written)} messages of 8 topics" in capsys.readouterr().out
@@ -308,24 +257,6 @@ def test_foxgloves_own_reader_reads_the_conversion(tmp_path, closed, capsys):
         assert 29 <= len(part) <= 31 and all(start <= m.log_time for _, _, m in part)
 
 
-def test_a_conversion_that_fails_leaves_nothing_behind(tmp_path, capsys):
-    broken = tmp_path / "broken.bag"
-    broken.write_bytes(b"no bag")
-    assert main(["convert", str(broken)]) == 1
-    assert "cannot convert" in capsys.readouterr().err
-    path = tmp_path / "run.bag"
-    write_run(path, seconds=0.2)
-    assert main(["convert", str(path), "--out", str(tmp_path / "none" / "x.mcap")]) == 1
-    assert sorted(file.name for file in tmp_path.iterdir()) == ["broken.bag", "run.bag"]
-
-
-def test_compressed_pictures_are_pictures(tmp_path):
-    path = tmp_path / "run.bag"
-    write_run(path, compressed=True)
-    (_, picture), *_ = read_bag(path).control_record.images
-    assert picture.shape == (2, 4, 3) and picture[0, 0, 0] > 200 and picture[0, 0, 2] < 50  # red
-
-
 def messages(path):
     with rosbag.Bag(str(path)) as bag:
         return list(bag.read_messages())
@@ -339,8 +270,7 @@ def later(message, seconds):
     return message
 
 
-@pytest.mark.parametrize("closed", [True, False])
-def test_where_the_clock_was_put_back_the_run_after_it_is_told(tmp_path, closed):
+def test_where_the_clock_was_put_back_the_run_after_it_is_told(tmp_path):
     once, path = tmp_path / "once.bag", tmp_path / "twice.bag"
     write_run(once, described=True)
     whole = messages(once)
@@ -350,7 +280,7 @@ def test_where_the_clock_was_put_back_the_run_after_it_is_told(tmp_path, closed)
         for topic, message, time in whole:
             if topic not in ("/tf_static", f"{NAMESPACE}/experiment"):  # both are latched
                 bag.write(topic, message, time)
-    record, single = read_bag(path if closed else cut_off(path, 1.0)), read_bag(once)
+    record, single = read_bag(cut_off(path, 1.0)), read_bag(once)
     assert any("the clock was reset once" in note for note in record.notes)
     np.testing.assert_array_equal(record.stamp, single.stamp)
     np.testing.assert_array_equal(record.measured_positions, single.measured_positions)
@@ -391,11 +321,10 @@ def cut_off(bag, kept):
     return cut
 
 
-@pytest.mark.parametrize("kept", [0.97, 0.6, 0.3])
-def test_of_a_bag_that_was_cut_off_is_told_what_is_there(tmp_path, kept):
+def test_of_a_bag_that_was_cut_off_is_told_what_is_there(tmp_path):
     whole = tmp_path / "whole.bag"
     write_run(whole)
-    there = len(read_bag(whole).stamp)
+    there, kept = len(read_bag(whole).stamp), 0.6
     cut = cut_off(whole, kept)
     before = cut.read_bytes()
     record = read_bag(cut)
@@ -441,20 +370,11 @@ def test_a_bag_of_another_version_is_named_or_told_without_what_it_lacks(tmp_pat
 
 
 def test_bags_that_cannot_be_reported_on_are_named(tmp_path):
-    with pytest.raises(BenchError, match="cannot read the bag"):
-        read_bag(tmp_path / "none.bag")
     broken = tmp_path / "broken.bag"
-    broken.write_bytes(b"#ROSBAG V2.0\n" + b"\0" * 50)
-    with pytest.raises(BenchError, match="broken.bag"):
-        read_bag(broken)
-    broken.write_bytes(b"\x89PNG")
-    with pytest.raises(BenchError, match="cannot read the bag .*broken.bag"):
-        read_bag(broken)
-    empty = tmp_path / "empty.bag"
-    with rosbag.Bag(str(empty), "w") as bag:
-        bag.write("/clock", JointState(), rospy.Time(1))
-    with pytest.raises(BenchError, match="contains no state of a servo .* its topics: /clock"):
-        read_bag(empty)
+    for content in (b"#ROSBAG V2.0\n" + b"\0" * 50, b"\x89PNG"):
+        broken.write_bytes(content)
+        with pytest.raises(BenchError, match="cannot read the bag .*broken.bag"):
+            read_bag(broken)
     waiting = tmp_path / "waiting.bag"
     with rosbag.Bag(str(waiting), "w") as bag:
         state = ServoState(phase="waiting", reason="no image on /labrob/camera")

@@ -8,13 +8,16 @@ from __future__ import annotations
 
 import atexit
 import importlib.util
+import logging
 import math
 import os
 import shutil
+import signal
 import socket
 import subprocess
 import sys
 import tempfile
+import threading
 from collections.abc import Callable, Iterator
 from io import BytesIO
 from pathlib import Path
@@ -26,12 +29,13 @@ import rospy
 from genpy import Message
 from genpy.generator import MsgGenerator, SrvGenerator
 from geometry_msgs.msg import Point, Pose, Quaternion
+from rospy.impl import masterslave, registration, tcpros_base
 
 from aras_sim_bridge.ros.runtime.pacing import Pacer
 from aras_sim_bridge.ros.runtime.send_queue import QUEUE_FLUSHER
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_sim_bridge.simulation import Simulation
-from aras_visual_servo_ros import parameters
+from aras_visual_servo_ros import connections, parameters
 
 sys.path.insert(0, str(Path(__file__).parent))
 SOURCES = Path(__file__).parents[3] / "src"
@@ -132,10 +136,13 @@ class Graph:
         self.publishers: dict[str, Publisher] = {}
         self.subscribers: dict[str, Callable[[object], None]] = {}
         self.heard: dict[str, tuple[type, dict[str, object]]] = {}
+        self.subscriptions: dict[str, SimpleNamespace] = {}
         self.parameters: dict[str, object] = {}
         self.lines: list[str] = []
         self.periods: list[float] = []  # s, of lines that are written once in a while
         self.timers: list[tuple] = []
+        self.wall_time = 100.0
+        self.published: list | Exception = []  # topics with their publishers, as the master says
         self.sources: dict[str, int] = {}  # how many publish on a topic to which a node listens
         self.proxies: list[tuple[str, type, dict[str, object]]] = []  # of services that were asked
 
@@ -158,6 +165,26 @@ class Graph:
         publisher.impl.connections = [Connection() for _ in range(count)]
         publisher.listener.peer_subscribe(topic, lambda message: None, None)
         return publisher.impl.connections
+
+    def send(self, topic: str, message: Message) -> None:
+        """Send a message to a command topic through a connection of its own, and close it."""
+        near, far = socket.socketpair()
+        connection = SimpleNamespace(header={}, socket=near, read_buff=BytesIO(), done=False)
+        self.subscriptions[topic].impl = SimpleNamespace(connections=[connection])
+        content = BytesIO()
+        message.serialize(content)
+
+        def receive() -> None:
+            received = self.heard[topic][0]().deserialize(content.getvalue())
+            received._connection_header = connection.header
+            self.subscribers[topic](received)
+
+        far.close()
+        receiver = threading.Thread(target=receive)
+        receiver.start()
+        receiver.join(30.0)
+        assert not receiver.is_alive(), f"the connection to {topic} is not read"
+        near.close()
 
     def set(self, name: str, value: object) -> None:
         """Set a parameter, like rospy.set_param."""
@@ -193,6 +220,12 @@ class Graph:
     def getPid(self) -> int:
         """Answer like the master's getPid."""
         return 7
+
+    def getSystemState(self) -> tuple:
+        """Answer like the master's getSystemState."""
+        if isinstance(self.published, Exception):
+            raise self.published
+        return self.published, [], []
 
     def lookupService(self, name: str) -> str:
         """Answer like the master's lookupService."""
@@ -239,8 +272,10 @@ def graph(monkeypatch: pytest.MonkeyPatch) -> Graph:
 
     def subscriber(topic: str, kind: type, callback: Callable, **more: object) -> SimpleNamespace:
         it.subscribers[topic], it.heard[topic] = callback, (kind, more)
-        return SimpleNamespace(unregister=lambda: it.subscribers.pop(topic, None), impl=None,
-                               get_num_connections=lambda: it.sources.get(topic, 0))
+        it.subscriptions[topic] = SimpleNamespace(
+            unregister=lambda: it.subscribers.pop(topic, None), impl=None,
+            get_num_connections=lambda: it.sources.get(topic, 0))  # fmt: skip
+        return it.subscriptions[topic]
 
     def log(text: str, *args: object) -> None:
         it.lines.append(text % args if args else text)
@@ -248,7 +283,13 @@ def graph(monkeypatch: pytest.MonkeyPatch) -> Graph:
     monkeypatch.setattr(rospy, "Service", service)
     monkeypatch.setattr(rospy, "Publisher", publisher)
     monkeypatch.setattr(rospy, "Subscriber", subscriber)
-    monkeypatch.setattr(rospy, "Timer", lambda *given: it.timers.append(given))
+    def timer(*given: object) -> SimpleNamespace:
+        it.timers.append(given)
+        return SimpleNamespace(shutdown=lambda: None)
+
+    monkeypatch.setattr(rospy, "Timer", timer)
+    monkeypatch.setattr(rospy.Time, "now", staticmethod(lambda: rospy.Time.from_sec(it.wall_time)))
+    monkeypatch.setattr(rospy, "search_param", lambda _name: None)
     monkeypatch.setattr(rospy, "get_param", it.given)
     monkeypatch.setattr(parameters.rosgraph, "Master", lambda _name: it)
     monkeypatch.setattr(rospy, "set_param", it.set)
@@ -269,25 +310,66 @@ def graph(monkeypatch: pytest.MonkeyPatch) -> Graph:
     return it
 
 
-class Life:
+class Start:
+    """Start and end of a node, in which rospy's own part is replaced; signals stay as they are."""
+
+    def __init__(self, graph: Graph, monkeypatch: pytest.MonkeyPatch, logs: Path) -> None:
+        self.graph, self.down = graph, False
+        self.begun: list[tuple[str, dict[str, bool]]] = []
+        self.is_open = False  # to several connections at once
+        self.is_ended_early = lambda: False
+        self.end_reasons: list[str] = []
+        self.ending: list[Callable[[], object]] = []
+        self.handled_signals: list[int] = []
+        socket_ = SimpleNamespace(listen=lambda _backlog: setattr(self, "is_open", True))
+        server = SimpleNamespace(server_sock=socket_, inbound_handler=None)
+        monkeypatch.setenv("ROS_PACKAGE_PATH", str(SOURCES))
+        monkeypatch.setenv("ROS_LOG_DIR", str(logs))
+        for place, name, value in (
+            (rospy, "init_node", lambda name, **options: self.begun.append((name, options))),
+            (rospy, "is_shutdown", lambda: self.down),
+            (rospy, "on_shutdown", self.ending.append),
+            (rospy, "signal_shutdown", self.end),
+            (rospy.core, "add_shutdown_hook", lambda _hook: None),
+            (rospy.core, "is_shutdown_requested", lambda: self.is_ended_early()),
+            (masterslave.ROSHandler, "_connect_topic", lambda *_: None),
+            (registration.RegManager, "publisher_update", lambda *_: None),
+            (tcpros_base, "start_tcpros_server", lambda: None),
+            (tcpros_base, "_tcpros_server", SimpleNamespace(tcp_ros_server=server)),
+            (signal, "signal", lambda number, _: self.handled_signals.append(number)),
+            (signal, "set_wakeup_fd", lambda *_, **__: -1),
+            (logging.getLogger("rosout"), "filters", []),
+        ):
+            monkeypatch.setattr(place, name, value)
+
+    def end(self, reason: str) -> None:
+        """End the node like rospy.signal_shutdown."""
+        self.end_reasons.append(reason)
+        self.down = True
+        for hook in self.ending:
+            hook()
+
+    @property
+    def finds_publishers(self) -> bool:
+        """Whether rospy has been patched so that it connects to every publisher once."""
+        return masterslave.ROSHandler._connect_topic.__module__ == connections.__name__
+
+
+class Life(Start):
     """Life cycle of a node: its start, the wall time while it sleeps, and its shutdown.
 
     While it sleeps the next of `steps` is done; after the last one the node is shut down.
     """
 
-    def __init__(self, graph: Graph, monkeypatch: pytest.MonkeyPatch) -> None:
-        self.graph, self.down, self.now = graph, False, 100.0
-        self.begun: list[tuple[tuple[str, ...], dict[str, bool]]] = []
+    def __init__(self, graph: Graph, monkeypatch: pytest.MonkeyPatch, logs: Path) -> None:
+        super().__init__(graph, monkeypatch, logs)
+        self.now = 100.0
         self.slept: list[float] = []
         self.steps: list[Callable[[], object]] = []
-        self.ending: list[Callable[[], object]] = []
         self.waited: list[tuple[str, float]] = []
         self.threads: list[SimpleNamespace] = []
-        monkeypatch.setenv("ROS_PACKAGE_PATH", str(SOURCES))
         monkeypatch.setattr("time.monotonic", lambda: self.now)
         monkeypatch.setattr("time.sleep", self.sleep)
-        monkeypatch.setattr(rospy, "is_shutdown", lambda: self.down)
-        monkeypatch.setattr(rospy, "on_shutdown", self.ending.append)
         monkeypatch.setattr(rospy, "get_time", lambda: self.now - 90.0)
         monkeypatch.setattr(rospy, "wait_for_service", self._wait)
 
@@ -299,10 +381,6 @@ class Life:
         else:
             self.down = True
 
-    def begin(self, *given: str, **options: bool) -> None:
-        """Replacement of begin_node."""
-        self.begun.append((given, options))
-
     def thread(self, **given: object) -> SimpleNamespace:
         """Replacement of threading.Thread; the test calls its function."""
         it = SimpleNamespace(**given, started=False)
@@ -310,16 +388,36 @@ class Life:
         self.threads.append(it)
         return it
 
-    def _wait(self, name: str, timeout: float) -> None:
+    def _wait(self, name: str, timeout: float | None = None) -> None:
         self.waited.append((name, timeout))
         if rospy.resolve_name(name) not in self.graph.services:
             raise rospy.ROSException(f"timeout exceeded while waiting for service {name}")
 
 
 @pytest.fixture
-def life(graph: Graph, monkeypatch: pytest.MonkeyPatch) -> Life:
+def start(graph: Graph, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Start:
+    """Start and end of the one node that the test runs."""
+    return Start(graph, monkeypatch, tmp_path / "log")
+
+
+@pytest.fixture
+def life(graph: Graph, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Life:
     """Life cycle of the one node that the test runs."""
-    return Life(graph, monkeypatch)
+    return Life(graph, monkeypatch, tmp_path / "log")
+
+
+@pytest.fixture
+def roslaunch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
+    """Function that makes a bash script the program `roslaunch`."""
+    folder = tmp_path / "programs"
+    folder.mkdir()
+    monkeypatch.setenv("PATH", f"{folder}:{os.environ['PATH']}")
+
+    def write(script: str) -> None:
+        (folder / "roslaunch").write_text(f"#!/bin/bash\n{script}")
+        (folder / "roslaunch").chmod(0o755)
+
+    return write
 
 
 @pytest.fixture
@@ -332,13 +430,46 @@ def face(graph: Graph) -> object:
     return RosPublisher(SETTINGS, JOINTS, "camera_optical_frame")
 
 
+class TimedPacer(Pacer):
+    """Pacer without a limit that stores the simulated times at which it was restarted, ns."""
+
+    def __init__(self) -> None:
+        self.restarts: list[int] = []
+        super().__init__(0.0)
+
+    def restart(self, time_ns: int) -> None:
+        self.restarts.append(time_ns)
+        super().restart(time_ns)
+
+
+class TimedThread(SimulationThread):
+    """Simulation thread that stores the time limits of calls, s; its pace is as it is set."""
+
+    def __init__(self, *given: object, **more: object) -> None:
+        self.limits: list[float] = []
+        self.pace: float | None = None
+        super().__init__(*given, **more)
+
+    @property
+    def real_time_factor(self) -> float:
+        return super().real_time_factor if self.pace is None else self.pace
+
+    def call(self, job: Callable[[], object], *limit: float) -> object:
+        self.limits += limit
+        return super().call(job, *limit)
+
+    def step(self, count: int, limit: float) -> int:
+        self.limits.append(limit)
+        return super().step(count, limit)
+
+
 @pytest.fixture
-def thread(request: pytest.FixtureRequest) -> Iterator[SimulationThread]:
+def thread() -> Iterator[TimedThread]:
     """Thread of a simulation with only the ground, paused at time 0; each of `batch_hooks` is
     called after a group of steps."""
     hooks: list[Callable[[int], None]] = []
-    it = SimulationThread(Simulation, Pacer(0.0), paused=True,
-                          after_batch=lambda time_ns: [hook(time_ns) for hook in hooks])
+    it = TimedThread(Simulation, TimedPacer(), paused=True,
+                     after_batch=lambda time_ns: [hook(time_ns) for hook in hooks])
     it.batch_hooks = hooks
     it.start()
     yield it
@@ -396,6 +527,45 @@ def another(call):
 def slider(call):
     """Spawn a cart of 2 kg on a level rail with damping 0.5."""
     call("spawn_urdf_model", "slider", SLIDER, "", Pose(), "")
+
+
+@pytest.fixture
+def hear_with(graph: Graph, shipped_arm: object) -> Callable[..., object]:
+    """Function that makes a loop with these observers, which stores what it is given."""
+    from aras_visual_servo_controller.observation.camera_rig import CameraRig
+    from aras_visual_servo_controller.ros.ros_publisher import RosPublisher
+    from aras_visual_servo_controller.runner.loop_runner import LoopRunner
+    from aras_visual_servo_controller.settings import Settings
+
+    class HearingRunner(LoopRunner):
+        """Loop that stores its inputs, and the observations of images, without processing them."""
+
+        joints = command = None  # joints at the exposure, and the command that was sent since
+
+        def __init__(self, *given: object) -> None:
+            self.images, self.told, self.sources, self.stops = [], [], {}, []
+            super().__init__(*given)
+
+        def set_source(self, camera: str, source: object) -> None:
+            self.sources[camera] = source
+
+        def add_image(self, stamp: float, observe_frame: Callable, camera: str = "") -> None:
+            commands = () if self.command is None else (self.command,)
+            self.images.append((stamp, observe_frame(self.joints, commands), camera))
+
+        def add_joint_state(self, *given: object) -> None:
+            self.told.append(given)
+
+        def emergency_stop(self, pressed: bool) -> None:
+            self.stops.append(pressed)
+
+    def make(*observers: object) -> HearingRunner:
+        settings = Settings.from_mapping({}, SOURCES / "aras_visual_servo_controller")
+        publisher = RosPublisher(settings, shipped_arm.names, shipped_arm.camera_frame)
+        return HearingRunner(settings.make_servo(shipped_arm), CameraRig(observers), settings,
+                             publisher, lambda: 0.0)
+
+    return make
 
 
 @pytest.fixture(scope="session")

@@ -5,11 +5,9 @@ from __future__ import annotations
 import json
 import struct
 from pathlib import Path
-from types import SimpleNamespace
 
 import cv2
 import numpy as np
-import pandas as pd
 import pytest
 import rosbag
 import rospy
@@ -26,6 +24,7 @@ from aras_visual_servo_bench.recording import message_run_builder
 from aras_visual_servo_bench.recording.graph_recording import GraphRecording
 from aras_visual_servo_bench.ros import bag as bags
 from aras_visual_servo_camera.moments import Moments
+from aras_visual_servo_controller.records.state import ServoState
 from aras_visual_servo_controller.schemes.base import SchemeOutput
 from aras_visual_servo_controller.settings import Settings
 
@@ -274,12 +273,8 @@ def test_stamps_of_another_clock_are_left_out_and_do_not_reset_the_clock(
     assert notes[1].startswith("/tf: 3 messages are left out")
 
 
-@pytest.mark.parametrize("described_arm", [True, False])
-def test_impossible_joint_states_of_a_second_publisher_are_left_out(
-    graph, face, tmp_path, described_arm
-):
-    experiment = described() if described_arm else None
-    once = write(tmp_path / "a.bag", graph, face, experiment=experiment)
+def test_impossible_joint_states_of_a_second_publisher_are_left_out(graph, face, tmp_path):
+    once = write(tmp_path / "a.bag", graph, face)
     strays = []
     for t in np.arange(STAMPS[0], STAMPS[-1], 0.02):
         message = joint_states(t + 0.001)
@@ -339,16 +334,12 @@ def test_whatever_rosbag_raises_of_a_damaged_bag_is_told(monkeypatch, tmp_path, 
     pytest.importorskip("mcap")
     from aras_visual_servo_bench.ros import mcap
 
-    def fail(path):
+    def fail(_path):
         raise fault("why")
 
-    for module in (bags, mcap):
-        monkeypatch.setattr(module, "open_bag", fail)
-    for read in (
-        bags.read_bag,
-        bags.read_recorded_experiment,
-        lambda bag: mcap.convert(bag, tmp_path / "a.mcap"),
-    ):
+    monkeypatch.setattr(rosbag, "Bag", fail)
+    for read in (bags.read_bag, bags.read_recorded_experiment,
+                 lambda bag: mcap.convert(bag, tmp_path / "a.mcap")):
         with pytest.raises(BenchError, match="cannot .* a.bag.*: why"):
             read(Path("a.bag"))
 
@@ -364,19 +355,6 @@ def test_what_a_bag_lacks_is_noted(graph, face, tmp_path, skip, said):
     assert any(said in note for note in run.notes), run.notes
     with pytest.raises(BenchError, match="contains no state of a servo .*; its topics: /"):
         bags.read_bag(write(tmp_path / "b.bag", graph, face, skip=("state",)))
-
-
-def test_messages_of_another_version_are_left_out_or_refused(graph, face, tmp_path, monkeypatch):
-    path = write(tmp_path / "a.bag", graph, face)
-    fields = bags.USED_FIELDS[bags.METRICS]
-    monkeypatch.setitem(bags.USED_FIELDS, bags.METRICS, (*fields, "pace", "haste"))
-    run = bags.read_bag(path)
-    assert len(run.real_time_factors) == 0
-    assert any("/gazebo/performance_metrics has another version of gazebo_msgs/PerformanceMetrics"
-               ", without pace, haste: the report omits it" in note for note in run.notes)
-    monkeypatch.setitem(bags.USED_FIELDS, bags.STATE, ("header", "hue"))
-    with pytest.raises(BenchError, match="without hue; create the report with the version of this"):
-        bags.read_bag(path)
 
 
 def heard(graph, face, scheme="points", count=3) -> GraphRecording:
@@ -424,29 +402,26 @@ def test_joint_states_that_lack_a_place_are_left_out_and_speeds_may_be_unknown(g
     for message, (stamp, *_) in zip(read.joints, rows, strict=True):
         message.header.stamp = rospy.Time.from_sec(stamp)
     run = message_run_builder.MessageRunBuilder(read).build_run("name")
-    table = pd.DataFrame(
-        {stamp: {**dict(zip(names, places, strict=False)), **(
-            {f"{n} speed": v for n, v in zip(names, speeds, strict=True)}
-            if len(names) == len(speeds) else {})} for stamp, names, places, speeds in rows}
-    ).T.reindex(columns=["slide", "elbow", "slide speed", "elbow speed"])
-    table = table.dropna(subset=["slide", "elbow"])
-    assert table.index.tolist() == [1.5, 1.7, 2.0, 2.1]
-    np.testing.assert_allclose(run.joint_stamp, table.index)
-    np.testing.assert_allclose(run.measured_positions, table[["slide", "elbow"]])
-    np.testing.assert_allclose(run.measured_velocities, table[["slide speed", "elbow speed"]])
+    np.testing.assert_allclose(run.joint_stamp, [1.5, 1.7, 2.0, 2.1])
+    np.testing.assert_allclose(run.measured_positions,
+                               [(0.1, 0.2), (0.9, 0.8), (1.5, 1.4), (1.7, 1.6)])
+    unknown = (np.nan, np.nan)
+    np.testing.assert_allclose(run.measured_velocities, [(0.3, 0.4), (1.1, 1.0), unknown, unknown])
 
 
 def test_a_run_ends_where_the_arm_goes_to_a_start_or_other_features_are_seen():
     def states(text):
         """A state a letter: of features a or b, without any (-), another phase (p, idle)."""
-        decisions = {one: SimpleNamespace(names=(one,)) for one in "ab"}
+        none = np.zeros(1)
+        outputs = {one: SchemeOutput((one,), none, none, none) for one in "ab"}
         phases = {"p": "approaching", "i": "idle", "h": "holding", "s": "stopped"}
-        return [SimpleNamespace(phase=phases.get(one, "servoing"), scheme_output=decisions.get(one))
+        return [ServoState(1.0, phases.get(one, "servoing"), scheme_output=outputs.get(one))
                 for one in text]  # fmt: skip
 
     for text, lengths in (("-ab", [1, 1]), ("aa-a", [4]), ("aapa", [2, 1]), ("--", []),
                           ("aib-bs", [1, 4]), ("p-aapp-h", [2]), ("ah-b", [3, 1])):  # fmt: skip
-        assert [len(run) for run in message_run_builder._split_runs(states(text))] == lengths, text
+        runs = message_run_builder.split_runs(states(text))
+        assert [len(run) for run in runs] == lengths, text
 
 
 def test_topics_are_found_by_their_types():
@@ -455,13 +430,13 @@ def test_topics_are_found_by_their_types():
              "/b/labrob/camera/image_raw/compressed": bags.COMPRESSED,
              "/x/experiment": "std_msgs/String", "/x/joint_states": bags.JOINTS,
              "/y/joints": bags.JOINTS, "/a/other": bags.IMAGE}  # fmt: skip
-    found = bags._find_topics(kinds)
+    found = bags.find_topics(kinds)
     assert (found.info, found.image) == ("/a/camera_info", "/a/image_raw")
     assert (found.state, found.report, found.joints) == ("/x/s", "", "/x/joint_states")
     assert found.experiment == "/x/experiment"
-    found = bags._find_topics({**kinds, "/b/labrob/camera/camera_info": bags.INFO})
+    found = bags.find_topics({**kinds, "/b/labrob/camera/camera_info": bags.INFO})
     assert found.info == "/b/labrob/camera/camera_info"
     assert found.image == "/b/labrob/camera/image_raw/compressed"
     pictures = {topic: kind for topic, kind in kinds.items() if kind != bags.IMAGE}
-    found = bags._find_topics({**pictures, "/b/labrob/camera/camera_info": bags.INFO})
+    found = bags.find_topics({**pictures, "/b/labrob/camera/camera_info": bags.INFO})
     assert found.image == "/b/labrob/camera/image_raw/compressed"

@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
+import io
+import os
 import re
+import select
 import sys
+import termios
+import threading
+import tty
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -21,80 +26,90 @@ from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_controller.errors import ConfigurationError, ServoError
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.ros import teach, teleop
-from aras_visual_servo_controller.teleop.gamepad import FAST, HELP
+from aras_visual_servo_controller.teleop import keyboard
+from aras_visual_servo_controller.teleop.gamepad import (
+    AXIS,
+    AXIS_RANGE,
+    BUTTON,
+    EVENT,
+    FAST,
+    HELP,
+)
 
+select_ = select.select
 RIGHT, UP, DOWN = "\x1b[C", "\x1b[A", "\x1b[B"
+
+
+class Terminal:
+    """Standard input: each look at it brings the next list of keys, and at last a q."""
+
+    def __init__(self, life) -> None:
+        self.life, self.keys, (self.read_end, self.write_end) = life, [], os.pipe()
+
+    def isatty(self):
+        return True
+
+    def fileno(self):
+        return self.read_end
+
+    def select(self, ready, _writable, _failed, seconds):
+        assert seconds == 0.02
+        self.life.now += seconds
+        keys = self.keys.pop(0) if self.keys else ["q"]
+        keys = keys() or [] if callable(keys) else keys
+        os.write(self.write_end, "".join(keys).encode())
+        return ready if keys else [], [], []
 
 
 @pytest.fixture
 def person(graph, life, monkeypatch, capsys):
-    """User at the keyboard; `type(...)` returns the commands and output for lists of keys."""
-    it = SimpleNamespace(life=life, graph=graph, device=None, paths=[], raw=[],
-                         early=lambda: None)
-    monkeypatch.setattr(teleop, "JoyDevice", lambda path: it.opened(path))
-    monkeypatch.setattr(sys, "stdin", SimpleNamespace(isatty=lambda: True))
-    monkeypatch.setattr(teleop, "find_publishers", lambda: it.raw.append("find"))
-    monkeypatch.setattr(rospy, "init_node", lambda *given, **more: life.begin(*given, **more))
+    """User at the keyboard; `type(...)` returns the status and output for lists of keys."""
+    it = SimpleNamespace(life=life, graph=graph, raw=[], early=lambda: None)
+    terminal = Terminal(life)
+    monkeypatch.setattr(sys, "stdin", terminal)
+    monkeypatch.setattr(select, "select", terminal.select)
+    monkeypatch.setattr(termios, "tcgetattr", lambda _file: "before")
+    monkeypatch.setattr(tty, "setcbreak", lambda _file: it.raw.append("raw"))
+    monkeypatch.setattr(termios, "tcsetattr", lambda _file, _when, how: it.raw.append(how))
     graph.parameters["/robot_description"] = ARM
     kind = "position_controllers/JointPositionController"
     for joint in ("slide", "elbow"):
         graph.parameters |= {f"/aras_visual_servo/{joint[0]}/type": kind,
                              f"/aras_visual_servo/{joint[0]}/joint": joint}
 
-    def opened(path):
-        it.paths.append(str(path))
-        if it.device is None:
-            raise OSError
-        return it.device
-
-    @contextlib.contextmanager
-    def raw():
-        it.raw.append("begun")
-        yield
-        it.raw.append("ended")
-
     def type_(*keys):
-        left = list(keys)
+        terminal.keys = list(keys)
+        with monkeypatch.context() as patch:
+            patch.setattr(threading, "Event", lambda: Heard(it))
+            return teleop.main(), capsys.readouterr()
 
-        def pressed(period):
-            assert period == 0.02
-            life.now += period
-            keys = left.pop(0) if left else ["q"]
-            return keys() or [] if callable(keys) else keys
-
-        monkeypatch.setattr(teleop.keyboard, "read_keys", pressed)
-        status = teleop.main()
-        return status, capsys.readouterr()
-
-    it.opened, it.type = opened, type_
-    monkeypatch.setattr(teleop.keyboard, "raw_terminal", raw)
-    lock = teleop.threading.Lock
-    monkeypatch.setattr(teleop, "threading", SimpleNamespace(Event=lambda: Heard(it), Lock=lock))
-    return it
+    it.type = type_
+    yield it
+    os.close(terminal.read_end)
+    os.close(terminal.write_end)
 
 
-class Heard:
+EVENT_TYPE = type(threading.Event())
+
+
+class Heard(EVENT_TYPE):
     """Joint states come while they are waited for the second time."""
 
     def __init__(self, person):
-        self.person, self.waits, self.is_there = person, 0, False
+        super().__init__()
+        self.person, self.waits = person, 0
 
-    def set(self):
-        self.is_there = True
-
-    def is_set(self):
-        return self.is_there
-
-    def wait(self, limit):
-        assert limit == 2.0
+    def wait(self, limit=None):
+        if limit != 2.0:
+            return super().wait(limit)
         self.waits += 1
         self.person.early()
         if self.waits == 2:
             hear = self.person.graph.subscribers["/aras_visual_servo/joint_states"]
             hear(JointState(name=["finger"], position=[1.0]))
-            assert not self.is_there
+            assert not self.is_set()
             hear(joint_states(1.5))
-        return self.is_there
+        return self.is_set()
 
 
 def sent(person):
@@ -104,17 +119,16 @@ def sent(person):
 
 def test_keys_step_joints_and_tell(person):
     status, told = person.type([RIGHT, RIGHT], [], [DOWN, "h", " "], ["x", "q", RIGHT])
-    assert status == 0 and person.raw == ["find", "begun", "ended"]
-    assert person.life.begun == [(("aras_teleop",), {"anonymous": True, "disable_signals": True})]
+    assert status == 0 and person.raw == ["raw", "before"] and person.life.finds_publishers
+    assert person.life.begun == [("aras_teleop", {"anonymous": True, "disable_signals": True})]
     slide, elbow = position(1.5)
     assert sent(person)["slide"] == pytest.approx([slide + 0.05, slide + 0.1])
     assert sent(person)["elbow"] == pytest.approx([elbow - 0.05])
-    help_ = teleop.keyboard.__doc__
+    help_ = keyboard.__doc__
     assert told.out == (
         f"{help_}\nwaiting for joint states on /aras_visual_servo/joint_states\n"
         f"slide to {slide + 0.05:.3f}\nslide to {slide + 0.1:.3f}\nelbow to {elbow - 0.05:.3f}\n"
         f"{help_}\nslide {slide:.3f}  elbow {elbow:.3f}\n")
-    assert person.paths == ["/dev/input/js0"] and "/joy" in person.graph.subscribers
     assert person.graph.heard["/joy"] == (Joy, {"queue_size": 1})
     assert person.graph.heard["/aras_visual_servo/joint_states"] == (JointState, {"queue_size": 1})
     status, told = person.type(["\x04", RIGHT])
@@ -160,17 +174,30 @@ def test_why_the_arm_does_not_follow_is_said_once_each_time(person):
     assert "" not in lines[told_at[0]:] and max(sent(person)["elbow"]) == 2.0
 
 
-def test_a_pad_drives_while_its_button_is_held(person):
-    person.device = SimpleNamespace(axes=[0.0] * 8, buttons=[0] * 16)
-    person.graph.parameters["/unnamed/joystick"] = "/dev/pad"
+def test_a_pad_drives_while_its_button_is_held(person, tmp_path):
+    def plug_in(name):
+        os.mkfifo(tmp_path / name)
+        rospy.set_param("~joystick", str(tmp_path / name))
+        return os.open(tmp_path / name, os.O_RDWR)
+
     rospy.set_param("~joy", "/my/joy")
+    idle = plug_in("js0")
     status, told = person.type(["h"], [], [])
     assert status == 0  # although a twist of none is refused
-    assert not sent(person)["slide"] and told.out.count(HELP) == 2 and person.paths == ["/dev/pad"]
-    person.device.axes[1], person.device.buttons[FAST] = 1.0, 1
-    status, told = person.type(*[[]] * 20, [" "])
+    assert not sent(person)["slide"] and told.out.count(HELP) == 2
+
+    device = plug_in("js1")
+
+    def press():
+        os.write(device, EVENT.pack(0, -int(AXIS_RANGE), AXIS, 1) + EVENT.pack(0, 1, BUTTON, FAST))
+        while select_([device], [], [], 0)[0]:
+            pass
+
+    status, told = person.type(press, *[[]] * 400, [" "])
     assert status == 0 and len(sent(person)["slide"]) > 15
-    person.device, count = None, len(sent(person)["slide"])
+    for one in (idle, device):
+        os.close(one)
+    rospy.set_param("~joystick", str(tmp_path / "none"))
     axes, buttons = [0.0] * 8, [0] * 16
     axes[1], buttons[FAST] = 1.0, 1
     person.early = lambda: person.graph.subscribers["/my/joy"](Joy(axes=axes, buttons=buttons))
@@ -179,7 +206,7 @@ def test_a_pad_drives_while_its_button_is_held(person):
     person.early = lambda: None
     person.type(lambda: person.graph.subscribers["/my/joy"](Joy(axes=axes, buttons=buttons)),
                 *[[]] * 10)
-    assert len(sent(person)["slide"]) > 8 and count > 15
+    assert len(sent(person)["slide"]) > 8
 
 
 @pytest.mark.parametrize(("parameters", "why"), [
@@ -193,12 +220,11 @@ def test_what_cannot_be_driven_is_said(person, parameters, why):
 
 
 def test_a_terminal_is_needed_and_a_ctrl_c_ends(person, monkeypatch):
-    def end(*_):
+    def end():
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(teleop.Teleop, "run", end)
-    assert person.type()[0] == 0
-    monkeypatch.setattr(sys, "stdin", SimpleNamespace(isatty=lambda: False))
+    assert person.type(end)[0] == 0 and person.raw == ["raw", "before"]
+    monkeypatch.setattr(sys, "stdin", io.StringIO())
     status, told = person.type()
     assert status == 1 and "reads keys from a terminal: start it with rosrun" in told.err
 
@@ -207,11 +233,10 @@ def test_a_terminal_is_needed_and_a_ctrl_c_ends(person, monkeypatch):
 
 
 @pytest.fixture
-def lesson(graph, life, monkeypatch, shipped_arm, tmp_path):
+def lesson(graph, life, shipped_arm, tmp_path):
     """Robot at its goal, its camera node, and the arguments of teaching."""
     from aras_visual_servo_bench.experiment.robots import Robot, RobotSpec
 
-    monkeypatch.setattr(teach, "init_node", life.begin)
     graph.parameters["/robot_description"] = Robot(RobotSpec()).urdf
     it = SimpleNamespace(life=life, graph=graph, arm=shipped_arm, stamp=0.0)
     it.arguments = argparse.Namespace(scheme="moments", go="", timeout=30.0, images=3, depth=None,
@@ -241,7 +266,7 @@ def lesson(graph, life, monkeypatch, shipped_arm, tmp_path):
 def test_views_of_where_the_arm_stands_become_a_goal(lesson):
     lesson.life.steps = [lesson.look] * 3 + [lambda: None] * 9
     made = teach.collect_views(lesson.arguments)
-    assert lesson.life.begun == [(("teach",), {"anonymous": True})]
+    assert lesson.life.begun == [("teach", {"disable_signals": True, "anonymous": True})]
     assert made.name == "mine.yaml" and lesson.life.slept == [0.02] * 3
     np.testing.assert_allclose(made.get_joints(lesson.arm.names), lesson.q)
     assert made.depth == pytest.approx(lesson.goal.depth, rel=1e-6)  # by the shipped geometry

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import fields
+from collections.abc import Callable
 from threading import Event, Thread
 from threading import enumerate as enumerate_threads
 from types import SimpleNamespace
@@ -31,9 +31,9 @@ from std_msgs.msg import Empty, String
 from tf2_msgs.msg import TFMessage
 
 from aras_sim_bridge.camera import CameraConfig, SensorFrame
-from aras_sim_bridge.description import DepthTopics
+from aras_sim_bridge.description import DepthTopics, parse_urdf
 from aras_sim_bridge.errors import CameraError
-from aras_sim_bridge.ros.camera import frame_broadcaster, settings, topics
+from aras_sim_bridge.ros.camera import frame_broadcaster, settings
 from aras_sim_bridge.ros.camera.compressed import (
     COMPRESSED_FIELDS,
     BackgroundWorker,
@@ -44,8 +44,6 @@ from aras_sim_bridge.ros.camera.info import add_prefix, find_calibration_path
 from aras_sim_bridge.ros.camera.points_topic import PointsTopic
 from aras_sim_bridge.ros.camera.topics import CameraTopics
 from aras_sim_bridge.ros.runtime.graph_entities import GraphEntities
-from aras_sim_bridge.sensors import Imu
-from aras_sim_bridge.simulation import ControlledModel
 
 MS = 1_000_000
 
@@ -70,10 +68,10 @@ DEFAULTS = {field.name: field.default for field in COMPRESSED_FIELDS}
 
 
 @pytest.fixture(autouse=True)
-def nothing_announced(graph, monkeypatch):
-    monkeypatch.setattr(frame_broadcaster, "_transforms", {})
-    monkeypatch.setattr(frame_broadcaster, "_publisher", None)
-    monkeypatch.setattr(settings, "_reported_names", set())
+def nothing_announced(graph):
+    yield
+    frame_broadcaster.close()
+    assert "/tf_static" not in graph.publishers
 
 
 @pytest.fixture
@@ -364,7 +362,7 @@ def test_frames_are_below_the_nearest_prefix(graph, given, found):
     assert add_prefix("/lens", "/x/y") == found
 
 
-def test_settings_of_the_world_s_cameras(graph, thread, monkeypatch):
+def test_settings_of_the_world_s_cameras(graph, thread):
     name = rospy.resolve_name("~cameras")
     assert settings.read_cameras() == {}
     graph.parameters[name] = 3
@@ -375,15 +373,15 @@ def test_settings_of_the_world_s_cameras(graph, thread, monkeypatch):
         graph.parameters[f"{name}/good/{key}"] = value
         graph.parameters[f"{name}/bad/{key}"] = value
     graph.parameters[f"{name}/bad/width"] = -1
-    limits, given = [], thread.call
-    with monkeypatch.context() as patch:
-        patch.setattr(thread, "call", lambda job, *limit: limits.extend(limit) or given(job))
-        settings.mount_world_cameras(thread)
-    assert limits == [60.0, 60.0]  # the first sets up the renderer
+    settings.mount_world_cameras(thread)
+    assert thread.limits == [60.0, 60.0]  # the first sets up the renderer
     assert [c.sensor.config.name for c in thread.simulation.cameras] == ["good"]
     assert f"{name}/bad is not simulated" in graph.lines[-1]
-    plugins = None, SimpleNamespace(camera_name="own"), SimpleNamespace(camera_name="")
-    new = SimpleNamespace(cameras=[SimpleNamespace(name="on", plugin=one) for one in plugins])
+    new = parse_urdf(
+        '<robot name="r"><link name="l"/><gazebo reference="l"><sensor type="camera" name="on">'
+        "<camera/>"
+        '<plugin name="p" filename="libgazebo_ros_camera.so"><cameraName>own</cameraName></plugin>'
+        "</sensor></gazebo></robot>")
     settings.check_unused_names({"on": {}, "of": {"width": 3}, "own": {"width": 3}}, thread, new)
     told = (f"settings {name}/of belong to no camera; use the name of an existing camera: "
             "good, on, own")
@@ -391,7 +389,8 @@ def test_settings_of_the_world_s_cameras(graph, thread, monkeypatch):
     assert not any("/own" in line for line in graph.lines)
     count = len(graph.lines)
     settings.check_unused_names({"of": {"width": 3}}, thread, new)
-    settings.check_unused_names({"if": {"width": 3}}, thread, SimpleNamespace(cameras=[]))
+    without = parse_urdf('<robot name="r"><link name="l"/></robot>')
+    settings.check_unused_names({"if": {"width": 3}}, thread, without)
     assert len(graph.lines) == count
 
 
@@ -570,84 +569,70 @@ def test_a_compressed_topic_does_not_go_while_it_sends(graph):
     assert seen[0] is not None and publisher.impl is None
 
 
-def test_each_camera_has_its_face_while_it_is_there(graph, thread, monkeypatch):
-    opened: list[tuple[str, str]] = []
-
-    class Face:
-        def __init__(self, mounted, its_thread, before_frame) -> None:
-            assert its_thread is thread and before_frame is begins
-            self.name = mounted.sensor.config.name
-            if self.name == "bad":
-                raise rospy.ROSException("names are taken")
-            opened.append(("open", self.name))
-
-        def shutdown(self) -> None:
-            opened.append(("close", self.name))
-
-    def begins() -> None:
-        """A frame is about to go out."""
-
-    monkeypatch.setattr("aras_sim_bridge.ros.runtime.graph_entities.CameraTopics", Face)
-    on_graph = GraphEntities(thread, begins)
-    assert on_graph.restart_record is not None and not graph.parameters
-    limits, given = [], thread.call
-    monkeypatch.setattr(thread, "call", lambda job, *limit: limits.extend(limit) or given(job))
-    for name in ("bad", "a"):
-        thread.call(lambda n=name: thread.simulation.add_camera(n, SETTINGS))
-    on_graph.sync()
-    assert opened == [("open", "a")]
-    assert "camera 'bad' is simulated, but has no topics" in graph.lines[-1]
-    on_graph.sync()
-    assert len(graph.lines) == 1 and limits == [60.0, 60.0]  # a spawn may be under way
-    thread.call(thread.simulation.cameras.clear)
-    on_graph.sync()
-    assert opened == [("open", "a"), ("close", "a")]
+RIG = """<robot name="rig"><link name="world"/>
+  <joint name="cart" type="prismatic"><parent link="world"/><child link="box"/><axis xyz="1 0 0"/>
+    <limit lower="-5" upper="5" effort="100" velocity="20"/></joint>
+  <link name="box"><inertial><mass value="2"/>
+    <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <gazebo><plugin name="p" filename="libgazebo_ros_p3d.so"><bodyName>box</bodyName>
+    <topicName>/pose</topicName></plugin></gazebo>
+  <gazebo><plugin name="c" filename="libgazebo_ros_control.so"/></gazebo></robot>"""
 
 
-@pytest.mark.parametrize("fails", ["ManagerServices", "SensorTopic", ""])
-def test_robots_and_sensors_have_faces_too_each_for_itself(graph, thread, monkeypatch, fails):
-    opened = []
+def take_names(monkeypatch, start: str) -> None:
+    """Make the names of topics and services that begin so unavailable."""
+    for name in ("Publisher", "Service"):
+        make = getattr(rospy, name)
 
-    def face(name: str):
-        def made(thing: object, *given: object) -> SimpleNamespace:
-            if name == fails:
+        def advertise(topic: str, *given: object, make: Callable = make, **more: object) -> object:
+            if topic.startswith(start):
                 raise rospy.ROSException("taken")
-            opened.append((name, thing, *given))
-            return SimpleNamespace(shutdown=lambda: opened.append(("gone", thing)))
+            return make(topic, *given, **more)
 
-        return made
+        monkeypatch.setattr(rospy, name, advertise)
 
-    for name in ("ManagerServices", "SensorTopic"):
-        monkeypatch.setattr(f"aras_sim_bridge.ros.runtime.graph_entities.{name}", face(name))
 
-    class Sensor(Imu):
-        def __init__(self) -> None:
-            self.description = SimpleNamespace(topic="imu")
-
-    robot, sensor = ControlledModel("rig", *[None] * (len(fields(ControlledModel)) - 1)), Sensor()
-    on_graph = GraphEntities(thread)
-    thread.simulation.robots["rig"] = robot
-    thread.simulation.sensors.append(sensor)
-    try:
-        on_graph.sync()
-        faces = {"ManagerServices": (robot, thread, on_graph.restart_record),
-                 "SensorTopic": (sensor, thread)}
-        assert opened == [(name, *given) for name, given in faces.items() if name != fails]
-        told = {"ManagerServices": "robot 'rig'", "SensorTopic": "sensor 'imu'", "": ""}[fails]
-        assert [line.partition(" is simulated, but has no topics and services: taken;")[0]
-                for line in graph.lines] == [told] * bool(told)
-    finally:
-        thread.simulation.robots.clear()
-        thread.simulation.sensors.clear()
+@pytest.mark.parametrize(("taken", "told"), [
+    ("/rig/controller_manager", "robot 'rig'"), ("/pose", "sensor '/pose'"),
+    ("/eye", "camera 'eye'"), ("/nothing", ""),
+])
+def test_all_there_is_has_its_topics_and_services_each_for_itself(
+    graph, thread, monkeypatch, taken, told
+):
+    rounds = []
+    simulation = thread.simulation
+    thread.call(lambda: simulation.spawn(parse_urdf(RIG), "rig", namespace="/rig"))
+    thread.call(lambda: simulation.add_camera("eye", SETTINGS))
+    take_names(monkeypatch, taken)
+    on_graph = GraphEntities(thread, lambda: rounds.append(1))
+    assert on_graph.restart_record is not None and not graph.parameters
+    thread.limits.clear()
+    on_graph.sync()
+    on_graph.sync()
+    assert thread.limits == [60.0, 60.0]  # a spawn may be under way
+    here = {"robot 'rig'": "/rig/controller_manager/list_controllers" in graph.services,
+            "sensor '/pose'": "/pose" in graph.publishers,
+            "camera 'eye'": "/eye/image_raw" in graph.publishers}
+    assert here == {name: name != told for name in here}
+    assert [line.partition(" is simulated, but has no topics and services: taken;")[0]
+            for line in graph.lines] == [told] * bool(told)
+    if told != "camera 'eye'":
+        graph.listen("/eye/image_raw")
+        thread.step(20, 120.0)
+        assert rounds
+    thread.call(lambda: simulation.delete("rig"))
+    thread.call(simulation.cameras.clear)
+    on_graph.sync()
+    assert not graph.services and set(graph.publishers) <= {"/tf_static"}
     on_graph.restart_record.add_model("spawn_urdf_model", SpawnModelRequest(model_name="m"))
-    assert not graph.parameters  # it keeps none unless it is told to
+    assert rospy.resolve_name("~spawned") not in graph.parameters  # unless it is told to
 
 
 def test_a_camera_that_cannot_be_put_on_the_graph_leaves_nothing(graph, thread, monkeypatch):
     thread.call(lambda: thread.simulation.add_camera("eye", SETTINGS))
     with monkeypatch.context() as patch:
-        patch.setattr(topics, "LabelTopic", lambda *_: 1 / 0)
-        with pytest.raises(ZeroDivisionError):
+        take_names(patch, "/eye/segmentation/labels")
+        with pytest.raises(rospy.ROSException):
             CameraTopics(thread.simulation.cameras[0], thread)
     assert not graph.publishers and not graph.services
     # Nor does it take away a frame that another camera has told.
@@ -655,8 +640,8 @@ def test_a_camera_that_cannot_be_put_on_the_graph_leaves_nothing(graph, thread, 
     thread.call(lambda: thread.simulation.add_camera("first", given))
     thread.call(lambda: thread.simulation.add_camera("second", {**given, "segmentation": True}))
     CameraTopics(thread.simulation.cameras[1], thread)
-    monkeypatch.setattr(topics, "LabelTopic", lambda *_: 1 / 0)
-    with pytest.raises(ZeroDivisionError):
+    take_names(monkeypatch, "/second/segmentation/labels")
+    with pytest.raises(rospy.ROSException):
         CameraTopics(thread.simulation.cameras[2], thread)
     told = graph.publishers["/tf_static"].sent[-1].transforms
     assert [one.child_frame_id for one in told] == ["lens"]

@@ -5,9 +5,8 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from controller_manager_msgs import srv
 from controller_manager_msgs.msg import ControllerState, HardwareInterfaceResources
-
-from aras_sim_bridge.ros.cli import controller_manager as cli
 
 SOURCES = Path(__file__).parents[3] / "src"
 EFFORT, POSITION = (f"hardware_interface::{k}JointInterface" for k in ("Effort", "Position"))
@@ -37,18 +36,33 @@ ARM = controller("arm", "effort_controllers/JointTrajectoryController", "running
 HAND = controller("hand", "position_controllers/JointPositionController", Position=("j4",))
 STATES = controller("states", "joint_state_controller/JointStateController", "running")
 ALL = [ARM, HAND, STATES]
+SERVICES = {name: "controller_manager_msgs/" + name.title().replace("_", "") for name in (
+    "list_controllers", "list_controller_types", "load_controller", "unload_controller",
+    "switch_controller", "reload_controller_libraries")}
 
 
 @pytest.fixture
-def manager(monkeypatch):
+def manager(graph, life):
     """Services of a manager; `asked` lists the requests."""
     made = SimpleNamespace(asked=[], ok=True, controllers=ALL)
 
-    def call(name, _service, *arguments):
-        made.asked.append((name, *arguments))
-        return SimpleNamespace(ok=made.ok, controller=made.controllers, types=["a/A", "b/B"])
+    def serve(name, kind):
+        def answer(request):
+            made.asked.append((name, *(getattr(request, field) for field in request.__slots__)))
+            given = {"ok": made.ok, "controller": made.controllers, "types": ["a/A", "b/B"],
+                     "base_classes": ["b", "b"]}
+            response = kind._response_class
+            return response(**{field: given[field] for field in response.__slots__})
 
-    monkeypatch.setattr(cli, "call", call)
+        utils.rospy.Service(f"/controller_manager/{name}", kind, answer)
+
+    for name, kind in (("load_controller", srv.LoadController),
+                       ("unload_controller", srv.UnloadController),
+                       ("switch_controller", srv.SwitchController),
+                       ("list_controllers", srv.ListControllers),
+                       ("list_controller_types", srv.ListControllerTypes),
+                       ("reload_controller_libraries", srv.ReloadControllerLibraries)):
+        serve(name, kind)
     return made
 
 
@@ -109,7 +123,7 @@ def test_filters(by, asked, more, expected):
 
 
 def test_managers_are_found_by_their_services(monkeypatch):
-    types = {f"{place}/{name}": kind for name, kind in utils._SERVICES.items()
+    types = {f"{place}/{name}": kind for name, kind in SERVICES.items()
              for place in ("/left/controller_manager", "/right/arm/controller_manager")}
     types["/fake/list_controllers"] = "other/ListControllers"
     types["/rightmost/list_controllers"] = "controller_manager_msgs/ListControllers"
@@ -149,7 +163,7 @@ def test_the_controllers_of_a_manager_are_listed(graph):
 
 
 def test_a_manager_may_stand_at_the_root(monkeypatch):
-    types = {f"/{name}": kind for name, kind in utils._SERVICES.items()}
+    types = {f"/{name}": kind for name, kind in SERVICES.items()}
     monkeypatch.setattr(utils.rosservice, "get_service_list", lambda: list(types))
     monkeypatch.setattr(utils.rosservice, "get_service_type", types.get)
     assert utils.get_controller_managers() == ["/"]

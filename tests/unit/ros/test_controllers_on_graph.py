@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import math
-from types import SimpleNamespace
+from threading import Thread
 
 import pytest
 import rospy
 from actionlib_msgs.msg import GoalID, GoalStatus
 from control_msgs.msg import (
     FollowJointTrajectoryAction,
-    FollowJointTrajectoryActionGoal,
-    FollowJointTrajectoryFeedback,
     FollowJointTrajectoryGoal,
-    FollowJointTrajectoryResult,
     GripperCommand,
-    GripperCommandGoal,
+    GripperCommandAction,
     JointControllerState,
     JointTolerance,
     JointTrajectoryControllerState,
@@ -27,8 +24,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Float64, Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from aras_sim_bridge.control.controllers.base import JointStates
-from aras_sim_bridge.control.controllers.trajectory_core import JointTrajectoryController
+from aras_sim_bridge.control.controllers.base import Controller, JointStates
 from aras_sim_bridge.control.controllers.trajectory_types import JointTolerance as Tolerance
 from aras_sim_bridge.control.controllers.trajectory_types import (
     StatePoint,
@@ -36,10 +32,13 @@ from aras_sim_bridge.control.controllers.trajectory_types import (
     TrajectoryState,
 )
 from aras_sim_bridge.description import parse_urdf
-from aras_sim_bridge.ros.control import actions, manager_services
 from aras_sim_bridge.ros.control.manager_services import ManagerServices
 from aras_sim_bridge.ros.control.topics import STATES, ControllerTopics
-from aras_sim_bridge.ros.control.trajectory import fill_state, from_trajectory
+from aras_sim_bridge.ros.control.trajectory import (
+    TrajectoryAction,
+    fill_state,
+    from_trajectory,
+)
 from aras_sim_bridge.ros.runtime.reconfigure import PID_FIELDS
 from aras_sim_bridge.ros.runtime.restart_record import RestartRecord
 
@@ -120,39 +119,9 @@ class Controllers:
     def step(self, count: int = 1) -> None:
         self.thread.step(count, 120.0)
 
-    def send(self, topic: str, message: object) -> None:
-        """Send a message through the connection of a command topic."""
-        feed = manager_services.CommandTopic.__init__.__globals__["_subscriptions"][topic]
-
-        def act() -> None:
-            for taker in feed.command_topics:
-                taker.handle(message)
-
-        self.thread.call(act)
-
 
 @pytest.fixture
-def action_servers(monkeypatch):
-    """actionlib's servers, whose callbacks the test calls."""
-    made = []
-
-    class Server:
-        def __init__(self, name, kind, goal, cancel, thread) -> None:
-            self.name, self.goal, self.cancel, self.running = name, goal, cancel, False
-            made.append(self)
-
-        def start(self) -> None:
-            self.running = True
-
-        def stop(self) -> None:
-            self.running = False
-
-    monkeypatch.setattr(actions, "_SimTimeActionServer", Server)
-    return made
-
-
-@pytest.fixture
-def rig(graph, thread, action_servers):
+def rig(graph, thread):
     it = Controllers(graph, thread)
     yield it
     it.services.shutdown()
@@ -204,25 +173,40 @@ def test_a_switch_that_cannot_be_is_refused_with_a_line(rig):
     assert [c.state for c in rig.call("list_controllers").controller] == ["stopped", "running"]
 
 
-def test_a_switch_that_nobody_carries_out_is_given_up(rig, monkeypatch):
-    """A robot whose updates do not come: the answer does not wait for ever."""
-    monkeypatch.setattr(manager_services, "SWITCH_TIMEOUT", 0.05)
-    rig.call("load_controller", "push")
-    monkeypatch.setattr(type(rig.thread), "is_time_stopped", property(lambda self: False))
-    assert manager_services.POLL_PERIOD == 0.1
-    for timeout in (0.0, -1.0):
-        answer = rig.graph.call(
-            "/rig/controller_manager/switch_controller", ["push"], [], 2, False, timeout
-        )
-        assert not answer.ok
-        assert "not carried out within 0.05 s of wall time" in rig.graph.lines[-1]
-    wall = iter(range(0, 99, 2))
-    monkeypatch.setattr(manager_services.time, "monotonic", lambda: next(wall))
-    rig.graph.call("/rig/controller_manager/switch_controller", ["push"], [], 2, False, 2.5)
-    # A second more than asked for, which is what the answer has for its way.
-    assert "not carried out within 3.5 s of wall time" in rig.graph.lines[-1]
-    rig.step(3)
-    assert rig.call("list_controllers").controller[0].state == "initialized"
+@pytest.fixture
+def slow_rig(graph, thread):
+    """A robot whose next control update is a hundred seconds away; time runs."""
+    it = Controllers(graph, thread, "<controlPeriod>100</controlPeriod>")
+    it.step()
+    it.call("load_controller", "push")
+    thread.call(lambda: thread.pacer.set_factor(0.001, thread.simulation.time_ns))
+    thread.unpause()
+    yield it
+    it.services.shutdown()
+
+
+def test_a_switch_that_nobody_carries_out_is_given_up(slow_rig, monkeypatch):
+    """The answer does not wait for ever; a second is added for its way."""
+    wall = iter(range(0, 10**6, 2))
+    monkeypatch.setattr("time.monotonic", lambda: next(wall))
+    for timeout, limit in ((0.0, 10), (-1.0, 10), (2.5, 3.5)):
+        assert not slow_rig.call("switch_controller", ["push"], [], 2, False, timeout).ok
+        assert f"not carried out within {limit} s of wall time" in slow_rig.graph.lines[-1]
+    slow_rig.thread.pause()
+    assert slow_rig.call("list_controllers").controller[0].state == "initialized"
+
+
+def test_a_switch_is_carried_out_when_time_is_stopped_under_it(slow_rig):
+    answers = []
+    asking = Thread(target=lambda: answers.append(
+        slow_rig.call("switch_controller", ["push"], [], 2, False, 60.0)))
+    asking.start()
+    asking.join(0.2)
+    assert not answers
+    slow_rig.thread.pause()
+    asking.join(30.0)
+    assert answers[0].ok
+    assert slow_rig.call("list_controllers").controller[0].state == "running"
 
 
 def test_who_ends_at_the_same_ctrl_c_asks_in_vain_and_no_line_is_written_of_it(rig):
@@ -232,16 +216,6 @@ def test_who_ends_at_the_same_ctrl_c_asks_in_vain_and_no_line_is_written_of_it(r
     assert not rig.call("switch_controller", [], ["push"], 2).ok
     assert not rig.call("unload_controller", "push").ok
     assert rig.graph.lines == lines
-
-
-def test_a_switch_is_carried_out_when_time_is_stopped_under_it(rig, monkeypatch):
-    rig.call("load_controller", "push")
-    held = iter([False])
-    is_held = property(lambda self: next(held, True))
-    monkeypatch.setattr(type(rig.thread), "is_time_stopped", is_held)
-    assert rig.call("switch_controller", ["push"], [], 2).ok
-    assert next(held, None) is None
-    assert rig.call("list_controllers").controller[0].state == "running"
 
 
 def test_sys_exit_in_a_user_s_class_leaves_an_answer(rig, monkeypatch, tmp_path):
@@ -255,17 +229,17 @@ def test_sys_exit_in_a_user_s_class_leaves_an_answer(rig, monkeypatch, tmp_path)
 
 def test_commands_reach_their_controller(rig):
     rig.run("push")
-    rig.send("/rig/push/command", Float64(4.0))
+    rig.graph.send("/rig/push/command", Float64(4.0))
     rig.step(100)
     _, velocities, _ = rig.robot.model.read_joints()
     assert velocities[rig.robot.model.joint_names.index("cart")] == pytest.approx(0.2)
     rig.call("load_controller", "push_all")
     assert rig.call("switch_controller", ["push_all"], ["push"], 2).ok
-    rig.send("/rig/push_all/command", Float64MultiArray(data=[-4.0]))
+    rig.graph.send("/rig/push_all/command", Float64MultiArray(data=[-4.0]))
     rig.step(100)
     _, velocities, _ = rig.robot.model.read_joints()
     assert velocities[rig.robot.model.joint_names.index("cart")] == pytest.approx(0.0, abs=1e-9)
-    rig.send("/rig/push_all/command", Float64MultiArray(data=[1.0, 2.0]))
+    rig.graph.send("/rig/push_all/command", Float64MultiArray(data=[1.0, 2.0]))
     assert "2 values for 1" in rig.graph.lines[-1]
 
 
@@ -288,7 +262,7 @@ def test_states_are_told_to_those_who_listen(rig):
     (state,) = rig.graph.listen("/rig/go/state")
     (pid,) = rig.graph.listen("/rig/go/pid/state")
     (joints,) = rig.graph.listen("/rig/joint_states")
-    rig.send("/rig/go/command", Float64(0.5))
+    rig.graph.send("/rig/go/command", Float64(0.5))
     rig.step(11)
     now = heard(state, JointControllerState)
     assert now[0].header.stamp.to_nsec() == 1_000_000
@@ -319,9 +293,9 @@ def test_joint_states_bear_gazebo_s_stamp_or_the_true_one(rig, true, late):
     rig.graph.parameters["/rig/states/true_stamps"] = true
     rig.run("states", "push")
     (joints,) = rig.graph.listen("/rig/joint_states")
-    rig.send("/rig/push/command", Float64(1000.0))
+    rig.graph.send("/rig/push/command", Float64(1000.0))
     rig.step(10)
-    rig.send("/rig/push/command", Float64(0.0))
+    rig.graph.send("/rig/push/command", Float64(0.0))
     rig.step(10)
     *_, first, last = heard(joints, JointState)
     model, time_ns = rig.robot.model, rig.thread.simulation.time_ns
@@ -375,7 +349,7 @@ def test_fields_of_gains_are_control_toolbox_s():
 def test_a_controller_that_is_started_while_time_stands_holds_its_joint_where_it_is(rig):
     """And not where it was before the last step."""
     rig.run("push")
-    rig.send("/rig/push/command", Float64(4.0))
+    rig.graph.send("/rig/push/command", Float64(4.0))
     rig.step(100)
     rig.call("load_controller", "go")
     assert rig.call("switch_controller", ["go"], ["push"], 2).ok
@@ -398,11 +372,11 @@ def test_gains_of_joints_are_on_the_graph_with_the_robot(rig):
 @pytest.mark.parametrize(("given", "topic"), [
     ("<eStopTopic>stop</eStopTopic>", "/rig/stop"), ("<eStopTopic>/stop</eStopTopic>", "/stop"),
 ])
-def test_the_emergency_stop_is_where_the_plugin_says(graph, thread, action_servers, given, topic):
+def test_the_emergency_stop_is_where_the_plugin_says(graph, thread, given, topic):
     rig = Controllers(graph, thread, given)
-    rig.send(topic, Bool(True))
+    rig.graph.send(topic, Bool(True))
     assert rig.robot.hardware.e_stop is True
-    rig.send(topic, Bool(False))
+    rig.graph.send(topic, Bool(False))
     assert rig.robot.hardware.e_stop is False
     rig.services.shutdown()
     assert not graph.subscribers
@@ -456,183 +430,144 @@ def test_joint_states_are_written_as_they_are():
     assert (message.position, message.velocity, message.effort) == ([1, 2], [3, 4], [5, 6])
 
 
-class Goal:
-    """Goal with the interface of actionlib that records its result."""
+class ActionClient:
+    """Client of a controller's action, which actionlib serves on the graph in memory."""
 
-    def __init__(self, key: str, **fields: object) -> None:
-        self.key = key
-        self.message = FollowJointTrajectoryGoal(**fields)
-        self.told: list[tuple] = []
+    def __init__(self, rig: Controllers, name: str, kind: type) -> None:
+        self.rig, self.name, self.kind = rig, name, type(kind().action_goal)
 
-    def get_goal(self):
-        return self.message
+    def send(self, key: str, **fields: object) -> None:
+        message = self.kind(goal_id=GoalID(id=key))
+        message.goal = type(message.goal)(**fields)
+        self.rig.graph.subscribers[f"{self.name}/goal"](message)
 
-    def get_goal_id(self):
-        return GoalID(id=self.key)
+    def cancel(self, key: str) -> None:
+        self.rig.graph.subscribers[f"{self.name}/cancel"](GoalID(id=key))
 
-    def publish_feedback(self, feedback) -> None:
-        self.feedback = feedback
+    def sent(self, what: str) -> list:
+        return self.rig.graph.publishers[f"{self.name}/{what}"].sent
 
-    def __getattr__(self, name: str):
-        return lambda *args: self.told.append((name.removeprefix("set_"), *args))
+    def result(self, key: str) -> tuple:
+        """Return status, result and text of a goal that has ended."""
+        (it,) = (one for one in self.sent("result") if one.status.goal_id.id == key)
+        return it.status.status, it.result, it.status.text
 
 
 @pytest.fixture
-def follow(rig, action_servers):
+def follow(rig):
     rig.run("follow")
-    (server,) = action_servers
-    assert server.name == "/rig/follow/follow_joint_trajectory" and server.running
     rig.step()
-    return SimpleNamespace(rig=rig, server=server, step=rig.step)
+    return ActionClient(rig, "/rig/follow/follow_joint_trajectory", FollowJointTrajectoryAction)
 
 
 def test_a_goal_is_followed_to_its_end(follow):
-    goal = Goal("a", trajectory=TRAJECTORY, goal_time_tolerance=Duration(1, 0))
-    follow.server.goal(goal)
-    follow.step(100)
-    assert goal.told == [("accepted",)]
-    assert goal.feedback.desired.positions[0] > 0.0
-    follow.step(1500)
-    (_, (status, result, text)) = goal.told
-    assert (status, result.error_code, text) == ("succeeded", 0, "")
+    follow.send("a", trajectory=TRAJECTORY, goal_time_tolerance=Duration(1, 0))
+    follow.rig.step(100)
+    assert follow.sent("status")[-1].status_list[0].status == GoalStatus.ACTIVE
+    back = follow.sent("feedback")[-1]
+    assert back.feedback.desired.positions[0] > 0.0 and back.status.goal_id.id == "a"
+    follow.rig.step(1500)
+    status, result, text = follow.result("a")
+    assert (status, result.error_code, text) == (GoalStatus.SUCCEEDED, 0, "")
+    follow.cancel("a")
+    follow.rig.step(10)
+    assert follow.result("a")[0] == GoalStatus.SUCCEEDED
 
 
-def test_actions_bear_stamps_of_simulated_time(graph, thread, monkeypatch):
-    """Served by actionlib itself; a goal's status goes some seconds of wall time after it."""
-    wall = [100]
-    monkeypatch.setattr(rospy.Time, "now", staticmethod(lambda: rospy.Time(wall[0])))
-    monkeypatch.setattr(rospy, "search_param", lambda _name: None)
-    thread.step(7, 120.0)
-    handles, cancelled = [], []
-    server = actions._SimTimeActionServer("/arm", FollowJointTrajectoryAction, handles.append,
-                                          cancelled.append, thread=thread)
-    assert not graph.publishers  # not before it is started
-    server.start()
-    graph.subscribers["/arm/goal"](FollowJointTrajectoryActionGoal(goal_id=GoalID(id="a")))
-    (handle,) = handles
-    handle.set_accepted("yes")
-    feedback, result = FollowJointTrajectoryFeedback(joint_names=["j"]), (
-        FollowJointTrajectoryResult(error_code=-4))
-    handle.publish_feedback(feedback)
-    graph.subscribers["/arm/cancel"](GoalID(id="a"))
-    assert cancelled
-    handle.set_aborted(result, "no")
-    status, told, back = (graph.publishers[f"/arm/{name}"].sent
-                          for name in ("status", "result", "feedback"))
-    assert [m.header.stamp for m in [*status, *told, *back]] == [Time(0, 7_000_000)] * (
-        len(status) + 2)
-    assert (told[0].result, told[0].status.goal_id.id, told[0].status.text) == (result, "a", "no")
-    assert (back[0].feedback, back[0].status.goal_id.id) == (feedback, "a")
-    assert [one.status for one in status[-1].status_list] == [GoalStatus.ABORTED]
-    assert not status[0].status_list
-    del handle, handles[:], cancelled[:]
+def test_actions_bear_stamps_of_simulated_time(follow, monkeypatch):
+    """A goal's status goes some seconds of wall time after it."""
+    assert not follow.sent("status")[0].status_list
+    follow.send("a", trajectory=JointTrajectory(joint_names=["nobody"], points=POINTS))
+    follow.rig.step()
+    for what in ("status", "result"):
+        assert follow.sent(what)[-1].header.stamp in (Time(0, 1_000_000), Time(0, 2_000_000))
+    (tell,) = (tell for period, tell in follow.rig.graph.timers if period.to_sec() == 0.2)
+    status = follow.sent("status")
     for seconds, left in ((4, 1), (5, 1), (6, 0)):
-        wall[0] = 100 + seconds
-        server.publish_status()
+        follow.rig.graph.wall_time = 100.0 + seconds
+        tell(None)
         assert len(status[-1].status_list) == left
     monkeypatch.setattr(rospy, "is_shutdown", lambda: True)
     count = len(status)
-    server.publish_status()
+    tell(None)
     assert len(status) == count
 
 
-def test_a_goal_is_read_in_every_field(follow):
+def test_a_goal_is_read_in_every_field(rig):
     message = FollowJointTrajectoryGoal(
         trajectory=TRAJECTORY, path_tolerance=[JointTolerance("a", 1.0, 2.0, 3.0)],
         goal_tolerance=[JointTolerance("b", 4.0, 5.0, 6.0), JointTolerance("c", 7.0, 8.0, 9.0)],
         goal_time_tolerance=Duration(1, 500_000_000))
-    parts = follow.rig.services._topics["follow"]._parts
-    (action,) = (part for part in parts if isinstance(part, actions.ControllerAction))
-    assert action._make_goal(message) == TrajectoryGoal(
+    action = TrajectoryAction(rig.run("follow")[0], "/other", rig.thread)
+    assert action.make_goal(message) == TrajectoryGoal(
         from_trajectory(TRAJECTORY), [Tolerance("a", 1.0, 2.0, 3.0)],
         [Tolerance("b", 4.0, 5.0, 6.0), Tolerance("c", 7.0, 8.0, 9.0)], 1.5)
-
-
-def test_a_goal_that_has_ended_is_not_cancelled(follow, monkeypatch):
-    goal = Goal("a", trajectory=TRAJECTORY, goal_time_tolerance=Duration(1, 0))
-    cancelled = []
-    follow.server.goal(goal)
-    follow.step(10)
-    monkeypatch.setattr(JointTrajectoryController, "cancel_goal", lambda *of: cancelled.append(of))
-    follow.server.cancel(goal)
-    follow.step()
-    assert len(cancelled) == 1
-    follow.step(1500)
-    follow.server.cancel(goal)
-    follow.step()
-    assert goal.told[-1][0] == "succeeded" and len(cancelled) == 1
+    action.shutdown()
+    assert not [name for name in rig.graph.subscribers if name.startswith("/other")]
 
 
 def test_goals_are_refused_cancelled_and_fail(follow):
-    wrong = Goal("w", trajectory=JointTrajectory(joint_names=["nobody"], points=POINTS))
-    follow.server.goal(wrong)
-    goal = Goal("a", trajectory=TRAJECTORY)
-    follow.server.goal(goal)
-    follow.step(10)
-    ((status, result, text),) = wrong.told
-    assert (status, result.error_code, text) == ("rejected", -2, result.error_string)
-    follow.server.cancel(Goal("somebody else"))
-    follow.step(10)
-    assert goal.told == [("accepted",)]
-    follow.server.cancel(goal)
-    follow.step(10)
-    assert goal.told[-1][0] == "canceled" and goal.told[-1][2] == "cancelled"
-    strict = Goal("b", trajectory=TRAJECTORY, path_tolerance=[JointTolerance("slide", 1e-9, 0, 0)])
-    follow.server.goal(strict)
-    follow.step(200)
-    assert strict.told[-1][0] == "aborted" and strict.told[-1][1].error_code == -4
-    late = Goal("c", trajectory=TRAJECTORY, goal_tolerance=[JointTolerance("slide", 1e-9, 0, 0)])
-    follow.server.goal(late)
-    follow.step(2500)
-    assert late.told[-1][0] == "aborted" and late.told[-1][1].error_code == -5
+    step = follow.rig.step
+    follow.send("w", trajectory=JointTrajectory(joint_names=["nobody"], points=POINTS))
+    follow.send("a", trajectory=TRAJECTORY)
+    step(10)
+    status, result, text = follow.result("w")
+    assert (status, result.error_code, text) == (GoalStatus.REJECTED, -2, result.error_string)
+    follow.cancel("somebody else")
+    step(10)
+    assert len(follow.sent("result")) == 1
+    follow.cancel("a")
+    step(10)
+    status, _, text = follow.result("a")
+    assert (status, text) == (GoalStatus.PREEMPTED, "cancelled")
+    too_strict = [JointTolerance("slide", 1e-9, 0, 0)]
+    follow.send("b", trajectory=TRAJECTORY, path_tolerance=too_strict)
+    step(200)
+    follow.send("c", trajectory=TRAJECTORY, goal_tolerance=too_strict)
+    step(2500)
+    for key, code in (("b", -4), ("c", -5)):
+        status, result, _ = follow.result(key)
+        assert (status, result.error_code) == (GoalStatus.ABORTED, code)
 
 
-def test_a_gripper_says_where_it_got_to_and_what_holds_it_up(rig, action_servers):
+def test_a_gripper_says_where_it_got_to_and_what_holds_it_up(rig):
     simulation = rig.thread.simulation
     rig.thread.call(lambda: simulation.set_joint_positions("rig", {"cart": 4.5}))
     rig.run("grip")
-    (server,) = action_servers
-    assert server.name == "/rig/grip/gripper_cmd" and server.running
-    there, held, wrong = (Goal(key) for key in "thw")
-    there.message = GripperCommandGoal(GripperCommand(4.7, 50.0))
-    server.goal(there)
+    gripper = ActionClient(rig, "/rig/grip/gripper_cmd", GripperCommandAction)
+    gripper.send("there", command=GripperCommand(4.7, 50.0))
     rig.step(1500)
-    (first, (status, result, text)) = there.told
-    assert (first, status, text) == (("accepted",), "succeeded", "")
+    status, result, text = gripper.result("there")
+    assert (status, text) == (GoalStatus.SUCCEEDED, "")
     assert result.position == pytest.approx(4.7, abs=0.01)
     assert result.reached_goal and not result.stalled
-    held.message = GripperCommandGoal(GripperCommand(6.0, 30.0))  # beyond its stop at 5 m
-    server.goal(held)
+    gripper.send("held", command=GripperCommand(6.0, 30.0))  # beyond its stop at 5 m
     rig.step(1000)
-    (_, (status, result, _)) = held.told
-    assert status == "aborted" and result.stalled and not result.reached_goal
+    status, result, _ = gripper.result("held")
+    assert status == GoalStatus.ABORTED and result.stalled and not result.reached_goal
     assert result.position == pytest.approx(5.0, abs=1e-3) and result.effort == 30.0
-    wrong.message = GripperCommandGoal(GripperCommand(float("nan"), 1.0))
-    server.goal(wrong)
+    gripper.send("wrong", command=GripperCommand(float("nan"), 1.0))
     rig.step(2)
-    ((status, _, text),) = wrong.told
-    assert status == "rejected" and "not finite" in text
+    status, _, text = gripper.result("wrong")
+    assert status == GoalStatus.REJECTED and "not finite" in text
 
 
 def test_the_wanted_state_can_be_asked_for(follow):
-    follow.rig.send("/rig/follow/command", TRAJECTORY)
-    answer = follow.rig.graph.call("/rig/follow/query_state", Time(0, 502_000_000))
+    graph = follow.rig.graph
+    graph.send("/rig/follow/command", TRAJECTORY)
+    answer = graph.call("/rig/follow/query_state", Time(0, 502_000_000))
     assert (answer.name, answer.position) == (["slide"], [1.0])
     # From there on in a straight line: the second point has a position only.
     assert (answer.velocity, answer.acceleration) == ([2.0], [0.0])
     with pytest.raises(rospy.ServiceException, match="precedes"):
-        follow.rig.graph.call("/rig/follow/query_state", Time(0, 1))
+        graph.call("/rig/follow/query_state", Time(0, 1))
     follow.rig.call("switch_controller", [], ["follow"], 2)
     follow.rig.call("unload_controller", "follow")
-    assert not follow.server.running and "/rig/follow/query_state" not in follow.rig.graph.services
+    left = (*graph.subscribers, *graph.services, *graph.publishers)
+    assert not [name for name in left if name.startswith("/rig/follow/")]
 
 
 def test_a_controller_without_ports_has_no_topics(rig):
-    controller = SimpleNamespace(
-        context=SimpleNamespace(where="/rig/none"), command_kind=None, state_kind=None,
-        action_kind=None, pids={},
-    )  # fmt: skip
     before = dict(rig.graph.publishers)
-    topics = ControllerTopics(controller, "/rig", rig.thread)
-    topics.shutdown()
+    ControllerTopics(Controller(), "/rig", rig.thread).shutdown()
     assert rig.graph.publishers == before

@@ -3,50 +3,52 @@
 from types import SimpleNamespace
 
 import pytest
+from dynamic_reconfigure.msg import Config, DoubleParameter
 
-from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.laws.adaptive import Adaptive
 from aras_visual_servo_controller.laws.sliding_mode import SlidingMode
 from aras_visual_servo_controller.laws.wrappers import Ramp
+from aras_visual_servo_controller.observation.feature_observer import FeatureObserver
 from aras_visual_servo_controller.ros import reconfigure
 
 
 @pytest.fixture
-def served(monkeypatch):
-    """Function that returns the fields and the callback of the GainServer of a law."""
+def served(graph, hear_with):
+    """Function that serves the gains of a law; it returns what sets them, and their limits."""
 
     def serve(law):
-        found = {}
+        owner = SimpleNamespace(runner=hear_with(FeatureObserver(None)))
+        owner.runner.servo.scheme.law = law
+        reconfigure.GainServer(owner)
+        (described,) = graph.publishers["/unnamed/gains/parameter_descriptions"].sent
 
-        def server(namespace, fields, values, apply):
-            found.update(fields={field.name: field for field in fields}, apply=apply)
+        def set_gains(**values):
+            doubles = [DoubleParameter(*one) for one in values.items()]
+            graph.call("/unnamed/gains/set_parameters", Config(doubles=doubles))
 
-        monkeypatch.setattr(reconfigure, "ReconfigureServer", server)
-        monkeypatch.setattr(reconfigure.rospy, "resolve_name", lambda name: f"/node{name}")
-        servo = SimpleNamespace(scheme=SimpleNamespace(law=law))
-        driver = SimpleNamespace(servo=servo, apply_change=lambda change: change(servo))
-        reconfigure.GainServer(SimpleNamespace(runner=driver))
-        return found
+        limits = zip(described.min.doubles, described.max.doubles, strict=True)
+        return set_gains, {low.name: (low.value, high.value) for low, high in limits}
 
     return serve
 
 
-def test_gains_of_a_law_and_its_wrapper_are_changed_together_or_not_at_all(served):
+def test_gains_of_a_law_and_its_wrapper_are_changed_together_or_not_at_all(graph, served):
     inside = Adaptive(5.0, 2.0, 30.0)
     law = Ramp(inside, 0.1)
-    found = served(law)
-    assert set(found["fields"]) == {"time", "zero", "infinity", "slope"}
-    found["apply"]({"time": 0.2, "zero": 6.0, "infinity": 3.0, "slope": 20.0})
+    set_gains, limits = served(law)
+    assert set(limits) == {"time", "zero", "infinity", "slope"}
+    set_gains(time=0.2, zero=6.0, infinity=3.0, slope=20.0)
     assert (law.time, inside.zero, inside.infinity, inside.slope) == (0.2, 6.0, 3.0, 20.0)
-    with pytest.raises(ConfigurationError, match="must be greater than the parameter infinity"):
-        found["apply"]({"time": 0.4, "zero": 2.0, "infinity": 3.0, "slope": 20.0})
+    set_gains(time=0.4, zero=2.0, infinity=3.0, slope=20.0)
+    assert "must be greater than the parameter infinity" in graph.lines[-1]
     assert (law.time, inside.zero, inside.infinity, inside.slope) == (0.2, 6.0, 3.0, 20.0)
 
 
 def test_what_the_law_was_given_lies_within_what_may_be_set(served):
     """A client that sets one gain sends all; none of them may be moved into its limits."""
-    fields = served(SlidingMode(400.0, 0.05, 5e-4))["fields"]
-    for name, given in (("gain", 400.0), ("reach", 0.05), ("width", 5e-4)):
-        assert fields[name].coerce(given) == given
-    assert fields["gain"].coerce(5000.0) == 1000.0
-    assert [fields[name].coerce(0.0) for name in ("reach", "width")] == [1e-3, 5e-4]
+    law = SlidingMode(400.0, 0.05, 5e-4)
+    set_gains, limits = served(law)
+    assert limits["gain"][1] == 1000.0
+    assert (limits["reach"][0], limits["width"][0]) == (1e-3, 5e-4)
+    set_gains(gain=400.0, reach=0.05, width=5e-4)
+    assert (law.gain, law.reach, law.width) == (400.0, 0.05, 5e-4)

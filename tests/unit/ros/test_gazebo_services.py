@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from threading import Thread
 
 import numpy as np
 import pytest
@@ -25,20 +26,15 @@ def velocity(call):
     return call("get_link_state", "ball::ball").link_state.twist
 
 
-def test_time_advances_by_steps(call, step):
+def test_time_advances_by_steps(api, call, step):
     answer = step(7)
     assert answer.sim_time.to_nsec() == 7_000_000
     assert call("get_world_properties").sim_time == pytest.approx(0.007)
     call("reset_simulation")
     assert call("get_world_properties").sim_time == 0.0
-    assert step(1).status_message == "made 1 steps"
-
-
-def test_a_call_of_step_world_has_ten_minutes(api, call, monkeypatch):
-    asked = []
-    monkeypatch.setattr(api.thread, "step", lambda *given: asked.append(given) or 5)
-    assert call("step_world", 7).sim_time.to_nsec() == 5
-    assert asked == [(7, 600.0)] and call("get_world_properties").rendering_enabled
+    api.thread.limits.clear()
+    assert step(1).status_message == "made 1 steps" and api.thread.limits[0] == 600.0
+    assert call("get_world_properties").rendering_enabled
 
 
 @pytest.mark.parametrize("count", [0, 1_000_001])
@@ -46,10 +42,14 @@ def test_steps_out_of_range_are_refused(call, count):
     assert "1 to 1000000" in call("step_world", count, refused=True).status_message
 
 
-def test_the_largest_number_of_steps_is_made(call, monkeypatch):
-    monkeypatch.setattr("aras_sim_bridge.ros.gazebo_api.stepping.STEP_LIMIT", 3)
-    assert call("step_world", 3).sim_time.to_nsec() == 3_000_000
-    call("step_world", 4, refused=True)
+def test_the_largest_number_of_steps_is_made(api):
+    answers = []
+    asking = Thread(target=lambda: answers.append(api.graph.call("/gazebo/step_world", 1_000_000)))
+    asking.start()
+    asking.join(0.05)
+    api.thread.stop()
+    asking.join(30.0)
+    assert "1 to 1000000" not in answers[0].status_message
 
 
 def test_no_steps_while_time_runs(api, call):
@@ -61,10 +61,9 @@ def test_no_steps_while_time_runs(api, call):
     call("step_world", 1)
 
 
-def test_resets(api, call, step, ball, monkeypatch):
+def test_resets(api, call, step, ball):
     step(50)
-    restarted = []
-    monkeypatch.setattr(api.thread.pacer, "restart", restarted.append)
+    api.thread.pacer.restarts.clear()
     api.resets.clear()
     call("reset_world")
     assert call("get_model_state", "ball", "").pose.position.z == pytest.approx(100.0)
@@ -72,7 +71,7 @@ def test_resets(api, call, step, ball, monkeypatch):
     assert api.resets == []
     call("reset_simulation")
     # more than once where the machine was busy: a job that lasted is not made good either
-    assert api.resets == [0] and 0 in restarted
+    assert api.resets == [0] and 0 in api.thread.pacer.restarts
     assert call("get_model_state", "ball", "").header.stamp.to_nsec() == 0
 
 

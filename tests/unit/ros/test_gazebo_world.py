@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import math
-from types import SimpleNamespace
 
 import pytest
-import rospy
 from dynamic_reconfigure.msg import BoolParameter, Config, DoubleParameter, IntParameter
 from gazebo_msgs.msg import ModelState, ODEJointProperties, ODEPhysics
 from geometry_msgs.msg import Point, Pose, Quaternion, Twist, Vector3
 from std_msgs.msg import ColorRGBA
 
+from aras_sim_bridge.description import parse_urdf
+from aras_sim_bridge.ros.control.manager_services import ManagerServices
 from aras_sim_bridge.ros.gazebo_api.descriptions import find_namespace
 from aras_sim_bridge.ros.runtime.pacing import Pacer
 from aras_sim_bridge.ros.runtime.reconfigure import PHYSICS_FIELDS
+from aras_sim_bridge.ros.runtime.restart_record import RestartRecord
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
 
@@ -124,18 +125,6 @@ def test_names_that_cannot_be(call, name, words):
         len(name) > 9)
 
 
-def test_the_longest_name_is_taken_and_a_spawn_has_a_minute(api, call, monkeypatch):
-    limits, given = [], api.thread.call
-
-    def watched(job, *limit):
-        limits.extend(limit)
-        return given(job, *limit)
-
-    monkeypatch.setattr(api.thread, "call", watched)
-    call("spawn_urdf_model", "x" * 256, BALL, "", Pose(), "")
-    assert limits == [60.0]
-
-
 @pytest.mark.parametrize(("own", "requested", "namespace"), [
     ([], "/a/b/", "/a/b"), ([], "", ""), ([], "/", ""), (["", "mine/"], "/a", "/mine"),
     (["mine", "his"], "", "/mine"),
@@ -143,8 +132,10 @@ def test_the_longest_name_is_taken_and_a_spawn_has_a_minute(api, call, monkeypat
 def test_controllers_are_in_the_namespace_of_the_plugin_or_of_the_request(
     own, requested, namespace
 ):
-    description = SimpleNamespace(
-        control_plugins=[SimpleNamespace(robot_namespace=name) for name in own])
+    plugins = "".join(
+        "<gazebo><plugin name='c' filename='libgazebo_ros_control.so'>"
+        f"<robotNamespace>{name}</robotNamespace></plugin></gazebo>" for name in own)
+    description = parse_urdf(f"<robot name='r'><link name='l'/>{plugins}</robot>")
     assert find_namespace(description, requested) == namespace
 
 
@@ -156,6 +147,11 @@ def test_controllers_are_in_the_namespace_of_the_plugin_or_of_the_request(
 def test_text_that_is_no_urdf_is_refused(api, call, text, words):
     answer = call("spawn_urdf_model", "m", text, "", Pose(), "", refused=True)
     assert words in answer.status_message and words in api.graph.lines[-1]
+
+
+def test_the_longest_name_is_taken_and_a_spawn_has_a_minute(api, call):
+    call("spawn_urdf_model", "x" * 256, BALL, "", Pose(), "")
+    assert api.thread.limits == [60.0]
 
 
 def test_a_name_is_given_once_and_a_model_comes_with_what_it_says(api, call, ball):
@@ -192,28 +188,46 @@ def test_physics_tells_what_was_set(api, call, step, ball):
     assert xyz(twist.linear) == pytest.approx((0.02, 0.04, -0.06), abs=1e-9)
 
 
-def test_at_least_one_iteration_is_made_and_what_robots_do_not_bear_is_said(api, call):
-    simulation = api.thread.simulation
-    simulation.robots.update({
-        name: SimpleNamespace(
-            report_stability=lambda step, name=name: name and f"{name} shakes at {step}")
-        for name in ("a", "", "b")})  # fmt: skip
+STIFF = """<robot name="arm"><link name="world"/>
+  <joint name="swing" type="revolute"><parent link="world"/><child link="rod"/><axis xyz="0 0 1"/>
+    <limit lower="-2" upper="2" effort="50" velocity="10"/></joint>
+  <link name="rod"><inertial><mass value="1"/>
+    <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <transmission name="t"><type>transmission_interface/SimpleTransmission</type><joint name="swing">
+    <hardwareInterface>hardware_interface/EffortJointInterface</hardwareInterface></joint>
+    <actuator name="m"/></transmission>
+  <gazebo><plugin name="c" filename="libgazebo_ros_control.so"/></gazebo></robot>"""
+
+
+def test_at_least_one_iteration_is_made_and_what_the_gains_do_not_bear_is_said(api, call):
+    """Of 1 kg m²: 2 h D + h² P = 4 at 41.4 ms."""
+    api.graph.parameters |= {
+        "/arm/stiff/type": "effort_controllers/JointPositionController",
+        "/arm/stiff/joint": "swing", "/arm/stiff/pid/p": 400.0, "/arm/stiff/pid/i": 0.0,
+        "/arm/stiff/pid/d": 40.0}
+    call("spawn_urdf_model", "arm", STIFF, "/arm", Pose(), "")
+    robot = api.thread.simulation.robots["arm"]
+    services = ManagerServices(robot, api.thread, RestartRecord(False))
+    manager = "/arm/controller_manager"
+    assert api.graph.call(f"{manager}/load_controller", "stiff").ok
+    assert api.graph.call(f"{manager}/switch_controller", ["stiff"], [], 2).ok
     before = call("get_physics_properties")
     before.ode_config.sor_pgs_iters = 0
-    answer = call("set_physics_properties", 0.004, 250.0, before.gravity, before.ode_config)
-    told = "a shakes at 0.004; b shakes at 0.004"
-    assert answer.status_message == f"SetPhysicsProperties: physics engine updated; {told}"
-    assert api.graph.lines[-1] == told
-    assert simulation.world.solver_iterations == 1
+    told = ("model 'arm': the loaded PIDs are unstable at steps of 0.043 s: at the current joint "
+            "positions they need 0.041 s")
+    for seconds, warned in ((0.04, False), (0.043, True), (0.001, False)):
+        answer = call("set_physics_properties", seconds, 250.0, before.gravity, before.ode_config)
+        assert answer.status_message.startswith("SetPhysicsProperties: physics engine updated")
+        assert (told in answer.status_message) is warned
+    assert told in api.graph.lines[-1]
+    assert api.thread.simulation.world.solver_iterations == 1
     assert call("get_physics_properties").ode_config.sor_pgs_iters == 0
-    simulation.robots.clear()
-    answer = call("set_physics_properties", 0.001, 250.0, before.gravity, before.ode_config)
-    assert answer.status_message == "SetPhysicsProperties: physics engine updated"
+    services.shutdown()
 
 
 def test_fields_of_physics_are_gazebo_ros_s():
     free = ("double", 0.0, -100.0, 100.0)
-    assert {f.name: (f.type, f.default, f.minimum, f.maximum) for f in PHYSICS_FIELDS} == {
+    fields = {
         "time_step": ("double", 0.001, 0, 10), "max_update_rate": ("double", 60, 0, 1000),
         "gravity_x": free, "gravity_y": free, "gravity_z": ("double", -9.8, -100, 100),
         "auto_disable_bodies": ("bool", False, False, True),
@@ -224,6 +238,8 @@ def test_fields_of_physics_are_gazebo_ros_s():
         "contact_max_correcting_vel": ("double", 100, 0, 1e7),
         "max_contacts": ("int", 100, 0, 10000000),
     }
+    found = {f.name: (f.type, f.default, f.minimum, f.maximum) for f in PHYSICS_FIELDS}
+    assert found == fields and list(found) == list(fields)
     assert all(field.level == 1 for field in PHYSICS_FIELDS)
 
 
@@ -324,7 +340,7 @@ def test_states_are_published_while_somebody_listens(api, call, step, slider, ba
 
 
 def test_metrics_tell_how_often_cameras_that_are_looked_at_draw(api, monkeypatch):
-    monkeypatch.setattr(SimulationThread, "real_time_factor", 0.5)
+    api.thread.pace = 0.5
     simulation = api.thread.simulation
     api.thread.step(2, 60.0)
     settings = {"parent": "world", "pose": [0.0] * 6, "width": 8, "height": 6, "update_rate": 20.0}
@@ -346,7 +362,7 @@ def test_metrics_tell_how_often_cameras_that_are_looked_at_draw(api, monkeypatch
 
 def test_metrics_are_told_five_times_a_second(api, monkeypatch):
     now = [0.5]
-    monkeypatch.setattr("aras_sim_bridge.ros.gazebo_api.states.time.monotonic", lambda: now[0])
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
     metrics, told = api.graph.publishers["/gazebo/performance_metrics"], []
     metrics.impl.connections.append(object())
     for now[0] in (0.5, 0.6875, 0.75, 0.875, 0.96875):
@@ -366,18 +382,6 @@ def test_the_real_time_factor_is_told_once_a_second(api):
     tell(None)  # a second comes round while the node ends: no traceback
     assert factor.sent == [0.0]
 
-
-def test_a_fault_of_ours_is_an_answer_too(api, call, monkeypatch):
-    def broken(*_: object) -> None:
-        raise SystemExit("gone")
-
-    monkeypatch.setattr(type(api.thread.simulation), "delete_light", broken)
-    answer = call("delete_light", "sun", refused=True)
-    assert answer.status_message == "DeleteLight: internal error, SystemExit: gone"
-    assert "please report it" in api.graph.lines[-1]
-    monkeypatch.setattr(type(api.thread.simulation), "reset_world", broken)
-    with pytest.raises(rospy.ServiceException, match="internal error"):
-        call("reset_world")
 
 HINGE = "<axis><xyz>0 1 0</xyz></axis>"
 BARS = ("<sdf version='1.6'><model name='m'><link name='a'/><link name='b'><pose>0 0 1 0 0 0</pose>"

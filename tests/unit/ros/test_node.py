@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import logging
+import sys
 import threading
 import time
-from types import SimpleNamespace
 
+import pybullet
 import pytest
 import rospy
 from dynamic_reconfigure.msg import Config, ConfigDescription
@@ -19,13 +20,13 @@ from std_msgs.msg import Float64
 from aras_sim_bridge.control.switching import ControllerInfo
 from aras_sim_bridge.description.types import SceneSettings
 from aras_sim_bridge.description.world_file import WorldFile
-from aras_sim_bridge.errors import SimError
 from aras_sim_bridge.ros.runtime import node
 from aras_sim_bridge.ros.runtime.clock import ClockPublisher
 from aras_sim_bridge.ros.runtime.node import GazeboNode, make_pacer
 from aras_sim_bridge.ros.runtime.node_parameters import NodeParameters
 from aras_sim_bridge.ros.runtime.restart_record import RestartRecord
 from aras_sim_bridge.simulation import SimulationConfig
+from aras_visual_servo_base.compiled import list_functions
 from aras_visual_servo_ros.parameters import InvalidParameterError
 
 MS = 1_000_000
@@ -201,31 +202,22 @@ def test_without_extras_there_is_what_gazebo_ros_has(make):
     until(lambda: make.graph.call("/gazebo/get_world_properties").sim_time > 0.0)
 
 
-@pytest.mark.parametrize(("display", "window"), [("", False), (":1", True)])
-def test_the_simulation_is_what_parameters_and_world_file_say(graph, monkeypatch, display, window):
-    monkeypatch.setenv("DISPLAY", display)
-    made, put = SimpleNamespace(spawn=lambda **cameras: cameras), []
-    configs: list[SimulationConfig] = []
-    monkeypatch.setattr(node, "Simulation", lambda config: configs.append(config) or made)
-    monkeypatch.setattr(node.world_file, "populate", lambda *given: put.append(given))
-    monkeypatch.setattr(node.settings, "read_cameras", lambda: {"eye": {"width": 3}})
+@pytest.mark.parametrize("shadows", ["world", "none"])
+def test_the_simulation_is_what_parameters_and_world_file_say(graph, monkeypatch, shadows):
+    monkeypatch.setenv("DISPLAY", "")
+    graph.parameters[rospy.resolve_name("~cameras")] = {"eye": {"width": 3}}
     world = WorldFile(time_step=0.002, gravity=(1.0, 2.0, 3.0), lights=(), ground_plane=False,
                       scene=SceneSettings(shadows="soft"), warnings=("look",), time_ns=77)
-    given = {"gui": True, "renderer": "tiny", "exposure": "gazebo", "seed": 5,
-             "legacy_camera_info": True}
-    for shadows, wanted in (("world", "soft"), ("none", "none")):
-        built = node.build_simulation(NodeParameters(shadows=shadows, **given), world)
-        assert built is made and made.time_ns == 77
-        assert configs.pop() == SimulationConfig(
-            time_step=0.002, gravity=(1.0, 2.0, 3.0), gui=window, renderer="tiny",
-            exposure="gazebo", scene=SceneSettings(shadows=wanted), seed=5,
-            legacy_camera_info=True, ground_plane=False, lights=())
-        spawn, what, warn = put.pop()
-        warn("model 'm' is left out")
-        assert what is world and spawn() == {"cameras": {"eye": {"width": 3}}}
-    assert "world file: look" in graph.lines
-    assert "world file: model 'm' is left out" in graph.lines
-    assert any("continuing without a window" in line for line in graph.lines) is not window
+    built = node.build_simulation(
+        NodeParameters(shadows=shadows, gui=True, renderer="tiny", exposure="gazebo", seed=5,
+                       legacy_camera_info=True), world)
+    assert built.config == SimulationConfig(
+        time_step=0.002, gravity=(1.0, 2.0, 3.0), gui=False, renderer="tiny",
+        exposure="gazebo", scene=SceneSettings(shadows={"world": "soft"}.get(shadows, "none")),
+        seed=5, legacy_camera_info=True, ground_plane=False, lights=())
+    assert built.time_ns == 77 and "world file: look" in graph.lines
+    assert sum("continuing without a window" in line for line in graph.lines) == 1
+    built.close()
 
 
 def test_cameras_of_the_world_come_with_the_node(make):
@@ -352,19 +344,114 @@ def test_lockstep_waits_for_its_topics_by_periods(make):
     until(lambda: it.thread.is_time_stopped and it.thread.now_ns() == 2 * MS)
 
 
-def test_lockstep_without_topics_is_refused(make):
-    with pytest.raises(SimError, match="lockstep_topics is empty"):
-        make(speed_mode="lockstep")
+@pytest.fixture
+def process(graph, start, monkeypatch):
+    """The node's process, which `start.end` ends like a signal."""
+    monkeypatch.setattr(sys, "setswitchinterval", lambda interval: start.begun.append(interval))
+    monkeypatch.setattr(rospy.rostime, "wallsleep", lambda _seconds: None)
+    sleep, start.slept = time.sleep, []
+    monkeypatch.setattr(time, "sleep", lambda seconds: start.slept.append(seconds) or sleep(0.001))
+    start.graph.parameters[f"{rospy.get_name()}/paused"] = True
+
+    def run(**given: object) -> threading.Thread:
+        given = {"master_check_period": 1e-4, **given}
+        thread = threading.Thread(target=lambda: setattr(start, "status", node.main(given)))
+        thread.start()
+        return thread
+
+    def lose_master() -> None:
+        def gone() -> None:
+            raise OSError
+
+        graph.getPid = gone
+
+    start.run, start.lose_master = run, lose_master
+    yield start
+    lose_master()
+    for thread in threading.enumerate():
+        if thread.name == "master watch":
+            thread.join(30.0)
+
+
+def test_the_process_runs_until_it_is_ended(process):
+    asked, get_pid = [], process.graph.getPid
+    process.graph.getPid = lambda: asked.append(1) or get_pid()
+    thread = process.run(paused=False)
+    until(lambda: len(asked) > 5 or not thread.is_alive())
+    assert len(asked) > 0.5 * process.slept.count(0.5)  # as often as it is set
+    assert process.graph.parameters["/use_sim_time"] is True
+    # The parameters of the server come before those of the command line.
+    assert process.graph.call("/gazebo/get_physics_properties").pause is True
+    assert process.begun == [0.0005, ("gazebo", {"disable_signals": True, "disable_rostime": True})]
+    assert process.is_open and all(function.signatures for function in list_functions())
+
+    process.lose_master()
+    thread.join(300.0)
+    assert process.status == 0
+    assert process.end_reasons == ["the ROS master does not answer any more"]
+    assert any("is up, process" in line for line in process.graph.lines)
+    assert process.graph.lines[-1] == f"{rospy.get_name()} ends: {process.end_reasons[0]}"
+
+
+@pytest.mark.parametrize("when", ["before", "meanwhile", "after"])
+def test_an_end_that_comes_early_ends_the_node_too(process, monkeypatch, when):
+    slept, has_param, log = [], rospy.has_param, rospy.loginfo
+    monkeypatch.setattr(rospy.rostime, "wallsleep", slept.append)
+    if when == "before":
+        process.is_ended_early = lambda: process.is_open
+
+    def look_up(name: str) -> bool:
+        if when == "meanwhile":
+            process.end("early")
+        return has_param(name)
+
+    def write(text: str, *values: object) -> None:
+        log(text, *values)
+        if when == "after" and "is up" in text:
+            process.end("late")
+            assert slept == [0.3]  # answers have their way
+
+    monkeypatch.setattr(rospy, "has_param", look_up)
+    monkeypatch.setattr(rospy, "loginfo", write)
+    process.run().join(300.0)
+    assert process.status == 0
+    with pytest.raises(rospy.ServiceException, match="shutting down"):
+        process.graph.call("/gazebo/reset_world")
+
+
+@pytest.mark.parametrize("early", [False, True])
+@pytest.mark.parametrize("fault", [None, OSError("no"), rospy.ROSException("no")])
+def test_what_keeps_it_from_starting_is_said_unless_it_ends_in_any_case(
+    process, monkeypatch, fault, early
+):
+    def look_up(_name: str) -> bool:
+        if early:
+            process.end("early")
+        if fault is not None:
+            raise fault
+        return True
+
+    monkeypatch.setattr(rospy, "has_param", look_up)
+    process.run(world="/none.world").join(300.0)
+    assert process.status == 1
+    (why,) = process.end_reasons
+    assert why.startswith("early" if early else "it cannot start: ")
+    assert early or ("/none.world" if fault is None else "no") in why
+
+
+def test_what_keeps_it_from_starting_is_one_line(process):
+    process.run(speed_mode="fast").join(300.0)
+    assert process.status == 1
+    assert process.end_reasons == [process.graph.lines[-1].partition(" ends: ")[2]]
+    assert "speed_mode" in process.end_reasons[0]
 
 
 @pytest.mark.parametrize(("level", "shown"), [
     ("debug", ["d", "i", "w", "e"]), ("info", ["i", "w", "e"]), ("warn", ["w", "e"]),
     ("error", ["e"]),
 ])
-def test_the_library_s_lines_go_where_rospy_s_go(level, shown, monkeypatch):
-    rosout = logging.getLogger("rosout")
-    found: list[str] = []
-    handler = logging.Handler()
+def test_the_library_s_lines_go_where_rospy_s_go(process, monkeypatch, level, shown):
+    rosout, found, handler = logging.getLogger("rosout"), [], logging.Handler()
     handler.emit = lambda record: found.append(record.getMessage())
     monkeypatch.setattr(rosout, "handlers", [handler])
     before = rosout.level
@@ -372,7 +459,8 @@ def test_the_library_s_lines_go_where_rospy_s_go(level, shown, monkeypatch):
     ours = [logging.getLogger(name) for name in ("aras_sim_bridge", "aras_visual_servo_base")]
     parents = [one.parent for one in ours]
     try:
-        node._set_up_log(level)
+        process.run(log_level=level, world="/none.world").join(300.0)
+        del found[:]
         for one in ours:
             library = one.getChild("world.somewhere")
             for write, text in ((library.debug, "d"), (library.info, "i"), (library.warning, "w"),
@@ -386,157 +474,34 @@ def test_the_library_s_lines_go_where_rospy_s_go(level, shown, monkeypatch):
     assert found == 2 * shown
 
 
-@pytest.fixture
-def process(graph, monkeypatch):
-    """Replacement of rospy's process: `end` ends it like a signal; `told` lists the reasons."""
-    it = SimpleNamespace(graph=graph, told=[], hooks=[], watched=[], begun=[])
-    monkeypatch.setattr(node, "init_node", lambda *given, **more: it.begun.append((given, more)))
-    monkeypatch.setattr(node, "compile_all", lambda: it.begun.append("compiled"))
-    monkeypatch.setattr(rospy, "on_shutdown", it.hooks.append)
-    monkeypatch.setattr(rospy.rostime, "wallsleep", lambda _seconds: None)
-    monkeypatch.setattr(node, "accept_in_threads", lambda: it.begun.append("open wide"))
-    monkeypatch.setattr(node, "_set_up_log", lambda _level: None)
-    monkeypatch.setattr(node.sys, "setswitchinterval", it.begun.append)
-
-    def end(why: str) -> None:
-        it.told.append(why)
-        for hook in it.hooks:
-            hook()
-
-    class Watch:
-        def __init__(self, _name: str, every: float) -> None:
-            it.watched.append(every)
-
-        def watch(self, on_lost) -> None:
-            it.lost = on_lost
-
-    monkeypatch.setattr(rospy, "signal_shutdown", end)
-    monkeypatch.setattr(node, "MasterWatch", Watch)
-    it.end = end
-
-    def run(**given: object) -> None:
-        it.thread = threading.Thread(target=lambda: setattr(it, "status", node.main(given)))
-        it.thread.start()
-
-    it.run = run
-    return it
-
-
-def test_the_process_runs_until_it_is_ended(process):
-    process.graph.parameters[f"{rospy.get_name()}/paused"] = True
-    process.run(paused=False, seed=3, master_check_period=7.0)
-    while not process.watched:
-        assert process.thread.is_alive()
-        time.sleep(0.001)
-    assert process.watched == [7.0]
-    assert process.graph.parameters["/use_sim_time"] is True
-    assert process.graph.call("/gazebo/get_physics_properties").pause is True
-    assert process.begun == [0.0005, "compiled", (("gazebo", node.__doc__),
-                                                  {"disable_rostime": True}), "open wide"]
-    process.lost("the master is gone")
-    process.thread.join(60.0)
-    assert process.status == 0 and process.told == ["the master is gone"]
-    assert any("is up, process" in line for line in process.graph.lines)
-    assert process.graph.lines[-1] == f"{rospy.get_name()} ends: the master is gone"
-
-
-@pytest.mark.parametrize("when", ["before", "meanwhile", "after"])
-def test_an_end_that_comes_early_ends_the_node_too(process, monkeypatch, when):
-    stopped, slept = [], []
-    monkeypatch.setattr(rospy.rostime, "wallsleep", slept.append)
-
-    class Node:
-        fault = None
-
-        def __init__(self, _parameters: NodeParameters) -> None:
-            if when == "meanwhile":
-                process.end("early")
-
-        def stop(self) -> None:
-            stopped.append(1)
-
-    class Watch:
-        def __init__(self, *_: object) -> None:
-            if when == "after":
-                process.end("late")
-                assert stopped == [1] and slept == [0.3]  # answers have their way
-
-        def watch(self, _on_lost: object) -> None:
-            assert stopped
-
-    monkeypatch.setattr(rospy.core, "is_shutdown_requested", lambda: when == "before")
-    monkeypatch.setattr(node, "GazeboNode", Node)
-    monkeypatch.setattr(node, "MasterWatch", Watch)
-    process.run()
-    process.thread.join(60.0)
-    assert process.status == 0 and len(stopped) == 2
-
-
-def test_parameters_of_the_server_come_before_those_of_the_command_line(process, monkeypatch):
-    given, levels = [], []
-
-    def build(parameters: NodeParameters) -> None:
-        given.append(parameters)
-        raise SimError("enough")
-
-    monkeypatch.setattr(node, "GazeboNode", build)
-    monkeypatch.setattr(node, "_set_up_log", levels.append)
-    process.graph.parameters[f"{rospy.get_name()}/seed"] = 4
-    process.run(seed=3, paused=True, log_level="warn")
-    process.thread.join(60.0)
-    assert given == [NodeParameters(seed=4, paused=True, log_level="warn")]
-    assert levels == ["warn"] and process.status == 1 and "cannot start: enough" in process.told[0]
-
-
-@pytest.mark.parametrize("early", [False, True])
-@pytest.mark.parametrize("error", [SimError, OSError, rospy.ROSException])
-def test_what_keeps_it_from_starting_is_said_unless_it_ends_in_any_case(
-    process, monkeypatch, error, early
-):
-    def build(_parameters: NodeParameters) -> None:
-        if early:
-            process.end("early")
-        raise error("no")
-
-    monkeypatch.setattr(node, "GazeboNode", build)
-    process.run()
-    process.thread.join(60.0)
-    assert process.status == 1
-    assert process.told == (["early"] if early else ["it cannot start: no"])
-
-
 @pytest.mark.parametrize("fault", [KeyError("gone"), OSError("no master"),
                                    rospy.ROSException("closed"), None])
-def test_its_end_is_as_it_should_be_where_nothing_is_to_be_forgotten_any_more(make, fault):
-    it = make(paused=True, restore=True)
-    asked = []
+def test_its_end_is_as_it_should_be_where_nothing_is_to_be_forgotten_any_more(
+    make, monkeypatch, fault
+):
+    it, asked, place = make(paused=True, restore=True), [], rospy.resolve_name("~spawned")
+    text = '<robot name="box"><link name="l"/></robot>'
+    assert make.graph.call("/gazebo/spawn_urdf_model", "box", text, "", Pose(), "").success
 
-    def forget() -> None:
+    def forget(_name: str) -> None:
         asked.append(True)
         raise fault
 
-    it.restart_record.clear = forget
+    monkeypatch.setattr(rospy, "delete_param", forget)
     it.fault = None if fault else ValueError("the simulation's")
     it.stop()
     assert asked == ([True] if fault else [])  # after a fault what stood there comes back
+    assert make.graph.parameters[place]["models"]
 
 
-def test_what_keeps_it_from_starting_is_one_line(process):
-    process.run(speed_mode="fast")
-    process.thread.join(60.0)
-    assert process.status == 1
-    assert process.told == [process.graph.lines[-1].partition(" ends: ")[2]]
-    assert process.told[0].startswith("it cannot start: ") and "speed_mode" in process.told[0]
-
-
-def test_a_fault_of_the_simulation_ends_the_process(process, monkeypatch):
-    def step(_self: object) -> None:
+def test_a_fault_of_the_simulation_ends_the_process(process, monkeypatch, tmp_path):
+    def step(*_: object) -> None:
         raise RuntimeError("broken")
 
-    process.graph.parameters["/use_sim_time"] = False
-    monkeypatch.setattr("aras_sim_bridge.simulation.Simulation.step", step)
-    process.run()
-    process.thread.join(60.0)
-    assert process.status == 1 and process.told[0] == "the simulation failed"
+    process.graph.parameters |= {"/use_sim_time": False, f"{rospy.get_name()}/paused": False}
+    monkeypatch.setattr(pybullet, "stepSimulation", step)
+    (tmp_path / "a.world").write_text(WORLD.replace("<static>true</static>", ""))
+    process.run(world=str(tmp_path / "a.world")).join(300.0)
+    assert process.status == 1 and process.end_reasons[0] == "the simulation failed"
     assert any("RuntimeError: broken" in line for line in process.graph.lines)
     assert process.graph.parameters["/use_sim_time"] is False

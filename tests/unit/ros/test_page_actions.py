@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 import rosnode
 import rospy
 import rosservice
+import yaml
 from aras_sim_bridge.srv import StepWorld
 from controller_manager_msgs.msg import ControllerState
 from controller_manager_msgs.srv import ListControllers, LoadController, SwitchController
@@ -16,48 +18,36 @@ from dynamic_reconfigure.msg import Config, DoubleParameter
 from dynamic_reconfigure.srv import Reconfigure
 from gazebo_msgs.srv import DeleteModel, GetModelState, SpawnModel
 from geometry_msgs.msg import Point, Pose, Quaternion
+from run_messages import ARM
 from std_srvs.srv import Empty, Trigger
 
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy
+from aras_visual_servo_bench.drawing.run_trace import RunTrace
 from aras_visual_servo_bench.errors import RefusedError
 from aras_visual_servo_bench.ros import page_commands as page
-from aras_visual_servo_bench.ros.graph_listener import make_listener_settings
+from aras_visual_servo_bench.ros.graph_listener import GraphListener, make_listener_settings
 from aras_visual_servo_controller.goals.goal import Goal
+from aras_visual_servo_controller.kinematics import Arm
+
+SOURCES = Path(__file__).parents[3] / "src"
 
 NODE, CAMERA = "/aras_visual_servo_controller", "/gazebo/cameras/labrob/camera"
 MANAGER = "/two/controller_manager"
 
 
-class Nodes:
-    """Replacement of roslaunch."""
-
-    made: list[Nodes] = []
-    dies = ""
-
-    def __init__(self, arguments, log, environment):
-        self.arguments, self.log, self.environment, self.stopped = arguments, log, environment, 0
-        assert log.parent.is_dir()
-        self.made.append(self)
-
-    def find_death_message(self):
-        return self.dies
-
-    def read_last_lines(self, count):
-        return "\n".join(["    the first", "    [FATAL] [17.5, 3.25]: no such scheme"][-count:])
-
-    def stop(self):
-        self.stopped += 1
+RUNS = 'echo "$@ $$"; exec sleep 60'
+DIES = """echo; echo "[FATAL] the first"; echo "[FATAL] [17.5, 3.25]: no such scheme"
+echo "[x-2] process has died"; exec sleep 60"""
 
 
 @pytest.fixture
-def asked(graph, life, monkeypatch, tmp_path):
+def asked(graph, life, monkeypatch, tmp_path, roslaunch):
     """Commands for the robot `robo`, and the services that they call; `calls` lists the requests.
     """
     settings = make_listener_settings({"namespace": "/two/"})
     it = SimpleNamespace(graph=graph, life=life, calls=[], running={NODE, "/other"}, killed=[])
-    it.listener = SimpleNamespace(run_trace=None)
+    it.listener, it.settings = GraphListener(settings), settings
     it.actions = page.PageCommands(it.listener, settings, tmp_path / "kept", "robo")
-    it.settings = settings
 
     def serve(name, kind, **answer):
         def service(request):
@@ -70,13 +60,25 @@ def asked(graph, life, monkeypatch, tmp_path):
         it.killed.append(sorted(names))
         life.steps = [lambda: None, lambda: it.running.difference_update(names)]
 
-    it.serve, Nodes.made, Nodes.dies = serve, [], ""
-    monkeypatch.setattr(page, "RosLaunch", Nodes)
+    def read_launch():
+        """Return the arguments of the launch that runs, and its process."""
+        while not (text := it.log.read_text()).endswith("\n"):
+            pass
+        *words, pid = text.split()
+        return words, Path("/proc") / pid
+
+    it.serve, it.read_launch, it.log = serve, read_launch, it.actions.directory / "log/nodes.txt"
+    roslaunch(RUNS)
     monkeypatch.setattr(rosnode, "get_node_names", lambda: sorted(it.running))
     monkeypatch.setattr(rosnode, "kill_nodes", kill)
     monkeypatch.setattr(rosservice, "get_service_node",
                         lambda name: NODE if name == "/two/controller/start" else None)
-    return it
+    yield it
+    it.actions.close()
+
+
+def use_arm(asked, arm):
+    asked.listener.run_trace = RunTrace(arm)
 
 
 def test_what_may_be_chosen(asked):
@@ -98,7 +100,7 @@ def test_what_may_be_chosen(asked):
                                for key in ("scheme", "law", "start", "desired")}
     asked.graph.subscribers[f"{NODE}/gains/parameter_updates"](Config(
         doubles=[DoubleParameter("slope", 0.1 + 0.2), DoubleParameter("gain", 5.0)]))
-    asked.listener.run_trace = SimpleNamespace(arm=SimpleNamespace(names=("slide", "elbow")))
+    use_arm(asked, Arm.from_urdf(ARM, "camera_optical_frame"))
     found = asked.actions.list_choices()
     assert [found[key][-1] for key in ("schemes", "laws", "starts", "goals")] == [
         "my scheme", "my law", "my start", "my desired"]
@@ -117,11 +119,10 @@ def test_what_runs_now(asked, monkeypatch):
                                "target": "poster"}
     told[NODE] = "no namespace"
     assert actions.read_selection() == {**begin, "camera": "", "target": "poster"}
-    looked = []
-    monkeypatch.setattr(page, "find_preset", lambda settings: looked.append(settings) or "wide")
-    told[f"{CAMERA}/width"] = 322
-    assert [actions.read_selection()["camera"] for _ in range(3)] == ["wide"] * 3
-    assert looked == [{"width": 322}]  # files are read once for each
+    del told[f"{CAMERA}/width"]
+    told[CAMERA] = yaml.safe_load((SOURCES / "aras_visual_servo_gazebo/config/cameras/wide.yaml")
+                                  .read_text())
+    assert [actions.read_selection()["camera"] for _ in range(2)] == ["wide"] * 2
 
     def gone(*_):
         raise OSError
@@ -173,35 +174,38 @@ def test_nodes_that_servo_are_ended_and_begun_with_what_was_chosen(asked):
         "servoing with points, law pi, from 2015 to auto")
     assert asked.killed == [[NODE]] and life.slept == [0.1, 0.1]
     assert NODE not in asked.graph.parameters and actions.gains == {}
-    first, = Nodes.made
-    assert first.arguments == [
-        "aras_visual_servo_gazebo", "aras_visual_servo_nodes.launch", "scheme:=points", "law:=pi",
-        "start:=2015", "goal:=auto"]
-    assert first.log == actions.directory / "log" / "nodes.txt" and "PATH" in first.environment
+    words, first = asked.read_launch()
+    assert words == ["aras_visual_servo_gazebo", "aras_visual_servo_nodes.launch",
+                     "scheme:=points", "law:=pi", "start:=2015", "goal:=auto"]
+    assert first.exists()
     own = actions.directory / "goals" / "mine.yaml"
     own.parent.mkdir()
     own.touch()
     assert actions.restart_nodes("points", "pi", "none", "mine").endswith("from none to mine")
-    assert first.stopped == 1 and Nodes.made[1].arguments[-1] == f"goal:={own}"
+    words, second = asked.read_launch()
+    assert words[-1] == f"goal:={own}" and second.exists() and not first.exists()
     actions.close()
-    assert [one.stopped for one in Nodes.made] == [1, 1]
+    assert not second.exists()
 
 
-@pytest.mark.parametrize(("dies", "why", "seconds"), [
-    ("node x died", "the controller did not start: no such scheme", 0.0),
-    ("", "the controller did not start: the nodes do not answer", 60.0),
-])
-def test_nodes_that_do_not_come_up_are_ended_and_why_is_said(asked, monkeypatch, dies, why,
-                                                             seconds):  # fmt: skip
-    Nodes.dies, began = dies, asked.life.now
+@pytest.mark.parametrize(("script", "why", "sleeps"), [
+    (DIES, "no such scheme", 1), (RUNS, "the nodes do not answer", 600)])
+def test_nodes_that_do_not_come_up_are_ended_and_why_is_said(asked, monkeypatch, roslaunch, script,
+                                                             why, sleeps):  # fmt: skip
+    roslaunch(script)
     asked.running.clear()
-    monkeypatch.setattr(rosservice, "get_service_node", lambda _name: "/another")
-    with pytest.raises(RefusedError, match=f"^{why}$"):
+
+    def wait_for_text(_name):
+        while asked.log.read_text().count("\n") != script.count("echo"):
+            pass
+        return "/another"
+
+    monkeypatch.setattr(rosservice, "get_service_node", wait_for_text)
+    with pytest.raises(RefusedError, match=f"^the controller did not start: {why}$"):
         asked.actions.restart_nodes("points", "pi", "2015", "auto")
-    assert Nodes.made[0].stopped == 1
-    assert asked.life.now - began == pytest.approx(seconds, abs=0.2)
-    asked.actions.close()
-    assert Nodes.made[0].stopped == 1
+    assert abs(asked.life.slept.count(0.1) - sleeps) < 3
+    if script is RUNS:
+        assert not asked.read_launch()[1].exists()
 
 
 def test_whether_a_controller_is_there(asked, monkeypatch):
@@ -221,13 +225,11 @@ def test_whether_a_controller_is_there(asked, monkeypatch):
             asked.actions.restart_nodes("points", "pi", "2015", "auto")
 
 
-@pytest.fixture
-def arm(asked, shipped_arm):
-    asked.listener.run_trace = SimpleNamespace(arm=shipped_arm)
-    return shipped_arm
-
-
-def test_a_goal_is_moved_in_the_camera_s_frame_each_time_from_where_it_was(asked, arm):
+def test_a_goal_is_moved_in_the_camera_s_frame_each_time_from_where_it_was(
+    asked, shipped_arm
+):
+    arm = shipped_arm
+    use_arm(asked, arm)
     asked.graph.parameters |= {f"{NODE}/law": "pi", f"{NODE}/scheme": "points",
                                f"{NODE}/desired": "2015", f"{NODE}/start": "2016"}
     first = Goal.load(asked.settings.package / "config/goal_2015.yaml").for_arm(arm)
@@ -235,8 +237,8 @@ def test_a_goal_is_moved_in_the_camera_s_frame_each_time_from_where_it_was(asked
     words = asked.actions.move_goal(*moved, 0.0)
     assert words == "servoing with points, law pi, from none to moved"
     path = asked.actions.directory / "goals" / "moved.yaml"
-    assert Nodes.made[-1].arguments[2:] == ["scheme:=points", "law:=pi", "start:=none",
-                                            f"goal:={path}"]
+    assert asked.read_launch()[0][2:] == ["scheme:=points", "law:=pi", "start:=none",
+                                          f"goal:={path}"]
     assert path.read_text().startswith("# Goal with an offset from the live page.")
     wanted = first.world_T_camera @ matrix_from_xyz_rpy(moved, np.zeros(3))
     made = Goal.load(path)
@@ -273,7 +275,7 @@ def test_a_goal_is_moved_in_the_camera_s_frame_each_time_from_where_it_was(asked
 def test_a_goal_needs_a_robot_and_a_place_to_keep_it(asked, shipped_arm):
     with pytest.raises(RefusedError, match="^there is no robot yet$"):
         asked.actions.move_goal(0.0, 0.0, 0.0, 0.0)
-    asked.listener.run_trace = SimpleNamespace(arm=shipped_arm)
+    use_arm(asked, shipped_arm)
     asked.actions.directory.write_text("a file")
     with pytest.raises(RefusedError, match="cannot write"):
         asked.actions.move_goal(0.0, 0.0, 0.0, 0.0)

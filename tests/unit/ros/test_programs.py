@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import io
 import sys
 from collections.abc import Callable
@@ -54,19 +53,15 @@ NEEDED = ("load_controller", "switch_controller", "unload_controller")
 class Program:
     """A program's process: what it asks services for, how it waits, and how it ends."""
 
-    def __init__(self, graph: object, monkeypatch: pytest.MonkeyPatch) -> None:
-        self.graph, self.patch = graph, monkeypatch
+    def __init__(self, graph: object, start: object, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.graph, self.start, self.patch = graph, start, monkeypatch
         self.asked: list[tuple[str, Message]] = []
         self.faults: dict[str, Exception] = {}  # by service: what a call of it raises
-        self.begun: list[tuple] = []
         self.waited: list[tuple[str, float | None]] = []
         self.slept: list[float] = []
-        self.hooks: list[Callable[[], None]] = []
-        self.down = False
         self.asleep: Callable[[], object] = lambda: None  # called while the program sleeps
         for name, value in {
-            "wait_for_service": self._wait, "is_shutdown": lambda: self.down,
-            "on_shutdown": self.hooks.append, "spin": self.end, "get_namespace": lambda: "/home/",
+            "wait_for_service": self._wait, "spin": self.end, "get_namespace": lambda: "/home/",
             "logwarn_once": rospy.logwarn, "logdebug": lambda *_: None,
         }.items():
             monkeypatch.setattr(rospy, name, value)
@@ -107,19 +102,15 @@ class Program:
         return found
 
     def run(self, module: ModuleType, *argv: str) -> int:
-        def begin(name: str, *about: str, **options: bool) -> None:
-            assert options["anonymous"] is True  # as upstream's: several may run
-            self.begun.append((name, options))
-
-        self.patch.setattr(module, "init_node", begin, raising=False)
         self.patch.setattr(sys, "argv", [module.__name__, *argv, "x:=y"])
-        return module.main()
+        status = module.main()
+        for _, options in self.start.begun:
+            assert options["anonymous"] is True  # as upstream's: several may run
+        return status
 
     def end(self) -> None:
         """End the program as with Ctrl-C."""
-        self.down = True
-        for hook in self.hooks:
-            hook()
+        self.start.end("Ctrl-C")
 
     def _wait(self, name: str, timeout: float | None = None) -> None:
         self.waited.append((name, timeout))
@@ -134,8 +125,8 @@ class Program:
 
 
 @pytest.fixture
-def program(graph, monkeypatch):
-    return Program(graph, monkeypatch)
+def program(graph, start, monkeypatch):
+    return Program(graph, start, monkeypatch)
 
 
 # ------------------------------------------------------------------ spawn_model
@@ -166,7 +157,6 @@ def test_every_argument_of_spawn_model_reaches_the_simulator(gazebo, tmp_path):
     assert spawn(gazebo, tmp_path, "-robot_namespace", "/ns", "-reference_frame", "ball", "-x", "1",
                  "-y", "2", "-z", "3", "-R", ".1", "-P", ".2", "-Y", ".3", "-J", "a", ".5", "-J",
                  "b", "-2", "-unpause", "-package_to_model") == 0
-    assert gazebo.begun == [("spawn_model", {"anonymous": True})]
     pose = to_pose(Pose.from_rpy((1.0, 2.0, 3.0), (0.1, 0.2, 0.3)))
     model = MODEL.replace("package", "model")
     assert gazebo.asked == [
@@ -204,7 +194,7 @@ def test_what_spawn_model_takes_where_nothing_is_said(gazebo, monkeypatch):
         assert gazebo.run(spawn_model, "-urdf", *source, "-model", "m") == 0
         assert gazebo.asked.pop() == (
             "/gazebo/spawn_urdf_model", SpawnModelRequest("m", text, "/home/", at, ""))
-    assert not gazebo.asked and not gazebo.hooks
+    assert not gazebo.asked and not gazebo.start.ending
 
 
 @pytest.mark.parametrize("given", [
@@ -250,16 +240,26 @@ def test_what_fails_in_spawn_model_is_one_line(gazebo, tmp_path, refusing, fault
     else:
         kind = SpawnModel if "spawn" in refusing else SetModelConfiguration
         gazebo.serve(f"/gz/{refusing}", kind, success=False, status_message="so not")
-    gazebo.down = refusing == "-down"
+    gazebo.start.down = refusing == "-down"
     assert spawn(gazebo, tmp_path, "-J", "a", "1", "-unpause", "-b") == 1
     said = [text for text in gazebo.graph.lines if "failed" in text]
-    assert said == ([] if line is None else [line]) and not gazebo.hooks
+    assert said == ([] if line is None else [line]) and not gazebo.start.ending
 
 
-def test_an_empty_model_is_refused(program, monkeypatch):
+@pytest.mark.parametrize(("arguments", "why"), [
+    ("-stdin", "the model is empty"), ("-param /nothing", "parameter /nothing does not exist"),
+    ("-file no.urdf", "cannot read the model file"),
+    ("-file bytes.urdf", "cannot read the model file"),
+    ("-database m", "there is no model database"),
+    ("-file box.urdf -J a b", "-J takes a joint name and a number"),
+])
+def test_a_model_that_cannot_be_read_is_refused(program, monkeypatch, tmp_path, arguments, why):
     monkeypatch.setattr(sys, "stdin", io.StringIO(" \n"))
-    assert program.run(spawn_model, "-sdf", "-stdin", "-model", "m") == 1
-    assert "the model is empty" in program.graph.lines[-1]
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "bytes.urdf").write_bytes(b"<robot name='\xff'/>")
+    (tmp_path / "box.urdf").write_text("<robot/>")
+    assert program.run(spawn_model, "-urdf", *arguments.split(), "-model", "m") == 1
+    assert why in program.graph.lines[-1]
 
 
 @pytest.mark.parametrize("gone", [None, rospy.ServiceException, rospy.ROSException])
@@ -342,18 +342,45 @@ def test_spawner_waits_longer_for_a_simulator_that_still_starts(
 @pytest.mark.parametrize("fault", ["interrupted", "down", "down while it loads", "gone"])
 def test_what_ends_spawner(program, fault):
     program.manager()
+    program.start.down = fault == "down"
     if fault == "interrupted":
         program.faults["wait"] = rospy.ROSInterruptException("x")
-    program.down = fault.startswith("down")
-    status = 0
-    if "loads" in fault or fault == "gone":
-        program.faults["/controller_manager/load_controller"] = rospy.ServiceException("x")
-        program.patch.setattr(spawner, "wait_for_service", lambda *_: True)
-        status = 1
-    assert program.run(spawner, "a") == status
+
+    def load(_request: Message) -> None:
+        program.start.down = "loads" in fault
+        raise rospy.ServiceException("x")
+
+    ends = fault in ("gone", "down while it loads")
+    if ends:
+        program.graph.services["/controller_manager/load_controller"] = load
+    assert program.run(spawner, "a") == ends
     said = [line for line in program.graph.lines if "Waiting" not in line and "Loading" not in line]
     assert len(said) == (fault in ("gone", "interrupted"))
     assert all("has ended: x" in line or "couldn't find" in line for line in said)
+
+
+@pytest.mark.parametrize(("kept", "told"), [("a", 1), ("ab", 0)])
+def test_spawner_says_what_it_could_not_unload(program, kept, told):
+    """Nothing, where not one could be: the simulator ends too."""
+    program.manager()
+    program.graph.services["/controller_manager/unload_controller"] = lambda asked: (
+        srv.UnloadControllerResponse(ok=asked.name not in kept))
+    assert program.run(spawner, "a", "b") == 0
+    assert sum("Failed to unload a;" in line for line in program.graph.lines) == told
+    assert sum("Failed to unload" in line for line in program.graph.lines) == told
+
+
+@pytest.mark.parametrize("fault", [rospy.ServiceException, rospy.ROSException, OSError])
+def test_a_simulator_that_went_before_spawner_is_no_fault(program, fault):
+    program.manager()
+
+    def end() -> None:
+        program.faults["/controller_manager/switch_controller"] = fault("gone")
+        program.end()
+
+    program.patch.setattr(rospy, "spin", end)
+    assert program.run(spawner, "a") == 0
+    assert "Shutting down" in program.graph.lines[-1]
 
 
 def test_spawner_waits_for_a_true(program):
@@ -568,41 +595,28 @@ def test_a_group_that_cannot_be_loaded_is_not_switched_to(program, capsys):
 
 # ------------------------------------------------------------------ what --help says
 
-USAGES = {
-    spawn_model: "(-urdf | -sdf) (-file FILE | -param PARAM | -database MODEL | -stdin) -model "
-    "NAME [-reference_frame ENTITY] [-gazebo_namespace NS] [-robot_namespace NS] [-unpause] "
-    "[-wait MODEL] [-x X] [-y Y] [-z Z] [-R R] [-P P] [-Y Y] [-J JOINT POSITION] "
-    "[-package_to_model] [-b]",
-    spawner: "[--stopped] [--wait-for TOPIC] [--namespace NS] [--timeout T] [--no-timeout] "
-             "[--shutdown-timeout T] controllers [controllers ...]",
-    unspawner: "controllers [controllers ...]",
-    controller_manager: "[--restore] {load,unload,start,stop,spawn,kill,list,list-types,"
-    "reload-libraries,sp,kl,lc,lt,rl} [names ...]",
-    controller_group: "{list,spawn,switch} ...",
-    gzserver: "[-u] [--verbose] [--seed SEED] [world]",
-}
 
-
-@pytest.mark.parametrize("module", USAGES, ids=lambda module: module.__name__.rpartition(".")[2])
-def test_help_names_every_option_with_an_example_that_is_understood(program, module):
-    name, seen = module.__name__.rpartition(".")[2], []
-    parse_args = argparse.ArgumentParser.parse_args
-
-    def watched(parser: argparse.ArgumentParser, given: list[str]) -> None:
-        seen.append(parser)
-        raise SystemExit
-
-    program.patch.setattr(argparse.ArgumentParser, "parse_args", watched)
+@pytest.mark.parametrize("module", [
+    spawn_model, spawner, unspawner, controller_manager, controller_group, gzserver,
+], ids=lambda module: module.__name__.rpartition(".")[2])
+def test_help_has_an_example_that_is_understood(program, capsys, module):
+    name = module.__name__.rpartition(".")[2]
     with pytest.raises(SystemExit):
-        program.run(module)
-    (parser,) = seen
-    program.patch.setattr(argparse.ArgumentParser, "parse_args", parse_args)
-    assert " ".join(parser.format_usage().split()) == f"usage: {name} [-h] {USAGES[module]}"
-    assert parser.description == module.__doc__
-    assert all(action.help or action.dest in ("command", "names") for action in parser._actions)
+        program.run(module, "--help")
+    told = capsys.readouterr().out
+    lines = told.splitlines()
+    for line, after in zip(lines, lines[1:], strict=False):
+        if line.startswith("  -"):
+            assert "  " in line.strip() or after.startswith(10 * " "), f"{line}: no help"
+    told = " ".join(told.split())
+    assert told.startswith(f"usage: {name} [-h]") and " ".join(module.__doc__.split()) in told
     start = f"example: rosrun {'gazebo_ros' if module is gzserver else 'aras_sim_bridge'} {name} "
-    assert parser.epilog.startswith(start)
-    assert parser.parse_args(rospy.myargv(["x", *parser.epilog.removeprefix(start).split()])[1:])
+    words = told.partition(start)[2].split()
+    program.start.down = True
+    if module is gzserver:
+        assert gzserver.read_parameters(words)["world"].endswith(words[0])
+    else:
+        assert program.run(module, *words) in (0, 1)
 
 
 # ------------------------------------------------------------------ gzserver, gzclient
@@ -618,11 +632,7 @@ def test_help_names_every_option_with_an_example_that_is_understood(program, mod
 def test_gzserver_puts_its_arguments_into_parameters(monkeypatch, tmp_path, argv, given):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "a.world").touch()
-    found = []
-    monkeypatch.setattr(gzserver.node, "main", lambda values: found.append(values) or 5)
-    monkeypatch.setattr(sys, "argv", ["gzserver", *argv, "__name:=gazebo"])
-    assert gzserver.main() == 5
-    assert found == [{"world": str(tmp_path / "a.world"), **given}]
+    assert gzserver.read_parameters(argv) == {"world": str(tmp_path / "a.world"), **given}
 
 
 def test_worlds_are_looked_for_where_gazebo_looks(monkeypatch, tmp_path, capsys):
@@ -654,5 +664,5 @@ def test_worlds_are_looked_for_where_gazebo_looks(monkeypatch, tmp_path, capsys)
 
 def test_gzclient_says_what_to_look_with_and_stays(program):
     assert program.run(gzclient) == 0
-    assert program.begun == [("gazebo_gui", {"anonymous": True, "disable_rostime": True})]
-    assert program.down and "use rviz" in program.graph.lines[0]
+    assert program.start.begun[0][0] == "gazebo_gui"
+    assert program.start.down and "use rviz" in program.graph.lines[0]

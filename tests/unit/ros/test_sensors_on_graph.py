@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import sys
 from types import SimpleNamespace
 
+import genpy.message
 import numpy as np
 import pytest
+import roslib.message
 from gazebo_msgs.msg import ContactsState, ContactState
 from genpy import Time
 from geometry_msgs.msg import (
@@ -26,7 +29,6 @@ from std_msgs.msg import Header
 from aras_sim_bridge import sensors
 from aras_sim_bridge.description import SensorDescription
 from aras_sim_bridge.errors import SimError
-from aras_sim_bridge.ros import sensors as on_graph
 from aras_sim_bridge.ros.sensors import SensorTopic
 from aras_visual_servo_base import poses
 
@@ -136,6 +138,9 @@ def test_names_and_frames(graph, thread, given, topic, frame):
 
 
 def test_a_package_that_is_not_installed_is_named(graph, thread, monkeypatch):
-    monkeypatch.setattr(on_graph, "get_message_class", lambda _name: None)
+    for module in (genpy.message, roslib.message):
+        monkeypatch.setattr(module, "_message_class_cache", {}, raising=False)
+    for name in ("nav_msgs", "nav_msgs.msg"):
+        monkeypatch.setitem(sys.modules, name, None)
     with pytest.raises(SimError, match="nav_msgs/Odometry is not .* install python3-nav-msgs"):
         SensorTopic(sensor("pose"), thread)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import threading
-from types import SimpleNamespace
 
 import pytest
 import rospy
+from gazebo_msgs.srv import DeleteLight
 from std_srvs.srv import Empty, SetBool, Trigger
 
 from aras_sim_bridge.errors import SimError
@@ -37,17 +37,16 @@ def test_calls_wait_for_their_turn_where_there_is_one(graph, turn, most):
     assert max(greatest) == most
 
 
-def test_an_answer_is_what_the_handler_says_and_else_that_it_went_well(graph):
+def test_an_answer_is_what_the_handler_says_and_else_that_it_went_well(graph, thread):
     @service_handler(SetBool, "done")
     def plain(_simulation: object, _request: object) -> None:
         """Return no answer."""
 
     @service_handler(SetBool)
     def honest(simulation: object, request: object) -> dict:
-        assert simulation == "the world" and request.data is True
+        assert simulation is thread.simulation and request.data is True
         return {"success": False, "message": "no"}
 
-    thread = SimpleNamespace(simulation="the world", call=lambda job: job())
     table = ServiceTable("/x/", thread, plain, honest)
     assert graph.call("/x/plain", True).success is True
     answer = graph.call("/x/honest", True)
@@ -57,7 +56,7 @@ def test_an_answer_is_what_the_handler_says_and_else_that_it_went_well(graph):
     assert plain.policy.type_name == "SetBool"
 
 
-def test_a_fault_is_an_answer_or_a_failed_call_and_a_line(graph):
+def test_a_fault_is_an_answer_or_a_failed_call_and_a_line(graph, thread):
     @service_handler(Trigger)
     def refuses(_simulation: object, _request: object) -> None:
         raise SimError("not so")
@@ -66,11 +65,19 @@ def test_a_fault_is_an_answer_or_a_failed_call_and_a_line(graph):
     def fails(_simulation: object, _request: object) -> None:
         raise KeyError("x")
 
-    ServiceTable("/x", SimpleNamespace(simulation=None, call=lambda job: job()), refuses, fails)
+    @service_handler(DeleteLight)
+    def breaks(_simulation: object, _request: object) -> None:
+        raise SystemExit("gone")
+
+    ServiceTable("/x", thread, refuses, fails, breaks)
     assert graph.call("/x/refuses").success is False
     assert graph.lines[-1] == "/x/refuses: not so"
     with pytest.raises(rospy.ServiceException, match="Empty: internal error, KeyError: 'x'"):
         graph.call("/x/fails")
+    answer = graph.call("/x/breaks")
+    assert answer.success is False
+    assert answer.status_message == "DeleteLight: internal error, SystemExit: gone"
+    assert "please report it" in graph.lines[-1]
 
 
 def test_handlers_are_found_where_they_are():

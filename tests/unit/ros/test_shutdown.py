@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import ctypes
 import logging
 import os
 import signal
 import subprocess
 import sys
 import threading
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -32,15 +34,18 @@ print("main ends", flush=True)
 """
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_a_waiting_main_thread_and_hooks_come_to_their_end(number):
+@pytest.mark.parametrize(("number", "thread"), [
+    (signal.SIGINT, 0), (signal.SIGTERM, 0), (signal.SIGINT, 1)])
+def test_a_signal_ends_a_waiting_main_thread_and_hooks_come_to_their_end(number, thread):
+    """The kernel gives a process's signal to any of its threads."""
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     node = subprocess.Popen(
         [sys.executable, "-c", NODE], env=environment, stdout=subprocess.PIPE, text=True
     )
     try:
         assert node.stdout.readline() == "up\n"
-        node.send_signal(number)
+        threads = sorted(int(task.name) for task in Path(f"/proc/{node.pid}/task").iterdir())
+        assert ctypes.CDLL(None).tgkill(node.pid, threads[thread], number) == 0
         output, _ = node.communicate(timeout=30.0)
     finally:
         node.kill()

@@ -47,7 +47,7 @@ class MessageRunBuilder:
             read_state(m, recording.reports.get(m.header.stamp.to_nsec()))
             for m in recording.states
         ]
-        runs = _split_runs(all_states)
+        runs = split_runs(all_states)
         if not runs:
             raise BenchError(
                 f"{recording.path} has no image that the controller processed: "
@@ -218,7 +218,7 @@ class MessageRunBuilder:
         return centres
 
 
-def _split_runs(states: Sequence[ServoState]) -> list[list[ServoState]]:
+def split_runs(states: Sequence[ServoState]) -> list[list[ServoState]]:
     """Split the states of the loop into runs.
 
     A run starts with the first state that has a measured error. It ends before a state in which the

@@ -105,7 +105,7 @@ def read_recorded_experiment(path: Path) -> RecordedExperiment:
         bag, _ = open_bag(path)
         with bag:
             topics = bag.get_type_and_topic_info().topics
-            topic = _find_topics({name: one.msg_type for name, one in topics.items()}).experiment
+            topic = find_topics({name: one.msg_type for name, one in topics.items()}).experiment
             for _, raw, _ in bag.read_messages([topic], raw=True) if topic else ():
                 text = unpack(raw).data
     except (OSError, rosbag.ROSBagException, struct.error, ValueError, RuntimeError) as error:
@@ -155,7 +155,7 @@ def _reindex(path: Path) -> rosbag.Bag:
     return bag
 
 
-def _find_topics(kinds: Mapping[str, str]) -> SimpleNamespace:
+def find_topics(kinds: Mapping[str, str]) -> SimpleNamespace:
     """Find the topics that a report needs, by message type; the name of a missing topic is ''.
 
     If there are several cameras, the camera of the ARAS robot is preferred.
@@ -187,7 +187,7 @@ class BagReader(GraphRecording):
         super().__init__(path)
         self._bag = bag
         info = bag.get_type_and_topic_info().topics
-        self._topics = _find_topics({topic: one.msg_type for topic, one in info.items()})
+        self._topics = find_topics({topic: one.msg_type for topic, one in info.items()})
         if not self._topics.state:
             topics = ", ".join(sorted(info)) or "none"
             raise BenchError(

@@ -55,6 +55,16 @@ def withdraw(frame_id: str) -> None:
             _publish()
 
 
+def close() -> None:
+    """Withdraw all frames and close /tf_static; a frame that is announced later opens it again."""
+    global _publisher
+    with _lock:
+        _transforms.clear()
+        if _publisher is not None:
+            _publisher.unregister()
+            _publisher = None
+
+
 def _publish() -> None:
     global _publisher
     if _publisher is None:

@@ -70,17 +70,26 @@ def find_world(name: str) -> str:
     )
 
 
-def main() -> int:
-    """Run the simulator node with the parameters of the command line; return the exit status."""
-    arguments = parse(rospy.myargv()[1:])
-    try:
-        world = find_world(arguments.world)
-    except DescriptionError as error:
-        print(f"gzserver: {error}", file=sys.stderr)
-        return 1
-    parameters = {"world": world, "paused": arguments.paused}
+def read_parameters(argv: list[str]) -> dict[str, object]:
+    """Return the parameters of the simulator node that the command line sets.
+
+    Raises:
+        DescriptionError: there is no such world file.
+    """
+    arguments = parse(argv)
+    parameters = {"world": find_world(arguments.world), "paused": arguments.paused}
     if arguments.seed is not None:
         parameters["seed"] = arguments.seed
     if arguments.verbose:
         parameters["log_level"] = "debug"
+    return parameters
+
+
+def main() -> int:
+    """Run the simulator node with the parameters of the command line; return the exit status."""
+    try:
+        parameters = read_parameters(rospy.myargv()[1:])
+    except DescriptionError as error:
+        print(f"gzserver: {error}", file=sys.stderr)
+        return 1
     return node.main(parameters)

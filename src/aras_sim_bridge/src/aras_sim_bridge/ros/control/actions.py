@@ -76,7 +76,8 @@ class ControllerAction(ABC):
         """Start the action server `namespace`/`topic` for `controller`.
 
         A subclass defines the class attributes `action`, which is the message type of the action,
-        and `topic`, which is the last part of its name.
+        and `topic`, which is the last part of its name. Its methods `make_goal`, `make_result` and
+        `make_feedback` convert between the messages and the types of the controller.
         """
         self._controller = controller
         # goals by their ids; used in the simulation thread only
@@ -95,21 +96,21 @@ class ControllerAction(ABC):
         self._server.stop()
 
     @abstractmethod
-    def _make_goal(self, message: Message) -> object:
+    def make_goal(self, message: Message) -> object:
         """Convert a goal message to a goal of the controller."""
 
     @abstractmethod
-    def _make_result(self, handle: GoalHandle) -> tuple[Message, str]:
+    def make_result(self, handle: GoalHandle) -> tuple[Message, str]:
         """Return the result message and status text of a finished goal."""
 
-    def _make_feedback(self, state: object) -> Message:
+    def make_feedback(self, state: object) -> Message:
         """Return the feedback message of a controller state, if the action has feedback."""
         raise NotImplementedError
 
     def _start_goal(self, goal: ServerGoalHandle) -> None:
-        handle = self._controller.submit_goal(self._make_goal(goal.get_goal()))
+        handle = self._controller.submit_goal(self.make_goal(goal.get_goal()))
         if handle.status == REJECTED:
-            goal.set_rejected(*self._make_result(handle))
+            goal.set_rejected(*self.make_result(handle))
             return
         key = goal.get_goal_id().id
         self._goals[key] = handle
@@ -118,9 +119,9 @@ class ControllerAction(ABC):
         def publish_end(handle: GoalHandle) -> None:
             self._goals.pop(key, None)
             ends = {SUCCEEDED: goal.set_succeeded, PREEMPTED: goal.set_canceled}
-            ends.get(handle.status, goal.set_aborted)(*self._make_result(handle))
+            ends.get(handle.status, goal.set_aborted)(*self.make_result(handle))
 
-        handle.on_feedback = lambda state: goal.publish_feedback(self._make_feedback(state))
+        handle.on_feedback = lambda state: goal.publish_feedback(self.make_feedback(state))
         handle.on_done = publish_end
 
     def _cancel_goal(self, goal: ServerGoalHandle) -> None:

@@ -12,10 +12,12 @@ class GripperAction(ControllerAction):
 
     action, topic = GripperCommandAction, "gripper_cmd"
 
-    def _make_goal(self, message: GripperCommandGoal) -> GripperGoal:
+    def make_goal(self, message: GripperCommandGoal) -> GripperGoal:
+        """Convert a goal message to a goal of the controller."""
         return GripperGoal(message.command.position, message.command.max_effort)
 
-    def _make_result(self, handle: GoalHandle) -> tuple[GripperCommandResult, str]:
+    def make_result(self, handle: GoalHandle) -> tuple[GripperCommandResult, str]:
+        """Return the result message and status text of a finished goal."""
         result = handle.result
         message = GripperCommandResult(result.position, result.effort, result.stalled,
                                        result.reached_goal)

@@ -81,7 +81,8 @@ class TrajectoryAction(ControllerAction):
         super().shutdown()
         self._services.shutdown()
 
-    def _make_goal(self, message: FollowJointTrajectoryGoal) -> TrajectoryGoal:
+    def make_goal(self, message: FollowJointTrajectoryGoal) -> TrajectoryGoal:
+        """Convert a goal message to a goal of the controller."""
         return TrajectoryGoal(
             from_trajectory(message.trajectory),
             _read_tolerances(message.path_tolerance),
@@ -89,11 +90,13 @@ class TrajectoryAction(ControllerAction):
             message.goal_time_tolerance.to_sec(),
         )
 
-    def _make_result(self, handle: GoalHandle) -> tuple[FollowJointTrajectoryResult, str]:
+    def make_result(self, handle: GoalHandle) -> tuple[FollowJointTrajectoryResult, str]:
+        """Return the result message and status text of a finished goal."""
         code, text = int(handle.result.error_code), handle.result.error_string
         return FollowJointTrajectoryResult(code, text), text
 
-    def _make_feedback(self, state: TrajectoryState) -> FollowJointTrajectoryFeedback:
+    def make_feedback(self, state: TrajectoryState) -> FollowJointTrajectoryFeedback:
+        """Return the feedback message of a controller state."""
         return fill_state(FollowJointTrajectoryFeedback(), state)
 
     @service_handler(QueryTrajectoryState, call_fails=True)

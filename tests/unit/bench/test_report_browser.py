@@ -271,7 +271,7 @@ def test_links_to_the_sections_are_on_a_narrow_screen(opened):
 
 
 INSIDE = """(() => { const { scene } = arasReport.space; scene.draw();
-    const m = scene._projection();
+    const m = scene.computeProjection();
     const at = (i, p) => m[4*i] * p[0] + m[4*i+1] * p[1] + m[4*i+2] * p[2] + m[4*i+3];
     const shapes = Object.entries(scene.shapes).filter(([name]) => !name.endsWith(" arm"));
     const points = shapes.flatMap(([, { points: p }]) =>
@@ -280,7 +280,7 @@ INSIDE = """(() => { const { scene } = arasReport.space; scene.draw();
     })()"""
 
 
-@pytest.mark.parametrize("width", [390, 1440, 1920])
+@pytest.mark.parametrize("width", [390, 1920])
 def test_cameras_stay_inside_the_view_of_the_path(opened, width):
     tab = opened(2, width)
     for time in (0.0, 0.5, 2.0):
@@ -299,8 +299,7 @@ def test_columns_are_hidden(page):
 
 @pytest.mark.parametrize(
     ("count", "width", "theme"),
-    [(1, 390, "Light"), (2, 1440, "Dark"), (9, 390, "Dark"), (9, 1440, "Light"),
-     (45, 390, "Light"), (45, 1920, "Dark")],
+    [(1, 390, "Light"), (2, 1440, "Dark"), (9, 390, "Dark"), (45, 1920, "Light")],
 )
 def test_nothing_hinders_readers_nor_sticks_out_nor_is_fetched(opened, count, width, theme):
     tab = opened(count, width)
@@ -317,12 +316,10 @@ def test_nothing_hinders_readers_nor_sticks_out_nor_is_fetched(opened, count, wi
     tab.close()
 
 
-def test_the_live_page_serves_a_report_that_works(
-    browser, server, host, runs, tmp_path, monkeypatch
-):
+def test_the_live_page_serves_a_report_that_works(browser, server, reports, runs, tmp_path):
     """Its page allows no script that is not a file; a report carries its own."""
     page = write_report(runs[:1], tmp_path, ())[0]
-    monkeypatch.setattr(host, "find_file", lambda name: page if name == "one/report.html" else None)
+    reports({"one/report.html": page}.get)
     tab = browser.open("about:blank")
     address = server.access.address
     tab.call("Page.navigate", url=address.replace("/?", "/report/one/report.html?") + "#at=0.5")

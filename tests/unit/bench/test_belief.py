@@ -1,6 +1,5 @@
 """Calibration errors: the controller interprets pixels of the true camera with wrong intrinsics."""
 
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -18,7 +17,6 @@ from aras_visual_servo_bench.experiment.robots import Robot
 from aras_visual_servo_bench.plants.imaging import capture
 from aras_visual_servo_bench.runner.loop import run
 from aras_visual_servo_bench.setup.assembly import assemble, check
-from aras_visual_servo_camera.undistortion import CameraModel, normalise_pixels
 from aras_visual_servo_controller.observation.frame import Frame
 
 SHAPE = ((-0.025, -0.03), (0.03, -0.025), (0.025, 0.02), (-0.015, 0.025))
@@ -146,19 +144,6 @@ def test_exact_features_are_seen_through_the_believed_camera(plant, scheme):
     assert (seen["centre"][0].xg, seen["centre"][0].yg) == pytest.approx(expected)
     # The believed lens draws edges inwards, so what is seen there is taken to be further out.
     assert seen["distortion"][0].m00 > 1.003 * true[0].m00
-
-
-def test_an_outline_bends_where_another_lens_is_believed():
-    true = CameraModel(320, 240, (300.0, 0, 166.0, 0, 280.0, 115.0, 0, 0, 1))
-    believed = replace(true, D=(-0.3, 0.05, 0.0, 0.0))
-    pixels = np.array([[10.0, 10.0], [300.0, 12.0], [305.0, 220.0], [12.0, 225.0]])
-    corners = normalise_pixels(pixels, true, believed)
-    outline = normalise_pixels(pixels, true, believed, is_closed=True)
-    np.testing.assert_allclose(outline[::8], corners, atol=1e-12)
-    np.testing.assert_allclose(
-        np.column_stack(believed.project(*outline[4])), [[155.0, 11.0]], atol=1e-6
-    )
-    assert len(normalise_pixels(pixels, true, true, is_closed=True)) == 4
 
 
 def test_jitter_is_the_same_number_of_pixels_along_both_axes():

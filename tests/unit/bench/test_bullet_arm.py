@@ -12,7 +12,6 @@ from aras_visual_servo_base.poses import Pose, matrix_from_xyz_rpy
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.experiment.cameras import CameraSpec
 from aras_visual_servo_bench.experiment.robots import Robot, RobotSpec
-from aras_visual_servo_bench.plants import dynamic_arm
 from aras_visual_servo_bench.plants.dynamic_arm import TargetModel, TrackedLink
 from aras_visual_servo_bench.plants.imaging import ImagingSettings
 from aras_visual_servo_bench.targets.files import write_target
@@ -45,9 +44,7 @@ def test_a_shown_target_is_where_it_lies_at_its_times():
 @pytest.fixture(scope="module")
 def standing(robot, preset, tmp_path_factory):
     """An arm with a moving and a fixed target, and the contents of its world."""
-    folder, asked = tmp_path_factory.mktemp("shown"), []
-    make = dynamic_arm.SimulationConfig
-    dynamic_arm.SimulationConfig = lambda **keys: asked.append(keys) or make(**keys)
+    folder = tmp_path_factory.mktemp("shown")
     shown = [
         TargetModel(PlacedTarget(SQUARE, AT, motion), write_target(SQUARE, folder, name), name=name)
         for name, motion in (("moves", RISING), ("stands", Motion()))
@@ -55,34 +52,26 @@ def standing(robot, preset, tmp_path_factory):
     world = WorldFile(lights=(Light("lamp", kind="directional", direction=(0, 0, -1.0)),),
                       ground_plane=False)
     course = PoseHistory()
-    try:
-        plant = bullet(
-            robot,
-            preset,
-            seed=7,
-            renderer="exact",
-            exposure="gazebo",
-            target_models=shown,
-            surroundings=world,
-            tracked_link=TrackedLink("moves", "moves", course),
-        )
-    finally:
-        dynamic_arm.SimulationConfig = make
-    yield plant, asked[0], course, world
+    plant = bullet(
+        robot, preset, seed=7, renderer="exact", exposure="gazebo", target_models=shown,
+        surroundings=world, tracked_link=TrackedLink("moves", "moves", course),
+    )  # fmt: skip
+    yield plant, course, world
     plant.close()
 
 
 def test_the_world_is_made_as_it_is_asked_for(standing):
-    plant, asked, _, world = standing
-    assert asked == {"renderer": "exact", "seed": 7, "lights": world.lights, "scene": world.scene,
-                     "ground_plane": False, "exposure": "gazebo"}
+    plant, _, world = standing
+    config = plant.simulation.config
+    assert (config.renderer, config.seed, config.exposure) == ("exact", 7, "gazebo")
+    assert (config.lights, config.scene, config.ground_plane) == (world.lights, world.scene, False)
     assert set(plant.simulation.world.models) == {"robot", "moves", "stands"}
     assert plant.outputs == {"position"} and plant.control_camera_name == "camera"
     assert plant.peak_speed is None and plant.find_collision() is None
 
 
 def test_a_target_that_moves_is_where_it_belongs_at_every_step(standing):
-    plant, _, course, _ = standing
+    plant, course, _ = standing
     models = plant.simulation.world.models
     np.testing.assert_allclose(course.find_pose(0.0), AT, atol=1e-6)
     until(plant, plant.time_ns + 20_000_000)

@@ -76,13 +76,6 @@ def test_a_sun_that_is_gone_by_the_first_image_has_lit_the_goal():
     loop.close()
 
 
-def test_times_of_the_sun_that_cannot_be_are_refused():
-    with pytest.raises(ExperimentError, match="sun.shines has the interval 2 to 1 s"):
-        Experiment(sun={"shines": [[2.0, 1.0]]})
-    with pytest.raises(ExperimentError, match="the world file contains the lights"):
-        Experiment(world="workbench", sun={"shines": [[1.0, 2.0]]})
-
-
 @pytest.mark.parametrize(("target", "complaint"), [
     ({"occluded": [[0.1, 0.2]]}, "set target.occluder"),
     ({"occluder": OCCLUDER, "occluded": [[0.2, 0.1]]}, "the interval 0.2 to 0.1 s, must be"),

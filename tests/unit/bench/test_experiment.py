@@ -14,12 +14,6 @@ from aras_visual_servo_bench.targets.geometry import Motion
 from aras_visual_servo_bench.targets.target_spec import TargetSpec
 
 
-def test_defaults_are_the_shipped_demo():
-    experiment = Experiment()
-    assert (experiment.plant, experiment.camera, experiment.start) == ("bullet", "original", "2016")
-    assert experiment.has_images
-
-
 def test_an_experiment_is_read_from_yaml(tmp_path):
     path = tmp_path / "experiment.yaml"
     path.write_text(yaml.safe_dump({

@@ -58,11 +58,6 @@ def test_the_arm_brings_the_target_before_the_camera(experiment, scheme, interac
     np.testing.assert_allclose(seen[:3, 3], np.array(eye.split(), float), atol=1e-9)
 
 
-def test_pictures_do_too(experiment):
-    result = run(experiment.with_changes(features="images"))
-    assert result.outcome == "converged" and result.verdict.is_reached
-
-
 def test_a_target_in_the_hand_is_no_target_in_the_world(experiment):
     """The same robot with a camera that the arm is believed not to move: nothing to servo with."""
     arm = Arm.from_urdf(ROBOT, "eye", target_frame="hand")

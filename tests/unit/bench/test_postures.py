@@ -5,14 +5,11 @@ import logging
 import numpy as np
 import pytest
 
-from aras_visual_servo_base.poses import matrix_from_xyz_rpy, relative_pose
+from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_bench.errors import log_once
 from aras_visual_servo_bench.experiment.experiment import Experiment
-from aras_visual_servo_bench.experiment.robots import Robot
-from aras_visual_servo_bench.plants.static_arm import StaticArm
 from aras_visual_servo_bench.runner.loop import run
 from aras_visual_servo_bench.setup.assembly import assemble
-from aras_visual_servo_bench.targets.geometry import PolygonTarget
 
 JOINTS = ("x", "y", "z", "fan", "head")
 BODY = ('<inertial><mass value="1"/><inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" '
@@ -161,44 +158,3 @@ def test_what_the_chain_sees_through_is_said(experiment, caplog):
     start = {"pose": [0.05, 0.02, 0.28, np.pi, 0.0, 0.1]}
     result = run(experiment(plant="chain", goal=aside, start=start))
     assert result.converged and not result.notes
-
-
-@pytest.mark.parametrize("pose", [
-    matrix_from_xyz_rpy((0.0, 0.0, 0.25), DOWN),
-    matrix_from_xyz_rpy((0.005, 0.03, 0.3), (np.pi - 0.2, 0.15, 0.7)),
-])  # fmt: skip
-def test_a_part_is_the_share_of_the_views_area(experiment, pose):
-    """The plate's edge, along y through the axis, cuts the target where a ray over it meets it."""
-    drawn = StaticArm(Robot(experiment().robot).parse_description())
-    square = PolygonTarget(((-0.03, -0.03), (0.05, -0.03), (0.05, 0.03), (-0.03, 0.03)))
-    joints = dict(zip(JOINTS, (0.0, 0.0, 0.25, 0.0, 0.0), strict=True))
-    x, _, z = pose[:3, 3]
-    edge = x - x * z / (z - 0.172)  # the plate's upper edge is at x = 0, z = 0.172
-    part = drawn.compute_occlusion(joints, pose, square, np.eye(4))
-    rim = np.array([(edge, -0.03, 0), (0.05, -0.03, 0), (0.05, 0.03, 0), (edge, 0.03, 0)])
-    assert part == pytest.approx(area(rim, pose) / area(square.vertices(), pose), abs=0.02)
-    assert drawn.compute_occlusion({**joints, "fan": 3.0}, pose, square, np.eye(4)) < 0.6
-
-
-def area(corners, pose):
-    seen = (corners - pose[:3, 3]) @ pose[:3, :3]
-    x, y = seen[:, 0] / seen[:, 2], seen[:, 1] / seen[:, 2]
-    return abs(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))) / 2
-
-
-def test_a_target_that_the_arm_carries_is_seen_in_its_frame(experiment):
-    robot = Robot(experiment().robot).parse_description()
-    joints = dict(zip(JOINTS, (0.03, -0.02, 0.25, 0.4, -0.7), strict=True))
-    pose, placed = (
-        matrix_from_xyz_rpy((0.04, 0.0, 0.26), DOWN),
-        matrix_from_xyz_rpy((0.0, 0.03, 0.0), (0.1, 0.0, 0.3)),
-    )
-    square = PolygonTarget(((-0.03, -0.03), (0.05, -0.03), (0.05, 0.03), (-0.03, 0.03)))
-    world_T_link = matrix_from_xyz_rpy((0.03, -0.02, 0.25), (0.0, 0.0, 0.4))
-    carried = (relative_pose(world_T_link, pose), square, relative_pose(world_T_link, placed))
-    part = StaticArm(robot, "fan_link").compute_occlusion(joints, *carried)
-    standing = StaticArm(robot)
-    assert 0.2 < part < 0.95
-    assert part == pytest.approx(standing.compute_occlusion(joints, pose, square, placed), abs=0.01)
-    # nothing so near
-    assert standing.compute_occlusion(joints, pose, square, placed, near=0.15) == 0.0

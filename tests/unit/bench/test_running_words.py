@@ -206,16 +206,6 @@ def test_a_report_is_a_table_and_pictures(tiny, capsys, changes, shown):
                          "runs and their reports in a browser\n")  # fmt: skip
 
 
-def test_a_long_table_is_not_printed(tiny, capsys):
-    gains = [round(1.0 + 0.1 * n, 1) for n in range(41)]
-    for count, shown in ((40, True), (41, False)):
-        path = tiny.path.with_name(str(count))
-        words = [f"vary={{gain: {gains[:count]}}}", "repeats=1", "chunk=50", "duration=0.05",
-                 "metrics=[success, final_distance]", "--out", str(path), "--in-process"]
-        assert main(["run", str(tiny.path.with_suffix(".yaml")), *words]) == 0
-        assert ("| 2.1 |" in capsys.readouterr().out) is shown
-
-
 def test_what_belongs_to_studies_is_refused_of_an_experiment(tmp_path, capsys):
     path = tmp_path / "one.yaml"
     path.write_text("plant: free\n")

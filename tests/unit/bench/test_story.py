@@ -14,8 +14,6 @@ from aras_visual_servo_bench.drawing.model_drawing import draw_model
 from aras_visual_servo_bench.drawing.run_trace import (
     ARROW_SECONDS,
     FRUSTUM_SIZE,
-    LETTER_HEIGHT,
-    LINE_HEIGHT,
     MAX_ARROW,
     RunTrace,
 )
@@ -197,41 +195,6 @@ def test_words_and_page_have_the_units_of_what_ships_and_load_nobodys_class():
         == ()
     )
     assert find_feature_units("os:system", 1) == ()  # it is not called
-
-
-def test_many_errors_and_long_reasons_are_cut(story):
-    assert story.compute_ideal_path().shape == (0, 3)
-    names = tuple(f"e{i}" for i in range(9))
-    reason = " ".join(["first", *["word"] * 40])
-    story.add_state(told(names=names, error=range(9), scheme="", reason=reason), STRAIGHT)
-    words = story.make_text_lines()
-    assert [line[:2] for line in words if line.startswith("e")] == ["e0", "e1", "e2", "e3", "e4",
-                                                                    "e5"]
-    assert "and 3 more" in words
-    (folded,) = (text.split("\n") for text in words if text.startswith("first"))
-    assert reason.startswith(" ".join(folded)) and [len(line) for line in folded] == [40, 44, 44]
-
-
-def test_words_say_no_minus_zero(story):
-    story.add_state(told(names=("xn",), error=(-0.00004,)), STRAIGHT)
-    assert "xn +0.0000" in "\n".join(story.make_text_lines())
-
-
-def test_what_is_drawn_has_a_legend_in_its_colours(story):
-    story.add_state(SERVOING, STRAIGHT)
-    story.add_state(SERVOING, BENT)
-    story.set_joints(BENT)
-    drawn = {s.name: s for s in story.make_shapes()}
-    legend = {s.text: s for s in drawn.values() if s.name.startswith("legend ")}
-    for text, name in (
-        ("path", "path"), ("straight path to the goal", "ideal path"), ("camera", "camera picture"),
-        ("goal", "desired camera picture"), ("desired velocity", "desired velocity"),
-        ("achieved rotation", "achieved turn"),
-    ):  # fmt: skip
-        assert legend[text].colour[:3] == drawn[name].colour[:3], text
-    heights = sorted(s.points[0, 2] for s in legend.values())
-    top_of_words = drawn["words"].points[0, 2] + 0.5 * LINE_HEIGHT * drawn["words"].text.count("\n")
-    assert heights[0] > top_of_words and np.diff(heights).min() >= LETTER_HEIGHT
 
 
 def drawn(name):

@@ -14,10 +14,8 @@ from aras_visual_servo_bench.errors import ExperimentError, ViewError
 from aras_visual_servo_bench.targets.files import write_description, write_target
 from aras_visual_servo_bench.targets.geometry import (
     ARAS,
-    BoxesTarget,
     PlacedTarget,
     PolygonTarget,
-    PoseHistory,
     RoundTarget,
     project,
 )
@@ -25,8 +23,6 @@ from aras_visual_servo_bench.targets.rendering import render_mask, render_target
 from aras_visual_servo_bench.targets.scratch import make_scratch_folder
 from aras_visual_servo_bench.targets.solids import make_solid, read_solid_target
 from aras_visual_servo_bench.targets.target_factory import (
-    find_tracker,
-    is_solid,
     make_target,
     read_svg,
 )
@@ -35,7 +31,6 @@ from aras_visual_servo_bench.targets.textures import TexturedTarget
 from aras_visual_servo_camera.errors import ModelError
 from aras_visual_servo_camera.model_tracker import read_solid
 from aras_visual_servo_camera.undistortion import CameraModel
-from aras_visual_servo_controller.observation.target_geometry import TargetGeometry
 
 SIZE = (0.3, 0.2)
 CAMERA = CameraModel(320, 240, (301.0, 0, 163.2, 0, 285.0, 114.7, 0, 0, 1))
@@ -98,15 +93,6 @@ def test_the_demo_s_plates_are_where_the_robot_s_description_has_them():
     assert make_target("aras", SIZE) is ARAS
 
 
-def test_one_box_alone_has_four_corners_on_its_top():
-    box = BoxesTarget(TargetGeometry.from_values(
-        np.array([[(-0.1, -0.2, 0.3), (0.3, 0.5, 0.4)]]), ground=0.3, surface=0.4))
-    found = box.vertices()
-    np.testing.assert_allclose(
-        found, [(-0.1, -0.2, 0.4), (0.3, -0.2, 0.4), (0.3, 0.5, 0.4), (-0.1, 0.5, 0.4)])
-    assert box.height == 0.4
-
-
 def test_what_is_nearer_than_a_millimetre_has_no_view():
     point = np.array([[2e-4, 1e-4, 0.0]])
     np.testing.assert_allclose(project(point, above(0.0, 0.0, 1.1e-3)), [(2 / 11, -1 / 11)])
@@ -125,14 +111,6 @@ def test_a_view_that_is_none_is_none():
         placed.project(square.outline, matrix_from_xyz_rpy((0.1, 0.2, 0.9), (0.0, 0.0, 0.0)))
         is None
     )
-
-
-def test_a_course_notes_a_change_of_a_micrometre():
-    course = PoseHistory()
-    for k, shift in enumerate((0.0, 1e-6, 1e-6 + 1e-10)):
-        course.add(float(k), matrix_from_xyz_rpy((shift, 0.0, 0.0), (0.0, 0.0, 0.0)))
-    assert [course.find_pose(t)[0, 3] for t in (0.5, 1.0, 2.5)] == [0.0, 1e-6, 1e-6]
-    assert course.find_pose(-1e-3) is None
 
 
 # -- solids --------------------------------------------------------------------------------------
@@ -171,12 +149,6 @@ def test_a_solid_s_outline_is_the_hull_of_its_view():
     # Square from above only the rim of the top, at 0.9 - 0.08 m, bounds the view.
     assert pytest.approx(1 / 0.82, rel=1e-3) == plane.C
     assert {round(z, 9) for z in target.vertices()[:, 2]} == {0.0}
-
-
-def test_what_is_a_solid():
-    assert is_solid("box") and is_solid("a/b.STL") and is_solid("x.gltf")
-    assert not is_solid("square") and not is_solid("a.png") and not is_solid(((0, 0), (1, 0)))
-    assert find_tracker("x.obj") == find_tracker("sphere") == "model"
 
 
 def test_what_is_no_closed_solid_is_refused(tmp_path):

@@ -188,19 +188,10 @@ def test_a_program_says_how_well_its_network_knows_unseen_pictures(tmp_path, cap
     out = tmp_path / "deep" / "sums.npz"
     for _ in range(2):  # the second time its folder is there
         asked.clear()
-        assert (
-            run_training(
-                Sums,
-                ["--pictures", "7", "--out", str(out)],
-                "text",
-                99,
-                5,
-                pictures,
-                train,
-                lambda found, y: (found[:, 0], found[:, 0] / 100.0),
-            )
-            == 0
-        )
+        status = run_training(
+            Sums, ["--pictures", "7", "--out", str(out)], "text", 99, 5, pictures, train,
+            lambda found, y: (found[:, 0], found[:, 0] / 100.0))  # fmt: skip
+        assert status == 0
         assert asked == [(7, 0), (5, 1)] and sorted(np.load(out)) == [
             "b0", "mean", "out_mean", "out_scale", "scale", "w0"]
         assert capsys.readouterr().out == (  # sums of 1, 5, 9, 13, 17
@@ -212,10 +203,6 @@ def test_a_program_says_how_well_its_network_knows_unseen_pictures(tmp_path, cap
 
     assert run_training(Sums, ["--out", str(out)], "text", 99, 5, pictures, fail, None) == 1
     assert asked[-1] == (99, 0) and capsys.readouterr().err == "sums: no library\n"
-    with pytest.raises(SystemExit):
-        run_training(Sums, ["--help"], "what it does", 99, 5, pictures, train, None)
-    said = " ".join(capsys.readouterr().out.split())
-    assert "what it does" in said and "learning.sums --pictures 1000 --out mine.npz" in said
 
 
 def test_a_network_s_arrays_answer_as_scikit_learn_s_own(monkeypatch):
@@ -279,8 +266,8 @@ def test_where_weights_are_looked_for(monkeypatch, tmp_path):
 # ------------------------------------------------------------------ what the networks are asked
 
 
-class Says:
-    """Network that returns a given prediction."""
+class Says(learned.GoalPoseNetwork):
+    """Network that returns a given prediction, and notes its inputs."""
 
     @classmethod
     def load(cls):
@@ -357,9 +344,3 @@ def test_a_picture_of_one_grey_level_s_contrast_counts_as_of_one():
     for step, deviation in ((1, 0.5), (2, 1.0), (3, 1.0), (40, 1.0)):
         grey = (100 + step * fine).astype(np.uint8)
         assert learned_pose.make_inputs(grey).std() == pytest.approx(deviation)
-
-
-def test_training_without_its_library_says_what_to_do(monkeypatch):
-    monkeypatch.setitem(sys.modules, "sklearn.neural_network", None)
-    with pytest.raises(ExperimentError, match="training needs scikit-learn, .* run: pip install"):
-        fit_network(np.zeros((3, 2)), np.zeros((3, 1)), 0.1, np.float32)

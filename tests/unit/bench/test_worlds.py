@@ -36,15 +36,6 @@ def test_a_world_that_is_not_there_is_named():
         assemble(on_the_arm("l_shape", world="workbemch", **STILL))
 
 
-@pytest.mark.parametrize(("asked", "said"), [
-    ({"world": "workbench", "sun": {"direction": [0, 0, -1]}}, "the world file contains the li"),
-    ({"world": "workbench", "plant": "free"}, "world acts only on plant bullet"),
-])
-def test_worlds_that_cannot_be_are_refused(asked, said):
-    with pytest.raises(ExperimentError, match=said):
-        Experiment.from_mapping(asked)
-
-
 def test_grey_levels_lead_the_arm_home_on_the_workbench():
     poster = {"shape": "poster", "size": [0.12, 0.12], "pose": [0.05, 0.02, 0.5915, 0, 0, 0.3]}
     result = run(

@@ -1,9 +1,11 @@
 """Simulated arm: contents of its world, and measurements."""
 
+import contextlib
 from pathlib import Path
 
 import numpy as np
 import pytest
+from frames import take_frames
 from test_plants import SQUARE, bullet, until
 
 from aras_sim_bridge.description.types import Light
@@ -111,12 +113,9 @@ def test_it_tells_where_its_joints_and_camera_are_wherever_it_stands(standing, a
 
 
 def test_the_first_picture_is_of_the_camera_s_name(standing):
-    plant, *_ = standing
-    found = []
-    while not found:
-        found = [r for r in plant.advance(plant.time_ns + 10**8) if isinstance(r, Frame)]
-    assert found[0].name == "camera" and found[0].target_mask is None
-    assert found[0].image.shape == (240, 320, 3) and found[0].encoding == "rgb8"
+    (found,) = take_frames(standing[0])
+    assert found.name == "camera" and found.target_mask is None
+    assert found.image.shape == (240, 320, 3) and found.encoding == "rgb8"
 
 
 def test_the_pixels_of_a_label_are_told_and_depth_is_given(robot, preset, tmp_path):
@@ -126,14 +125,9 @@ def test_the_pixels_of_a_label_are_told_and_depth_is_given(robot, preset, tmp_pa
     ]
     plant = bullet(robot, preset, camera={"segmentation": True, "depth": True}, target_models=shown,
                    labelled_link="plate")
-    try:
-        pose, found = plant.read_pose(), []
-        while not found:
-            found = [r for r in plant.advance(10**9) if isinstance(r, Frame)]
-    finally:
-        plant.close()
-        plant.close()
-    reading, camera = found[0], plant.camera
+    with contextlib.closing(plant):
+        pose, (reading,), camera = plant.read_pose(), take_frames(plant), plant.camera
+    plant.close()
     outline = SQUARE.outline(np.linalg.inv(at) @ pose)
     u, v = np.rint(np.array(camera.project(*outline.mean(axis=0)[:, None])).ravel()).astype(int)
     assert reading.target_mask[v, u] == 255 and set(np.unique(reading.target_mask)) == {0, 255}
@@ -141,13 +135,9 @@ def test_the_pixels_of_a_label_are_told_and_depth_is_given(robot, preset, tmp_pa
     depth = (np.linalg.inv(pose) @ at)[2, 3]
     assert reading.depth[v, u] == pytest.approx(depth, abs=5e-3)
     bare = bullet(robot, preset, target_models=shown, labelled_link="plate")  # without label images
-    try:
-        found = []
-        while not found:
-            found = [r for r in bare.advance(10**9) if isinstance(r, Frame)]
-        assert found[0].target_mask is None and found[0].depth is None
-    finally:
-        bare.close()
+    with contextlib.closing(bare):
+        (found,) = take_frames(bare)
+    assert found.target_mask is None and found.depth is None
     with pytest.raises(ExperimentError, match="no link has the label 'plat': did you mean 'plate'"):
         bullet(
             robot, preset, camera={"segmentation": True}, target_models=shown, labelled_link="plat"
@@ -156,14 +146,8 @@ def test_the_pixels_of_a_label_are_told_and_depth_is_given(robot, preset, tmp_pa
 
 def test_an_exposure_at_a_step_s_end_is_seen_then(robot, preset, pinhole):
     sight = ImagingSettings(pinhole, PlacedTarget(SQUARE, AT), rate=20.0, is_unbounded=True)
-    plant = bullet(robot, preset, imaging_settings=(sight,))
-    try:
-        readings = []
-        while not readings:
-            readings = [r for r in plant.advance(10**9) if isinstance(r, Frame)]
-        assert readings[0].stamp_ns == plant.time_ns == 50_000_000
-    finally:
-        plant.close()
+    with contextlib.closing(bullet(robot, preset, imaging_settings=(sight,))) as plant:
+        assert take_frames(plant)[0].stamp_ns == plant.time_ns == 50_000_000
 
 
 def test_several_cameras_sit_where_the_robot_has_their_frames(preset):

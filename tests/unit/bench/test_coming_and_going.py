@@ -37,9 +37,9 @@ def dark(asked):
     return np.array(seen).T, goal
 
 
-@pytest.mark.parametrize("plant", ["free", "bullet"])
-@pytest.mark.parametrize("target", [
-    {"shape": "heptagon"}, {"shape": "square", "motion": {"velocity": [0.02, 0.01, 0, 0, 0, 0]}},
+@pytest.mark.parametrize(("plant", "target"), [
+    ("free", {"shape": "heptagon"}),
+    ("bullet", {"shape": "square", "motion": {"velocity": [0.02, 0.01, 0, 0, 0, 0]}}),
 ])  # fmt: skip
 def test_it_lies_there_at_its_times_and_no_other(plant, target):
     (stamps, with_it), goal = dark(experiment(plant, occluded=TIMES, **target))

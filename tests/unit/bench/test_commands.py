@@ -87,9 +87,7 @@ def test_names_that_are_no_text_are_written_and_printed(experiment, tmp_path):
     ("words", "told"),
     [
         (["gian=2.0"], "an experiment has no 'gian': did you mean gain?"),
-        (["--workers", "2"], "--workers applies to studies, not to an experiment"),
-        (["--dry-run"], "--dry-run applies to studies"),
-        (["--fail-fast"], "--fail-fast applies to studies"),
+
         (["--out", "o", "--no-report"], "--no-report writes no report: leave out one of them"),
         (["duration=-1"], "duration"),
     ],

@@ -38,8 +38,8 @@ def experiment(tmp_path_factory):
     })  # fmt: skip
 
 
-@pytest.mark.parametrize("interaction", ["current", "estimated"])
-@pytest.mark.parametrize("scheme", ["moments", "points"])
+@pytest.mark.parametrize(
+    ("scheme", "interaction"), [("moments", "estimated"), ("points", "current")])
 def test_the_arm_brings_the_target_before_the_camera(experiment, scheme, interaction):
     result = run(
         experiment.with_changes(scheme=scheme, controller_parameters={"interaction": interaction})

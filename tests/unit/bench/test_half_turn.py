@@ -27,8 +27,8 @@ def turned(scheme, angle, plant="free", corners=CORNERS, **options):
     }))  # fmt: skip
 
 
-@pytest.mark.parametrize("angle", [-np.pi, np.pi - 1e-9])
-@pytest.mark.parametrize("scheme", STRAIGHT)
+@pytest.mark.parametrize(
+    ("scheme", "angle"), list(zip(STRAIGHT, (-np.pi, np.pi - 1e-9) * 3, strict=True)))
 def test_a_half_turn_is_a_turn(scheme, angle):
     result = turned(scheme, angle)
     assert result.verdict.angle < 0.005, (result.outcome, result.reason)
@@ -51,7 +51,7 @@ def test_l_mean_says_so_where_it_loses_the_turn(corners):
     assert result.verdict.is_reached or lost or "two_and_half_d" in result.remedy, result.outcome
 
 
-@pytest.mark.parametrize("angle", [3.0, 3.13, np.pi - 1e-6])
+@pytest.mark.parametrize("angle", [3.0, np.pi - 1e-6])
 def test_l_mean_turns_by_no_more_than_the_gain_asks(angle):
     result = turned("numbered_points", angle, interaction="mean")
     assert result.verdict.angle < 0.005, (result.outcome, result.reason)
@@ -70,7 +70,7 @@ def test_angles_of_one_turn_are_wrapped_to_one_side(period):
         assert np.abs(found).max() <= half + 0.1 + 2e-6
 
 
-@pytest.mark.parametrize("degrees", [177.5, 178.0, 179.2, 179.9])
+@pytest.mark.parametrize("degrees", [177.5, 179.9])
 def test_a_retreat_without_end_is_not_taken_for_an_occlusion(degrees):
     """The target becomes so small in the image that its area no longer tells anything."""
     result = run(Experiment.from_mapping({

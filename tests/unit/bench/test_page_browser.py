@@ -99,7 +99,6 @@ def test_what_is_pressed_is_asked_for_and_answered(page, host):
     assert host.asked[1].arguments == {"name": "gain", "value": pytest.approx(2.0, rel=0.05)}
 
 
-
 @pytest.fixture
 def state(page, host):
     """Function that changes the page's values until the test ends."""
@@ -480,20 +479,6 @@ def test_of_two_cameras_at_the_same_place_one_is_drawn_in_its_whole_length(page,
         assert blue > 200 and red - red_before < 0.02 * blue
 
 
-@pytest.mark.parametrize("width", [1440, 1920])
-def test_long_texts_leave_room_for_the_joints(page, state, width):
-    page.resize(width)
-    try:
-        state(missing="The controller has ended. " * 12, no_target="no dark contour " * 30,
-              image_note="overlay drawn by the segmentation node " * 12)
-        low, high = page.js("""(() => { const r = document.getElementById('joints-box')
-            .getBoundingClientRect(); return [r.top, r.bottom]; })()""")
-        assert high - low >= 150 and high < page.js("innerHeight")
-        assert page.js("document.documentElement.scrollHeight") == page.js("innerHeight")
-    finally:
-        page.resize(1440)
-
-
 def test_a_key_drives_the_camera_as_long_as_it_is_held(page, host):
     host.asked.clear()
     page.js("""document.getElementById("scene").dispatchEvent(
@@ -561,19 +546,6 @@ def test_a_page_too_many_says_why_and_comes_in_when_one_is_closed(browser, serve
     assert tab.js("document.getElementById('error').hidden")
     for one in (*others[1:], tab):
         one.close()
-
-
-def test_a_page_of_elsewhere_gets_nothing(browser, page, server):
-    """Another origin that knows even the token: neither socket nor robot."""
-    tab = browser.open("about:blank")
-    address = f"{server.access.host}:{server.access.port}"
-    opened = tab.js(f"""new Promise((done) => {{
-        const s = new WebSocket("ws://{address}/live?token={server.access.token}");
-        s.onopen = () => done("open"); s.onerror = () => done("refused"); }})""")
-    fetched = tab.js(f"""fetch("http://{address}/robot?token={server.access.token}")
-        .then(() => "read", () => "refused")""")
-    assert (opened, fetched) == ("refused", "refused")
-    tab.close()
 
 
 def test_a_simulator_started_again_is_found_again(browser, host, server):

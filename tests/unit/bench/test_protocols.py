@@ -210,21 +210,6 @@ def test_a_mounting_believed_elsewhere_moves_the_camera_otherwise():
     assert rate == pytest.approx(turned, abs=1e-3)
 
 
-def test_a_believed_focal_length_scales_what_is_seen():
-    believed = run(FLIGHT.with_changes(calibration_offset={"focal": 1.1}, duration=0.1)).features[0]
-    true = run(FLIGHT.with_changes(duration=0.1)).features[0]
-    assert believed == pytest.approx(true / 1.1)
-
-
-def test_a_goal_is_shown_through_the_camera_as_believed():
-    result = run(FLIGHT.with_changes(calibration_offset={"focal": 1.1, "depth": 1.2}))
-    assert result.verdict.is_reached and result.outcome == "converged"
-    assert "wrong_camera_model" in result.outcomes  # on the way, which is not the one asked for
-    assert result.reason.startswith("the image equals the goal, which was taught with this camera, "
-                                    "but ")
-    assert "calibrate" in result.remedy
-
-
 @pytest.mark.parametrize("interaction", ["desired", "mean"])
 def test_another_interaction_matrix_is_no_wrong_camera(interaction):
     turned = CameraPose((0.0, 0.0, -0.75, 0.0, 0.0, 1.5))
@@ -273,13 +258,6 @@ def test_a_flight_that_measures_nothing_any_more_has_lost_its_target():
     result = run(turned)
     assert result.outcome == "target_lost"
     assert "alpha_full" in result.reason
-
-
-def test_controllers_of_joints_have_none(monkeypatch):
-    monkeypatch.syspath_prepend(str(Path(__file__).parents[3] / "docs" / "examples"))
-    with pytest.raises(ExperimentError, match="commands joints"):
-        l_shape = {"shape": (*SQUARE[:3], (0.0, 0.0))}
-        run(FLIGHT.with_changes(scheme="second_order:SecondOrder", target=l_shape))
 
 
 def test_enough_by_the_truth_ends_the_run_and_so_does_too_far():

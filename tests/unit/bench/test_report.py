@@ -223,10 +223,9 @@ def test_a_curve_is_open_where_nothing_was_measured():
     np.testing.assert_array_equal(shown[np.isfinite(shown)], values)
     for whole in (np.arange(5.0), np.r_[0.0:1.0:0.1, 1.2], np.zeros(1)):  # slow, one lost, one
         np.testing.assert_array_equal(panels.Curve("", whole, whole).insert_gaps(), (whole, whole))
-    for step, longest in ((0.01, 0.3), (0.2, 1.0)):  # five steps, three tenths of a second at least
-        for gap, opened in ((0.98 * longest, False), (1.02 * longest, True)):
-            time = np.cumsum([0.0, step, step, gap, step, step])
-            assert np.isnan(panels.Curve("", time, time).insert_gaps()[1]).any() == opened
+    for gap, opened in ((0.98, False), (1.02, True)):  # five steps of 0.2 s
+        time = np.cumsum([0.0, 0.2, 0.2, gap, 0.2, 0.2])
+        assert np.isnan(panels.Curve("", time, time).insert_gaps()[1]).any() == opened
 
 
 @pytest.mark.parametrize("paper", [False, True])
@@ -274,27 +273,6 @@ def test_a_name_with_dollars_is_drawn_as_it_stands(draw, moments, points):
             if figure is not None:
                 figure.draw_without_rendering()
                 assert all(a.has_data() for a in figure.axes if a.get_visible())
-        plt.close("all")
-
-
-def test_figures_beside_each_other_are_of_one_height_with_their_margins(moments):
-    def measures(figure):
-        """Height; left, below and above the axes, and between two, in inches."""
-        boxes = [axis.get_position() for axis in figure.axes]
-        high = figure.get_figheight()
-        return high, boxes[0].x0, high * boxes[-1].y0, high * (1.0 - boxes[0].y1), \
-            high * (boxes[0].y0 - boxes[1].y1)  # fmt: skip
-
-    with style.apply_style():
-        errors, pose = FIGURES["feature_errors"]([moments]), FIGURES["pose_errors"]([moments])
-        image = views.draw_image_trajectory([moments])
-        tall, before, wide = measures(errors), measures(pose), image.get_size_inches().tolist()
-        assert tall[0] > before[0]
-        style.equalize_heights([errors, pose])
-        assert measures(errors) == pytest.approx(tall)
-        assert measures(pose) == pytest.approx((tall[0], *before[1:]))
-        style.equalize_heights([image, errors])  # a picture keeps its shape
-        assert image.get_size_inches().tolist() == wide
         plt.close("all")
 
 

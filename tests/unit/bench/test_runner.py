@@ -15,7 +15,6 @@ from aras_visual_servo_bench.experiment.experiment import (
     Sampler,
     TargetSpec,
 )
-from aras_visual_servo_bench.plants.imaging import capture
 from aras_visual_servo_bench.runner.loop import Loop, assemble, run
 from aras_visual_servo_bench.setup.sampling import POSE_TOLERANCE
 from aras_visual_servo_bench.targets.geometry import Motion
@@ -125,25 +124,6 @@ def test_true_poses_are_the_plants_and_not_the_controllers_belief():
     assert np.linalg.norm(believed[:3, 3] - result.true_pose[-1][:3, 3]) > 5e-3
 
 
-def test_a_believed_camera_measures_what_it_believes():
-    believed = {"focal": 1.1, "centre": [4.0, -2.0]}
-    experiment = FREE.with_changes(features="images", calibration_offset=believed, duration=0.2)
-    parts = assemble(experiment)
-    true = parts.plant.camera
-    assert parts.calibrated_camera.K[0] == pytest.approx(1.1 * true.K[0])
-    assert parts.calibrated_camera.K[2] == pytest.approx(true.K[2] + 4.0)
-    assert parts.calibrated_camera.K[5] == pytest.approx(true.K[5] - 2.0)
-    reading = next(r for _ in range(9) for r in parts.plant.advance(10**9) if hasattr(r, "image"))
-    seen, = (parts.observe(reading, None) for _ in range(1))
-    exact = capture(
-        assemble(FREE).plant.imaging, parts.plant.read_pose(), 0, np.random.default_rng(0)
-    )
-    u = exact.outline.mean(axis=0)[0]
-    assert seen.moments.xg == pytest.approx(
-        (u - parts.calibrated_camera.K[2]) / parts.calibrated_camera.K[0], abs=0.03
-    )
-
-
 @pytest.mark.parametrize("start", ["2016", {"height": [0.2, 0.4], "side": 0.05, "turn": 1.0}])
 def test_a_believed_focal_length_that_is_wrong_is_diagnosed(start):
     """The loop comes to rest with no error left, and to the wrong place: it has to say why."""
@@ -166,26 +146,6 @@ def test_a_believed_depth_that_is_wrong_does_no_harm():
     )
     assert result.verdict.is_reached and result.outcome == "converged"
     assert {word.split(" up to ")[0] for word in result.outcomes} <= {"running", "converged"}
-
-
-def test_a_believed_depth_scales_the_goals():
-    plain, deep = (
-        assemble(FREE.with_changes(calibration_offset={"depth": d})).goal for d in (1.0, 1.5)
-    )
-    assert deep.depth == pytest.approx(1.5 * plain.depth)
-    assert pytest.approx(plain.plane.C / 1.5) == deep.plane.C
-
-
-def test_delay_is_simulated_time():
-    """The first command after an exposure comes with the first joint state after the delay."""
-    for delay, first in ((0.0, 0.041), (0.015, 0.051), (0.03, 0.071)):
-        result = run(CHAIN.with_changes(delay=delay, lag=0.0, duration=0.2))
-        moving = result.joint_stamp[
-            np.flatnonzero(np.diff(result.joint_commands[:, 0], prepend=np.nan))
-        ]
-        still = result.joint_commands[0]
-        moved = result.joint_stamp[np.any(np.abs(result.joint_commands - still) > 1e-12, axis=1)]
-        assert len(moving) and moved[0] == pytest.approx(first, abs=0.0105), delay
 
 
 def test_a_moving_target_takes_its_goal_along():
@@ -223,30 +183,6 @@ def test_a_target_that_rises_or_turns_is_no_wrong_camera(plant, scheme, twist):
         "plant": plant, "scheme": scheme, "duration": 4.0, "target": {"motion": {"velocity": twist}}
     }))  # fmt: skip
     assert result.outcome == "target_moves", result.reason
-
-
-def test_starts_are_drawn_within_their_ranges_and_in_view():
-    sampler = Sampler(height=(0.15, 0.3), side=0.05)
-    for plant in ("chain", "free"):
-        drawn = set()
-        for seed in range(5):
-            experiment = Experiment(plant=plant, start=sampler, seed=seed)
-            parts = assemble(experiment)
-            x, y, z = parts.plant.read_pose()[:3, 3]
-            centre = parts.target.shape.vertices().mean(axis=0)
-            assert (
-                abs(x - centre[0]) <= 0.05 + POSE_TOLERANCE
-                and abs(y - centre[1]) <= 0.05 + POSE_TOLERANCE
-            )
-            assert 0.15 - POSE_TOLERANCE <= z - centre[2] <= 0.3 + POSE_TOLERANCE
-            reading = capture(
-                parts.plant.imaging, parts.plant.read_pose(), 0, np.random.default_rng(0)
-            )
-            assert reading.outline is not None
-            drawn.add((x, y, z))
-            again = assemble(experiment).plant.read_pose()
-            np.testing.assert_array_equal(again[:3, 3], (x, y, z))
-        assert len(drawn) == 5
 
 
 SLIGHT = Sampler(height=(0.2, 0.3), side=0.02)

@@ -127,17 +127,6 @@ def test_a_run_without_success_stops_it(tiny, capsys):
                          "0")
 
 
-def test_a_study_that_is_whole_is_finished(tiny, capsys):
-    tiny("--no-report")
-    whole = (tiny.path / "manifest.json").read_text()
-    capsys.readouterr()
-    assert tiny("--no-report") == 0
-    assert (tiny.path / "study.yaml").read_text() == TINY
-    said, shown = capsys.readouterr()
-    assert said == f"all 6 runs are in {tiny.path}\n" and not shown
-    assert (tiny.path / "manifest.json").read_text() == whole
-
-
 INTERRUPTS = """
 from aras_visual_servo_bench import metric
 count = 0
@@ -181,13 +170,6 @@ def test_other_code_is_refused_or_mixed(tiny, capsys):
         assert capsys.readouterr().err.endswith("run the study again in a new folder, or add "
                                                 "--mix\n")  # fmt: skip
         assert start("--mix") == 0
-
-
-def test_resuming_checks_the_study_s_file(tiny, capsys):
-    tiny("--no-report")
-    (tiny.path / "study.yaml").write_text(TINY.replace("repeats: 3", "repeats: 4"))
-    assert main(["resume", str(tiny.path), "--in-process"]) == 1
-    assert "has another study: repeats was 3, is 4" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(("changes", "shown"), [

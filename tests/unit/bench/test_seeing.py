@@ -176,24 +176,6 @@ def test_a_solid_is_told_by_its_own_pixels():
     assert (seen.image[seen.target_mask > 0] < 250).mean() > 0.9
 
 
-def test_a_cover_hides_what_lies_under_it_at_its_times():
-    cover = ((-0.3, -0.3), (0.02, 0.3))
-    sight = replace(SIGHT, has_images=True, occluder=cover)
-    found, bare = capture(sight, POSE, STAMP, drawn()).image, capture(
-            replace(sight, occluder=None),         POSE, STAMP, drawn()).image
-    here = matrix_from_xyz_rpy((0.05, 0.0, 0.1), (0.0, 0.0, 0.3))
-    rays = np.linalg.inv(here) @ POSE
-    v, u = np.indices((40, 60))
-    ways = np.stack([(u - 31.0) / 50.0, (v - 18.0) / 40.0, np.ones((40, 60))], -1) @ rays[:3, :3].T
-    x = rays[0, 3] - ways[..., 0] * rays[2, 3] / ways[..., 2]  # on the target, m
-    assert (found[x < 0.02 - 0.03] == 255).all()
-    np.testing.assert_array_equal(found[x > 0.02 + 0.03], bare[x > 0.02 + 0.03])
-    assert (bare < 9).sum() > 1.5 * (found < 9).sum() > 10
-    for times, there in ((((0.4, 0.5),), True), (((0.5, 0.6),), False), (((0.1, 0.2),), False)):
-        timed = capture(replace(sight, occlusion_times=times), POSE, STAMP, drawn()).image
-        np.testing.assert_array_equal(timed, found if there else bare)
-
-
 def test_a_lens_shows_nothing_beyond_its_cutoff():
     blind = np.zeros((40, 60), bool)
     blind[:, 40:] = True  # the target's right corner is there
@@ -301,7 +283,6 @@ def test_a_point_that_the_shutter_never_meets_is_of_the_last_rows():
     last = capture(replace(SIGHT, target=met, row_bands=ROWS), ASIDE, STAMP, drawn()).points[0]
     assert last[1] == MIDDLES[2]  # in the middle of the last rows, to the last digit
     assert last[0] == pytest.approx(31.0 - 50.0 * SHIFTS[2])
-
 
 
 def test_what_leaves_the_picture_while_it_is_read_is_lost():

@@ -83,13 +83,6 @@ def test_two_cameras_of_an_arm_reach_their_goal(plant, features):
     assert 0.04 < distance < 0.07 and 0.1 < angle < 0.25
 
 
-def test_a_named_goal_of_known_geometry_is_worked_out_for_every_camera():
-    parts = assemble(armed(goal="2016", start="2016", scheme="moments@left+area@right"))
-    assert list(parts.servo.goal.cameras) == ["left", "right"]
-    assert parts.servo.goal.other_cameras["right"].moments is not None
-    assert run(armed(goal="2016", scheme="moments@left+area@right")).verdict.is_reached
-
-
 def test_both_cameras_tell_more_of_the_pose_than_one():
     """Noise of 0.3 px in each: two see the camera's place more exactly."""
 

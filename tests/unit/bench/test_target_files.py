@@ -11,6 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from frames import take_frames
 
 from aras_sim_bridge.description import parse_urdf
 from aras_visual_servo_bench.errors import ExperimentError
@@ -29,7 +30,6 @@ from aras_visual_servo_bench.targets.geometry import Motion
 from aras_visual_servo_bench.targets.target_factory import make_target
 from aras_visual_servo_bench.targets.target_spec import BoxSpec
 from aras_visual_servo_camera.trackers.dots import DotTracker
-from aras_visual_servo_controller.observation.frame import Frame
 from aras_visual_servo_controller.observation.image_reader import ImageReader
 
 GAZEBO = Path(__file__).parents[3] / "src" / "aras_visual_servo_gazebo"
@@ -52,18 +52,9 @@ def seen(experiment, wanted=1):
     """Return image (rows, columns) number `wanted`, its stamp, and the poses of target and camera.
     """
     parts = assemble(experiment)
-    plant = parts.plant
-    try:
-        for _ in range(200):
-            for reading in plant.advance(plant.time_ns + 10**9):
-                if isinstance(reading, Frame):
-                    wanted -= 1
-                    if wanted == 0:
-                        grey = ImageReader.decode_image(reading).grey
-                        return grey, reading.stamp_ns * 1e-9, parts, plant.read_pose()
-    finally:
-        plant.close()
-    raise AssertionError("no picture")
+    with contextlib.closing(parts.plant) as plant:
+        reading = take_frames(plant, wanted)[-1]
+        return ImageReader.decode_image(reading).grey, reading.stamp, parts, plant.read_pose()
 
 
 def missed(parts, found, pose, stamp):

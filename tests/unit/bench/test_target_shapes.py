@@ -34,7 +34,6 @@ from aras_visual_servo_camera.undistortion import CameraModel
 
 SIZE = (0.3, 0.2)
 CAMERA = CameraModel(320, 240, (301.0, 0, 163.2, 0, 285.0, 114.7, 0, 0, 1))
-LENS = CameraModel(320, 240, (301.0, 0, 163.2, 0, 285.0, 114.7, 0, 0, 1), (-0.2, 0.05, 0, 0))
 
 
 def above(x, y, z):
@@ -194,36 +193,6 @@ def test_what_is_made_for_one_process_lies_in_folders_of_its_own():
 
 
 # -- what a camera without a world sees ----------------------------------------------------------
-
-
-@pytest.mark.parametrize("camera", [CAMERA, LENS], ids=["pinhole", "lens"])
-def test_a_picture_has_its_own_grey_levels_on_white(camera):
-    pixels = np.full((40, 60), 77, np.uint8)
-    pixels[:, 30:] = 200
-    target = TexturedTarget(pixels, SIZE)
-    image = render_target(target, camera, above(0.0, 0.0, 0.6))
-    assert set(np.unique(image[80:150, 100:150])) == {77}
-    assert set(np.unique(image[80:150, 175:230])) == {200}
-    assert (image[:40] == 255).all() and (image[:, :50] == 255).all()
-
-
-def test_a_lens_shows_a_texture_where_it_projects_it():
-    """A dark square far from the axis of a fisheye, whose corners see nothing."""
-    pixels = np.full((200, 200), 255, np.uint8)
-    pixels[60:80, 150:170] = 0
-    target = TexturedTarget(pixels, (2.0, 2.0))  # the square is about (0.6, 0.3) m
-    fish = CameraModel(200, 160, (50.0, 0, 99.5, 0, 60.0, 79.5, 0, 0, 1), (0.0,) * 4, "equidistant")
-    pose = above(0.0, 0.0, 0.5)
-    dark = (render_target(target, fish, pose) < 128).astype(np.uint8)
-    corners = np.array([(x, y, 0.0) for x in (0.5, 0.7) for y in (0.2, 0.4)])
-    seen = (corners - pose[:3, 3]) @ pose[:3, :3]
-    u, v = fish.project(*(seen[:, :2] / seen[:, 2:]).T)
-    (_, labels) = cv2.connectedComponents(dark)
-    square = labels[round(v.mean()), round(u.mean())]
-    rows, columns = np.nonzero(labels == square)
-    assert square
-    assert (columns.min(), columns.max()) == pytest.approx((u.min(), u.max()), abs=1.5)
-    assert (rows.min(), rows.max()) == pytest.approx((v.min(), v.max()), abs=1.5)
 
 
 def test_a_solid_is_lit_on_white_and_its_pixels_are_shown():

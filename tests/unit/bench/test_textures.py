@@ -1,11 +1,13 @@
 """Textured targets, and points that trackers find on them, compared with the exact points."""
 
+import contextlib
 import struct
 import zlib
 
 import cv2
 import numpy as np
 import pytest
+from frames import take_frames
 from scipy.stats import kstest
 
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy
@@ -29,7 +31,6 @@ from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.features import FEATURES
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.observation.feature_observer import FeatureObserver
-from aras_visual_servo_controller.observation.frame import Frame
 from aras_visual_servo_controller.observation.image_reader import ImageReader
 from aras_visual_servo_controller.schemes import FeatureScheme
 
@@ -63,8 +64,8 @@ def test_dots_of_three_pixels_are_found_wherever_they_lie_on_the_pixels():
     wide = CameraModel(320, 240, (102.74, 0, 159.5, 0, 102.74, 119.5, 0, 0, 1))
     target = PlacedTarget(make_target("four_dots", (0.06, 0.06)), FACING)
     sight = ImagingSettings(wide, target, has_images=True)
-    for k in range(40):
-        step = 1e-4 * k
+    for k in range(20):
+        step = 2e-4 * k
         view = matrix_from_xyz_rpy((step, 0.7 * step, -0.192), (0.0, 0.0, 0.05 * k))
         found = DotTracker().find(capture(sight, view, 0, np.random.default_rng(0)).image)
         x, y = target.shape.points(target.target_T_camera(view)).T
@@ -110,10 +111,9 @@ def test_points_are_found_to_a_hundredth_of_a_pixel(name, tracker, far, size, vi
 
 
 @pytest.mark.parametrize("camera", [CAMERA, LENS, FISHEYE], ids=["pinhole", "lens", "fisheye"])
-@pytest.mark.parametrize("size", [0.2, 0.06], ids=["large", "small"])
-def test_a_marker_is_found_corner_by_corner(camera, size):
-    """From its own first corner on, through any lens; a cell of the small one is 3 px wide."""
-    target = PlacedTarget(make_target("marker", (size, size)), FACING)
+def test_a_marker_is_found_corner_by_corner(camera):
+    """From its own first corner on, through any lens; a cell is 3 px wide."""
+    target = PlacedTarget(make_target("marker", (0.06, 0.06)), FACING)
     image = capture(
         ImagingSettings(camera, target, has_images=True), VIEW, 0, np.random.default_rng(0)
     ).image
@@ -151,7 +151,7 @@ def test_of_two_markers_the_larger_is_followed():
 
 
 @pytest.mark.parametrize("camera", [CAMERA, LENS, FISHEYE], ids=["pinhole", "lens", "fisheye"])
-@pytest.mark.parametrize("view", [VIEW, NEAR, ASKEW], ids=["view", "near", "askew"])
+@pytest.mark.parametrize("view", [NEAR, ASKEW], ids=["near", "askew"])
 def test_outermost_lines_cross_where_they_are_said(camera, view):
     grey = seen("line_grid", camera, view)[0]
     exact = make_target("line_grid", SIZE).points(np.linalg.inv(FACING) @ view)
@@ -413,8 +413,14 @@ def test_a_disc_has_no_corners_and_says_so():
     assert run(Experiment.from_mapping({**spec, "scheme": "ellipse"})).outcome != "target_lost"
     with pytest.raises(ExperimentError, match="has no corners") as refused:
         run(Experiment.from_mapping({**spec, "scheme": "numbered_points"}))
+    # What is recommended converges, also before a circle seen square on, where ellipse lacks rank.
+    flat = {
+        "plant": "chain", "features": "exact", "goal": {"pose": [0.0, 0.0, 0.86, np.pi, 0.0, 0.0]},
+        "target": {"shape": "circle", "size": [0.08, 0.08], "pose": [0.01, 0.01, 0.591, 0, 0, 0]},
+        "start": {"height": [0.2, 0.32], "side": 0.04, "turn": 0.5}, "seed": 3,
+    }  # fmt: skip
     recommended = str(refused.value).rpartition(" ")[2]
-    result = run(Experiment.from_mapping({**spec, "scheme": recommended}))
+    result = run(Experiment.from_mapping({**flat, "scheme": recommended}))
     assert result.outcome == "converged" and result.verdict.is_reached
 
 
@@ -480,16 +486,9 @@ def test_the_arm_s_camera_draws_a_marker_where_it_is():
             "scheme": "pose", "goal": "2016", "start": [0.05, 0.01 * k, 0.18, -0.05, -0.09, turn],
         }  # fmt: skip
         parts = assemble(Experiment.from_mapping(spec))
-        try:
-            reading = None
-            while not isinstance(reading, Frame):
-                reading = parts.plant.advance(10**9)[-1]
-            camera, seen_from = (
-                parts.plant.camera,
-                parts.target.target_T_camera(parts.plant.read_pose()),
-            )
-        finally:
-            parts.plant.close()
+        with contextlib.closing(parts.plant) as plant:
+            (reading,), camera = take_frames(plant), plant.camera
+            seen_from = parts.target.target_T_camera(plant.read_pose())
         found = MarkerTracker().find_normalised(ImageReader.decode_image(reading).grey, camera)
         exact = parts.target.shape.points(seen_from)
         round_ = exact - exact.mean(axis=0)

@@ -5,7 +5,6 @@ import json
 import os
 import re
 import shutil
-import socket
 import subprocess
 import sys
 import time
@@ -518,15 +517,22 @@ def test_a_port_that_is_taken_is_said_and_another_used(folder):
             one.close()
 
 
-def test_the_command_says_where_it_is_that_there_is_no_browser_and_ends_by_interrupt(folder):
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
+@pytest.mark.parametrize(("display", "more", "is_opened"), [
+    ({}, [], False), ({"DISPLAY": ":0"}, [], True),
+    ({"WAYLAND_DISPLAY": ":0"}, ["--no-open"], False),
+])  # fmt: skip
+def test_the_command_opens_the_page_in_a_browser_and_ends_by_interrupt(
+    folder, tmp_path, display, more, is_opened
+):
+    """`BROWSER` names a program that stores the address."""
+    opened, browser = tmp_path / "opened", tmp_path / "browser"
+    browser.write_text(f'#!/bin/sh\necho "$1" > {opened}\n')
+    browser.chmod(0o755)
+    without = {k: v for k, v in os.environ.items() if "DISPLAY" not in k}
     child = subprocess.Popen(
-        [sys.executable, "-m", "aras_visual_servo_bench", "browse", str(folder),
-         "--port", str(port)],
+        [sys.executable, "-m", "aras_visual_servo_bench", "browse", str(folder), *more],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        env={**{k: v for k, v in os.environ.items() if "DISPLAY" not in k},
+        env={**without, **display, "BROWSER": str(browser),
              "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
     )  # fmt: skip
     try:
@@ -537,7 +543,10 @@ def test_the_command_says_where_it_is_that_there_is_no_browser_and_ends_by_inter
                 break
         text = "\n".join(lines)
         address = re.search(r"at (http://127\.0\.0\.1:\d+/\?token=\S+)", text)
-        assert address and "first: 30 of 30 runs" in text and "cannot open a browser" in text
+        assert address and "first: 30 of 30 runs" in text
+        assert ("cannot open a browser" in text) is not bool(display)
+        assert opened.exists() is is_opened
+        assert not is_opened or opened.read_text().strip() == address[1]
         with urlopen(address[1], timeout=20) as answer:
             assert answer.status == 200
         child.send_signal(2)

@@ -54,11 +54,7 @@ def test_the_box_is_loose_and_the_target_lies_on_it():
         box = loop.plant.simulation.world.models["target"]
         assert box.mass == 0.4 and not box.fixed_base
         half = 0.5 * np.array(sides)
-        inertia = box.description.links["target"].inertial
-        assert inertia.origin_xyz == pytest.approx((0.0, 0.0, -half[2] - 5e-4))
-        assert inertia.inertia == pytest.approx(
-            (0.4 / 12 * (0.04**2 + 0.05**2), 0, 0, 0.4 / 12 * (0.06**2 + 0.05**2), 0,
-             0.4 / 12 * (0.06**2 + 0.04**2)))
+
         assert box.description.links["target"].mu == 0.3
         before = box.pose().xyz
         for _ in range(100):

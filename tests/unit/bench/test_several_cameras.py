@@ -193,11 +193,14 @@ def portal(tmp_path):
     })  # fmt: skip
 
 
-@pytest.mark.parametrize(("scheme", "features"), [
-    ("points@beside", "exact"), ("points@above+points@beside", "images"),
+@pytest.mark.parametrize(("scheme", "features", "interaction"), [
+    ("points@beside", "exact", "estimated"), ("points@above+points@beside", "images", "current"),
 ])
-def test_cameras_that_stand_servo_the_arm_that_moves_their_target(portal, scheme, features):
-    result = run(portal.with_changes(scheme=scheme, features=features))
+def test_cameras_that_stand_servo_the_arm_that_moves_their_target(
+    portal, scheme, features, interaction
+):
+    result = run(portal.with_changes(
+        scheme=scheme, features=features, controller_parameters={"interaction": interaction}))
     assert result.outcome == "converged" and result.verdict.is_reached, result.reason
     np.testing.assert_allclose(result.measured_positions[-1], [0.02, -0.03, 0.1, 0.3], atol=3e-4)
     assert set(result.outcomes) == {"running", "converged"}

@@ -220,7 +220,7 @@ EXEMPT = {
     "BoxSpec": {"size", "mass", "friction"},  # of target.box
     "Experiment": {
         "cameras", "target", "calibration_offset",  # their own keys are here
-        "world", "hand_eye",  # test_robots, test_worlds
+        "world", "hand_eye",  # test_robots, test_surroundings
         "time_after_convergence", "renderer",  # an end after convergence; all names mean one
     },
     "IdealSpec": {f.name for f in fields(IdealSpec)},  # test_ending

@@ -4,6 +4,7 @@ import logging
 
 import numpy as np
 import pytest
+from made_arm import write_arm
 
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_bench.errors import log_once
@@ -12,29 +13,9 @@ from aras_visual_servo_bench.runner.loop import run
 from aras_visual_servo_bench.setup.assembly import assemble
 
 JOINTS = ("x", "y", "z", "fan", "head")
-BODY = ('<inertial><mass value="1"/><inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" '
-        'iyz="0"/></inertial>')
+AXES = ("1 0 0", "0 1 0", "0 0 1", "0 0 1", "0 0 1")
 # Three slides, and two joints about one axis, which turn the camera; the first carries a plate
 # below it, that reaches from the axis along its x.
-FAN = """<robot name="fan"><link name="world"/>{links}
-<link name="table"><visual><geometry><box size="2 2 0.02"/></geometry></visual></link>
-<joint name="stands" type="fixed"><parent link="world"/><child link="table"/>
-  <origin xyz="0 0 -0.011"/></joint>
-<link name="camera_link"/><link name="camera_optical_frame"/>
-<joint name="mount" type="fixed"><parent link="head_link"/><child link="camera_link"/>
-  <origin rpy="0 1.5707963267948966 0"/></joint>
-<joint name="optical" type="fixed"><parent link="camera_link"/><child link="camera_optical_frame"/>
-  <origin rpy="-1.570796326794897 0 -1.570796326794897"/></joint>
-<gazebo reference="camera_link"><sensor type="camera" name="camera"><update_rate>30</update_rate>
-  <camera name="eye"><horizontal_fov>1.2</horizontal_fov>
-    <image><width>320</width><height>240</height><format>R8G8B8</format></image>
-    <clip><near>0.01</near><far>20</far></clip></camera>
-  <plugin name="camera_controller" filename="libgazebo_ros_camera.so"><updateRate>0</updateRate>
-    <cameraName>eye</cameraName><imageTopicName>image_raw</imageTopicName>
-    <cameraInfoTopicName>camera_info</cameraInfoTopicName><frameName>camera_link</frameName>
-  </plugin></sensor></gazebo>
-<gazebo><plugin name="control" filename="libgazebo_ros_control.so">
-  <robotNamespace>/fan</robotNamespace></plugin></gazebo></robot>"""
 PLATE = ('<visual><origin xyz="0.1 0 -0.08"/><geometry><box size="0.2 0.2 0.004"/></geometry>'
          "</visual>")
 TARGET = {"shape": "l_shape", "size": [0.06, 0.05], "pose": [0.0, 0.0, 0.001, 0.0, 0.0, 0.0]}
@@ -43,36 +24,18 @@ GOAL = {"pose": [-0.06, 0.01, 0.25, *DOWN]}  # the target lies to the side that 
 START = {"pose": [-0.05, 0.02, 0.28, np.pi, 0.0, 0.1]}
 
 
-def described(turn=3.0):
-    """`turn`: limit of the joint that carries the plate, rad."""
-    links, parent = "", "world"
-    for name, axis in zip(JOINTS, ("1 0 0", "0 1 0", "0 0 1", "0 0 1", "0 0 1"), strict=True):
-        slides = name in "xyz"
-        most = 1.0 if slides else turn if name == "fan" else 3.0
-        links += f"""<link name="{name}_link">{BODY}{PLATE * (name == "fan")}</link>
-<joint name="{name}" type="{"prismatic" if slides else "revolute"}"><parent link="{parent}"/>
-  <child link="{name}_link"/><axis xyz="{axis}"/>
-  <limit lower="{-most}" upper="{most}" velocity="2" effort="900"/></joint>
-<transmission name="{name}_transmission"><type>transmission_interface/SimpleTransmission</type>
-  <joint name="{name}"><hardwareInterface>hardware_interface/PositionJointInterface
-  </hardwareInterface></joint><actuator name="{name}_motor"/></transmission>"""
-        parent = f"{name}_link"
-    return FAN.format(links=links)
-
-
-KIND = "position_controllers/JointPositionController"
-STATES = "joint_state_controller: {type: joint_state_controller/JointStateController, " \
-    "publish_rate: 100}\n"
-CONTROLLERS = STATES + "".join(f"{n}_controller: {{type: {KIND}, joint: {n}}}\n" for n in JOINTS)
+TABLE = """<link name="table"><visual><geometry><box size="2 2 0.02"/></geometry></visual></link>
+<joint name="stands" type="fixed"><parent link="world"/><child link="table"/>
+  <origin xyz="0 0 -0.011"/></joint>"""
 
 
 @pytest.fixture
 def experiment(tmp_path):
     def made(turn=3.0, **keys):
-        (tmp_path / "fan.urdf").write_text(described(turn))
-        (tmp_path / "fan.yaml").write_text(CONTROLLERS)
-        robot = {"urdf": str(tmp_path / "fan.urdf"), "config": str(tmp_path / "fan.yaml"),
-                 "namespace": "/fan"}
+        """`turn`: limit of the joint that carries the plate, rad."""
+        joints = [(name, name in "xyz", "0 0 0", axis, (-most, most), PLATE * (name == "fan"))
+                  for name, axis, most in zip(JOINTS, AXES, (1, 1, 1, turn, 3), strict=True)]
+        robot = write_arm(joints, np.pi / 2, tmp_path, TABLE)
         keys = {"target": TARGET, "goal": GOAL, "start": START, "camera": {}, "scheme": "points",
                 **keys}
         return Experiment(robot=robot, **keys)

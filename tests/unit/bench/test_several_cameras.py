@@ -1,6 +1,7 @@
 """Several cameras of one experiment on every plant: different lenses, delays, rates and errors."""
 
 import base64
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -164,29 +165,17 @@ def test_drawn_starts_are_in_view_of_both():
         assert seen == {"left", "right"}
 
 
-PORTAL = """<robot name="portal"><link name="world"/>
-<link name="x"/><link name="y"/><link name="z"/><link name="hand"/>
-<joint name="along" type="prismatic"><parent link="world"/><child link="x"/><axis xyz="1 0 0"/>
-  <limit lower="-1" upper="1" velocity="1" effort="9"/></joint>
-<joint name="across" type="prismatic"><parent link="x"/><child link="y"/><axis xyz="0 1 0"/>
-  <limit lower="-1" upper="1" velocity="1" effort="9"/></joint>
-<joint name="up" type="prismatic"><parent link="y"/><child link="z"/><axis xyz="0 0 1"/>
-  <origin xyz="0 0 0.5"/><limit lower="-0.4" upper="0.4" velocity="1" effort="9"/></joint>
-<joint name="wrist" type="revolute"><parent link="z"/><child link="hand"/><axis xyz="0 0 1"/>
-  <limit lower="-3" upper="3" velocity="2" effort="9"/></joint>
-</robot>"""
+PORTAL = Path(__file__).parents[3] / "docs" / "examples" / "portal.urdf"
 CARRIED = [[-0.05, -0.03], [0.05, -0.03], [0.03, 0.04], [-0.05, 0.01]]
 BESIDE = {"model": RIGHT, "pose": [0.15, 0.0, 1.0, 3.141592653589793, 0.15, 0.4]}
 
 
 @pytest.fixture
-def portal(tmp_path):
+def portal():
     """Two cameras that stand, and an arm that moves the target before them."""
-    path = tmp_path / "portal.urdf"
-    path.write_text(PORTAL)
     return Experiment.from_mapping({
         "plant": "chain", "target": {"shape": CARRIED}, "scheme": "points@above+points@beside",
-        "robot": {"urdf": str(path), "target_frame": "hand"}, "goal": [0.02, -0.03, 0.1, 0.3],
+        "robot": {"urdf": str(PORTAL), "target_frame": "hand"}, "goal": [0.02, -0.03, 0.1, 0.3],
         "start": [0.1, 0.05, -0.02, -0.4], "time_after_convergence": 0.0,
         "cameras": {"above": {"model": LEFT, "pose": [0, 0, 1.0, 3.141592653589793, 0, 0.4]},
                     "beside": BESIDE},
@@ -209,7 +198,7 @@ def test_cameras_that_stand_servo_the_arm_that_moves_their_target(
 def test_a_camera_that_stands_is_where_it_says_in_the_world(portal):
     parts = assemble(portal)
     q = np.array([0.1, -0.2, 0.05, 0.4])
-    hand = Arm.from_urdf(PORTAL, "hand").pose(q)
+    hand = Arm.from_urdf(PORTAL.read_text(), "hand").pose(q)
     true = matrix_from_xyz_rpy(BESIDE["pose"][:3], BESIDE["pose"][3:])
     found = parts.placements["beside"].compute_pose(parts.servo.arm.pose(q))
     np.testing.assert_allclose(hand @ found, true, atol=1e-9)

@@ -174,9 +174,9 @@ def test_a_run_is_switched_off_everywhere(both):
 
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory):
-    """Page of a run of 100 000 images and joint states, with one sample far from the others."""
-    run = make_long_run(100_000, 240.0)
-    run.measured_velocities[77_777, 0] = 50.0
+    """Page of a run of 50 000 images and joint states, with one sample far from the others."""
+    run = make_long_run(50_000, 240.0)
+    run.measured_velocities[33_333, 0] = 50.0
     return write_report([run], tmp_path_factory.mktemp("bag"), ())[0]
 
 
@@ -210,7 +210,7 @@ def test_a_long_run_opens_fast_and_draws_the_extremes_of_each_column(bag, browse
     tab.call("Page.navigate", url=bag.as_uri())
     tab.wait("!!window.arasReport && arasReport.charts.some((c) => c.plot)", 60.0)
     used = {one["name"]: one["value"] for one in tab.call("Performance.getMetrics")["metrics"]}
-    assert used["ThreadTime"] < 2.0  # processor time, s: the test machine may be busy
+    assert used["ThreadTime"] < 1.5  # processor time, s: the test machine may be busy
     tab.js("document.getElementById('zoom-all').click()")
     chart = tab.js("arasReport.charts.findIndex("
                    "(c) => c.curves.some((k) => k.values.includes(50)))")  # fmt: skip
@@ -250,16 +250,6 @@ def test_of_many_runs_some_films_are_shown_and_the_tables_when_they_are_opened(o
     tab.close()
 
 
-def test_lengths_and_angles_have_the_unit_of_the_headline(page, both):
-    rows = page.js("""[...document.querySelectorAll("#numbers tr")].map((r) =>
-        [...r.cells].slice(0, 3).map((c) => c.innerText))""")
-    units = {key: unit for key, _, unit in rows}
-    assert units["final_distance"] in ("mm", "µm") and units["final_angle"] == "°"
-    heads = both.js("[...document.querySelectorAll('#comparison tr')].map((r) => "
-                    "r.cells[0].innerText)")  # fmt: skip
-    assert "final_angle (°)" in heads and {"final_distance (mm)", "final_distance (µm)"} & {*heads}
-
-
 def test_links_to_the_sections_are_on_a_narrow_screen(opened):
     tab = opened(2, SIZES[1])
     height, links = tab.js("""[document.querySelector("nav").getBoundingClientRect().height,
@@ -288,13 +278,6 @@ def test_cameras_stay_inside_the_view_of_the_path(opened, width):
         tab.js("new Promise(requestAnimationFrame)")
         assert 0.3 < tab.js(INSIDE) < 1.0
     tab.close()
-
-
-def test_columns_are_hidden(page):
-    column = "[...document.querySelectorAll('#numbers tr')].map((r) => r.cells[3].hidden)"
-    assert not any(page.js(column))
-    page.js("document.querySelectorAll('#numbers fieldset input')[3].click()")
-    assert all(page.js(column))
 
 
 @pytest.mark.parametrize(

@@ -27,7 +27,6 @@ from aras_visual_servo_bench.targets.target_factory import (
     read_svg,
 )
 from aras_visual_servo_bench.targets.target_spec import TargetSpec
-from aras_visual_servo_bench.targets.textures import TexturedTarget
 from aras_visual_servo_camera.errors import ModelError
 from aras_visual_servo_camera.model_tracker import read_solid
 from aras_visual_servo_camera.undistortion import CameraModel
@@ -205,17 +204,6 @@ def test_a_solid_is_lit_on_white_and_its_pixels_are_shown():
     hull = np.column_stack(CAMERA.project(*box.outline(pose).T))
     mask = cv2.fillConvexPoly(np.zeros((240, 320), np.uint8), np.rint(hull).astype(int), 255)
     assert (mask != label).mean() < 0.01
-
-
-def test_what_is_beyond_a_kilometre_is_not_drawn():
-    far = CameraModel(320, 240, (1e5, 0, 159.5, 0, 1e5, 119.5, 0, 0, 1))
-    black = TexturedTarget(np.zeros((8, 8), np.uint8), (1.0, 1.0))
-    levels = [render_target(black, far, above(0.0, 0.0, z))[120, 160] for z in (950.0, 1050.0)]
-    assert levels == [0, 255]
-    near = CameraModel(320, 240, (100.0, 0, 159.5, 0, 100, 119.5, 0, 0, 1))
-    small = TexturedTarget(np.zeros((8, 8), np.uint8), (0.01, 0.01))
-    levels = [render_target(small, near, above(0.0, 0.0, z))[120, 160] for z in (1.1e-3, 0.9e-3)]
-    assert levels == [0, 255]
 
 
 # -- SVG -----------------------------------------------------------------------------------------

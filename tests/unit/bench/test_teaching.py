@@ -251,18 +251,6 @@ def test_how_far_off_answers_are_is_in_metres_and_radians():
     np.testing.assert_allclose(turn, [np.sqrt(50.0), np.sqrt(81 + 100 + 121)])
 
 
-def test_where_weights_are_looked_for(monkeypatch, tmp_path):
-    assert learned.GoalPoseNetwork.find_weights().parts[-2:] == ("config", "learned.npz")
-    random = np.random.default_rng(1)
-    arrays = {"mean": random.random(10), "scale": 1 + random.random(10), "out_mean": np.zeros(5),
-              "out_scale": np.ones(5), "w0": random.random((10, 5)), "b0": random.random(5)}
-    np.savez(tmp_path / "own.npz", **arrays)
-    monkeypatch.setenv("ARAS_LEARNED_WEIGHTS", str(tmp_path / "own.npz"))
-    x = random.random(10)
-    *place, c, s = ((x - arrays["mean"]) / arrays["scale"]) @ arrays["w0"] + arrays["b0"]
-    np.testing.assert_allclose(learned.GoalPoseNetwork.load()(x), [*place, np.arctan2(s, c)])
-
-
 # ------------------------------------------------------------------ what the networks are asked
 
 

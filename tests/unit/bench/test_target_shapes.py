@@ -280,6 +280,16 @@ def test_png_svg_and_outline_of_one_drawing_look_alike(tmp_path, text, own):
         assert np.abs(other - first).max() < 128 and np.abs(other - first).mean() < 0.3
 
 
+def test_an_svg_s_page_has_the_shape_of_its_view_box_unless_it_may_be_stretched(tmp_path):
+    file, text = tmp_path / "f.svg", page("100mm", "100mm", "-20 -10 100 120")
+    file.write_text(text)
+    with pytest.raises(ExperimentError, match="another aspect ratio than the viewBox of 100 by 12"):
+        read_svg(file)
+    file.write_text(text.replace("<svg", "<svg preserveAspectRatio='none'"))
+    width, height = np.ptp(read_svg(file).corners, axis=0)
+    assert height / width == pytest.approx(100 / 60 * 100 / 120)
+
+
 def test_what_is_transparent_in_a_png_is_white(tmp_path):
     """Whatever colour hides there, and of any depth."""
     ink = np.zeros((100, 100), np.uint8)

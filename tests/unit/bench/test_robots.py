@@ -1,5 +1,6 @@
 """Robot of an experiment: packages, frames, cameras and controllers."""
 
+import dataclasses
 import re
 from pathlib import Path
 
@@ -194,12 +195,16 @@ def test_a_robot_without_a_camera_delivers_images_of_the_added_one(tmp_path):
     assert len(done.stamp) > 2 and done.states[2].scheme_output is not None
 
 
-@pytest.mark.parametrize("name", ["own", "framed", "held", "carried"])
-def test_any_camera_is_believed_off_its_place_in_its_own_axes(made, name):
-    robot = made(cameras=CAMERAS)
-    true = robot.make_arm(name).pose(Q)
-    found = robot.make_calibrated_arm(**OFF, camera=name).pose(Q)
-    np.testing.assert_allclose(found, true @ matrix_from_xyz_rpy(OFF["xyz"], OFF["rpy"]), atol=1e-9)
+def test_any_camera_is_believed_off_its_place_in_its_own_axes(made):
+    robot, off = made(cameras=CAMERAS), matrix_from_xyz_rpy(OFF["xyz"], OFF["rpy"])
+    for name in ("own", "held", "carried"):
+        true = robot.make_arm(name).pose(Q)
+        found = robot.make_calibrated_arm(**OFF, camera=name).pose(Q)
+        np.testing.assert_allclose(found, true @ off, atol=1e-9)
+    for name in ("framed", "stands"):
+        wrong = dataclasses.replace(CAMERAS[name], calibration_offset=CalibrationOffset(**OFF))
+        found = made(cameras={name: wrong}).make_camera_kinematics(name, robot.make_arm(), True)
+        np.testing.assert_allclose(found.pose(Q), robot.find_fixed_pose(name) @ off, atol=1e-9)
 
 
 def test_a_target_is_put_onto_a_link(made, tmp_path):

@@ -283,6 +283,8 @@ def test_a_key_acts_or_is_refused(key, plant, features):
         tried = one.tried
         if plant == "bullet" and "images" in one.features and "images" in tried:
             tried = IMAGES  # its exact features are those of the other arm, and it is slow
+        if plant == "chain" and "exact" in one.features and "exact" in tried:
+            tried = EXACT  # its images are those of the free camera
         assert features not in tried or fingerprint(changed) != fingerprint(values)
         return
     if values.get(key) == one.value or (key, plant) == ("commands", "ideal"):

@@ -121,7 +121,7 @@ def test_pips_program_names_itself(pip, capsys):
 
 
 # Numba finds all functions in its own cache; of those of one package, no copy is in another folder.
-PROGRAM = """import os, sys
+PROGRAM = """import os, shlex, sys
 from aras_visual_servo_base import compile_packages
 from aras_visual_servo_base.compiled import import_numba
 from aras_visual_servo_bench.cli import main
@@ -134,47 +134,43 @@ for package in COMPILED_PACKAGES[:-1]:
         folder = compile_packages.find_cache_folder(sources)
         folder.mkdir(parents=True, exist_ok=True)
         (folder / f"{path.stem}.function.nbi").touch()
-program, *commands = sys.argv[1:]
-for words in commands:
-    sys.argv = [program]
-    print("$", words, file=sys.stderr, flush=True)
+for command in sys.argv[1:]:
+    program, *words = shlex.split(command)
+    sys.argv = ["/home/me/venv/bin/" + program]
+    print("$", command, file=sys.stderr, flush=True)
     try:
-        main(words.split())
+        main(words)
     except SystemExit:
         pass
 """
 
-
-def run_commands(program, commands, folder):
-    """What each of several commands writes to standard error, all in one process."""
-    paths = [str(path) for path in SOURCES.glob("*/src")]
-    done = subprocess.run(
-        [sys.executable, "-c", PROGRAM, program, *commands], cwd=folder, capture_output=True,
-        text=True, check=True, env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
-    )  # fmt: skip
-    return dict(part.split("\n", 1) for part in done.stderr.split("$ ")[1:])
 
 
 def test_pips_program_compiles_before_it_simulates_and_at_no_other_time(tmp_path):
     (tmp_path / "study.yaml").write_text(
         "experiment: {plant: free, features: exact, duration: 0.1}\nrepeats: 2\n")
     run_study(tmp_path / "study.yaml", tmp_path / "done")
-    simulating = [
+    simulating = [f"aras-servo {words}" for words in (
         "run plant=free features=exact duration=0.1", "run study.yaml --dry-run",
         "run study.yaml --out out --in-process --no-report", "show done 0",
-        "analyze done:0 --out page --formats png",
-    ]  # fmt: skip
-    others = ["--help", "run --help", "table /nowhere", "fly", "run /nowhere.yaml",
-              "resume /nowhere", "run duration=long"]  # fmt: skip
-    told = run_commands("/home/me/venv/bin/aras-servo", [*others, *simulating], tmp_path)
-    for words in simulating:
-        first, second, *_ = told[words].splitlines()
-        assert first == "compiling before the first simulation, which takes one or two minutes"
-        assert second.startswith("compiled in "), (words, second)
-    assert not any("compil" in told[words] for words in others)
+        "analyze done:0 --out page --formats ''")]  # fmt: skip
+    others = [f"aras-servo {words}" for words in (
+        "--help", "run --help", "table /nowhere", "fly", "run /nowhere.yaml", "resume /nowhere",
+        "run duration=long")]  # fmt: skip
     # The set-up has compiled what the workspace's program needs.
-    (told,) = run_commands("bench", ["run duration=0.1"], tmp_path).values()
-    assert "compil" not in told
+    others.append("bench run plant=free features=exact duration=0.1")
+    paths = [str(path) for path in SOURCES.glob("*/src")]
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM, *others, *simulating], cwd=tmp_path, capture_output=True,
+        text=True, check=True, env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
+    )  # fmt: skip
+    told = dict(part.split("\n", 1) for part in done.stderr.split("$ ")[1:])
+    assert set(told) == {*others, *simulating}
+    for command in simulating:
+        first, second, *_ = told[command].splitlines()
+        assert first == "compiling before the first simulation, which takes one or two minutes"
+        assert second.startswith("compiled in "), (command, second)
+    assert not any("compil" in told[command] for command in others)
 
 
 def on_one_line(listed):

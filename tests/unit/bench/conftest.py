@@ -28,9 +28,20 @@ def arm(robot):
 @pytest.fixture(scope="module")
 def host(robot, pinhole):
     """Host of a live page without a graph."""
-    from page_host import StandIn
+    from page_host import OfflineHost
 
-    return StandIn(robot, pinhole)
+    return OfflineHost(robot, pinhole)
+
+
+@pytest.fixture
+def reports(host):
+    """Function that sets how the host finds the file of a report, until the test ends."""
+
+    def set_reports(find_report):
+        host.find_report = find_report
+
+    yield set_reports
+    del host.find_report
 
 
 @pytest.fixture(scope="module")

@@ -11,6 +11,7 @@ from aras_visual_servo_bench.drawing.run_trace import RunTrace
 from aras_visual_servo_bench.errors import RefusedError
 from aras_visual_servo_bench.web.live.page import Page
 from aras_visual_servo_bench.web.live.robot_model import make_robot_model
+from aras_visual_servo_bench.web.live.server import PageHost
 from aras_visual_servo_controller.kinematics.ik_solution import IKSolution
 from aras_visual_servo_controller.records.state import ServoState
 from aras_visual_servo_controller.schemes import SchemeOutput
@@ -29,8 +30,15 @@ def told(stamp=1.0, phase="servoing", names=("xn", "yn"), error=(0.01, -0.02), a
                       ik_solution=resolution, scheme=scheme)  # fmt: skip
 
 
-class StandIn:
-    """What Dashboard is on a graph."""
+class OfflineHost(PageHost):
+    """Host without a graph.
+
+    find_report: function that returns the path of a report's file; None: there is none.
+    has_robot: whether there is a robot.
+    """
+
+    find_report = staticmethod(lambda path: None)
+    has_robot = True
 
     def __init__(self, robot, camera) -> None:
         self.arm = robot.make_arm()
@@ -77,7 +85,9 @@ class StandIn:
             return self.page.make_update(self.run_trace, self.q, np.zeros(len(self.q)), self.time)
 
     def make_robot_model(self):
-        return make_robot_model(self._robot.urdf, self._robot.packages.find)
+        if self.has_robot:
+            return make_robot_model(self._robot.urdf, self._robot.packages.find)
+        return None
 
     def take_image(self):
         image = np.full((240, 320, 3), 245, np.uint8)
@@ -101,4 +111,4 @@ class StandIn:
         return f"done: {request.do}"
 
     def find_file(self, path):
-        return None
+        return self.find_report(path)

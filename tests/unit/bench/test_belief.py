@@ -1,9 +1,9 @@
 """Calibration errors: the controller interprets pixels of the true camera with wrong intrinsics."""
 
-from dataclasses import replace
 
 import numpy as np
 import pytest
+from frames import take_frames
 
 from aras_visual_servo_base.poses import (
     exponential,
@@ -18,7 +18,6 @@ from aras_visual_servo_bench.experiment.robots import Robot
 from aras_visual_servo_bench.plants.imaging import capture
 from aras_visual_servo_bench.runner.loop import run
 from aras_visual_servo_bench.setup.assembly import assemble, check
-from aras_visual_servo_camera.undistortion import CameraModel, normalise_pixels
 from aras_visual_servo_controller.observation.frame import Frame
 
 SHAPE = ((-0.025, -0.03), (0.03, -0.025), (0.025, 0.02), (-0.015, 0.025))
@@ -53,8 +52,8 @@ WRONG = {"focal": {"focal": 1.3}, "centre": {"centre": [10.0, -6.0]},
 
 
 @pytest.mark.parametrize(("plant", "scheme", "wrong"), [
-    (("free", "ideal")[(i + j) % 2], scheme, wrong)
-    for i, scheme in enumerate(("points", "moments", "pose")) for j, wrong in enumerate(WRONG)
+    ("free", "points", "focal"), ("ideal", "points", "centre"), ("free", "moments", "distortion"),
+    ("ideal", "moments", "focal"), ("free", "pose", "centre"),
 ])
 def test_a_goal_that_is_shown_is_reached_whatever_is_believed(plant, scheme, wrong):
     result = run(flying(plant=plant, scheme=scheme, calibration_offset=WRONG[wrong]))
@@ -62,10 +61,10 @@ def test_a_goal_that_is_shown_is_reached_whatever_is_believed(plant, scheme, wro
     assert result.converged
 
 
-@pytest.mark.parametrize("scheme", ["points", "moments"])
-def test_a_pictured_goal_is_reached_whatever_is_believed(scheme):
+def test_a_pictured_goal_is_reached_whatever_is_believed():
     start = (0.01, 0.005, -0.02, 0.0, 0.0, 0.15)
-    result = run(flying(start, scheme=scheme, features="images", calibration_offset={"focal": 1.3}))
+    result = run(flying(
+        start, scheme="moments", features="images", calibration_offset={"focal": 1.3}))
     assert result.converged
     assert result.verdict.distance < 2e-4
 
@@ -101,31 +100,8 @@ def test_a_mounting_that_is_believed_elsewhere_misses_no_goal_that_was_shown(pla
     assert result.verdict.is_reached, (result.outcome, result.reason, result.verdict)
 
 
-@pytest.mark.parametrize("plant", ["free", "ideal"])
-def test_a_flying_camera_moves_as_its_believed_mounting_says(plant):
-    """Its twist is that of the believed camera: 0.3 rad about the axis, and 2 cm beside it."""
-    mounting = matrix_from_xyz_rpy((0.02, -0.01, 0.03), (0.0, 0.1, 0.3))
-    askew = flying(
-        plant=plant, lag=0.0, delay=0.0, duration=1.0,
-        calibration_offset={"xyz": [0.02, -0.01, 0.03], "rpy": [0.0, 0.1, 0.3]},
-    )  # fmt: skip
-    parts = assemble(askew)
-    q = np.array([0.02, -0.01, 0.03, 0.1, -0.2, 0.3])
-    body = parts.servo.arm
-    np.testing.assert_allclose(body.coordinates(body.pose(q)), q, atol=1e-12)
-    step = 1e-6
-    for i in range(6):
-        ahead = body.pose(q + step * np.eye(6)[i])
-        moved = inverse(body.pose(q)) @ ahead
-        rate = np.array([*moved[:3, 3], moved[2, 1], moved[0, 2], moved[1, 0]]) / step
-        np.testing.assert_allclose(body.jacobian(q)[:, i], rate, atol=1e-5)
-    np.testing.assert_allclose(
-        parts.servo.goal.world_T_camera, parts.goal_pose @ mounting, atol=1e-12
-    )
-
-
-@pytest.mark.parametrize("scheme", ["points", "moments"])
-@pytest.mark.parametrize("plant", ["chain", "free", "ideal"])
+@pytest.mark.parametrize(("plant", "scheme"), [("chain", "points"), ("free", "moments"),
+                                               ("ideal", "points")])  # fmt: skip
 def test_exact_features_are_seen_through_the_believed_camera(plant, scheme):
     seen = {}
     for wrong in ("none", *WRONG):
@@ -148,19 +124,6 @@ def test_exact_features_are_seen_through_the_believed_camera(plant, scheme):
     assert seen["distortion"][0].m00 > 1.003 * true[0].m00
 
 
-def test_an_outline_bends_where_another_lens_is_believed():
-    true = CameraModel(320, 240, (300.0, 0, 166.0, 0, 280.0, 115.0, 0, 0, 1))
-    believed = replace(true, D=(-0.3, 0.05, 0.0, 0.0))
-    pixels = np.array([[10.0, 10.0], [300.0, 12.0], [305.0, 220.0], [12.0, 225.0]])
-    corners = normalise_pixels(pixels, true, believed)
-    outline = normalise_pixels(pixels, true, believed, is_closed=True)
-    np.testing.assert_allclose(outline[::8], corners, atol=1e-12)
-    np.testing.assert_allclose(
-        np.column_stack(believed.project(*outline[4])), [[155.0, 11.0]], atol=1e-6
-    )
-    assert len(normalise_pixels(pixels, true, true, is_closed=True)) == 4
-
-
 def test_jitter_is_the_same_number_of_pixels_along_both_axes():
     parts = assemble(flying(jitter=0.5))
     pose, random = parts.goal_pose, np.random.default_rng(1)
@@ -171,8 +134,8 @@ def test_jitter_is_the_same_number_of_pixels_along_both_axes():
 # -- the plane ---------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("plant", ["free", "chain", "ideal"])
-@pytest.mark.parametrize("depth", [1.0, 1.25])
+@pytest.mark.parametrize(("plant", "depth"), [("free", 1.25), ("chain", 1.0), ("chain", 1.25),
+                                              ("ideal", 1.25)])  # fmt: skip
 def test_every_observation_has_the_plane_of_goal_and_kinematics(plant, depth):
     experiment = flying(plant=plant, calibration_offset={"depth": depth})
     if plant == "chain":
@@ -181,16 +144,9 @@ def test_every_observation_has_the_plane_of_goal_and_kinematics(plant, depth):
             "calibration_offset": {"depth": depth},
         })  # fmt: skip
     parts = assemble(experiment)
-    joints = None
-    while True:
-        for reading in parts.plant.advance(10**9):
-            if isinstance(reading, Frame):
-                seen = parts.observe(reading, joints)
-                break
-            joints = parts.servo.arm.read_joints(reading.names, reading.positions)
-        else:
-            continue
-        break
+    (reading,), arm = take_frames(parts.plant), parts.servo.arm
+    joints = arm.read_joints(parts.plant.joint_names, parts.plant.read_joints()[0])
+    seen = parts.observe(reading, joints)
     shape, pose = parts.target.shape, parts.plant.read_pose()
     wanted = np.array(shape.plane(parts.target.target_T_camera(parts.goal_pose))) / depth
     np.testing.assert_allclose(parts.servo.goal.plane, wanted, rtol=1e-9)
@@ -203,9 +159,8 @@ def test_every_observation_has_the_plane_of_goal_and_kinematics(plant, depth):
         assert np.dot(seen.plane, here) == pytest.approx(1.0)
 
 
-@pytest.mark.parametrize("tilt", [3.0, 10.0])
-def test_points_in_space_find_their_goal_from_a_tilted_start(tilt):
-    turn = np.radians(tilt)
+def test_points_in_space_find_their_goal_from_a_tilted_start():
+    turn = np.radians(10.0)
     result = run(flying((0.005, 0.2 * turn, -0.03, turn, 0.0, 0.1), scheme="points_3d"))
     assert result.outcome == "converged", result.reason
     assert result.verdict.distance < 2e-4
@@ -226,14 +181,11 @@ def test_the_plane_comes_from_the_depth_image_where_that_is_asked_for(scheme):
 # -- bad input ---------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("features", ["images", "exact"])
-@pytest.mark.parametrize("scheme", ["points", "luminance"])
-def test_a_goal_is_not_shown_where_the_target_is_not_in_view(features, scheme):
+@pytest.mark.parametrize(("scheme", "features"), [("points", "exact"), ("luminance", "images")])
+def test_a_goal_is_not_shown_where_the_target_is_not_in_view(scheme, features):
     away = posed(GOAL @ matrix_from_xyz_rpy((0.5, 0.0, 0.0), (0.0, 0.0, 0.0)))
     aside = flying(scheme=scheme, features=features, goal=away)
     words = "goal: the target is not in the camera's view; give a goal"
-    if scheme == "luminance" and features == "exact":
-        words = "scheme 'luminance' needs images: set features to images"
     for refuse in (check, assemble):
         with pytest.raises(ExperimentError, match=words) as told:
             refuse(aside)

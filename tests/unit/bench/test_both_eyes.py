@@ -3,12 +3,14 @@
 The simulated arm does it by rendered pictures in docs/several_cameras.md.
 """
 
+import contextlib
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 import yaml
+from frames import take_frames
 
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_bench.errors import ExperimentError
@@ -16,7 +18,6 @@ from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.runner.loop import run
 from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_controller.kinematics import Arm
-from aras_visual_servo_controller.observation.frame import Frame
 
 EXAMPLES = Path(__file__).parents[3] / "docs" / "examples"
 ASKED = yaml.safe_load((EXAMPLES / "both_eyes.yaml").read_text())
@@ -39,8 +40,10 @@ def asked(order=BOTH, left=None, **changes):
     return Experiment.from_mapping({**ASKED, "time_after_convergence": 0.0, **changes})
 
 
-@pytest.mark.parametrize("scheme", ["points@palm+points@left", "points@left", "moments@left"])
-@pytest.mark.parametrize("order", [BOTH, BOTH[::-1]], ids=["palm", "left"])
+@pytest.mark.parametrize(("order", "scheme"), [
+    (BOTH, "moments@left"), (BOTH, "points@palm+points@left"),
+    (BOTH[::-1], "points@palm+points@left"), (BOTH[::-1], "points@left"),
+])  # fmt: skip
 def test_the_arm_comes_to_the_goal_by_either_and_by_both(order, scheme):
     result = run(asked(order, scheme=scheme, plant="chain", features="exact"))
     assert result.outcome == "converged" and result.verdict.is_reached, result.reason
@@ -102,14 +105,10 @@ def test_the_goal_has_the_plane_of_each_cameras_own_target():
 
 
 def first_pictures(experiment):
-    parts, found = assemble(experiment), {}
-    try:
-        while len(found) < 2:
-            for reading in parts.plant.advance(10**9):
-                if isinstance(reading, Frame):
-                    found.setdefault(reading.name, reading.image)
-    finally:
-        parts.plant.close()
+    parts = assemble(experiment)
+    with contextlib.closing(parts.plant) as plant:
+        found = {one.name: one.image for one in take_frames(plant, 2)}
+    assert len(found) == 2
     return parts, found
 
 
@@ -177,11 +176,9 @@ CARRIED, STANDS = {"target": PLATE}, {"target_frame": "", "target": PLATE}
     [
         ({"target": None}, {}, "cameras.left.target_frame needs a target on this link"),
         ({"target_frame": "hnd", "target": PLATE}, {}, "did you mean 'hand'"),
-        ({"target": {**PLATE, "motion": {"velocity": [0.1] + [0.0] * 5}}}, {},
-         "its link moves it"),
+
         ({"target_frame": "", "target": {**PLATE, "box": {"size": [0.1, 0.1, 0.1]}}}, {},
          "cameras.left.target may only have shape, size, pose and motion"),
-        ({"target": {"shape": "aras"}}, {}, "cameras.left.target needs a shape"),
         ({"target": {"shape": "marker"}}, {}, "needs the tracker 'marker'"),
         (CARRIED, {"plant": "free", "features": "exact"}, "cameras.left.target_frame is a link"),
         (STANDS, {}, "camera 'left' is fixed in the world"),

@@ -1,9 +1,11 @@
 """Simulated arm: contents of its world, and measurements."""
 
+import contextlib
 from pathlib import Path
 
 import numpy as np
 import pytest
+from frames import take_frames
 from test_plants import SQUARE, bullet, until
 
 from aras_sim_bridge.description.types import Light
@@ -12,7 +14,6 @@ from aras_visual_servo_base.poses import Pose, matrix_from_xyz_rpy
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.experiment.cameras import CameraSpec
 from aras_visual_servo_bench.experiment.robots import Robot, RobotSpec
-from aras_visual_servo_bench.plants import dynamic_arm
 from aras_visual_servo_bench.plants.dynamic_arm import TargetModel, TrackedLink
 from aras_visual_servo_bench.plants.imaging import ImagingSettings
 from aras_visual_servo_bench.targets.files import write_target
@@ -45,9 +46,7 @@ def test_a_shown_target_is_where_it_lies_at_its_times():
 @pytest.fixture(scope="module")
 def standing(robot, preset, tmp_path_factory):
     """An arm with a moving and a fixed target, and the contents of its world."""
-    folder, asked = tmp_path_factory.mktemp("shown"), []
-    make = dynamic_arm.SimulationConfig
-    dynamic_arm.SimulationConfig = lambda **keys: asked.append(keys) or make(**keys)
+    folder = tmp_path_factory.mktemp("shown")
     shown = [
         TargetModel(PlacedTarget(SQUARE, AT, motion), write_target(SQUARE, folder, name), name=name)
         for name, motion in (("moves", RISING), ("stands", Motion()))
@@ -55,34 +54,26 @@ def standing(robot, preset, tmp_path_factory):
     world = WorldFile(lights=(Light("lamp", kind="directional", direction=(0, 0, -1.0)),),
                       ground_plane=False)
     course = PoseHistory()
-    try:
-        plant = bullet(
-            robot,
-            preset,
-            seed=7,
-            renderer="exact",
-            exposure="gazebo",
-            target_models=shown,
-            surroundings=world,
-            tracked_link=TrackedLink("moves", "moves", course),
-        )
-    finally:
-        dynamic_arm.SimulationConfig = make
-    yield plant, asked[0], course, world
+    plant = bullet(
+        robot, preset, seed=7, renderer="exact", exposure="gazebo", target_models=shown,
+        surroundings=world, tracked_link=TrackedLink("moves", "moves", course),
+    )  # fmt: skip
+    yield plant, course, world
     plant.close()
 
 
 def test_the_world_is_made_as_it_is_asked_for(standing):
-    plant, asked, _, world = standing
-    assert asked == {"renderer": "exact", "seed": 7, "lights": world.lights, "scene": world.scene,
-                     "ground_plane": False, "exposure": "gazebo"}
+    plant, _, world = standing
+    config = plant.simulation.config
+    assert (config.renderer, config.seed, config.exposure) == ("exact", 7, "gazebo")
+    assert (config.lights, config.scene, config.ground_plane) == (world.lights, world.scene, False)
     assert set(plant.simulation.world.models) == {"robot", "moves", "stands"}
     assert plant.outputs == {"position"} and plant.control_camera_name == "camera"
     assert plant.peak_speed is None and plant.find_collision() is None
 
 
 def test_a_target_that_moves_is_where_it_belongs_at_every_step(standing):
-    plant, _, course, _ = standing
+    plant, course, _ = standing
     models = plant.simulation.world.models
     np.testing.assert_allclose(course.find_pose(0.0), AT, atol=1e-6)
     until(plant, plant.time_ns + 20_000_000)
@@ -122,12 +113,9 @@ def test_it_tells_where_its_joints_and_camera_are_wherever_it_stands(standing, a
 
 
 def test_the_first_picture_is_of_the_camera_s_name(standing):
-    plant, *_ = standing
-    found = []
-    while not found:
-        found = [r for r in plant.advance(plant.time_ns + 10**8) if isinstance(r, Frame)]
-    assert found[0].name == "camera" and found[0].target_mask is None
-    assert found[0].image.shape == (240, 320, 3) and found[0].encoding == "rgb8"
+    (found,) = take_frames(standing[0])
+    assert found.name == "camera" and found.target_mask is None
+    assert found.image.shape == (240, 320, 3) and found.encoding == "rgb8"
 
 
 def test_the_pixels_of_a_label_are_told_and_depth_is_given(robot, preset, tmp_path):
@@ -137,14 +125,9 @@ def test_the_pixels_of_a_label_are_told_and_depth_is_given(robot, preset, tmp_pa
     ]
     plant = bullet(robot, preset, camera={"segmentation": True, "depth": True}, target_models=shown,
                    labelled_link="plate")
-    try:
-        pose, found = plant.read_pose(), []
-        while not found:
-            found = [r for r in plant.advance(10**9) if isinstance(r, Frame)]
-    finally:
-        plant.close()
-        plant.close()
-    reading, camera = found[0], plant.camera
+    with contextlib.closing(plant):
+        pose, (reading,), camera = plant.read_pose(), take_frames(plant), plant.camera
+    plant.close()
     outline = SQUARE.outline(np.linalg.inv(at) @ pose)
     u, v = np.rint(np.array(camera.project(*outline.mean(axis=0)[:, None])).ravel()).astype(int)
     assert reading.target_mask[v, u] == 255 and set(np.unique(reading.target_mask)) == {0, 255}
@@ -152,13 +135,9 @@ def test_the_pixels_of_a_label_are_told_and_depth_is_given(robot, preset, tmp_pa
     depth = (np.linalg.inv(pose) @ at)[2, 3]
     assert reading.depth[v, u] == pytest.approx(depth, abs=5e-3)
     bare = bullet(robot, preset, target_models=shown, labelled_link="plate")  # without label images
-    try:
-        found = []
-        while not found:
-            found = [r for r in bare.advance(10**9) if isinstance(r, Frame)]
-        assert found[0].target_mask is None and found[0].depth is None
-    finally:
-        bare.close()
+    with contextlib.closing(bare):
+        (found,) = take_frames(bare)
+    assert found.target_mask is None and found.depth is None
     with pytest.raises(ExperimentError, match="no link has the label 'plat': did you mean 'plate'"):
         bullet(
             robot, preset, camera={"segmentation": True}, target_models=shown, labelled_link="plat"
@@ -167,14 +146,8 @@ def test_the_pixels_of_a_label_are_told_and_depth_is_given(robot, preset, tmp_pa
 
 def test_an_exposure_at_a_step_s_end_is_seen_then(robot, preset, pinhole):
     sight = ImagingSettings(pinhole, PlacedTarget(SQUARE, AT), rate=20.0, is_unbounded=True)
-    plant = bullet(robot, preset, imaging_settings=(sight,))
-    try:
-        readings = []
-        while not readings:
-            readings = [r for r in plant.advance(10**9) if isinstance(r, Frame)]
-        assert readings[0].stamp_ns == plant.time_ns == 50_000_000
-    finally:
-        plant.close()
+    with contextlib.closing(bullet(robot, preset, imaging_settings=(sight,))) as plant:
+        assert take_frames(plant)[0].stamp_ns == plant.time_ns == 50_000_000
 
 
 def test_several_cameras_sit_where_the_robot_has_their_frames(preset):

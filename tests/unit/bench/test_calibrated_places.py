@@ -82,27 +82,17 @@ def test_a_fixed_camera_is_where_a_file_says(tmp_path, plant):
 @pytest.mark.parametrize(
     ("keys", "reason"),
     [
-        (
-            {"calibration_offset": {"hand_eye": {"file": "{}", "link": "J1"}}},
-            "calibration_offset.hand_eye: ",
-        ),
+        ({"calibration_offset": {"hand_eye": {"file": "{}", "link": "J1"}}},
+         "calibration_offset.hand_eye: "),
         ({"calibration_offset": {"hand_eye": {"file": "{}"}}}, "the file does not name the link"),
-        (
-            {"calibration_offset": {"hand_eye": "{}", "xyz": [0.1, 0, 0]}},
-            "calibration_offset.hand_eye already gives the camera's pose",
-        ),
-        (
-            {"calibration_offset": {"hand_eye": "{}"}, "plant": "free"},
-            "plant 'free' has no arm: set calibration_offset",
-        ),
-        (
-            {"cameras": {"a": {"hand_eye": "{}"}}, "plant": "free", "scheme": "points"},
-            "plant 'free' has no arm: use plant chain or bullet; if the camera is fixed, set",
-        ),
-        (
-            {"cameras": {"a": {}, "b": {"hand_eye": {"file": "missing.txt", "link": "world"}}}},
-            "missing.txt",
-        ),
+        ({"calibration_offset": {"hand_eye": "{}", "xyz": [0.1, 0, 0]}},
+         "calibration_offset.hand_eye already gives the camera's pose"),
+        ({"calibration_offset": {"hand_eye": "{}"}, "plant": "free"},
+         "plant 'free' has no arm: set calibration_offset"),
+        ({"cameras": {"a": {"hand_eye": "{}"}}, "plant": "free", "scheme": "points"},
+         "plant 'free' has no arm: use plant chain or bullet; if the camera is fixed, set"),
+        ({"cameras": {"a": {}, "b": {"hand_eye": {"file": "missing.txt", "link": "world"}}}},
+         "missing.txt"),
     ],
 )
 def test_a_place_that_cannot_be_is_named(tmp_path, keys, reason):

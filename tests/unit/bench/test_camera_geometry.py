@@ -83,12 +83,6 @@ def test_an_outline_with_a_notch_is_drawn_with_it():
     assert np.abs(cameras.draw_outline(normalised(bend), SMALL) - wanted).max() <= 0.5 + 1e-6
 
 
-def test_what_is_gone_round_twice_is_as_dark():
-    corners = normalised([(3.25, 2.5), (12.75, 2.5), (12.75, 7.25), (3.25, 7.25)])
-    picture = cameras.draw_outline(np.vstack([corners, corners]), SMALL)
-    assert (picture[3:7, 4:12] == 0).all() and picture[9:].min() == 255
-
-
 @pytest.mark.parametrize("corners", [
     None, *([(x, y), (x + 2, y), (x, y + 2)] for x, y in ((-9, 3), (40, 3), (3, -9), (3, 40)))])
 def test_what_is_beside_the_picture_is_not_drawn(corners):

@@ -126,10 +126,9 @@ def test_a_stretch_of_steps_sees_what_single_steps_see(robot, preset):
                                                                     "one"),
     ({"camera": {"effects": {"sensor": {"gain": 1.0}}}}, "full_well is missing"),
 ])  # fmt: skip
-@pytest.mark.parametrize("plant", ["bullet", "chain"])
-def test_impossible_ones_are_refused_before_the_first_run(plant, keys, told):
+def test_impossible_ones_are_refused_before_the_first_run(keys, told):
     with pytest.raises(ExperimentError, match=told) as raised:
-        assemble(Experiment.from_mapping({"plant": plant, **keys}))
+        assemble(Experiment.from_mapping({"plant": "bullet", **keys}))
     assert "\n" not in str(raised.value)
 
 
@@ -146,9 +145,7 @@ def test_the_loop_converges_with_a_rolling_noisy_camera():
     assert run(Experiment.from_mapping(keys)).outcome == "converged"
 
 
-@pytest.mark.parametrize("camera", [
-    {"format": "bayer_rggb8"}, {"format": "bayer_gbrg8"}, {"effects": {"auto_exposure": {}}},
-])  # fmt: skip
+@pytest.mark.parametrize("camera", [{"format": "bayer_gbrg8"}, {"effects": {"auto_exposure": {}}}])
 def test_the_loop_converges_with_other_sensors(camera):
     """A mosaic loses half of the edges' places: its corners are less exact, not its loop."""
     keys = {"gain": 1.5, "time_after_convergence": 0.1, "camera": {"horizontal_fov": 2.0, **camera}}

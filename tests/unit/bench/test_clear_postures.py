@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from made_arm import write_arm
 
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_bench.errors import log_once
@@ -13,44 +14,26 @@ from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.runner.loop import Loop, run
 from aras_visual_servo_bench.setup.assembly import assemble
 
-HEAD = """<link name="camera_link"/><link name="camera_optical_frame"/>
-<joint name="mount" type="fixed"><parent link="{hand}"/><child link="camera_link"/>
-  <origin xyz="0 0 0" rpy="0 {pitch} 0"/></joint>
-<joint name="optical" type="fixed"><parent link="camera_link"/><child link="camera_optical_frame"/>
-  <origin rpy="-1.570796326794897 0 -1.570796326794897"/></joint>
-<gazebo reference="camera_link"><sensor type="camera" name="camera"><update_rate>30</update_rate>
-  <camera name="eye"><horizontal_fov>1.3</horizontal_fov>
-    <image><width>320</width><height>240</height><format>R8G8B8</format></image>
-    <clip><near>0.01</near><far>20</far></clip></camera>
-  <plugin name="camera_controller" filename="libgazebo_ros_camera.so"><updateRate>0</updateRate>
-    <cameraName>eye</cameraName><imageTopicName>image_raw</imageTopicName>
-    <cameraInfoTopicName>camera_info</cameraInfoTopicName><frameName>camera_link</frameName>
-  </plugin></sensor></gazebo>
-<gazebo><plugin name="control" filename="libgazebo_ros_control.so">
-  <robotNamespace>/arm</robotNamespace></plugin></gazebo>"""
-LINK = """<link name="{name}_link"><inertial><mass value="1"/>
-  <inertia ixx="0.02" iyy="0.01" izz="0.015" ixy="0" ixz="0" iyz="0"/></inertial>{solid}</link>
-<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{name}_link"/>
-  <origin xyz="{at}"/><axis xyz="{axis}"/>
-  <limit lower="{low}" upper="{high}" velocity="2" effort="300"/></joint>
-<transmission name="{name}_t"><type>transmission_interface/SimpleTransmission</type>
-  <joint name="{name}"><hardwareInterface>hardware_interface/PositionJointInterface
-  </hardwareInterface></joint><actuator name="{name}_motor"/></transmission>"""
-SOLID = '<collision><origin xyz="{at}"/><geometry><box size="{size}"/></geometry></collision>'
-# name, prismatic, origin in the parent, axis, range, and (middle, size) of the link's box, m
+
+def solid(at, size):
+    """XML of a box, by its middle and size, m."""
+    box = f'<geometry><box size="{size}"/></geometry>'
+    return f'<collision><origin xyz="{at}"/>{box}</collision>'
+
+
 ELBOW = (
-    ("yaw", False, "0 0 0.1", "0 0 1", (-3, 3), None),
-    ("lift", False, "0 0 0.02", "0 1 0", (-2.5, 2.5), ("0.15 0 0", "0.3 0.06 0.07")),
-    ("bend", False, "0.3 0 0", "0 1 0", (-2.6, 2.6), ("0.14 0 0", "0.28 0.05 0.06")),
-    ("nod", False, "0.28 0 0", "0 1 0", (-3, 3), None),
-    ("turn", False, "0.03 0 0", "1 0 0", (-3.1, 3.1), None),
+    ("yaw", False, "0 0 0.1", "0 0 1", (-3, 3), ""),
+    ("lift", False, "0 0 0.02", "0 1 0", (-2.5, 2.5), solid("0.15 0 0", "0.3 0.06 0.07")),
+    ("bend", False, "0.3 0 0", "0 1 0", (-2.6, 2.6), solid("0.14 0 0", "0.28 0.05 0.06")),
+    ("nod", False, "0.28 0 0", "0 1 0", (-3, 3), ""),
+    ("turn", False, "0.03 0 0", "1 0 0", (-3.1, 3.1), ""),
 )
 GANTRY = (
-    ("along", True, "0 0 0", "1 0 0", (-1, 1), None),
-    ("across", True, "0 0 0", "0 1 0", (-1, 1), None),
-    ("up", True, "0 0 0", "0 0 1", (-1, 1), None),
-    ("paddle", False, "0 0 0", "0 0 1", (-3, 3), ("0.11 0 0.04", "0.2 0.05 0.02")),
-    ("head", False, "0 0 0", "0 0 1", (-3, 3), None),
+    ("along", True, "0 0 0", "1 0 0", (-1, 1), ""),
+    ("across", True, "0 0 0", "0 1 0", (-1, 1), ""),
+    ("up", True, "0 0 0", "0 0 1", (-1, 1), ""),
+    ("paddle", False, "0 0 0", "0 0 1", (-3, 3), solid("0.11 0 0.04", "0.2 0.05 0.02")),
+    ("head", False, "0 0 0", "0 0 1", (-3, 3), ""),
 )
 POST = """<sdf version="1.6"><world name="a"><model name="post"><static>1</static>
   <pose>0.16 0.2 0.3 0 0 0.2</pose><link name="wood"><collision name="c"><geometry><box>
@@ -59,47 +42,22 @@ DOWN = [np.pi, 0.0]
 LAID = {"shape": "l_shape", "size": [0.08, 0.06]}
 
 
-def robot(joints, pitch, folder):
-    """Keys of an experiment's `robot`, whose files are in a folder."""
-    links, parent = "", "world"
-    for name, slides, at, axis, (low, high), box in joints:
-        solid = SOLID.format(at=box[0], size=box[1]) if box else ""
-        links += LINK.format(name=name, kind="prismatic" if slides else "revolute", parent=parent,
-                             at=at, axis=axis, low=low, high=high, solid=solid)
-        parent = f"{name}_link"
-    head = HEAD.format(hand=parent, pitch=pitch)
-    (folder / "arm.urdf").write_text(f'<robot name="arm"><link name="world"/>{links}{head}</robot>')
-    states = "joint_state_controller: {type: joint_state_controller/JointStateController, " \
-        "publish_rate: 100}\n"
-    (folder / "arm.yaml").write_text(states + "".join(
-        f"{name}_c: {{type: position_controllers/JointPositionController, joint: {name}}}\n"
-        for name, *_ in joints
-    ))  # fmt: skip
-    return {"urdf": str(folder / "arm.urdf"), "config": str(folder / "arm.yaml"),
-            "namespace": "/arm"}
-
-
 @pytest.fixture(params=["elbow", "gantry"])
 def clear(request, tmp_path):
     """An experiment whose goal's first posture runs into something, and into what."""
     log_once.cache_clear()
-    keys = {
-        "camera": {},
-        "scheme": "points",
-        "features": "exact",
-        "gain": 2.0,
-        "time_after_convergence": 0.3,
-    }
+    keys = {"camera": {}, "scheme": "points", "features": "exact", "gain": 2.0,
+            "time_after_convergence": 0.3}  # fmt: skip
     if request.param == "elbow":
         return Experiment(
-            robot=robot(ELBOW, 0.0, tmp_path),
+            robot=write_arm(ELBOW, 0.0, tmp_path),
             target={**LAID, "pose": [0.33, 0.12, 0.001, 0.0, 0.0, 0.4]},
             goal={"pose": [0.32, 0.13, 0.2, *DOWN, 0.7]},
             start={"pose": [0.36, 0.1, 0.23, *DOWN, 0.5]}, **keys,
         ), "lift_link", "ground_plane"  # fmt: skip
     (tmp_path / "post.world").write_text(POST)
     return Experiment(
-        robot=robot(GANTRY, np.pi / 2, tmp_path), world=str(tmp_path / "post.world"),
+        robot=write_arm(GANTRY, np.pi / 2, tmp_path), world=str(tmp_path / "post.world"),
         target={**LAID, "pose": [0.05, 0.06, 0.001, 0.0, 0.0, -0.3]},
         goal={"pose": [0.04, 0.05, 0.25, *DOWN, 0.2]},
         start={"pose": [0.05, 0.03, 0.28, *DOWN, 0.0]}, **keys,

@@ -32,18 +32,6 @@ def test_a_target_s_place_is_the_launch_file_s():
     assert tuple(given.get(f"-{way}", 0.0) for way in "xyzRPY") == demo_arguments.TARGET_POSE
 
 
-def test_every_option_of_the_demo_is_explained(capsys, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "300")
-    with pytest.raises(SystemExit):
-        parse(["--help"])
-    options, _, rest = capsys.readouterr().out.partition("options:\n")[2].partition("\n\n")
-    lines = [line.split("  ") for line in options.splitlines()]
-    assert all(line[1].startswith("-") and any(line[2:]) for line in lines) and len(lines) == 15
-    assert [line[1] for line in lines if "--camera-" in line[1] or "size" in line[1]] == [
-        "--target-size 'X Y'", "--camera-xyz '0 0 0'", "--camera-rpy '0 0 0'"]
-    assert rest.strip().startswith("example: ./demo.sh --scheme points --start 2015 --out out/")
-
-
 def test_results_go_into_a_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     given = parse(["--out", "a/b", "--timeout", "0.01"])
@@ -80,12 +68,6 @@ def test_results_go_into_a_folder(tmp_path, monkeypatch):
 ])  # fmt: skip
 def test_what_cannot_be_is_told_with_what_would_be_right(words, told, capsys):
     assert told in refused(words, capsys)
-
-
-def test_a_name_that_is_nothing_like_one_is_told_all_there_are(capsys):
-    told = refused(["--scheme", "momnets"], capsys)
-    for name in ("use one of alpha, ", "partitioned", "luminance", "pose_camera"):
-        assert name in told
 
 
 def test_the_usual_demo_teaches_nothing_and_starts_as_the_launch_files_do():

@@ -14,12 +14,6 @@ from aras_visual_servo_bench.targets.geometry import Motion
 from aras_visual_servo_bench.targets.target_spec import TargetSpec
 
 
-def test_defaults_are_the_shipped_demo():
-    experiment = Experiment()
-    assert (experiment.plant, experiment.camera, experiment.start) == ("bullet", "original", "2016")
-    assert experiment.has_images
-
-
 def test_an_experiment_is_read_from_yaml(tmp_path):
     path = tmp_path / "experiment.yaml"
     path.write_text(yaml.safe_dump({
@@ -142,59 +136,35 @@ def test_with_names_a_key_that_there_is_not(changes, text):
 @pytest.mark.parametrize(
     ("values", "complaint"),
     [
-        (
-            {"calibration_offset": {"focal": 400}},
-            "calibration_offset.focal is 400.0, must be <= 10, the ratio of the",
-        ),
-        (
-            {"calibration_offset": {"rpy": [5, 0, 0]}},
-            r"calibration_offset.rpy\[0\] is 5.0.*5 degrees are 0.08727 rad",
-        ),
+        ({"calibration_offset": {"focal": 400}},
+         "calibration_offset.focal is 400.0, must be <= 10, the ratio of the"),
+        ({"calibration_offset": {"rpy": [5, 0, 0]}},
+         r"calibration_offset.rpy\[0\] is 5.0.*5 degrees are 0.08727 rad"),
         ({"camera_rpy": [0, 10, 0]}, r"camera_rpy\[1\] is 10.0, must be <= 3.142 rad"),
         ({"start": {"turn": 45}}, "start.turn is 45.0, must be <= 3.142 rad"),
         ({"delay": 15}, r"delay is 15.0, must be <= 10 s \(15 ms are 0.015 s\)"),
         ({"features": True}, "features is True, must be one of auto, images, exact"),
-        (
-            {"controller_parameters": {"gain": 2}},
-            "controller_parameters.gain cannot be set: set the experiment.s key gain",
-        ),
+        ({"controller_parameters": {"gain": 2}},
+         "controller_parameters.gain cannot be set: set the experiment.s key gain"),
         ({"plnt": "free"}, r"unknown key 'plnt': did you mean 'plant'\?"),
-        (
-            {"calibration_offset": {"focall": 1.0}},
-            r"'calibration_offset.focall': did you mean 'focal'\?",
-        ),
+        ({"calibration_offset": {"focall": 1.0}},
+         r"'calibration_offset.focall': did you mean 'focal'\?"),
         ({"start": {"heigth": [0.2, 0.3]}}, r"'start.heigth': did you mean 'height'\?"),
         ({"plant": "bulet"}, r"plant is 'bulet': did you mean 'bullet'\?"),
         ({"renderer": "exakt"}, r"renderer is 'exakt': did you mean 'exact'\?"),
-        ({"commands": "frames"}, "commands is 'frames'"),
         ({"gain": "3"}, "gain is '3', must be a finite number"),
-        ({"gain": 0}, "gain is 0.0, must be > 0"),
         ({"gain": math.nan}, "gain is nan, must be a finite number"),
         ({"seed": True}, "seed is True, must be a whole number"),
-        ({"seed": -1}, "seed is -1"),
         ({"friction": 1}, "friction is 1, must be true or false"),
-        ({"delay": -0.1}, "delay is -0.1"),
         ({"duration": 0}, "duration is 0.0, must be > 0 s"),
         ({"camera_xyz": [1, 2]}, r"camera_xyz is \[1, 2\], must be a list of 3 finite numbers"),
         ({"start": [0, math.inf]}, r"start\[1\] is inf, must be a finite number"),
         ({"start": {"height": [0.3, 0.2]}}, "start.height is 0.3 to 0.2"),
-        ({"reached": [0, 0.1]}, r"reached\[0\] is 0.0, must be > 0"),
         ({"features": "exact", "noise": 2.0}, "noise acts only on images, .*: set jitter"),
-        (
-            {"target": {"shape": [[0, 0], [1, 0], [0, 1]], "motion": {"step": [1, 0, 0]}}},
-            "set target.shape, too",
-        ),
         ({"target": {"occluder": [[0, 0], [0.1, 0.1]]}}, "set another target.shape"),
-        ({"plant": "free", "noise": 5}, "set jitter"),
         ({"jitter": 1}, "set noise"),
         ({"plant": "free", "target": {"motion": {"amplitude": [1, 0, 0]}}}, "need a frequency"),
-        ({"plant": "free", "target": {"shape": "squar"}}, "did you mean 'square'"),
-        (
-            {"target": {"shape": "square", "size": [9, 9], "pose": [0, 0, 0.591, 0, 0, 0]}},
-            r"target.size\[0\] is 9.0, must be <= 2 m, the size of the table",
-        ),
         ({"plant": "free", "record_peak_speeds": True}, "needs physics steps"),
-        ({"calibration_offset": {"focal": 0}}, "calibration_offset.focal is 0"),
         ({"robot": 5}, "robot.urdf is 5, must be a text"),
         ([], "must be a mapping"),
     ],

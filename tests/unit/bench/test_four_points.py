@@ -3,16 +3,12 @@ steps, and the runner reaches the same functions without detours."""
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from aras_visual_servo_base.poses import exponential, inverse, pose_difference
-from aras_visual_servo_bench.experiment.experiment import Experiment
-from aras_visual_servo_bench.runner.loop import Loop
-from aras_visual_servo_bench.setup.assembly import assemble
 
 ROOT = Path(__file__).parents[3]
 EXAMPLE = ROOT / "docs" / "examples" / "four_points.py"
@@ -58,37 +54,3 @@ def test_the_example_takes_the_textbooks_path(example):
         pose = textbook(example.WORLD_T_START, example.WORLD_T_GOAL, images, example.PERIOD, 1.5)
         distance, _ = pose_difference(pose, example.WORLD_T_GOAL)
         assert example.main(images) == pytest.approx(distance, rel=0.02)
-
-
-ARITHMETIC = {"measure", "desired_error_rate", "from_polygon"}
-
-
-def test_the_loop_reaches_its_arithmetic_by_six_functions_at_most():
-    """Frames of the project between Loop.run_to_image and a feature, a law, or the resolver."""
-    loop = Loop(experiment := Experiment(plant="free", features="exact"), assemble(experiment))
-    for _ in range(3):
-        loop.run_to_image()
-    between: dict[str, int] = {}
-
-    def trace(frame, event, argument):
-        code = frame.f_code
-        ends = code.co_name in ARITHMETIC or code.co_qualname == "DifferentialIK.solve"
-        if event != "call" or str(ROOT / "src") not in code.co_filename or not ends:
-            return
-        count, caller = 0, frame.f_back
-        while caller is not None and caller.f_code.co_qualname != "Loop.run_to_image":
-            count += str(ROOT / "src") in caller.f_code.co_filename
-            caller = caller.f_back
-        if caller is not None:
-            between[code.co_qualname] = max(count, between.get(code.co_qualname, 0))
-
-    sys.setprofile(trace)
-    try:
-        for _ in range(5):
-            loop.run_to_image()
-    finally:
-        sys.setprofile(None)
-        loop.close()
-    assert {"MomentFeature.measure", "Proportional.desired_error_rate", "DifferentialIK.solve",
-            "Moments.from_polygon"} <= set(between)  # fmt: skip
-    assert max(between.values()) <= 6, between

@@ -1,4 +1,4 @@
-"""Rotations by 180 degrees: a scheme converges, or reports the cause and a remedy."""
+"""Large rotations: a scheme converges, or reports the cause and a remedy, and nothing untrue."""
 
 import numpy as np
 import pytest
@@ -27,8 +27,8 @@ def turned(scheme, angle, plant="free", corners=CORNERS, **options):
     }))  # fmt: skip
 
 
-@pytest.mark.parametrize("angle", [-np.pi, np.pi - 1e-9])
-@pytest.mark.parametrize("scheme", STRAIGHT)
+@pytest.mark.parametrize(
+    ("scheme", "angle"), list(zip(STRAIGHT, (-np.pi, np.pi - 1e-9) * 3, strict=True)))
 def test_a_half_turn_is_a_turn(scheme, angle):
     result = turned(scheme, angle)
     assert result.verdict.angle < 0.005, (result.outcome, result.reason)
@@ -51,7 +51,7 @@ def test_l_mean_says_so_where_it_loses_the_turn(corners):
     assert result.verdict.is_reached or lost or "two_and_half_d" in result.remedy, result.outcome
 
 
-@pytest.mark.parametrize("angle", [3.0, 3.13, np.pi - 1e-6])
+@pytest.mark.parametrize("angle", [3.0, np.pi - 1e-6])
 def test_l_mean_turns_by_no_more_than_the_gain_asks(angle):
     result = turned("numbered_points", angle, interaction="mean")
     assert result.verdict.angle < 0.005, (result.outcome, result.reason)
@@ -70,7 +70,7 @@ def test_angles_of_one_turn_are_wrapped_to_one_side(period):
         assert np.abs(found).max() <= half + 0.1 + 2e-6
 
 
-@pytest.mark.parametrize("degrees", [177.5, 178.0, 179.2, 179.9])
+@pytest.mark.parametrize("degrees", [177.5, 179.9])
 def test_a_retreat_without_end_is_not_taken_for_an_occlusion(degrees):
     """The target becomes so small in the image that its area no longer tells anything."""
     result = run(Experiment.from_mapping({
@@ -83,3 +83,36 @@ def test_a_retreat_without_end_is_not_taken_for_an_occlusion(degrees):
     assert result.verdict.distance > 1e4, "the camera did not retreat far enough for this test"
     assert result.outcome in ("camera_retreat", "target_lost"), (result.outcome, result.reason)
     assert "covered" not in result.reason
+
+
+TASK = {
+    "camera": {"width": 320, "height": 240, "horizontal_fov": 0.761, "update_rate": 25.0},
+    "target": {"shape": [[-0.1, -0.1], [0.1, -0.08], [0.08, 0.1], [-0.06, 0.06]]},
+    "goal": {"pose": [0, 0, -0.6, 0, 0, 0]}, "gain": 2.0, "duration": 2.0,
+}  # fmt: skip
+PICTURES = {"plant": "free", "features": "images"}
+FLOWN = {"plant": "ideal", "features": "exact",
+         "ideal": {"speed": [1.0, 1.5], "unbounded": True}}  # fmt: skip
+
+
+@pytest.mark.parametrize(("scheme", "interaction", "turn", "seed", "plant"), [
+    ("numbered_points", "desired", 90.0, 0, PICTURES),
+    ("numbered_points", "desired", 180.0, 7, PICTURES),
+    ("partitioned", "current", 90.0, 0, PICTURES),
+    ("moments_six", "desired", 180.0, 1, PICTURES),
+    ("moments_six", "desired", 180.0, 2, PICTURES),
+    ("moments_six", "mean", 180.0, 3, PICTURES),
+    ("moments_six", "current", 180.0, 3, FLOWN),
+    ("moments_six", "desired", 180.0, 11, FLOWN),
+])  # fmt: skip
+def test_nothing_untrue_is_said_of_camera_and_target(scheme, interaction, turn, seed, plant):
+    options = {"hold": 0.4} | ({} if interaction == "current" else {"interaction": interaction})
+    result = run(Experiment.from_mapping({
+        **TASK, **plant, "scheme": scheme, "controller_parameters": options, "seed": seed,
+        "start": {"kind": "turned", "angle": turn, "scatter": [0.01, 2.0]},
+    }))  # fmt: skip
+    said = " ".join([result.outcome, result.reason, *(state.reason for state in result.states)])
+    assert "wrong_camera_model" not in said and "wrong_object" not in said
+    for untrue in ("covered the target", "is not the goal's target", "do not move as L",
+                   "the target moved"):  # fmt: skip
+        assert untrue not in said, said

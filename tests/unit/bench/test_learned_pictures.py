@@ -1,4 +1,4 @@
-"""Pose predicted from an image by a network: weights, rate, final pose."""
+"""Networks: the camera's pose from an image, the scheme of moments, and the policy."""
 
 from pathlib import Path
 
@@ -8,8 +8,13 @@ import pytest
 from aras_visual_servo_base.poses import exponential, inverse, logarithm
 from aras_visual_servo_bench.cli.run import find_study_file
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.learning import learned_pose
+from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.learning import learned, learned_pose, policy
 from aras_visual_servo_bench.learning.learned_pose import LearnedPose, PoseNetwork, make_inputs
+from aras_visual_servo_bench.learning.policy import (
+    Policy,
+    PolicyNetwork,
+)
 from aras_visual_servo_bench.runner.loop import run
 from aras_visual_servo_bench.studies.study import Study
 from aras_visual_servo_controller.errors import ConfigurationError
@@ -95,3 +100,61 @@ def test_a_goal_that_was_taught_for_others_is_refused(answering, seen):
 
 def test_unseen_starts_converge():
     assert [run(experiment).outcome for experiment in planned({0})] == ["converged"]
+
+
+BY_MOMENTS = "aras_visual_servo_bench.learning.learned:LearnedScheme"
+
+
+def test_a_network_learns_what_is_linear(tmp_path):
+    random = np.random.default_rng(0)
+    x = random.normal(size=(60, 10))
+    turn = 0.4 * x[:, 3]
+    y = np.column_stack([0.1 * x[:, 0], x[:, 1] - x[:, 2], x[:, 2], np.cos(turn), np.sin(turn)])
+    np.savez(tmp_path / "w.npz", **learned.train(x, y))
+    network = learned.GoalPoseNetwork.load(tmp_path / "w.npz")
+    found = np.array([network(row) for row in x[:20]])
+    wanted = np.column_stack([y[:20, :3], turn[:20]])
+    assert np.abs(found - wanted).max() < 0.1
+
+
+def test_unseen_starts_of_the_scheme_of_moments_converge():
+    hits = 0
+    for seed in range(500, 505):
+        experiment = Experiment(
+            plant="ideal", features="exact", goal="2016", start=learned.TRAINING_STARTS,
+            scheme=BY_MOMENTS, gain=2.0, duration=8.0, seed=seed, reached=(1e-3, 0.01),
+            controller_parameters={"hold": 0.4},
+        )  # fmt: skip
+        hits += run(experiment).verdict.is_reached
+    assert hits >= 4
+
+
+BY_POLICY = "aras_visual_servo_bench.learning.policy:Policy"
+
+
+def test_it_comes_to_the_goal_from_starts_that_it_has_not_seen():
+    for seed in (71, 72):
+        done = run(Experiment(scheme=BY_POLICY, gain=1.5, start=policy.TRAINING_STARTS, seed=seed,
+                              reached=(0.005, np.radians(1.0))))  # fmt: skip
+        assert done.outcome == "converged" and done.verdict.is_reached, (seed, done.reason)
+
+
+def test_what_it_practises_on_belongs_together():
+    """Answers are where the goal is: a teacher who flies by them comes there."""
+    x, y = policy.collect_demonstrations(None, 240, seed=2, environments=2)
+    assert len(x) == len(y) >= 240 and x.shape[1] == policy.ROWS * policy.COLUMNS
+    np.testing.assert_allclose(np.hypot(y[:, 3], y[:, 4]), 1.0, atol=1e-3)
+    far = np.linalg.norm(y[:, :3], axis=1)
+    assert far[:2].min() > 0.02 and np.sort(far)[:20].max() < 0.03
+    network = PolicyNetwork(policy.train(x[::2], y[::2]))
+    found = np.array([network(row) for row in x[1::2]])
+    assert np.median(policy.compute_errors(found, y[1::2])[0]) < 0.05
+
+
+def test_a_goal_that_was_not_shown_to_it_is_refused(monkeypatch, tmp_path):
+    monkeypatch.setenv("ARAS_POLICY_WEIGHTS", str(tmp_path / "none.npz"))
+    with pytest.raises(ConfigurationError, match="the policy is missing: .*learning.policy"):
+        Policy()
+    monkeypatch.undo()
+    with pytest.raises(ExperimentError, match="needs images"):
+        run(Experiment(plant="free", scheme=BY_POLICY))

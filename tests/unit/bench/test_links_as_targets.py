@@ -51,15 +51,6 @@ def test_it_is_a_solid_that_is_servoed_to(asked):
     assert result.verdict.is_reached and not result.notes
 
 
-def test_it_is_where_its_description_has_it(asked):
-    parts = assemble(asked({"link": "crate"}, scheme="points", plant="chain", features="exact"))
-    np.testing.assert_allclose(
-        parts.target.world_T_target(0.0), matrix_from_xyz_rpy(PLACE, (0.0, 0.0, TURN)), atol=1e-12
-    )
-    span = np.ptp(parts.target.shape.solid.vertices, axis=0)
-    np.testing.assert_allclose(span, SIZE, atol=1e-6)
-
-
 @pytest.mark.parametrize("scheme", ["moments", "points"])
 def test_flat_corners_in_its_place_are_refused(asked, scheme):
     """They would be seen on z = 0: moments' goal was 0.11 m off, and the run said `converged`."""
@@ -73,20 +64,6 @@ def test_corners_that_are_larger_than_what_is_drawn_are_refused(asked):
     larger = corners([3.0 * side for side in SIZE])
     with pytest.raises(ExperimentError, match=r"target's area in the image is 0\.\d+ times"):
         assemble(asked({"shape": larger}))
-
-
-@pytest.mark.parametrize(("link", "why"), [
-    ("crat", "has no link 'crat' with visuals: did you mean 'crate'"),
-    ("forearm", "a joint of the robot moves 'forearm'"),
-])  # fmt: skip
-def test_a_link_that_cannot_be_is_refused(asked, link, why):
-    with pytest.raises(ExperimentError, match=why):
-        assemble(asked({"link": link}))
-
-
-def test_its_shape_is_its_own(asked):
-    with pytest.raises(ExperimentError, match="has the link's shape"):
-        asked({"link": "crate", "shape": "square"})
 
 
 @pytest.mark.parametrize("height", [1.0, 9.0])

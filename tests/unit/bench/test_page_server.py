@@ -23,6 +23,7 @@ from tornado.websocket import websocket_connect
 from aras_sim_bridge.description import parse_urdf
 from aras_visual_servo_base.errors import DescriptionError
 from aras_visual_servo_bench.drawing.robot_visuals import collect_visuals
+from aras_visual_servo_bench.drawing.run_trace import RunTrace
 from aras_visual_servo_bench.drawing.shapes import LINES, Shape
 from aras_visual_servo_bench.ros.session_files import SessionFiles
 from aras_visual_servo_bench.web.live.outbox import MAX_UNACKNOWLEDGED
@@ -106,19 +107,17 @@ def test_whoever_has_it_gets_the_page_and_nothing_that_lets_others_in(server):
     "/report/%00", "/report/a%00b.html", "/report/" + "a" * 5000, "/report/" + "a/" * 3000,
     "/report/%ff", "/report/%2e%2e%2fgoals", "/report/..", "/report/", "/report/%0a", "/%00",
 ])  # fmt: skip
-def test_a_name_that_no_report_has_is_answered_by_one_clear_line(server, host, tmp_path, path,
-                                                                 monkeypatch):  # fmt: skip
-    monkeypatch.setattr(host, "find_file", SessionFiles(tmp_path).find_file)
+def test_a_name_that_no_report_has_is_answered_by_one_clear_line(server, reports, tmp_path, path):
+    reports(SessionFiles(tmp_path).find_file)
     status, text, _ = get(server, f"{path}?token={server.access.token}")
     assert 400 <= status < 500
     assert text.startswith(("There is n", "<html><title>400: Bad Request"))
 
 
-def test_a_report_is_a_page_with_scripts_and_pictures_of_its_own(server, host, tmp_path,
-                                                                 monkeypatch):  # fmt: skip
+def test_a_report_is_a_page_with_scripts_and_pictures_of_its_own(server, reports, tmp_path):
     report = tmp_path / "report.html"
     report.write_text("<title>run \u2116 3</title>", encoding="utf-8")
-    monkeypatch.setattr(host, "find_file", {"run/report.html": report}.get)
+    reports({"run/report.html": report}.get)
     status, text, headers = get(server, f"/report/run/report.html?token={server.access.token}")
     assert (status, text) == (200, "<title>run \u2116 3</title>")
     rules = dict(rule.split(" ", 1) for rule in headers["Content-Security-Policy"].split("; "))
@@ -156,13 +155,14 @@ def test_a_socket_of_a_stranger_is_refused(server, token, headers):
     assert refused.value.code == 403
 
 
-def test_the_robot_is_told_once_there_is_one(server, host, monkeypatch):
+def test_the_robot_is_told_once_there_is_one(server, host):
     path = f"/robot?token={server.access.token}"
     status, text, headers = get(server, path)
     assert status == 200 and json.loads(text)["name"] == "aras_visual_servo"
     assert headers["Content-Type"] == "application/json"
-    monkeypatch.setattr(host, "make_robot_model", lambda: None)
+    host.has_robot = False
     assert get(server, path)[:2] == (404, "There is no robot yet.\n")
+    host.has_robot = True
 
 
 def test_requests_are_answered_and_wrong_ones_refused_with_the_reason(server, host):
@@ -422,7 +422,7 @@ def test_each_thing_is_told_once(host):
     json.dumps(whole, allow_nan=False)
 
 
-def test_what_is_no_more_is_taken_away_from_those_who_saw_it(host, monkeypatch):
+def test_what_is_no_more_is_taken_away_from_those_who_saw_it(host):
     page = Page()
     page.make_update(host.run_trace, [], [], 1.0)
     gone = {s.name for s in host.run_trace.make_shapes() if s.name.startswith("trajectory")}
@@ -433,10 +433,9 @@ def test_what_is_no_more_is_taken_away_from_those_who_saw_it(host, monkeypatch):
     assert "trajectory centre" not in page.make_full_message()["shapes"]
     assert "shapes" not in page.make_update(host.run_trace, [], [], 1.2)
     host.move()
-    with monkeypatch.context() as away:
-        away.setattr(host.run_trace, "goal", None)
-        assert page.make_update(host.run_trace, [], [], 1.3)["shapes"]["desired x"] is None
-    # the same as before
+    goal, host.run_trace.goal = host.run_trace.goal, None
+    assert page.make_update(host.run_trace, [], [], 1.3)["shapes"]["desired x"] is None
+    host.run_trace.goal = goal
     assert page.make_update(host.run_trace, [], [], 1.4)["shapes"]["desired x"]
 
 
@@ -467,15 +466,15 @@ def test_the_plots_show_one_run(phases, kept):
                                                       for k in reversed(range(kept))])  # fmt: skip
 
 
-def test_an_image_without_features_keeps_units_and_tolerances(host, monkeypatch):
-    page, trace = Page(), host.run_trace
+def test_an_image_without_features_keeps_units_and_tolerances(host):
+    page, trace = Page(), RunTrace(host.arm)
     state = told(names=("xn", "yn", "an", "alpha"), error=(0.1, 0.2, 0.3, 0.4))
-    page.add_sample(state, [])
-    monkeypatch.setattr(trace, "state", state)
-    page.make_update(trace, [], [], 0.0)
     lost = replace(state, stamp=1.1, phase="holding", scheme_output=None)
+    page.add_sample(state, [])
+    trace.add_state(state, host.q)
+    page.make_update(trace, [], [], 0.0)
     page.add_sample(lost, [])
-    monkeypatch.setattr(trace, "state", lost)
+    trace.add_state(lost, host.q)
     controller = page.make_update(trace, [], [], 0.1)["controller"]
     assert controller["phase"] == "holding" and controller["units"] == ["m", "m", "m", "rad"]
     assert len(controller["tolerances"]) == 4
@@ -492,9 +491,9 @@ def test_an_image_without_features_belongs_to_the_same_run(host):
 
 
 def test_a_long_run_keeps_its_first_seconds(host):
-    """An exponential of 0.5 s, then noise of 1e-4 for 20 times as many images as are kept."""
+    """An exponential of 0.5 s, then noise of 1e-4 for 6 times as many images as are kept."""
     page, rng = Page(), np.random.default_rng(0)
-    stamps = np.arange(20 * MAX_SAMPLES) / 30
+    stamps = np.arange(6 * MAX_SAMPLES) / 30
     errors = np.exp(-stamps / 0.5) + 1e-4 * rng.standard_normal(len(stamps))
     state = told(0.0, error=(1.0, 0.0))
     for stamp, error in zip(stamps, errors, strict=True):

@@ -54,11 +54,7 @@ def test_the_box_is_loose_and_the_target_lies_on_it():
         box = loop.plant.simulation.world.models["target"]
         assert box.mass == 0.4 and not box.fixed_base
         half = 0.5 * np.array(sides)
-        inertia = box.description.links["target"].inertial
-        assert inertia.origin_xyz == pytest.approx((0.0, 0.0, -half[2] - 5e-4))
-        assert inertia.inertia == pytest.approx(
-            (0.4 / 12 * (0.04**2 + 0.05**2), 0, 0, 0.4 / 12 * (0.06**2 + 0.05**2), 0,
-             0.4 / 12 * (0.06**2 + 0.04**2)))
+
         assert box.description.links["target"].mu == 0.3
         before = box.pose().xyz
         for _ in range(100):
@@ -67,12 +63,3 @@ def test_the_box_is_loose_and_the_target_lies_on_it():
         assert box.pose().xyz[0] > before[0] + 1e-3  # 1.5 N are more than 0.3 * 0.4 kg * g
     finally:
         loop.close()
-
-
-@pytest.mark.parametrize("target", [
-    {"shape": "aras"}, {"shape": "l_shape", "motion": {"velocity": [0.1, 0, 0, 0, 0, 0]}},
-    {"shape": [[0, 0], [0.1, 0], [0, 0.1]]},
-])
-def test_a_box_is_refused_where_it_could_not_be_loose(target):
-    with pytest.raises(ExperimentError, match=r"target\.box needs a target with a pose"):
-        Experiment(target={**target, "box": {"size": [0.1, 0.1, 0.1]}})

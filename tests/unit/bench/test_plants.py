@@ -110,10 +110,7 @@ def test_impossible_robots_are_refused_in_one_line(robot, preset):
     from aras_visual_servo_bench.experiment.robots import Robot, RobotSpec
 
     cases = {
-        "no file": {"urdf": "/nowhere/arm.urdf"},
         "package 'nowhere'": {"urdf": "package://nowhere/arm.urdf"},
-        "single-joint controller for gantry, J1": {"controllers": ("joint2_position_controller",)},
-        "robot.controllers names 'joint2', which is not in": {"controllers": ("joint2",)},
         "no camera 'left'": {"camera": "left"},
         "camera_optical_frme": {"camera_frame": "camera_optical_frme"},
     }
@@ -121,8 +118,6 @@ def test_impossible_robots_are_refused_in_one_line(robot, preset):
         spec = dataclasses.replace(RobotSpec(), **change)
         with pytest.raises(ExperimentError, match=complaint):
             bullet(Robot(spec), preset)
-    with pytest.raises(ExperimentError, match="widht"):
-        bullet(robot, preset, camera={"widht": 3}).close()
 
 
 def test_friction_can_be_taken_out(robot):
@@ -290,14 +285,6 @@ def test_velocity_lags_too(arm, sight):
     np.testing.assert_allclose(chain.read_joints()[0] - START, moved, rtol=1e-9)
 
 
-def test_a_chain_measures_at_the_phase_of_the_simulated_arm(arm, sight):
-    readings = until(KinematicArm(arm, START, sight), 101_000_000)
-    joints = [r.stamp_ns for r in readings if isinstance(r, JointReading)]
-    pictures = [r.stamp_ns for r in readings if isinstance(r, Frame)]
-    assert joints[:3] == [1_000_000, 11_000_000, 21_000_000]
-    assert pictures == [33_333_333, 66_666_667, 100_000_000]
-
-
 def test_a_camera_without_its_target_in_view_sees_nothing(arm, sight, pinhole):
     random = np.random.default_rng(0)
     goal = arm.pose(np.zeros(6))
@@ -344,26 +331,15 @@ def test_the_noise_of_an_outline_lets_no_edges_cross(arm, sight):
 
 
 def test_joints_and_true_poses_are_those_of_the_joint_states_and_not_of_the_step_after(arm):
-    loop = Loop(Experiment(), assemble(Experiment()))
-    heard = {}
-    advance = loop.plant.advance
-
-    def listened(until_ns):
-        readings = advance(until_ns)
-        for reading in readings:
-            if isinstance(reading, JointReading):
-                heard[reading.stamp] = dict(zip(reading.names, reading.positions, strict=True))
-        return readings
-
-    loop.plant.advance = listened
+    heard = []
+    loop = Loop(Experiment(), assemble(Experiment()), on_joint_state=lambda _, one: heard.append(
+        (one.stamp, dict(zip(one.names, one.positions, strict=True)))))  # fmt: skip
     for _ in range(10):
         loop.run_to_image()
     result, end = loop.make_run(), loop.plant.read_pose()
     loop.close()
-    stamps = result.joint_stamp.tolist()
-    assert 0 < len(heard) < len(stamps)  # compiled code processes the others
-    for stamp, told in heard.items():
-        measured = result.measured_positions[stamps.index(stamp)].tolist()
+    assert [stamp for stamp, _ in heard] == result.joint_stamp.tolist()
+    for (_, told), measured in zip(heard, result.measured_positions.tolist(), strict=True):
         assert [told[name] for name in result.joint_names] == measured
     for q, pose in zip(result.measured_positions, result.true_pose, strict=True):
         np.testing.assert_allclose(pose, arm.pose(q), atol=1e-9)
@@ -439,19 +415,25 @@ def test_an_exposure_between_two_steps_is_seen_from_between_their_poses():
         "features": "exact", "scheme": "points", "goal": goal, "start": goal,
         "target": {**target, "motion": motion},
     }))  # fmt: skip
-    plant, found = parts.plant, []
+    plant, found, poses = parts.plant, [], []
 
-    def pose(time):
-        return parts.goal_pose @ matrix_from_xyz_rpy(
-            (0.02, 0.2 * time, -0.1 * time), (0.0, 0.0, 2.0 * time)
-        )
+    def points_at(pose, stamp):
+        seen_from = parts.target.target_T_camera(pose, stamp)
+        return np.column_stack(plant.camera.project(*parts.target.shape.points(seen_from).T))
 
-    plant.read_rest_pose = lambda: pose(plant.time_ns * 1e-9)
     with contextlib.closing(plant):
+        plant.command("position", np.array(goal) + [0.05, 0.0, 0.0, 0.0, 0.0, 0.9])
         while len(found) < 4:
-            found += [r for r in plant.advance(10**9) if isinstance(r, Frame)]
+            poses.append(plant.read_rest_pose())  # one a millisecond
+            found += [r for r in plant.advance(plant.time_ns + 1) if isinstance(r, Frame)]
+        poses.append(plant.read_rest_pose())
+    moved = []
     for k, reading in enumerate(found, 1):
         assert reading.stamp == pytest.approx(k / 30.0, abs=1e-9)
-        seen_from = parts.target.target_T_camera(pose(k / 30.0), k / 30.0)
-        exact = np.column_stack(plant.camera.project(*parts.target.shape.points(seen_from).T))
-        assert np.abs(reading.points - exact).max() < 1e-4
+        step, share = divmod(1e3 * reading.stamp, 1.0)
+        before, after = poses[int(step)], poses[min(int(step) + 1, len(poses) - 1)]
+        pose = before @ exponential(share * logarithm(inverse(before) @ after))
+        assert np.abs(reading.points - points_at(pose, reading.stamp)).max() < 0.01
+        apart = points_at(before, reading.stamp) - points_at(after, reading.stamp)
+        moved.append(np.abs(apart).max())
+    assert max(moved) > 0.1

@@ -4,40 +4,18 @@ import logging
 
 import numpy as np
 import pytest
+from made_arm import write_arm
 
-from aras_visual_servo_base.poses import matrix_from_xyz_rpy, relative_pose
+from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_bench.errors import log_once
 from aras_visual_servo_bench.experiment.experiment import Experiment
-from aras_visual_servo_bench.experiment.robots import Robot
-from aras_visual_servo_bench.plants.static_arm import StaticArm
 from aras_visual_servo_bench.runner.loop import run
 from aras_visual_servo_bench.setup.assembly import assemble
-from aras_visual_servo_bench.targets.geometry import PolygonTarget
 
 JOINTS = ("x", "y", "z", "fan", "head")
-BODY = ('<inertial><mass value="1"/><inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" '
-        'iyz="0"/></inertial>')
+AXES = ("1 0 0", "0 1 0", "0 0 1", "0 0 1", "0 0 1")
 # Three slides, and two joints about one axis, which turn the camera; the first carries a plate
 # below it, that reaches from the axis along its x.
-FAN = """<robot name="fan"><link name="world"/>{links}
-<link name="table"><visual><geometry><box size="2 2 0.02"/></geometry></visual></link>
-<joint name="stands" type="fixed"><parent link="world"/><child link="table"/>
-  <origin xyz="0 0 -0.011"/></joint>
-<link name="camera_link"/><link name="camera_optical_frame"/>
-<joint name="mount" type="fixed"><parent link="head_link"/><child link="camera_link"/>
-  <origin rpy="0 1.5707963267948966 0"/></joint>
-<joint name="optical" type="fixed"><parent link="camera_link"/><child link="camera_optical_frame"/>
-  <origin rpy="-1.570796326794897 0 -1.570796326794897"/></joint>
-<gazebo reference="camera_link"><sensor type="camera" name="camera"><update_rate>30</update_rate>
-  <camera name="eye"><horizontal_fov>1.2</horizontal_fov>
-    <image><width>320</width><height>240</height><format>R8G8B8</format></image>
-    <clip><near>0.01</near><far>20</far></clip></camera>
-  <plugin name="camera_controller" filename="libgazebo_ros_camera.so"><updateRate>0</updateRate>
-    <cameraName>eye</cameraName><imageTopicName>image_raw</imageTopicName>
-    <cameraInfoTopicName>camera_info</cameraInfoTopicName><frameName>camera_link</frameName>
-  </plugin></sensor></gazebo>
-<gazebo><plugin name="control" filename="libgazebo_ros_control.so">
-  <robotNamespace>/fan</robotNamespace></plugin></gazebo></robot>"""
 PLATE = ('<visual><origin xyz="0.1 0 -0.08"/><geometry><box size="0.2 0.2 0.004"/></geometry>'
          "</visual>")
 TARGET = {"shape": "l_shape", "size": [0.06, 0.05], "pose": [0.0, 0.0, 0.001, 0.0, 0.0, 0.0]}
@@ -46,36 +24,18 @@ GOAL = {"pose": [-0.06, 0.01, 0.25, *DOWN]}  # the target lies to the side that 
 START = {"pose": [-0.05, 0.02, 0.28, np.pi, 0.0, 0.1]}
 
 
-def described(turn=3.0):
-    """`turn`: limit of the joint that carries the plate, rad."""
-    links, parent = "", "world"
-    for name, axis in zip(JOINTS, ("1 0 0", "0 1 0", "0 0 1", "0 0 1", "0 0 1"), strict=True):
-        slides = name in "xyz"
-        most = 1.0 if slides else turn if name == "fan" else 3.0
-        links += f"""<link name="{name}_link">{BODY}{PLATE * (name == "fan")}</link>
-<joint name="{name}" type="{"prismatic" if slides else "revolute"}"><parent link="{parent}"/>
-  <child link="{name}_link"/><axis xyz="{axis}"/>
-  <limit lower="{-most}" upper="{most}" velocity="2" effort="900"/></joint>
-<transmission name="{name}_transmission"><type>transmission_interface/SimpleTransmission</type>
-  <joint name="{name}"><hardwareInterface>hardware_interface/PositionJointInterface
-  </hardwareInterface></joint><actuator name="{name}_motor"/></transmission>"""
-        parent = f"{name}_link"
-    return FAN.format(links=links)
-
-
-KIND = "position_controllers/JointPositionController"
-STATES = "joint_state_controller: {type: joint_state_controller/JointStateController, " \
-    "publish_rate: 100}\n"
-CONTROLLERS = STATES + "".join(f"{n}_controller: {{type: {KIND}, joint: {n}}}\n" for n in JOINTS)
+TABLE = """<link name="table"><visual><geometry><box size="2 2 0.02"/></geometry></visual></link>
+<joint name="stands" type="fixed"><parent link="world"/><child link="table"/>
+  <origin xyz="0 0 -0.011"/></joint>"""
 
 
 @pytest.fixture
 def experiment(tmp_path):
     def made(turn=3.0, **keys):
-        (tmp_path / "fan.urdf").write_text(described(turn))
-        (tmp_path / "fan.yaml").write_text(CONTROLLERS)
-        robot = {"urdf": str(tmp_path / "fan.urdf"), "config": str(tmp_path / "fan.yaml"),
-                 "namespace": "/fan"}
+        """`turn`: limit of the joint that carries the plate, rad."""
+        joints = [(name, name in "xyz", "0 0 0", axis, (-most, most), PLATE * (name == "fan"))
+                  for name, axis, most in zip(JOINTS, AXES, (1, 1, 1, turn, 3), strict=True)]
+        robot = write_arm(joints, np.pi / 2, tmp_path, TABLE)
         keys = {"target": TARGET, "goal": GOAL, "start": START, "camera": {}, "scheme": "points",
                 **keys}
         return Experiment(robot=robot, **keys)
@@ -161,44 +121,3 @@ def test_what_the_chain_sees_through_is_said(experiment, caplog):
     start = {"pose": [0.05, 0.02, 0.28, np.pi, 0.0, 0.1]}
     result = run(experiment(plant="chain", goal=aside, start=start))
     assert result.converged and not result.notes
-
-
-@pytest.mark.parametrize("pose", [
-    matrix_from_xyz_rpy((0.0, 0.0, 0.25), DOWN),
-    matrix_from_xyz_rpy((0.005, 0.03, 0.3), (np.pi - 0.2, 0.15, 0.7)),
-])  # fmt: skip
-def test_a_part_is_the_share_of_the_views_area(experiment, pose):
-    """The plate's edge, along y through the axis, cuts the target where a ray over it meets it."""
-    drawn = StaticArm(Robot(experiment().robot).parse_description())
-    square = PolygonTarget(((-0.03, -0.03), (0.05, -0.03), (0.05, 0.03), (-0.03, 0.03)))
-    joints = dict(zip(JOINTS, (0.0, 0.0, 0.25, 0.0, 0.0), strict=True))
-    x, _, z = pose[:3, 3]
-    edge = x - x * z / (z - 0.172)  # the plate's upper edge is at x = 0, z = 0.172
-    part = drawn.compute_occlusion(joints, pose, square, np.eye(4))
-    rim = np.array([(edge, -0.03, 0), (0.05, -0.03, 0), (0.05, 0.03, 0), (edge, 0.03, 0)])
-    assert part == pytest.approx(area(rim, pose) / area(square.vertices(), pose), abs=0.02)
-    assert drawn.compute_occlusion({**joints, "fan": 3.0}, pose, square, np.eye(4)) < 0.6
-
-
-def area(corners, pose):
-    seen = (corners - pose[:3, 3]) @ pose[:3, :3]
-    x, y = seen[:, 0] / seen[:, 2], seen[:, 1] / seen[:, 2]
-    return abs(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))) / 2
-
-
-def test_a_target_that_the_arm_carries_is_seen_in_its_frame(experiment):
-    robot = Robot(experiment().robot).parse_description()
-    joints = dict(zip(JOINTS, (0.03, -0.02, 0.25, 0.4, -0.7), strict=True))
-    pose, placed = (
-        matrix_from_xyz_rpy((0.04, 0.0, 0.26), DOWN),
-        matrix_from_xyz_rpy((0.0, 0.03, 0.0), (0.1, 0.0, 0.3)),
-    )
-    square = PolygonTarget(((-0.03, -0.03), (0.05, -0.03), (0.05, 0.03), (-0.03, 0.03)))
-    world_T_link = matrix_from_xyz_rpy((0.03, -0.02, 0.25), (0.0, 0.0, 0.4))
-    carried = (relative_pose(world_T_link, pose), square, relative_pose(world_T_link, placed))
-    part = StaticArm(robot, "fan_link").compute_occlusion(joints, *carried)
-    standing = StaticArm(robot)
-    assert 0.2 < part < 0.95
-    assert part == pytest.approx(standing.compute_occlusion(joints, pose, square, placed), abs=0.01)
-    # nothing so near
-    assert standing.compute_occlusion(joints, pose, square, placed, near=0.15) == 0.0

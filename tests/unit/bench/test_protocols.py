@@ -42,10 +42,6 @@ def table(folder):
         return list(csv.DictReader(file))
 
 
-def study_of(name):
-    return Study.from_yaml(SHIPPED[name])
-
-
 def rows_of(name, out, *arguments):
     """Return the rows that the command of a protocol writes."""
     assert main(["protocol", name, "--out", str(out), "--in-process", *arguments]) == 0
@@ -62,13 +58,10 @@ def test_visp_four_points_to_the_iteration(tmp_path):
     assert [float(row["path_length"]) for row in rows] == pytest.approx(lengths, abs=1e-6)
     depths = [1.011355, 1.011082, 1.008578, 1.0, 1.0]
     assert [float(row["largest_depth"]) for row in rows] == pytest.approx(depths, abs=1e-6)
-    ratios = [1.0555, 1.0577, 1.0455, 1.2044, 1.0033]
-    assert [float(row["path_ratio"]) for row in rows] == pytest.approx(ratios, abs=1e-4)
 
 
 @pytest.mark.parametrize(("start", "steps"), [
-    ([1.0, 1.0, -3.0, 0.0, 0.0, 0.6], 85), ([0.0, 0.0, -3.0, 0.0, 0.0, 0.6], 82),
-    ([1.0, 1.0, -2.0, 0.0, 0.0, 0.0], 85), ([1.0, 1.0, -3.0, 0.0, 0.0, 1.0], 86),
+    ([0.0, 0.0, -3.0, 0.0, 0.0, 0.6], 82), ([1.0, 1.0, -3.0, 0.0, 0.0, 1.0], 86),
 ])  # fmt: skip
 def test_corke_s_four_points_take_as_many_steps_as_in_his_toolbox(start, steps):
     """His example (machinevision-toolbox-python 2.4.1, class IBVS with exact depth): a focal length
@@ -101,10 +94,8 @@ def test_camera_retreat(tmp_path):
     "camera_retreat", "canonical", "convergence_domain", "paper_basin", "visp_four_points",
 ])  # fmt: skip
 def test_a_published_protocol_says_its_source_and_what_was_chosen(name):
-    study = study_of(name)
-    assert study.source
-    assert study.chosen
-    assert study.make_experiment(0).seed == 0
+    study = Study.from_yaml(SHIPPED[name])
+    assert study.source and study.chosen and study.make_experiment(0).seed == 0
 
 
 @pytest.mark.parametrize(
@@ -113,7 +104,6 @@ def test_a_published_protocol_says_its_source_and_what_was_chosen(name):
         ({"experiment": {}, "cases": {"start": [{"name": "a", "set": {"strt": 1}}]}}, "start"),
         ({"cases": {"start": [{"name": "a", "set": {"start": {"kind": "turnd"}}}]}}, "turned"),
         ({"cases": {"start": [{"name": "a"}, {"name": "a"}]}}, "two cases are named 'a'"),
-        ({"cases": {"start": []}}, "cases.start: it has no case"),
         ({"cases": {"start": [{"name": "a", "cases": {"strt": []}}]}}, "cases.strt: it has no"),
         ({"cases": {"start": [{"name": "a", "cases": {"strt": [{"name": "b"}]}}],
                     "other": [{"name": "c"}]}}, "cases.start.a.cases"),
@@ -197,9 +187,6 @@ def test_met(value, published, expected):
     assert is_met(value, published) is expected
 
 
-# -- starts ----------------------------------------------------------------------------------
-
-
 # -- the ideal plant ---------------------------------------------------------------------------
 
 
@@ -214,30 +201,13 @@ def test_the_error_decays_as_the_law_says():
 
 
 def test_a_mounting_believed_elsewhere_moves_the_camera_otherwise():
-    askew = FLIGHT.with_changes(calibration_offset={"rpy": [0.0, 0.0, 0.3]}, duration=1.0)
-    straight = FLIGHT.with_changes(duration=1.0)
-    assert not np.allclose(run(askew).pose[-1], run(straight).pose[-1], atol=1e-3)
+    askew = FLIGHT.with_changes(calibration_offset={"rpy": [0.0, 0.0, 0.3]}, duration=0.1)
     first = run(askew)
     moved = np.linalg.inv(first.pose[0]) @ first.pose[1]
     # The twist asked for is that of a frame turned by 0.3 rad about the optical axis.
     turned = matrix_from_xyz_rpy((0, 0, 0), (0, 0, 0.3))[:3, :3] @ first.desired_twist[0, 3:]
     rate = np.array([moved[2, 1], moved[0, 2], moved[1, 0]]) / 0.04
     assert rate == pytest.approx(turned, abs=1e-3)
-
-
-def test_a_believed_focal_length_scales_what_is_seen():
-    believed = run(FLIGHT.with_changes(calibration_offset={"focal": 1.1}, duration=0.1)).features[0]
-    true = run(FLIGHT.with_changes(duration=0.1)).features[0]
-    assert believed == pytest.approx(true / 1.1)
-
-
-def test_a_goal_is_shown_through_the_camera_as_believed():
-    result = run(FLIGHT.with_changes(calibration_offset={"focal": 1.1, "depth": 1.2}))
-    assert result.verdict.is_reached and result.outcome == "converged"
-    assert "wrong_camera_model" in result.outcomes  # on the way, which is not the one asked for
-    assert result.reason.startswith("the image equals the goal, which was taught with this camera, "
-                                    "but ")
-    assert "calibrate" in result.remedy
 
 
 @pytest.mark.parametrize("interaction", ["desired", "mean"])
@@ -270,10 +240,8 @@ SKEWED = FLIGHT.with_changes(
 @pytest.mark.parametrize(
     ("scheme", "start", "outcome"),
     [
-        ("moments_six", ASKEW, "ambiguous"),
         ("moments_six", TURNED, "ambiguous"),  # told by the third order alone
         ("gravity_centre_normalised+area_normalised+invariants+alpha", ASKEW, "converged"),
-        ("ellipse", ASKEW, "converged up to 1 direction"),
         ("ellipse+alpha", ASKEW, "converged up to 1 direction"),  # the ellipse tells alpha
         ("gravity_centre+area", ASKEW, "ambiguous"),
         ("numbered_points", ASKEW, "converged"),
@@ -290,13 +258,6 @@ def test_a_flight_that_measures_nothing_any_more_has_lost_its_target():
     result = run(turned)
     assert result.outcome == "target_lost"
     assert "alpha_full" in result.reason
-
-
-def test_controllers_of_joints_have_none(monkeypatch):
-    monkeypatch.syspath_prepend(str(Path(__file__).parents[3] / "docs" / "examples"))
-    with pytest.raises(ExperimentError, match="commands joints"):
-        l_shape = {"shape": (*SQUARE[:3], (0.0, 0.0))}
-        run(FLIGHT.with_changes(scheme="second_order:SecondOrder", target=l_shape))
 
 
 def test_enough_by_the_truth_ends_the_run_and_so_does_too_far():

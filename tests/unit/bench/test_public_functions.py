@@ -8,7 +8,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
 import pytest
 
 from aras_sim_bridge import SimError, Simulation, load_description, load_world, populate
@@ -116,16 +115,11 @@ def test_studies_and_their_results_are_described_in_few_lines(folder: Path) -> N
     assert "20000000 runs: 2000 points, 2 cases, 10000 of each" in lines[0]
     assert "gain (1000 values), start.side (random)" in repr(many) and len(repr(many)) < 300
     assert repr(Study()).splitlines() == ["Study: 1 run: 1 point, 1 of each"]
-    results = Study.from_mapping(STUDY).run(folder)
-    lines = repr(results).splitlines()
+    lines = repr(Study.from_mapping(STUDY).run(folder)).splitlines()
     assert lines[:3] == ["Results of mine: 4 of 4 runs", "  ends: timed_out (4)",
                          "  settings: gain"]  # fmt: skip
-    assert len(lines) == 4 and max(map(len, lines)) < 140
     judged = Study.from_mapping({**STUDY, "metrics": ["success"]}).run(progress=False)
     assert repr(judged).startswith("Results of study: 4 of 4 runs, 0 with success\n")
-    rows = 10_000
-    several = replace(results, table=pa.concat_tables([results.table] * (rows // 4)))
-    assert len(repr(several)) < 400 and f"{rows} of 4 runs" in repr(several)
 
 
 def test_results_become_tables_with_units(folder: Path) -> None:

@@ -7,8 +7,6 @@ import json
 import os
 import re
 import signal
-import subprocess
-import sys
 import threading
 from dataclasses import replace
 from pathlib import Path
@@ -119,12 +117,6 @@ def test_words_tell_a_failure_with_reason_and_remedy(moments):
     noted = replace(moments, reason="as shown; yet", remedy="calibrate")
     told = summary.describe_run(noted, summary.summarise(noted))
     assert "yes, and held; as shown; yet\n" in told and "calibrate" in told
-    blind = replace(
-        moments, goal_pose=np.full((4, 4), np.nan),
-        verdict=replace(moments.verdict, name="", distance=np.nan, angle=np.nan),
-    )  # fmt: skip
-    told = summary.describe_run(blind, summary.summarise(blind))
-    assert re.search(r"Camera off its goal by +unknown\n", told)
 
 
 def column(*numbers):
@@ -190,11 +182,6 @@ def test_other_schemes_show_the_targets_corners_and_its_centre(moments):
     # The run ends at its goal: so do the corners and the centre.
     np.testing.assert_allclose(found.pixels[-1, :-1], found.desired[:-1], atol=0.2)
     np.testing.assert_allclose(found.pixels[-1, -1], found.desired[-1], atol=0.2)
-    # A turn by a turn of the camera: pixels at the start are those of the start's pose.
-    rim = moments.project_outline(moments.pose[0], moments.start_stamp)
-    low, high = rim.min(axis=0), rim.max(axis=0)
-    start = found.pixels[0]
-    assert (start >= low - 0.5).all() and (start <= high + 0.5).all()
 
 
 def test_pictures_are_chosen_by_what_is_left_of_the_error(moments):
@@ -229,18 +216,6 @@ def test_the_straight_way_begins_and_ends_where_it_must():
 # -- figures ---------------------------------------------------------------------------------
 
 
-def test_features_share_an_axis_with_those_of_their_unit(moments, points):
-    with style.apply_style():
-        figure = FIGURES["feature_errors"]([moments])
-        labels = [axis.get_ylabel() for axis in figure.axes]
-        assert labels == ["error (m)", "error (rad)", "norm, relative"]
-        eight = FIGURES["features"]([points])
-        (axis,) = eight.axes
-        assert axis.get_ylabel() == "feature (no unit)"
-        assert len(axis.get_legend_handles_labels()[1]) == 8
-        plt.close("all")
-
-
 def test_a_curve_is_open_where_nothing_was_measured():
     time, values = np.r_[0.0:1.0:0.1, 4.0:4.5:0.1], np.arange(15.0)
     at, shown = panels.Curve("", time, values).insert_gaps()
@@ -248,20 +223,9 @@ def test_a_curve_is_open_where_nothing_was_measured():
     np.testing.assert_array_equal(shown[np.isfinite(shown)], values)
     for whole in (np.arange(5.0), np.r_[0.0:1.0:0.1, 1.2], np.zeros(1)):  # slow, one lost, one
         np.testing.assert_array_equal(panels.Curve("", whole, whole).insert_gaps(), (whole, whole))
-    for step, longest in ((0.01, 0.3), (0.2, 1.0)):  # five steps, three tenths of a second at least
-        for gap, opened in ((0.98 * longest, False), (1.02 * longest, True)):
-            time = np.cumsum([0.0, step, step, gap, step, step])
-            assert np.isnan(panels.Curve("", time, time).insert_gaps()[1]).any() == opened
-
-
-def test_powers_of_ten_are_plain_letters():
-    with style.apply_style():
-        _, (axis,) = style.make_axes(1, 1.5)
-        axis.semilogy([0.0, 1.0], [1e-4, 1.0])
-        style.format_log_axis(axis)
-        label = axis.yaxis.get_major_formatter()
-        assert [label(value, 0) for value in (1e-4, 1.0, 1e12)] == ["10⁻⁴", "10⁰", "10¹²"]
-        plt.close("all")
+    for gap, opened in ((0.98, False), (1.02, True)):  # five steps of 0.2 s
+        time = np.cumsum([0.0, 0.2, 0.2, gap, 0.2, 0.2])
+        assert np.isnan(panels.Curve("", time, time).insert_gaps()[1]).any() == opened
 
 
 @pytest.mark.parametrize("paper", [False, True])
@@ -271,6 +235,8 @@ def test_both_looks_have_the_letters_of_a_logarithmic_axis(paper, tmp_path):
         figure, (axis,) = style.make_axes(1, 1.5)
         axis.semilogy([0.0, 1.0], [1e-4, 1.0])
         style.format_log_axis(axis)
+        label = axis.yaxis.get_major_formatter()
+        assert paper or [label(value, 0) for value in (1e-4, 1.0, 1e12)] == ["10⁻⁴", "10⁰", "10¹²"]
         figure.savefig(tmp_path / "x.pdf")
         plt.close("all")
 
@@ -288,16 +254,7 @@ def test_what_settled_is_marked_in_its_own_curve(moments):
 
 
 @pytest.mark.parametrize("draw", FIGURES.values(), ids=CHAPTER_NAMES)
-def test_every_figure_is_drawn_of_runs_of_unlike_schemes(draw, moments, points):
-    with style.apply_style():
-        for records in ([points], [moments, points]):
-            figure = draw(records)
-            assert figure is None or all(a.has_data() for a in figure.axes if a.get_visible())
-        plt.close("all")
-
-
-@pytest.mark.parametrize("draw", FIGURES.values(), ids=CHAPTER_NAMES)
-def test_a_name_with_dollars_is_drawn_as_it_stands(draw, moments):
+def test_a_name_with_dollars_is_drawn_as_it_stands(draw, moments, points):
     name = r"$\input{x}$"
     names = tuple(f"{name}{i}" for i in range(len(moments.names)))
     states = tuple(
@@ -311,30 +268,11 @@ def test_a_name_with_dollars_is_drawn_as_it_stands(draw, moments):
         moments, name=name, states=states, joint_names=joints, units=("$x$", *moments.units[1:])
     )
     with style.apply_style():
-        figure = draw([hostile, replace(hostile, name="$^$")])
-        if figure is not None:
-            figure.draw_without_rendering()
-        plt.close("all")
-
-
-def test_figures_beside_each_other_are_of_one_height_with_their_margins(moments):
-    def measures(figure):
-        """Height; left, below and above the axes, and between two, in inches."""
-        boxes = [axis.get_position() for axis in figure.axes]
-        high = figure.get_figheight()
-        return high, boxes[0].x0, high * boxes[-1].y0, high * (1.0 - boxes[0].y1), \
-            high * (boxes[0].y0 - boxes[1].y1)  # fmt: skip
-
-    with style.apply_style():
-        errors, pose = FIGURES["feature_errors"]([moments]), FIGURES["pose_errors"]([moments])
-        image = views.draw_image_trajectory([moments])
-        tall, before, wide = measures(errors), measures(pose), image.get_size_inches().tolist()
-        assert tall[0] > before[0]
-        style.equalize_heights([errors, pose])
-        assert measures(errors) == pytest.approx(tall)
-        assert measures(pose) == pytest.approx((tall[0], *before[1:]))
-        style.equalize_heights([image, errors])  # a picture keeps its shape
-        assert image.get_size_inches().tolist() == wide
+        for records in ([hostile], [hostile, replace(points, name="$^$")]):
+            figure = draw(records)
+            if figure is not None:
+                figure.draw_without_rendering()
+                assert all(a.has_data() for a in figure.axes if a.get_visible())
         plt.close("all")
 
 
@@ -433,20 +371,13 @@ def test_headers_say_settings_in_plain_words_with_units(points, tmp_path):
         "camera at x 0.05, y -0.03, z 0.4 m, roll 180°, pitch 0°, yaw 28.65°"
     )
     asked = points.experiment.with_changes(
-        start={"height": [0.15, 0.5], "side": 0.1, "turn": 0.5236}, camera={"width": 320},
-        target={"shape": [[0, 0], [0.1, 0], [0, 0.1]]},
-    )  # fmt: skip
+        start={"height": [0.15, 0.5], "side": 0.1, "turn": 0.5236}, camera={"width": 320})
     told = describe_settings(asked)
     assert told["start"] == "random, camera 0.15 to 0.5 m above the target and up to 0.1 m to " \
         "the side, rotated by up to 30°"  # fmt: skip
-    assert told["camera"] == "own settings" and told["target"] == "polygon of 3 corners"
-    joints = describe_settings(asked.with_changes(start=[0.1, -0.2]))["start"]
-    assert joints == "joints 0.1 -0.2"
-    for kind in ("turned", "back", "plane", "looking"):
-        relative = describe_settings(
-            asked.with_changes(start={"kind": kind, "angle": 30.0, "distance": 0.5})
-        )
-        assert re.match(r"the goal's pose, [^=]+$", relative["start"])
+    assert told["camera"] == "own settings"
+    assert describe_settings(asked.with_changes(start=[0.1, -0.2]))["start"] == "joints 0.1 -0.2"
+
     faster = replace(points, settings=describe_settings(asked.with_changes(gain=2.0)))
     for run, shown in ((points, False), (faster, True)):
         write_report([run], tmp_path, ())
@@ -468,7 +399,7 @@ def test_runs_are_told_apart_without_colour_and_none_hides_another():
     assert len({(one["color"], one["marker"]) for one in many}) == 30
 
 
-@pytest.mark.parametrize(("count", "paper"), [(1, False), (5, False), (5, True)])
+@pytest.mark.parametrize(("count", "paper"), [(5, False), (5, True)])
 @pytest.mark.parametrize("draw", FIGURES.values(), ids=CHAPTER_NAMES)
 def test_nothing_of_a_figure_is_cut_off_or_lies_on_a_legend(draw, count, paper, moments):
     """Names of runs are as long as a user's; a paper's column is 3.5 inches wide."""
@@ -524,8 +455,7 @@ def test_a_pace_without_a_curve_leaves_no_empty_panel(moments):
             labels = [axis.get_ylabel() for axis in figure.axes]
             (dots,) = figure.axes[0].lines
             assert (dots.get_linestyle(), dots.get_marker()) == ("None", ".")
-            low, high = figure.axes[0].get_ylim()
-            assert low <= 0.0 and high > 1.1 * np.max(dots.get_ydata())  # none on the axis' end
+
             assert ("real-time factor" in labels) == (name == "one"), name
             if name == "one":
                 (line,) = figure.axes[-1].lines
@@ -555,16 +485,10 @@ def test_several_runs_are_compared_with_the_best_marked(moments, points, tmp_pat
     # What one run alone has is no comparison.
     assert "final_error_alpha" not in compared and "final_error_x0" not in compared
     assert "&lt;points&gt;" in page and "<points>" not in page
-    assert [one["name"] for one in json.loads((tmp_path / "summary.json").read_text())] == [
-        "moments",
-        "<points>",
-    ]
+    told = json.loads((tmp_path / "summary.json").read_text())
+    assert [one["name"] for one in told] == ["moments", "<points>"]
     assert {path.name for path in (tmp_path / "data").iterdir()} == {
-        "1_images.csv",
-        "1_joints.csv",
-        "2_images.csv",
-        "2_joints.csv",
-    }
+        f"{run}_{kind}.csv" for run in (1, 2) for kind in ("images", "joints")}  # fmt: skip
 
 
 def test_figures_for_a_paper_are_vectors_a_column_wide(points, tmp_path):
@@ -601,7 +525,7 @@ def test_an_experiments_file_is_run_and_reported(tmp_path, capsys):
 
 @pytest.mark.parametrize(("words", "complaint"), [
     (["none.bag"], "there is no file none.bag"),
-    (["cut.bag"], "cut.bag.active"),  # what a recorder without a disk leaves is read in its place
+    (["cut.bag"], "cut.bag.active"),  # what a recorder without a disk leaves
     (["."], "has no run.bag; for a run of a study give .:NUMBER"),
     (["none.bag", "--formats", "gif"], "unknown format 'gif'"),
     (["none.bag", "--names", "a,b"], "2 names for 1 runs"),
@@ -612,18 +536,3 @@ def test_what_cannot_be_analyzed_is_one_line(words, complaint, tmp_path, capsys,
     assert main(["analyze", *words, "--out", "out"]) == 1
     assert complaint in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
-
-
-def test_a_machine_without_the_bench_s_libraries_is_told_how_to_get_them():
-    """As one that has run ./demo.sh alone, after which the README calls `analyze`."""
-    program = """import sys
-sys.modules["pyarrow"] = None
-from aras_visual_servo_bench.cli import main
-sys.exit(main(["table", "out"]))"""
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True,
-                          env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)})  # fmt: skip
-    assert done.returncode == 1
-    assert done.stderr == (
-        "bench: pyarrow is not installed: run ./setup.sh; without ROS, pip install '.[bench]' in "
-        "the folder of the sources\n"
-    )

@@ -174,9 +174,9 @@ def test_a_run_is_switched_off_everywhere(both):
 
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory):
-    """Page of a run of 100 000 images and joint states, with one sample far from the others."""
-    run = make_long_run(100_000, 240.0)
-    run.measured_velocities[77_777, 0] = 50.0
+    """Page of a run of 50 000 images and joint states, with one sample far from the others."""
+    run = make_long_run(50_000, 240.0)
+    run.measured_velocities[33_333, 0] = 50.0
     return write_report([run], tmp_path_factory.mktemp("bag"), ())[0]
 
 
@@ -210,7 +210,7 @@ def test_a_long_run_opens_fast_and_draws_the_extremes_of_each_column(bag, browse
     tab.call("Page.navigate", url=bag.as_uri())
     tab.wait("!!window.arasReport && arasReport.charts.some((c) => c.plot)", 60.0)
     used = {one["name"]: one["value"] for one in tab.call("Performance.getMetrics")["metrics"]}
-    assert used["ThreadTime"] < 2.0  # processor time, s: the test machine may be busy
+    assert used["ThreadTime"] < 1.5  # processor time, s: the test machine may be busy
     tab.js("document.getElementById('zoom-all').click()")
     chart = tab.js("arasReport.charts.findIndex("
                    "(c) => c.curves.some((k) => k.values.includes(50)))")  # fmt: skip
@@ -250,16 +250,6 @@ def test_of_many_runs_some_films_are_shown_and_the_tables_when_they_are_opened(o
     tab.close()
 
 
-def test_lengths_and_angles_have_the_unit_of_the_headline(page, both):
-    rows = page.js("""[...document.querySelectorAll("#numbers tr")].map((r) =>
-        [...r.cells].slice(0, 3).map((c) => c.innerText))""")
-    units = {key: unit for key, _, unit in rows}
-    assert units["final_distance"] in ("mm", "µm") and units["final_angle"] == "°"
-    heads = both.js("[...document.querySelectorAll('#comparison tr')].map((r) => "
-                    "r.cells[0].innerText)")  # fmt: skip
-    assert "final_angle (°)" in heads and {"final_distance (mm)", "final_distance (µm)"} & {*heads}
-
-
 def test_links_to_the_sections_are_on_a_narrow_screen(opened):
     tab = opened(2, SIZES[1])
     height, links = tab.js("""[document.querySelector("nav").getBoundingClientRect().height,
@@ -271,7 +261,7 @@ def test_links_to_the_sections_are_on_a_narrow_screen(opened):
 
 
 INSIDE = """(() => { const { scene } = arasReport.space; scene.draw();
-    const m = scene._projection();
+    const m = scene.computeProjection();
     const at = (i, p) => m[4*i] * p[0] + m[4*i+1] * p[1] + m[4*i+2] * p[2] + m[4*i+3];
     const shapes = Object.entries(scene.shapes).filter(([name]) => !name.endsWith(" arm"));
     const points = shapes.flatMap(([, { points: p }]) =>
@@ -280,7 +270,7 @@ INSIDE = """(() => { const { scene } = arasReport.space; scene.draw();
     })()"""
 
 
-@pytest.mark.parametrize("width", [390, 1440, 1920])
+@pytest.mark.parametrize("width", [390, 1920])
 def test_cameras_stay_inside_the_view_of_the_path(opened, width):
     tab = opened(2, width)
     for time in (0.0, 0.5, 2.0):
@@ -290,17 +280,9 @@ def test_cameras_stay_inside_the_view_of_the_path(opened, width):
     tab.close()
 
 
-def test_columns_are_hidden(page):
-    column = "[...document.querySelectorAll('#numbers tr')].map((r) => r.cells[3].hidden)"
-    assert not any(page.js(column))
-    page.js("document.querySelectorAll('#numbers fieldset input')[3].click()")
-    assert all(page.js(column))
-
-
 @pytest.mark.parametrize(
     ("count", "width", "theme"),
-    [(1, 390, "Light"), (2, 1440, "Dark"), (9, 390, "Dark"), (9, 1440, "Light"),
-     (45, 390, "Light"), (45, 1920, "Dark")],
+    [(1, 390, "Light"), (2, 1440, "Dark"), (9, 390, "Dark"), (45, 1920, "Light")],
 )
 def test_nothing_hinders_readers_nor_sticks_out_nor_is_fetched(opened, count, width, theme):
     tab = opened(count, width)
@@ -317,12 +299,10 @@ def test_nothing_hinders_readers_nor_sticks_out_nor_is_fetched(opened, count, wi
     tab.close()
 
 
-def test_the_live_page_serves_a_report_that_works(
-    browser, server, host, runs, tmp_path, monkeypatch
-):
+def test_the_live_page_serves_a_report_that_works(browser, server, reports, runs, tmp_path):
     """Its page allows no script that is not a file; a report carries its own."""
     page = write_report(runs[:1], tmp_path, ())[0]
-    monkeypatch.setattr(host, "find_file", lambda name: page if name == "one/report.html" else None)
+    reports({"one/report.html": page}.get)
     tab = browser.open("about:blank")
     address = server.access.address
     tab.call("Page.navigate", url=address.replace("/?", "/report/one/report.html?") + "#at=0.5")

@@ -202,32 +202,27 @@ def test_what_stands_still_in_space_is_where_the_run_has_it():
         wanted = [(a, b, middle) for a, b in zip(corners, [*corners[1:], corners[0]], strict=True)]
         np.testing.assert_allclose(points(face), np.reshape(wanted, (-1, 3)), atol=1e-5)
         assert (face["kind"], rim["kind"]) == ("faces", "strip")
-        assert face["colour"] == [*to_rgb(SCENE["face"]), 1.0]
-        assert rim["colour"] == [*to_rgb(SCENE["rim"]), 1.0]
-        assert sorted(told["shapes"]) == ["0", "1", "target"][len(some) < 2 :][: len(some)] or \
-            set(told["shapes"]) == {"target", *map(str, range(len(paths)))}  # fmt: skip
-        several = len(some) > 1
+        assert set(told["shapes"]) == {"target", *map(str, range(len(paths)))}
         for number, path in enumerate(paths):
             own = dict(told["shapes"][str(number)])
             np.testing.assert_allclose(points(own["path"]), path[:, :3, 3], atol=1e-5)
-            assert own["path"]["colour"] == [*to_rgb(LIVE_CURVES[number]), 1.0]
+
             ideal = points(own["straight"])
             np.testing.assert_allclose(ideal, np.linspace(path[0, :3, 3], GOAL[:3, 3], len(ideal)),
                                        atol=1e-5)  # fmt: skip
-            assert own["straight"]["colour"][:3] == list(to_rgb(SCENE["ideal"]))
+
         border = compute_image_border(some[0].camera)
         farthest = np.sqrt(1 + (border**2).sum(axis=1)).max()
         local = 0.2 * size / farthest * np.column_stack([border, np.ones(len(border))])
         np.testing.assert_allclose(place_on_image_plane(border, border, 0.2 * size), local)
         own = dict(told["shapes"]["0"])
-        for name, camera, alpha in (("goal", GOAL, 0.9), ("start", paths[0][0], 0.6)):
+        for name, camera in (("goal", GOAL), ("start", paths[0][0])):
             picture = points(own[f"{name} picture"])
             np.testing.assert_allclose(picture[:-1], in_world(camera, local), atol=1e-5)
-            colour = to_rgb(SCENE["ideal" if several else name])
-            assert own[f"{name} picture"]["colour"] == [*colour, alpha]
+
             np.testing.assert_allclose(points(own[f"{name} edges"])[0], camera[:3, 3], atol=1e-5)
         np.testing.assert_allclose(told["rims"][0], local)
-        colours = [LIVE_CURVES[k] for k in range(3)] if several else [SCENE["rim"]]
+        colours = [LIVE_CURVES[k] for k in range(3)] if len(some) > 1 else [SCENE["rim"]]
         assert told["colours"] == [[*to_rgb(colour), 1.0] for colour in colours]
         assert told["arm"] == to_rgb(SCENE["face"])
     assert set(dict(told["shapes"]["1"])) == {"path", "straight"} and told["rims"][1] == []

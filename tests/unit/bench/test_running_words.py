@@ -127,17 +127,6 @@ def test_a_run_without_success_stops_it(tiny, capsys):
                          "0")
 
 
-def test_a_study_that_is_whole_is_finished(tiny, capsys):
-    tiny("--no-report")
-    whole = (tiny.path / "manifest.json").read_text()
-    capsys.readouterr()
-    assert tiny("--no-report") == 0
-    assert (tiny.path / "study.yaml").read_text() == TINY
-    said, shown = capsys.readouterr()
-    assert said == f"all 6 runs are in {tiny.path}\n" and not shown
-    assert (tiny.path / "manifest.json").read_text() == whole
-
-
 INTERRUPTS = """
 from aras_visual_servo_bench import metric
 count = 0
@@ -183,13 +172,6 @@ def test_other_code_is_refused_or_mixed(tiny, capsys):
         assert start("--mix") == 0
 
 
-def test_resuming_checks_the_study_s_file(tiny, capsys):
-    tiny("--no-report")
-    (tiny.path / "study.yaml").write_text(TINY.replace("repeats: 3", "repeats: 4"))
-    assert main(["resume", str(tiny.path), "--in-process"]) == 1
-    assert "has another study: repeats was 3, is 4" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize(("changes", "shown"), [
     ([], True), (["vary={gain: {uniform: [1.0, 2.0]}}"], True), (["metrics=[success]"], False),
 ])  # fmt: skip
@@ -204,16 +186,6 @@ def test_a_report_is_a_table_and_pictures(tiny, capsys, changes, shown):
     assert {*drawn.split(", ")} == {str(path) for path in (tiny.path / "plots").iterdir()}
     assert said.endswith(f"\nrosrun aras_visual_servo_bench bench browse {tiny.path} shows the "
                          "runs and their reports in a browser\n")  # fmt: skip
-
-
-def test_a_long_table_is_not_printed(tiny, capsys):
-    gains = [round(1.0 + 0.1 * n, 1) for n in range(41)]
-    for count, shown in ((40, True), (41, False)):
-        path = tiny.path.with_name(str(count))
-        words = [f"vary={{gain: {gains[:count]}}}", "repeats=1", "chunk=50", "duration=0.05",
-                 "metrics=[success, final_distance]", "--out", str(path), "--in-process"]
-        assert main(["run", str(tiny.path.with_suffix(".yaml")), *words]) == 0
-        assert ("| 2.1 |" in capsys.readouterr().out) is shown
 
 
 def test_what_belongs_to_studies_is_refused_of_an_experiment(tmp_path, capsys):

@@ -88,10 +88,11 @@ def test_poses_fill_their_ranges():
     np.testing.assert_allclose(level[:3, :3], wanted, atol=1e-12)
 
 
-class Stuck:
-    """Arm whose camera misses the requested pose by `off`, m, at any joints; it can be observed."""
+class Stuck(FreeBody):
+    """Body whose camera misses the requested pose by `off`, m, at any joints; it notes these."""
 
     def __init__(self, off=0.0, slope=0.0, lower=-1.0, upper=1.0):
+        super().__init__(np.eye(4))
         self.off, self.slope, self.asked = off, slope, []
         self.lower, self.upper = np.full(6, lower), np.full(6, upper)
         self.lower[2] = -np.inf  # without a limit it is not bent

@@ -12,13 +12,11 @@ from aras_visual_servo_controller.schemes import SCHEMES, create_scheme
 
 ARM = Path(__file__).parents[3] / "docs" / "examples" / "my_arm.urdf"
 CORNERS = np.array([[-0.09, -0.08], [-0.1, 0.09], [0.1, 0.1], [0.07, -0.1]])
-SCALES = (0.3, 10.0)
+SCALES = {"free": 0.3, "ideal": 10.0}
 CAMERA = {"width": 320, "height": 240, "horizontal_fov": 1.05}
 SMALL = {"width": 160, "height": 120, "horizontal_fov": 1.05}  # of pictures
 # Of one camera, two, or the pose of a mesh.
 STEREO, MESH = ("stereo_points", "stereo_pose"), ("model",)
-# Grey levels of the same pixels differ by rounding, and with them what is fitted to them.
-TO_ROUNDING = 1e-6
 
 
 def scaled(scheme, plant, k):
@@ -54,25 +52,22 @@ def errors(result, k):
     return np.array(distances) / k, np.array(angles)
 
 
-@pytest.mark.parametrize("plant", ["free", "ideal"])
-@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize(("scheme", "plant"), [
+    (scheme, plant) for plant in SCALES for scheme in SCHEMES
+    if plant == "free" or scheme not in STEREO])  # plant ideal has one camera
 def test_a_run_is_the_same_at_any_scale(scheme, plant):
-    if scheme in STEREO and plant == "ideal":
-        pytest.skip("plant ideal has one camera")
-    one = run(scaled(scheme, plant, 1.0))
+    k = SCALES[plant]
+    one, other = run(scaled(scheme, plant, 1.0)), run(scaled(scheme, plant, k))
     distances, angles = errors(one, 1.0)
     assert len(one.states) > 5 and distances[0] > 0.01
-    for k in SCALES:
-        other = run(scaled(scheme, plant, k))
-        assert kind(other) == kind(one), (k, other.reason)
-        assert other.verdict.name == one.verdict.name
-        away, turned = errors(other, k)
-        assert len(away) == len(distances)
-        np.testing.assert_allclose(away, distances, rtol=0.01, atol=1e-4)
-        np.testing.assert_allclose(turned, angles, rtol=0.01, atol=1e-4)
+    assert kind(other) == kind(one), other.reason
+    assert other.verdict.name == one.verdict.name
+    away, turned = errors(other, k)
+    np.testing.assert_allclose(away, distances, rtol=0.01, atol=1e-4)
+    np.testing.assert_allclose(turned, angles, rtol=0.01, atol=1e-4)
 
 
-@pytest.mark.parametrize("scheme", ["numbered_points", "pose", "moments"])
+@pytest.mark.parametrize("scheme", ["numbered_points", "moments"])
 def test_an_arm_servoes_alike_at_any_scale_within_its_reach(scheme):
     """Its links do not scale, so paths agree where the arm limits none of them."""
     runs = {k: run(Experiment.from_mapping({
@@ -93,9 +88,6 @@ def kind(result):
     return result.outcome.partition(" up to ")[0], "°" in result.outcome
 
 
-SIDES = [(0.05, 0.9), (0.03, 0.9), (2.0, 18.0)]
-
-
 def tag(side, height, plant="free", **changes):
     """Image-based servoing to a small tag."""
     a, h = 0.5 * side, height
@@ -108,7 +100,7 @@ def tag(side, height, plant="free", **changes):
     }))  # fmt: skip
 
 
-@pytest.mark.parametrize(("side", "height"), SIDES)
+@pytest.mark.parametrize(("side", "height"), [(0.03, 0.9), (2.0, 18.0)])
 def test_a_small_or_distant_tag_is_reached_with_exact_points(side, height):
     result = tag(side, height)
     assert result.outcome == "converged"

@@ -1,11 +1,17 @@
-"""Parts that a run does not need can be taken away, and are not imported."""
+"""Parts that a run or a command does not need can be taken away, and are not imported."""
 
 from __future__ import annotations
 
 import os
 import subprocess
 import sys
+import sysconfig
 from pathlib import Path
+
+import yaml
+
+from aras_visual_servo_bench import run_study
+from aras_visual_servo_bench.cli.arguments import EXAMPLES
 
 SOURCES = Path(__file__).parents[3] / "src"
 BENCH = "aras_visual_servo_bench"
@@ -120,3 +126,89 @@ def test_a_run_of_the_arm_imports_no_rare_feature() -> None:
         f"{controllers}.gripper", f"{controllers}.trajectory", "aras_sim_bridge.world.grasping",
         "aras_visual_servo_camera.model_tracker", f"{BENCH}.learning", f"{BENCH}.web",
     }  # fmt: skip
+
+
+LIBRARIES = ("numpy", "cv2", "numba", "scipy", "pandas", "pyarrow", "matplotlib")
+COMMANDS = """
+import sys
+from aras_visual_servo_bench.cli import main
+for command in sys.argv[1:]:
+    try:
+        main(command.split())
+    except SystemExit:
+        pass
+print(*sys.modules, file=sys.stderr)
+"""
+
+
+def imported_by(*commands: str) -> set[str]:
+    """The modules that a process has imported after some commands."""
+    done = outcome(COMMANDS, *commands)
+    assert done.returncode == 0 and done.stdout, done.stderr
+    return set(done.stderr.splitlines()[-1].split())
+
+
+def test_help_imports_no_library():
+    found = imported_by("--help", *(f"{name} --help" for name in EXAMPLES))
+    assert "argparse" in found
+    assert found.isdisjoint(LIBRARIES)
+
+
+def test_a_run_imports_neither_files_of_studies_nor_figures():
+    found = imported_by("run plant=free features=exact duration=0.2")
+    assert "numba" in found
+    assert found.isdisjoint(("scipy.stats", "scipy.linalg", "pandas", "pyarrow", "matplotlib",
+                             "asyncio", "dask"))  # fmt: skip
+
+
+def test_a_table_imports_neither_compiled_code_nor_what_its_formulas_do_without(tmp_path):
+    file = tmp_path / "study.yaml"
+    settings = {"plant": "free", "features": "exact", "duration": 0.2}
+    file.write_text(yaml.safe_dump({"experiment": settings, "repeats": 3,
+                                    "metrics": ["settled", "final_distance"]}))  # fmt: skip
+    run_study(file, tmp_path / "out")
+    found = imported_by(f"table {tmp_path / 'out'}")
+    assert "pyarrow" in found
+    assert found.isdisjoint(("numba", "scipy.stats", "pandas", "matplotlib", "dask"))
+
+
+# As in a virtual environment without --system-site-packages: -I and -S leave Debian's folders out.
+BARE = f"""
+import site, sys
+sys.path = [p for p in sys.path if "dist-packages" not in p]
+site.addsitedir({sysconfig.get_path("purelib")!r})
+sys.path = [p for p in sys.path if "dist-packages" not in p]
+# What requirements/ pin at Debian's own version is Debian's here, and PyPI's in a bare environment.
+import importlib.util
+for name in ("yaml", "pyparsing", "dateutil", "six"):
+    try:
+        __import__(name)
+    except ImportError:
+        sys.path.append("/usr/lib/python3/dist-packages")
+        __import__(name)
+        sys.path.remove("/usr/lib/python3/dist-packages")
+for package in ("visual_servo_base", "sim_bridge", "visual_servo_camera",
+                "visual_servo_controller", "visual_servo_bench"):
+    sys.path.append({str(SOURCES)!r} + f"/aras_{{package}}/src")
+from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.metrics import summary
+from aras_visual_servo_bench.recording import message_run_builder
+from aras_visual_servo_bench.runner.environment import ServoEnv
+from aras_visual_servo_bench.runner.loop import run
+bullet = run(Experiment(duration=0.2))
+assert len(bullet.stamp) > 4, bullet
+assert run(Experiment(plant="free")).verdict.is_reached
+foreign = [n for n in sys.modules if n.split(".")[0] in (
+    "rospy", "rospkg", "genpy", "catkin", "catkin_pkg", "std_msgs", "sensor_msgs", "angles", "tf",
+    "pinocchio")]
+assert not foreign, foreign
+print("bare")
+"""
+
+
+def test_experiments_run_without_debian_and_ros():
+    done = subprocess.run(
+        [sys.executable, "-I", "-S", "-c", BARE], capture_output=True, text=True, timeout=120,
+        env={"PATH": "/usr/bin:/bin"},
+    )  # fmt: skip
+    assert done.stdout.strip() == "bare", done.stderr[-2000:]

@@ -1,6 +1,7 @@
 """Several cameras of one experiment on every plant: different lenses, delays, rates and errors."""
 
 import base64
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -65,7 +66,7 @@ def armed(**changes):
 # -- convergence -------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("scheme", [BOTH, "points+points@right", "moments@left+area@right"])
+@pytest.mark.parametrize("scheme", ["points+points@right", "moments@left+area@right"])
 def test_two_cameras_of_a_flying_rig_reach_their_goal(scheme):
     result = run(flying(scheme=scheme, features="images"))
     assert result.converged and result.verdict.is_reached, (result.outcome, result.reason)
@@ -83,13 +84,6 @@ def test_two_cameras_of_an_arm_reach_their_goal(plant, features):
     assert 0.04 < distance < 0.07 and 0.1 < angle < 0.25
 
 
-def test_a_named_goal_of_known_geometry_is_worked_out_for_every_camera():
-    parts = assemble(armed(goal="2016", start="2016", scheme="moments@left+area@right"))
-    assert list(parts.servo.goal.cameras) == ["left", "right"]
-    assert parts.servo.goal.other_cameras["right"].moments is not None
-    assert run(armed(goal="2016", scheme="moments@left+area@right")).verdict.is_reached
-
-
 def test_both_cameras_tell_more_of_the_pose_than_one():
     """Noise of 0.3 px in each: two see the camera's place more exactly."""
 
@@ -100,10 +94,7 @@ def test_both_cameras_tell_more_of_the_pose_than_one():
     assert scatter(BOTH) < 0.6 * scatter("points@left")
 
 
-@pytest.mark.parametrize(
-    "right", [{"rate": 20.0}, {"rate": 7.0}, {"rate": 47.0}, {"delay": 0.05},
-              {"rate": 20.0, "delay": 0.07}],
-)  # fmt: skip
+@pytest.mark.parametrize("right", [{"rate": 47.0}, {"rate": 7.0, "delay": 0.07}])
 def test_other_rates_and_delays_are_made_up_for(right):
     experiment = flying(cameras=two(right=right), gain=4.0)
     result = run(experiment)
@@ -140,16 +131,6 @@ def test_a_dictionary_of_one_camera_is_that_camera():
         np.testing.assert_array_equal(getattr(named, name), getattr(plain, name))
 
 
-def test_runs_repeat_bit_by_bit():
-    late = two(right={"rate": 20.0, "delay": 0.03})
-    experiment = flying(jitter=0.3, cameras=late, seed=5, duration=1.0)
-    one, other = run(experiment), run(experiment)
-    np.testing.assert_array_equal(one.measured_positions, other.measured_positions)
-    assert not np.array_equal(
-        one.measured_positions, run(experiment.with_changes(seed=6)).measured_positions
-    )
-
-
 # -- where the cameras are ---------------------------------------------------------------------
 
 
@@ -177,48 +158,38 @@ def test_the_control_camera_is_the_first_that_the_scheme_reads():
 def test_drawn_starts_are_in_view_of_both():
     experiment = armed(start={"height": [0.15, 0.25], "side": 0.05, "turn": 1.0}, plant="free")
     experiment = experiment.with_changes(features="exact")
-    for seed in range(5):
+    for seed in range(3):
         parts = assemble(experiment.with_changes(seed=seed))
         seen = {reading.name for _ in range(8) for reading in parts.plant.advance(10**9)
                 if getattr(reading, "outline", None) is not None}  # fmt: skip
         assert seen == {"left", "right"}
 
 
-PORTAL = """<robot name="portal"><link name="world"/>
-<link name="x"/><link name="y"/><link name="z"/><link name="hand"/>
-<joint name="along" type="prismatic"><parent link="world"/><child link="x"/><axis xyz="1 0 0"/>
-  <limit lower="-1" upper="1" velocity="1" effort="9"/></joint>
-<joint name="across" type="prismatic"><parent link="x"/><child link="y"/><axis xyz="0 1 0"/>
-  <limit lower="-1" upper="1" velocity="1" effort="9"/></joint>
-<joint name="up" type="prismatic"><parent link="y"/><child link="z"/><axis xyz="0 0 1"/>
-  <origin xyz="0 0 0.5"/><limit lower="-0.4" upper="0.4" velocity="1" effort="9"/></joint>
-<joint name="wrist" type="revolute"><parent link="z"/><child link="hand"/><axis xyz="0 0 1"/>
-  <limit lower="-3" upper="3" velocity="2" effort="9"/></joint>
-</robot>"""
+PORTAL = Path(__file__).parents[3] / "docs" / "examples" / "portal.urdf"
 CARRIED = [[-0.05, -0.03], [0.05, -0.03], [0.03, 0.04], [-0.05, 0.01]]
 BESIDE = {"model": RIGHT, "pose": [0.15, 0.0, 1.0, 3.141592653589793, 0.15, 0.4]}
 
 
 @pytest.fixture
-def portal(tmp_path):
+def portal():
     """Two cameras that stand, and an arm that moves the target before them."""
-    path = tmp_path / "portal.urdf"
-    path.write_text(PORTAL)
     return Experiment.from_mapping({
         "plant": "chain", "target": {"shape": CARRIED}, "scheme": "points@above+points@beside",
-        "robot": {"urdf": str(path), "target_frame": "hand"}, "goal": [0.02, -0.03, 0.1, 0.3],
+        "robot": {"urdf": str(PORTAL), "target_frame": "hand"}, "goal": [0.02, -0.03, 0.1, 0.3],
         "start": [0.1, 0.05, -0.02, -0.4], "time_after_convergence": 0.0,
         "cameras": {"above": {"model": LEFT, "pose": [0, 0, 1.0, 3.141592653589793, 0, 0.4]},
                     "beside": BESIDE},
     })  # fmt: skip
 
 
-@pytest.mark.parametrize(("scheme", "features"), [
-    ("points@above", "images"), ("points@beside", "exact"),
-    ("points@above+points@beside", "images"),
+@pytest.mark.parametrize(("scheme", "features", "interaction"), [
+    ("points@beside", "exact", "estimated"), ("points@above+points@beside", "images", "current"),
 ])
-def test_cameras_that_stand_servo_the_arm_that_moves_their_target(portal, scheme, features):
-    result = run(portal.with_changes(scheme=scheme, features=features))
+def test_cameras_that_stand_servo_the_arm_that_moves_their_target(
+    portal, scheme, features, interaction
+):
+    result = run(portal.with_changes(
+        scheme=scheme, features=features, controller_parameters={"interaction": interaction}))
     assert result.outcome == "converged" and result.verdict.is_reached, result.reason
     np.testing.assert_allclose(result.measured_positions[-1], [0.02, -0.03, 0.1, 0.3], atol=3e-4)
     assert set(result.outcomes) == {"running", "converged"}
@@ -227,7 +198,7 @@ def test_cameras_that_stand_servo_the_arm_that_moves_their_target(portal, scheme
 def test_a_camera_that_stands_is_where_it_says_in_the_world(portal):
     parts = assemble(portal)
     q = np.array([0.1, -0.2, 0.05, 0.4])
-    hand = Arm.from_urdf(PORTAL, "hand").pose(q)
+    hand = Arm.from_urdf(PORTAL.read_text(), "hand").pose(q)
     true = matrix_from_xyz_rpy(BESIDE["pose"][:3], BESIDE["pose"][3:])
     found = parts.placements["beside"].compute_pose(parts.servo.arm.pose(q))
     np.testing.assert_allclose(hand @ found, true, atol=1e-9)
@@ -238,7 +209,7 @@ def test_a_camera_that_stands_is_where_it_says_in_the_world(portal):
 OVERVIEW = {"model": RIGHT, "rate": 10.0, "pose": [0.1, 0.0, 0.95, 3.14, 0.0, 0.0]}
 
 
-@pytest.mark.parametrize("plant", ["free", "chain", "bullet"])
+@pytest.mark.parametrize("plant", ["free", "bullet"])
 def test_a_camera_that_watches_changes_nothing_and_is_recorded(plant):
     make = flying if plant == "free" else armed
     options = {"plant": plant, "features": "exact", "jitter": 0.2, "duration": 1.5}
@@ -256,10 +227,10 @@ def test_a_camera_that_watches_changes_nothing_and_is_recorded(plant):
 # -- what is believed --------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "wrong", [{"focal": 0.8}, {"rpy": [0.0, 0.15, 0.0]}, {"xyz": [0.0, 0.05, 0.0]}]
-)
-@pytest.mark.parametrize("name", ["left", "right"])
+@pytest.mark.parametrize(("name", "wrong"), [
+    ("left", {"focal": 0.8}), ("right", {"focal": 0.8}), ("left", {"xyz": [0.0, 0.05, 0.0]}),
+    ("right", {"rpy": [0.0, 0.15, 0.0]}),
+])
 def test_the_camera_that_is_not_as_believed_is_named(name, wrong):
     cameras = two(**{name: {"calibration_offset": wrong}})
     result = run(flying(start=posed(FAR), cameras=cameras, time_after_convergence=0.5))
@@ -298,7 +269,6 @@ def test_the_judge_finds_nothing_in_cameras_as_believed():
          r"behind the camera.*\(camera 'right'\)"),
         ({"camera": "wide"}, "camera, hand_eye and calibration_offset cannot be combined"),
         ({"plant": "ideal"}, "plant 'ideal' has only one camera"),
-        ({"cameras": two(right={"focal": 2.0})}, "unknown key 'cameras.right.focal'"),
         ({"cameras": two(right={"model": "wdie"})}, "'wdie' is no preset: did you mean 'wide'"),
         ({"cameras": two(right={"pose": [0.0] * 6})}, r"only one of pose \(in the world\), xyz"),
         ({"cameras": {"a b": {}}, "scheme": "points"}, "cameras: 'a b' is no valid name"),
@@ -317,9 +287,8 @@ def test_what_cannot_be_is_refused_before_the_first_run(changes, words):
     assert "\n" not in str(told.value)
 
 
-@pytest.mark.parametrize("features", ["exact", "images"])
-def test_a_report_has_the_film_of_every_camera(features):
-    experiment = armed(duration=0.6, features=features, cameras=two(overview=OVERVIEW))
+def test_a_report_has_the_film_of_every_camera():
+    experiment = armed(duration=0.6, features="images", cameras=two(overview=OVERVIEW))
     result = run_with_all_images(experiment)
     told = make_contents([result], [])["runs"][0]
     assert [film["camera"] for film in told["other_films"]] == ["right", "overview"]
@@ -343,21 +312,14 @@ def test_a_run_keeps_what_its_watching_camera_saw_and_a_study_does_without():
 
 
 @pytest.mark.parametrize(("scheme", "changes"), [
-    ("stereo_points@left,right", {"features": "images"}),
     ("stereo_points@left,right", {"cameras": two(left={"calibration_offset": {"depth": 1.6}})}),
-    ("stereo_pose@right,left", {"features": "images"}),
-    ("stereo_pose@right,left", {"cameras": two(right={"rate": 20.0, "delay": 0.03})}),
+    ("stereo_pose@right,left", {"features": "images", "cameras": two(right={"delay": 0.03})}),
 ])
 def test_two_cameras_tell_the_depth(scheme, changes):
     result = run(flying(scheme=scheme, **changes))
     assert result.outcome.startswith("converged") and result.verdict.is_reached, result.reason
     assert "wrong_camera_model" not in result.outcomes
     assert result.compute_settling_time() < 2.0
-
-
-def test_stereo_servoes_an_arm():
-    result = run(armed(scheme="stereo_pose@left,right"))
-    assert result.converged and result.verdict.is_reached, result.reason
 
 
 def test_stereo_follows_a_target_that_was_carried_away():
@@ -393,7 +355,6 @@ def test_an_environment_s_agent_moves_the_control_camera_before_two():
     assert info["outcome"] == "running"
 
 
-@pytest.mark.parametrize("delay", [0.23, 0.25])
-def test_pictures_that_come_just_in_time_are_seen_together(delay):
-    result = run(flying(cameras=two(right={"delay": delay}), gain=0.8, duration=12.0))
+def test_pictures_that_come_just_in_time_are_seen_together():
+    result = run(flying(cameras=two(right={"delay": 0.25}), gain=0.8, duration=12.0))
     assert result.verdict.distance < 5e-4

@@ -1,21 +1,25 @@
 """3-D drawing of a run: positions of shapes, and restart of the trace."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from page_host import told
+from scipy.spatial.transform import Rotation
 
+from aras_sim_bridge.description import parse_urdf
+from aras_visual_servo_base.errors import DescriptionError
 from aras_visual_servo_base.meshes.mesh import Mesh
 from aras_visual_servo_bench.drawing import model_drawing
 from aras_visual_servo_bench.drawing.feature_units import find_feature_units
 from aras_visual_servo_bench.drawing.model_drawing import draw_model
+from aras_visual_servo_bench.drawing.robot_visuals import collect_visuals
 from aras_visual_servo_bench.drawing.run_trace import (
     ARROW_SECONDS,
     FRUSTUM_SIZE,
-    LETTER_HEIGHT,
-    LINE_HEIGHT,
     MAX_ARROW,
     RunTrace,
 )
@@ -28,7 +32,8 @@ from aras_visual_servo_bench.drawing.shapes import (
     compute_image_border,
     place_on_image_plane,
 )
-from aras_visual_servo_bench.drawing.track import MAX_POINTS, Track
+from aras_visual_servo_bench.drawing.track import MAX_POINTS, RealTimeFactor, Track
+from aras_visual_servo_bench.web.live.robot_model import make_robot_model
 from aras_visual_servo_camera.undistortion import CameraModel
 
 GAZEBO = Path(__file__).parents[3] / "src" / "aras_visual_servo_gazebo"
@@ -199,41 +204,6 @@ def test_words_and_page_have_the_units_of_what_ships_and_load_nobodys_class():
     assert find_feature_units("os:system", 1) == ()  # it is not called
 
 
-def test_many_errors_and_long_reasons_are_cut(story):
-    assert story.compute_ideal_path().shape == (0, 3)
-    names = tuple(f"e{i}" for i in range(9))
-    reason = " ".join(["first", *["word"] * 40])
-    story.add_state(told(names=names, error=range(9), scheme="", reason=reason), STRAIGHT)
-    words = story.make_text_lines()
-    assert [line[:2] for line in words if line.startswith("e")] == ["e0", "e1", "e2", "e3", "e4",
-                                                                    "e5"]
-    assert "and 3 more" in words
-    (folded,) = (text.split("\n") for text in words if text.startswith("first"))
-    assert reason.startswith(" ".join(folded)) and [len(line) for line in folded] == [40, 44, 44]
-
-
-def test_words_say_no_minus_zero(story):
-    story.add_state(told(names=("xn",), error=(-0.00004,)), STRAIGHT)
-    assert "xn +0.0000" in "\n".join(story.make_text_lines())
-
-
-def test_what_is_drawn_has_a_legend_in_its_colours(story):
-    story.add_state(SERVOING, STRAIGHT)
-    story.add_state(SERVOING, BENT)
-    story.set_joints(BENT)
-    drawn = {s.name: s for s in story.make_shapes()}
-    legend = {s.text: s for s in drawn.values() if s.name.startswith("legend ")}
-    for text, name in (
-        ("path", "path"), ("straight path to the goal", "ideal path"), ("camera", "camera picture"),
-        ("goal", "desired camera picture"), ("desired velocity", "desired velocity"),
-        ("achieved rotation", "achieved turn"),
-    ):  # fmt: skip
-        assert legend[text].colour[:3] == drawn[name].colour[:3], text
-    heights = sorted(s.points[0, 2] for s in legend.values())
-    top_of_words = drawn["words"].points[0, 2] + 0.5 * LINE_HEIGHT * drawn["words"].text.count("\n")
-    assert heights[0] > top_of_words and np.diff(heights).min() >= LETTER_HEIGHT
-
-
 def drawn(name):
     urdf = (GAZEBO / "targets" / f"{name}.urdf").read_text()
     return draw_model(urdf, lambda package: str(GAZEBO))
@@ -275,3 +245,211 @@ def test_a_target_stands_where_it_lies_and_is_taken_away_when_it_is_gone(story):
     assert shape(story, "target").points is edges.points
     (gone,) = plates.make_shapes(None)
     assert gone.name == "target" and not len(gone.points)
+
+
+TWIST = (0.05, -0.025, 0.1, 0.3, -0.2, 0.5)
+
+
+@pytest.fixture
+def trace(arm, pinhole):
+    found = RunTrace(arm)
+    found.camera, found.goal = pinhole, np.array(arm.pose(BENT))
+    found.outline = np.array([[0.1, 0.2], [-0.1, 0.2], [0.0, -0.3]])
+    for q, x in ((BENT, 0.1), (STRAIGHT, 0.3)):
+        found.add_state(told(asked=TWIST, achieved=TWIST), q)
+        found.add_image_point("centre", x, 0.1)
+    found.set_joints(STRAIGHT)
+    return found
+
+
+def shapes(trace):
+    return {shape.name: shape for shape in trace.make_shapes()}
+
+
+def test_the_camera_is_a_pyramid_of_sixteen_centimetres_of_the_camera_there_is(trace, pinhole):
+    for camera in (pinhole, CameraModel(200, 100, (150.0, 0, 80.0, 0, 140.0, 60.0, 0, 0, 1))):
+        trace.camera = camera
+        (fx, _, cx), (_, fy, cy), _ = np.reshape(camera.K, (3, 3))
+        w, h = camera.width, camera.height
+        corners = np.array([[(u - cx) / fx, (v - cy) / fy, 1.0] for u, v in (
+            (-0.5, -0.5), (w - 0.5, -0.5), (w - 0.5, h - 0.5), (-0.5, h - 0.5))])  # fmt: skip
+        corners *= 0.16 / np.linalg.norm(corners, axis=1).max()
+        found, pose = shapes(trace), trace.pose
+        edges, border = ((found[f"camera {part}"].points - pose[:3, 3]) @ pose[:3, :3]
+                         for part in ("edges", "picture"))  # fmt: skip
+        np.testing.assert_allclose(edges[::2], np.zeros((4, 3)), atol=1e-12)
+        np.testing.assert_allclose(edges[1::2], corners, atol=1e-9)
+        np.testing.assert_allclose(border[::8], [*corners, corners[0]], atol=1e-9)
+        assert len(border) == 4 * 8 + 1
+    assert len(found["desired outline"].points) == len(trace.outline) + 1
+
+
+def test_places_nearer_than_half_a_millimetre_are_one(arm):
+    trace = RunTrace(arm)
+    slide = np.eye(len(STRAIGHT))[np.argmax(arm.is_prismatic)]
+    for shift in (0.0, 0.45e-3, 0.55e-3):
+        trace.add_state(told(), STRAIGHT + shift * slide)
+    assert np.ptp(trace.path, axis=0).max() == pytest.approx(0.55e-3) and len(trace.path) == 2
+    for x in (0.0, 1.9e-3, 2.1e-3):
+        trace.add_image_point("centre", x, 0.0)
+    trace.set_joints(STRAIGHT)
+    trace.camera = CameraModel(200, 100, (100.0, 0, 99.5, 0, 100.0, 49.5, 0, 0, 1))
+    assert len(shapes(trace)["trajectory centre"].points) == 2
+
+
+@pytest.mark.parametrize(("speed", "length"), [
+    (0.9e-3, None), (1e-3, None), (1.1e-3, 2.2e-3), (0.14, 0.28), (0.2, 0.3)])
+def test_an_arrow_is_two_seconds_or_a_tenth_of_the_angle_long_within_its_bounds(
+    trace, speed, length
+):
+    trace.add_state(told(asked=(0.0, speed, 0.0, 0.0, 0.0, -20.0 * speed)), STRAIGHT)
+    for name in ("desired velocity", "desired turn"):
+        points = shapes(trace)[name].points
+        assert len(points) == (0 if length is None else 2)
+        if length is not None:
+            assert np.linalg.norm(points[1] - points[0]) == pytest.approx(length)
+
+
+def test_the_straight_path_is_unknown_without_start_or_goal(arm):
+    trace = RunTrace(arm)
+    assert trace.compute_ideal_path().shape == (0, 3)
+    trace.add_state(told(), STRAIGHT)
+    assert trace.compute_ideal_path().shape == (0, 3)
+    trace.goal = np.array(arm.pose(BENT))
+    assert len(trace.compute_ideal_path()) == 24
+
+
+def test_the_border_goes_around_the_picture_in_even_steps(pinhole):
+    u, v = pinhole.project(*compute_image_border(pinhole).T)
+    assert len(u) == 4 * 8
+    w, h = pinhole.width, pinhole.height
+    on_sides = (np.isclose(u, -0.5) | np.isclose(u, w - 0.5)
+                | np.isclose(v, -0.5) | np.isclose(v, h - 0.5))  # fmt: skip
+    assert on_sides.all()
+    steps = np.abs(np.diff(np.stack([u, v]), axis=1, append=[[u[0]], [v[0]]]))
+    np.testing.assert_allclose(steps[0], np.repeat([w / 8, 0, w / 8, 0], 8), atol=1e-6)
+    np.testing.assert_allclose(steps[1], np.repeat([0, h / 8, 0, h / 8], 8), atol=1e-6)
+
+
+def test_the_border_of_a_wide_picture_is_narrowed_where_it_is_too_wide():
+    """Half of 320 px at f = 50 is 72.6 degrees from the axis, half of 240 px 67.4."""
+    camera = CameraModel(320, 240, (50.0, 0, 159.5, 0, 50.0, 119.5, 0, 0, 1))
+    border = compute_image_border(camera)
+    angle = np.degrees(np.arctan(np.hypot(*border.T)))
+    below, beside = np.abs(border[:, 0]).argmin(), np.abs(border[:, 1]).argmin()
+    assert angle.max() == pytest.approx(70.0) and angle[beside] == pytest.approx(70.0)
+    assert np.abs(border[below]) == pytest.approx([0.0, 2.4], abs=1e-9)
+    exact = angle < 69.9
+    assert 0 < exact.sum() < len(border)
+    u, v = camera.project(*border[exact].T)
+    assert (np.isclose(v, -0.5) | np.isclose(v, 239.5)).all()
+    way = (np.stack(camera.project(*border.T), 1) - (159.5, 119.5)) / (160.0, 120.0)
+    side, low = np.arange(-1.0, 1.0, 0.25), np.full(8, -1.0)
+    np.testing.assert_allclose(way / np.abs(way).max(axis=1, keepdims=True), np.concatenate([
+        np.stack(pair, 1) for pair in ((side, low), (-low, side), (-side, -low), (low, -side))
+    ]), atol=1e-9)  # fmt: skip
+
+
+def test_pace_looks_back_two_seconds_and_needs_three_tenths():
+    pace = RealTimeFactor()
+    pace.add(0.0, 0.0)
+    pace.add(0.29, 0.29)
+    assert pace.factor is None
+    pace.add(0.3, 0.15)
+    assert pace.factor is None  # its clock went back
+    pace.add(0.6, 0.15)
+    assert pace.factor == 0.0  # it stands
+    pace.add(1.3, 0.65)
+    pace.add(2.3, 1.65)
+    assert pace.factor == pytest.approx(0.75)
+    pace.add(2.31, 1.65)
+    assert pace.factor == pytest.approx(1.5 / 1.71)
+    pace = RealTimeFactor()
+    pace.add(0.0, 0.0)
+    pace.add(0.3, 0.3)
+    assert pace.factor == 1.0
+
+
+@pytest.mark.parametrize(("degrees", "edges"), [(0.0, 4), (25.0, 4), (35.0, 5), (120.0, 5)])
+def test_an_edge_is_drawn_where_faces_bend_by_more_than_thirty_degrees(degrees, edges):
+    bend = np.radians(degrees)
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [-np.cos(bend), 0, np.sin(bend)]])
+    mesh = Mesh(corners, np.zeros((4, 3)), np.array([[0, 1, 2], [0, 2, 3]]))
+    assert len(model_drawing.find_mesh_edges(mesh)) == 2 * edges
+
+
+def test_of_a_large_model_2000_edges_and_triangles_are_drawn(tmp_path):
+    corners = np.random.default_rng(5).random((3 * 2100, 3)).round(3).astype(np.float32)
+    model = model_drawing.draw_model(write_mesh(tmp_path, corners))
+    assert model.edges.shape == (2 * 2000, 3)
+    ((_, faces),) = model.faces.items()
+    np.testing.assert_allclose(faces, corners[:3 * 2000], atol=1e-6)
+
+
+URDF = """<robot name="r"><link name="a"><visual><geometry><box size="1 2 3"/></geometry></visual>
+  </link><link name="b"/><joint name="j" type="revolute"><parent link="a"/><child link="b"/>
+  <origin xyz="0.1 -0.2 0.3" rpy="0.4 -0.5 0.6"/><axis xyz="0 0 1"/>
+  <limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>"""
+
+
+def test_a_model_s_joints_lie_where_the_description_says_and_what_has_no_colour_is_grey():
+    model = make_robot_model(URDF)
+    placed = np.reshape(model["joints"][0]["origin"], (4, 4))
+    np.testing.assert_allclose(placed[:3, 3], (0.1, -0.2, 0.3))
+    turned = Rotation.from_euler("xyz", (0.4, -0.5, 0.6)).as_matrix()
+    np.testing.assert_allclose(placed[:3, :3], turned, atol=1e-12)
+    ((link, colour, _),) = collect_visuals(parse_urdf(URDF), URDF)
+    assert (link, colour) == ("a", (0.7, 0.7, 0.72, 1.0))
+
+
+def test_a_colour_is_the_visuals_or_that_of_its_name_and_four_numbers():
+    """Of each material what it says itself comes first."""
+    given = (
+        ('<material name="m"><color rgba="0.1 0.2 0.3 0.4"/></material>', (0.1, 0.2, 0.3, 0.4)),
+        ('<material name="m"/>', (0.5, 0.6, 0.7, 0.8)),
+        *((f'<material name="n">{colour}</material>', (0.7, 0.7, 0.72, 1.0)) for colour in (
+            "", "<color/>", '<color rgba="red"/>', '<color rgba="1 1 1"/>',
+            '<color rgba="1 1 1 1 1"/>')),
+    )  # fmt: skip
+    known = '<material name="m"><color rgba="0.5 0.6 0.7 0.8"/></material>'
+    for material, colour in given:
+        urdf = URDF.replace("</visual>", f"{material}</visual>")
+        urdf = urdf.replace("<link", f"{known}<link", 1)
+        ((_, found, _),) = collect_visuals(parse_urdf(urdf), urdf)
+        assert found == colour, material
+
+
+def test_the_colour_of_a_picture_is_its_mean_and_of_none_the_models(tmp_path):
+    picture = np.zeros((2, 3, 3), np.uint8)
+    picture[0] = 51, 102, 255  # blue, green, red; the other row is black
+    cv2.imwrite(str(tmp_path / "a.png"), picture)
+    (tmp_path / "m.obj").write_text(
+        "mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nusemtl m\nf 1/1 2/1 3/1\n")
+    colours = []
+    for line in ("map_Kd a.png", "map_Kd none.png", "Kd 0.1 0.2 0.3"):
+        (tmp_path / "m.mtl").write_text(f"newmtl m\n{line}\n")
+        urdf = URDF.replace('<box size="1 2 3"/>', f'<mesh filename="file://{tmp_path}/m.obj"/>')
+        colours += [colour for _, colour, _ in collect_visuals(parse_urdf(urdf), urdf)]
+    assert colours[0] == pytest.approx((0.5, 0.2, 0.1, 1.0))
+    assert colours[1] == pytest.approx((0.7, 0.7, 0.7, 1.0), abs=0.03)
+    assert colours[2] == (0.1, 0.2, 0.3, 1.0)
+
+
+def write_mesh(folder, corners):
+    """Write a binary STL file of these corners (3 n, 3), and return a description with it."""
+    rows = np.zeros(len(corners) // 3, [("normal", "<f4", 3), ("corners", "<f4", (3, 3)),
+                                        ("", "<u2")])  # fmt: skip
+    rows["corners"] = corners.reshape(-1, 3, 3)
+    path = folder / "mesh.stl"
+    path.write_bytes(bytes(80) + np.uint32(len(rows)).tobytes() + rows.tobytes())
+    return URDF.replace('<box size="1 2 3"/>', f'<mesh filename="file://{path}"/>')
+
+
+def test_a_page_draws_400_000_triangles(tmp_path):
+    urdf = write_mesh(tmp_path, np.tile(np.eye(3), (200_001, 1)))
+    (visual,) = re.findall("<visual>.*?</visual>", urdf, re.S)
+    assert len(make_robot_model(urdf)["links"]["a"]) == 1
+    urdf = urdf.replace(visual, visual + visual)
+    told = "the meshes of r have 400002 triangles, must be at most 400000"
+    with pytest.raises(DescriptionError, match=told):
+        make_robot_model(urdf)

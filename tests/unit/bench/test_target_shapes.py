@@ -14,10 +14,8 @@ from aras_visual_servo_bench.errors import ExperimentError, ViewError
 from aras_visual_servo_bench.targets.files import write_description, write_target
 from aras_visual_servo_bench.targets.geometry import (
     ARAS,
-    BoxesTarget,
     PlacedTarget,
     PolygonTarget,
-    PoseHistory,
     RoundTarget,
     project,
 )
@@ -25,21 +23,16 @@ from aras_visual_servo_bench.targets.rendering import render_mask, render_target
 from aras_visual_servo_bench.targets.scratch import make_scratch_folder
 from aras_visual_servo_bench.targets.solids import make_solid, read_solid_target
 from aras_visual_servo_bench.targets.target_factory import (
-    find_tracker,
-    is_solid,
     make_target,
     read_svg,
 )
 from aras_visual_servo_bench.targets.target_spec import TargetSpec
-from aras_visual_servo_bench.targets.textures import TexturedTarget
 from aras_visual_servo_camera.errors import ModelError
 from aras_visual_servo_camera.model_tracker import read_solid
 from aras_visual_servo_camera.undistortion import CameraModel
-from aras_visual_servo_controller.observation.target_geometry import TargetGeometry
 
 SIZE = (0.3, 0.2)
 CAMERA = CameraModel(320, 240, (301.0, 0, 163.2, 0, 285.0, 114.7, 0, 0, 1))
-LENS = CameraModel(320, 240, (301.0, 0, 163.2, 0, 285.0, 114.7, 0, 0, 1), (-0.2, 0.05, 0, 0))
 
 
 def above(x, y, z):
@@ -98,15 +91,6 @@ def test_the_demo_s_plates_are_where_the_robot_s_description_has_them():
     assert make_target("aras", SIZE) is ARAS
 
 
-def test_one_box_alone_has_four_corners_on_its_top():
-    box = BoxesTarget(TargetGeometry.from_values(
-        np.array([[(-0.1, -0.2, 0.3), (0.3, 0.5, 0.4)]]), ground=0.3, surface=0.4))
-    found = box.vertices()
-    np.testing.assert_allclose(
-        found, [(-0.1, -0.2, 0.4), (0.3, -0.2, 0.4), (0.3, 0.5, 0.4), (-0.1, 0.5, 0.4)])
-    assert box.height == 0.4
-
-
 def test_what_is_nearer_than_a_millimetre_has_no_view():
     point = np.array([[2e-4, 1e-4, 0.0]])
     np.testing.assert_allclose(project(point, above(0.0, 0.0, 1.1e-3)), [(2 / 11, -1 / 11)])
@@ -125,14 +109,6 @@ def test_a_view_that_is_none_is_none():
         placed.project(square.outline, matrix_from_xyz_rpy((0.1, 0.2, 0.9), (0.0, 0.0, 0.0)))
         is None
     )
-
-
-def test_a_course_notes_a_change_of_a_micrometre():
-    course = PoseHistory()
-    for k, shift in enumerate((0.0, 1e-6, 1e-6 + 1e-10)):
-        course.add(float(k), matrix_from_xyz_rpy((shift, 0.0, 0.0), (0.0, 0.0, 0.0)))
-    assert [course.find_pose(t)[0, 3] for t in (0.5, 1.0, 2.5)] == [0.0, 1e-6, 1e-6]
-    assert course.find_pose(-1e-3) is None
 
 
 # -- solids --------------------------------------------------------------------------------------
@@ -171,12 +147,6 @@ def test_a_solid_s_outline_is_the_hull_of_its_view():
     # Square from above only the rim of the top, at 0.9 - 0.08 m, bounds the view.
     assert pytest.approx(1 / 0.82, rel=1e-3) == plane.C
     assert {round(z, 9) for z in target.vertices()[:, 2]} == {0.0}
-
-
-def test_what_is_a_solid():
-    assert is_solid("box") and is_solid("a/b.STL") and is_solid("x.gltf")
-    assert not is_solid("square") and not is_solid("a.png") and not is_solid(((0, 0), (1, 0)))
-    assert find_tracker("x.obj") == find_tracker("sphere") == "model"
 
 
 def test_what_is_no_closed_solid_is_refused(tmp_path):
@@ -224,36 +194,6 @@ def test_what_is_made_for_one_process_lies_in_folders_of_its_own():
 # -- what a camera without a world sees ----------------------------------------------------------
 
 
-@pytest.mark.parametrize("camera", [CAMERA, LENS], ids=["pinhole", "lens"])
-def test_a_picture_has_its_own_grey_levels_on_white(camera):
-    pixels = np.full((40, 60), 77, np.uint8)
-    pixels[:, 30:] = 200
-    target = TexturedTarget(pixels, SIZE)
-    image = render_target(target, camera, above(0.0, 0.0, 0.6))
-    assert set(np.unique(image[80:150, 100:150])) == {77}
-    assert set(np.unique(image[80:150, 175:230])) == {200}
-    assert (image[:40] == 255).all() and (image[:, :50] == 255).all()
-
-
-def test_a_lens_shows_a_texture_where_it_projects_it():
-    """A dark square far from the axis of a fisheye, whose corners see nothing."""
-    pixels = np.full((200, 200), 255, np.uint8)
-    pixels[60:80, 150:170] = 0
-    target = TexturedTarget(pixels, (2.0, 2.0))  # the square is about (0.6, 0.3) m
-    fish = CameraModel(200, 160, (50.0, 0, 99.5, 0, 60.0, 79.5, 0, 0, 1), (0.0,) * 4, "equidistant")
-    pose = above(0.0, 0.0, 0.5)
-    dark = (render_target(target, fish, pose) < 128).astype(np.uint8)
-    corners = np.array([(x, y, 0.0) for x in (0.5, 0.7) for y in (0.2, 0.4)])
-    seen = (corners - pose[:3, 3]) @ pose[:3, :3]
-    u, v = fish.project(*(seen[:, :2] / seen[:, 2:]).T)
-    (_, labels) = cv2.connectedComponents(dark)
-    square = labels[round(v.mean()), round(u.mean())]
-    rows, columns = np.nonzero(labels == square)
-    assert square
-    assert (columns.min(), columns.max()) == pytest.approx((u.min(), u.max()), abs=1.5)
-    assert (rows.min(), rows.max()) == pytest.approx((v.min(), v.max()), abs=1.5)
-
-
 def test_a_solid_is_lit_on_white_and_its_pixels_are_shown():
     box = make_target("box", (0.1, 0.1, 0.1))
     pose = matrix_from_xyz_rpy((0.2, -0.3, 0.45), (-2.5, 0.2, 0.3))
@@ -264,17 +204,6 @@ def test_a_solid_is_lit_on_white_and_its_pixels_are_shown():
     hull = np.column_stack(CAMERA.project(*box.outline(pose).T))
     mask = cv2.fillConvexPoly(np.zeros((240, 320), np.uint8), np.rint(hull).astype(int), 255)
     assert (mask != label).mean() < 0.01
-
-
-def test_what_is_beyond_a_kilometre_is_not_drawn():
-    far = CameraModel(320, 240, (1e5, 0, 159.5, 0, 1e5, 119.5, 0, 0, 1))
-    black = TexturedTarget(np.zeros((8, 8), np.uint8), (1.0, 1.0))
-    levels = [render_target(black, far, above(0.0, 0.0, z))[120, 160] for z in (950.0, 1050.0)]
-    assert levels == [0, 255]
-    near = CameraModel(320, 240, (100.0, 0, 159.5, 0, 100, 119.5, 0, 0, 1))
-    small = TexturedTarget(np.zeros((8, 8), np.uint8), (0.01, 0.01))
-    levels = [render_target(small, near, above(0.0, 0.0, z))[120, 160] for z in (1.1e-3, 0.9e-3)]
-    assert levels == [0, 255]
 
 
 # -- SVG -----------------------------------------------------------------------------------------
@@ -349,6 +278,16 @@ def test_png_svg_and_outline_of_one_drawing_look_alike(tmp_path, text, own):
     assert (first < 128).sum() > 1500
     for other in others:
         assert np.abs(other - first).max() < 128 and np.abs(other - first).mean() < 0.3
+
+
+def test_an_svg_s_page_has_the_shape_of_its_view_box_unless_it_may_be_stretched(tmp_path):
+    file, text = tmp_path / "f.svg", page("100mm", "100mm", "-20 -10 100 120")
+    file.write_text(text)
+    with pytest.raises(ExperimentError, match="another aspect ratio than the viewBox of 100 by 12"):
+        read_svg(file)
+    file.write_text(text.replace("<svg", "<svg preserveAspectRatio='none'"))
+    width, height = np.ptp(read_svg(file).corners, axis=0)
+    assert height / width == pytest.approx(100 / 60 * 100 / 120)
 
 
 def test_what_is_transparent_in_a_png_is_white(tmp_path):

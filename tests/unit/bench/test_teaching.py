@@ -188,19 +188,10 @@ def test_a_program_says_how_well_its_network_knows_unseen_pictures(tmp_path, cap
     out = tmp_path / "deep" / "sums.npz"
     for _ in range(2):  # the second time its folder is there
         asked.clear()
-        assert (
-            run_training(
-                Sums,
-                ["--pictures", "7", "--out", str(out)],
-                "text",
-                99,
-                5,
-                pictures,
-                train,
-                lambda found, y: (found[:, 0], found[:, 0] / 100.0),
-            )
-            == 0
-        )
+        status = run_training(
+            Sums, ["--pictures", "7", "--out", str(out)], "text", 99, 5, pictures, train,
+            lambda found, y: (found[:, 0], found[:, 0] / 100.0))  # fmt: skip
+        assert status == 0
         assert asked == [(7, 0), (5, 1)] and sorted(np.load(out)) == [
             "b0", "mean", "out_mean", "out_scale", "scale", "w0"]
         assert capsys.readouterr().out == (  # sums of 1, 5, 9, 13, 17
@@ -212,10 +203,6 @@ def test_a_program_says_how_well_its_network_knows_unseen_pictures(tmp_path, cap
 
     assert run_training(Sums, ["--out", str(out)], "text", 99, 5, pictures, fail, None) == 1
     assert asked[-1] == (99, 0) and capsys.readouterr().err == "sums: no library\n"
-    with pytest.raises(SystemExit):
-        run_training(Sums, ["--help"], "what it does", 99, 5, pictures, train, None)
-    said = " ".join(capsys.readouterr().out.split())
-    assert "what it does" in said and "learning.sums --pictures 1000 --out mine.npz" in said
 
 
 def test_a_network_s_arrays_answer_as_scikit_learn_s_own(monkeypatch):
@@ -264,23 +251,11 @@ def test_how_far_off_answers_are_is_in_metres_and_radians():
     np.testing.assert_allclose(turn, [np.sqrt(50.0), np.sqrt(81 + 100 + 121)])
 
 
-def test_where_weights_are_looked_for(monkeypatch, tmp_path):
-    assert learned.GoalPoseNetwork.find_weights().parts[-2:] == ("config", "learned.npz")
-    random = np.random.default_rng(1)
-    arrays = {"mean": random.random(10), "scale": 1 + random.random(10), "out_mean": np.zeros(5),
-              "out_scale": np.ones(5), "w0": random.random((10, 5)), "b0": random.random(5)}
-    np.savez(tmp_path / "own.npz", **arrays)
-    monkeypatch.setenv("ARAS_LEARNED_WEIGHTS", str(tmp_path / "own.npz"))
-    x = random.random(10)
-    *place, c, s = ((x - arrays["mean"]) / arrays["scale"]) @ arrays["w0"] + arrays["b0"]
-    np.testing.assert_allclose(learned.GoalPoseNetwork.load()(x), [*place, np.arctan2(s, c)])
-
-
 # ------------------------------------------------------------------ what the networks are asked
 
 
-class Says:
-    """Network that returns a given prediction."""
+class Says(learned.GoalPoseNetwork):
+    """Network that returns a given prediction, and notes its inputs."""
 
     @classmethod
     def load(cls):
@@ -357,9 +332,3 @@ def test_a_picture_of_one_grey_level_s_contrast_counts_as_of_one():
     for step, deviation in ((1, 0.5), (2, 1.0), (3, 1.0), (40, 1.0)):
         grey = (100 + step * fine).astype(np.uint8)
         assert learned_pose.make_inputs(grey).std() == pytest.approx(deviation)
-
-
-def test_training_without_its_library_says_what_to_do(monkeypatch):
-    monkeypatch.setitem(sys.modules, "sklearn.neural_network", None)
-    with pytest.raises(ExperimentError, match="training needs scikit-learn, .* run: pip install"):
-        fit_network(np.zeros((3, 2)), np.zeros((3, 1)), 0.1, np.float32)

@@ -1,21 +1,24 @@
 """Textured targets, and points that trackers find on them, compared with the exact points."""
 
+import contextlib
 import struct
 import zlib
 
 import cv2
 import numpy as np
 import pytest
+from frames import take_frames
 from scipy.stats import kstest
 
-from aras_visual_servo_base.poses import matrix_from_xyz_rpy
+from aras_visual_servo_base.poses import inverse, matrix_from_xyz_rpy
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.experiment.loop_settings import make_loop_settings
 from aras_visual_servo_bench.plants.imaging import ImagingSettings, capture
 from aras_visual_servo_bench.runner.loop import run
 from aras_visual_servo_bench.setup.assembly import assemble, check
-from aras_visual_servo_bench.targets.geometry import PlacedTarget
+from aras_visual_servo_bench.targets.geometry import PlacedTarget, project
+from aras_visual_servo_bench.targets.rendering import render_target
 from aras_visual_servo_bench.targets.rendering import render_target as picture_of
 from aras_visual_servo_bench.targets.shapes import SHAPES
 from aras_visual_servo_bench.targets.target_factory import find_tracker, make_target, read_svg
@@ -29,7 +32,6 @@ from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.features import FEATURES
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.observation.feature_observer import FeatureObserver
-from aras_visual_servo_controller.observation.frame import Frame
 from aras_visual_servo_controller.observation.image_reader import ImageReader
 from aras_visual_servo_controller.schemes import FeatureScheme
 
@@ -58,59 +60,18 @@ def seen(name, camera=CAMERA, view=VIEW, occluder=None):
     return image, None if points is None else np.column_stack(camera.project(*points.T))
 
 
-def test_every_name_is_a_target():
-    for name, kind in SHAPES.items():
-        size = (*SIZE, 0.1) if kind.is_solid else SIZE
-        assert make_target(name, size).vertices().shape[1] == 3
-
-
-@pytest.mark.parametrize("camera", [CAMERA, LENS], ids=["pinhole", "lens"])
-def test_dots_are_found_where_they_are(camera):
-    image, points = seen("four_dots", camera)
-    found = DotTracker().find(image)
-    nearest = np.linalg.norm(found[:, None] - points[None], axis=2).min(axis=1)
-    assert nearest.max() < 0.3
-    assert len({tuple(np.round(p)) for p in found}) == 4
-
-
-DOTS = ((100, 80), (220, 80), (220, 160), (100, 160))
-
-
-def dotted(middles, radius=9):
-    """Return an image (240, 320) with black dots at (u, v), px."""
-    picture = np.full((240, 320), 255, np.uint8)
-    for u, v in middles:
-        cv2.circle(picture, (u, v), radius, 0, -1)
-    return picture
-
-
 def test_dots_of_three_pixels_are_found_wherever_they_lie_on_the_pixels():
     """On the arm, 0.19 m before a target of 0.06 m: two of four were lost for some images."""
     wide = CameraModel(320, 240, (102.74, 0, 159.5, 0, 102.74, 119.5, 0, 0, 1))
     target = PlacedTarget(make_target("four_dots", (0.06, 0.06)), FACING)
     sight = ImagingSettings(wide, target, has_images=True)
-    for k in range(40):
-        step = 1e-4 * k
+    for k in range(20):
+        step = 2e-4 * k
         view = matrix_from_xyz_rpy((step, 0.7 * step, -0.192), (0.0, 0.0, 0.05 * k))
         found = DotTracker().find(capture(sight, view, 0, np.random.default_rng(0)).image)
         x, y = target.shape.points(target.target_T_camera(view)).T
         exact = np.column_stack(wide.project(x, y))
         assert np.linalg.norm(found[:, None] - exact, axis=2).min(axis=1).max() < 0.25, k
-
-
-@pytest.mark.parametrize("cut", [(0, 120), (319, 120), (160, 0), (160, 239)])
-def test_a_dot_that_the_border_cuts_is_none(cut):
-    with pytest.raises(VisionError, match="3 of 4 dots are detected"):
-        DotTracker().find(dotted([*DOTS[:3], cut]))
-
-
-def test_of_what_is_dark_the_largest_round_things_are_the_dots():
-    picture = dotted(DOTS)
-    cv2.circle(picture, (160, 40), 4, 0, -1)
-    cv2.rectangle(picture, (20, 100), (28, 220), 0, -1)
-    cv2.line(picture, (260, 20), (310, 70), 0, 12)
-    found = DotTracker().find(picture)
-    assert sorted(map(tuple, np.round(found).astype(int))) == sorted(DOTS)
 
 
 def pictured(target, camera, view, fine=8):
@@ -140,8 +101,7 @@ def grainy(image, grain):
     ids=["small marker", "marker askew", "dots", "small dots"],
 )  # fmt: skip
 def test_points_are_found_to_a_hundredth_of_a_pixel(name, tracker, far, size, view):
-    """In a picture whose every pixel is the mean of what it covers. No disc is seen askew: its
-    middle is not that of its ellipse."""
+    """No disc is seen askew: its middle is not that of its ellipse."""
     target = PlacedTarget(make_target(name, (size, size)), FACING)
     picture = pictured(target, CAMERA, view)
     points = np.column_stack(CAMERA.project(*target.shape.points(target.target_T_camera(view)).T))
@@ -152,10 +112,9 @@ def test_points_are_found_to_a_hundredth_of_a_pixel(name, tracker, far, size, vi
 
 
 @pytest.mark.parametrize("camera", [CAMERA, LENS, FISHEYE], ids=["pinhole", "lens", "fisheye"])
-@pytest.mark.parametrize("size", [0.2, 0.06], ids=["large", "small"])
-def test_a_marker_is_found_corner_by_corner(camera, size):
-    """From its own first corner on, through any lens; a cell of the small one is 3 px wide."""
-    target = PlacedTarget(make_target("marker", (size, size)), FACING)
+def test_a_marker_is_found_corner_by_corner(camera):
+    """From its own first corner on, through any lens; a cell is 3 px wide."""
+    target = PlacedTarget(make_target("marker", (0.06, 0.06)), FACING)
     image = capture(
         ImagingSettings(camera, target, has_images=True), VIEW, 0, np.random.default_rng(0)
     ).image
@@ -192,14 +151,8 @@ def test_of_two_markers_the_larger_is_followed():
     assert np.abs(MarkerTracker().find(both) - points).max() < 0.5
 
 
-def test_a_line_grid_has_its_crossings_where_they_are_said():
-    image, points = seen("line_grid")
-    for u, v in points:
-        assert image[int(round(v)), int(round(u))] < 150
-
-
 @pytest.mark.parametrize("camera", [CAMERA, LENS, FISHEYE], ids=["pinhole", "lens", "fisheye"])
-@pytest.mark.parametrize("view", [VIEW, NEAR, ASKEW], ids=["view", "near", "askew"])
+@pytest.mark.parametrize("view", [NEAR, ASKEW], ids=["near", "askew"])
 def test_outermost_lines_cross_where_they_are_said(camera, view):
     grey = seen("line_grid", camera, view)[0]
     exact = make_target("line_grid", SIZE).points(np.linalg.inv(FACING) @ view)
@@ -246,14 +199,6 @@ def test_smaller_pictures_are_averaged_not_sampled():
     inside = image[90:150, 130:190]
     assert inside.mean() == pytest.approx(127.5, abs=2.0)
     assert inside.std() < 10.0
-
-
-def test_an_occluder_hides_what_lies_under_it():
-    whole, _ = seen("square")
-    half, _ = seen("square", occluder=((-0.2, 0.0), (0.2, 0.2)))
-    hidden = (whole < 100) & (half > 200)
-    assert 0.4 < hidden.sum() / (whole < 100).sum() < 0.6
-    assert (half >= whole).all()
 
 
 @pytest.mark.parametrize(
@@ -343,40 +288,6 @@ def test_a_marker_is_square_in_the_middle_and_its_corners_are_known(size):
     assert np.abs(corners[0][0] - np.column_stack([columns, rows])).max() < 0.01 * side
 
 
-def test_a_disturbed_picture_is_as_the_protocols_have_it():
-    """Of columns of two grey levels, which their means tell; a patch has one level."""
-    plain = np.full((120, 180), 75, np.uint8)
-    plain[:, ::2] = 125
-    target = TexturedTarget(plain, (0.3, 0.2), np.ones((4, 2)))
-    everywhere, patches, grains = [], [], []
-    for seed in range(200):
-        made = target.perturb(seed)
-        assert made.size == target.size and made.known_points is target.known_points
-        level = np.bincount(made.pixels.ravel()).argmax()
-        block = cv2.morphologyEx((made.pixels == level).view(np.uint8), cv2.MORPH_OPEN,
-                                 np.ones((7, 7), np.uint8))  # fmt: skip
-        left, top, wide, high = cv2.boundingRect(block)
-        if wide:
-            assert block.sum() == wide * high
-            share = np.array([high / 120, wide / 180])
-            patches.append([share.prod(), np.log(share[0] / share[1]), top / (120 - high),
-                            left / (180 - wide), level])  # fmt: skip
-        bright, dark = (made.pixels[:, i::2][block[:, i::2] == 0].astype(float) for i in (0, 1))
-        brightness = (bright.mean() + dark.mean()) / 200.0
-        everywhere.append([brightness, (bright.mean() - dark.mean()) / 50.0 / brightness])
-        grains.append(bright.std())
-    np.testing.assert_array_equal(target.perturb(199).pixels, made.pixels)
-    assert np.median(grains) == pytest.approx(12.75, rel=0.01)
-    assert len(patches) == pytest.approx(100, abs=21)
-    bounds = [(0.4, 1.6), (0.6, 1.4), (0.02, 0.33), (-1.0, 1.0), (0.0, 1.0), (0.0, 1.0), (0, 255)]
-    for values, (low, high) in zip([*np.transpose(everywhere), *np.transpose(patches)], bounds,
-                                   strict=True):
-        slack = 0.05 * (high - low)
-        assert low - slack < values.min() < low + 2 * slack
-        assert high - 2 * slack < values.max() < high + slack
-        assert kstest(values, "uniform", (low, high - low)).pvalue > 0.01
-
-
 def in_a_unit(file):
     """Corners on a page whose longer side is 1, y down as in the file."""
     drawing = read_svg(file)
@@ -403,14 +314,6 @@ def test_an_outline_of_an_svg(tmp_path, body, corners):
     file = tmp_path / "a.svg"
     file.write_text(f'<svg xmlns="http://www.w3.org/2000/svg"><g>{body}</g></svg>')
     assert in_a_unit(file) == pytest.approx(np.array(corners))
-
-
-def test_curves_of_an_svg(tmp_path):
-    file = tmp_path / "a.svg"
-    file.write_text('<svg><path d="M0 0 C 0 2 4 2 4 0 Z"/></svg>')
-    points = in_a_unit(file)
-    assert np.ptp(points[:, 0]) == pytest.approx(1.0)
-    assert np.ptp(points[:, 1]) == pytest.approx(1.5 / 4.0, rel=0.01)
 
 
 @pytest.mark.parametrize("body", [
@@ -455,6 +358,7 @@ def test_an_outline_may_be_a_copy_in_a_file_with_a_document_type(tmp_path):
 @pytest.mark.parametrize(
     ("name", "content", "told"),
     [
+        ("cut.png", "\x89PNG\r\n\x1a\n" + 50 * "0", "not a readable image"),
         ("a.svg", "<svg><path d='M0 0 L 4 0 4 4 X 2 2'/></svg>", "command 'X' is unknown"),
         ("a.svg", "<svg><path d='M0 0 L 4 0 4 4 2'/></svg>", "outline: numbers are missing"),
         ("a.svg", "<svg><path/></svg>", "invalid outline"),
@@ -472,11 +376,11 @@ def test_an_outline_may_be_a_copy_in_a_file_with_a_document_type(tmp_path):
         ("a.png", "no picture", "not a readable image"),
     ],
 )
-def test_a_file_that_cannot_be_used_is_one_line(tmp_path, name, content, told):
-    (tmp_path / name).write_text(content)
+def test_a_file_that_cannot_be_used_is_one_line(tmp_path, capfd, name, content, told):
+    (tmp_path / name).write_text(content, encoding="latin-1", newline="")
     with pytest.raises(ExperimentError, match=told) as caught:
         make_target(str(tmp_path / name), SIZE)
-    assert "\n" not in str(caught.value)
+    assert "\n" not in str(caught.value) and capfd.readouterr().err == ""
     with pytest.raises(ExperimentError, match="there is no file"):
         make_target(str(tmp_path / f"missing{name}"), SIZE)
 
@@ -494,23 +398,14 @@ RUN = {
 TURNED = [0.0, 0.0, 0.0, 3.141592653589793, 0.0, 0.0]
 
 
-@pytest.mark.parametrize(
-    ("shape", "scheme", "options", "size"),
-    [
-        ("four_dots", "numbered_points", {}, (0.2, 0.2)),
-        ("marker", "pose", {}, (0.2, 0.2)),
-        ("line_grid", "lines", {}, (0.2, 0.2)),
-        ("l_shape", "moments_six", {}, (0.2, 0.2)),
-        ("l_shape", "lines", {}, (0.2, 0.2)),
-        ("poster", "matches", {}, (0.8, 0.6)),
-        ("poster", "matches_pose", {}, (0.8, 0.6)),
-    ],
-)
-def test_it_is_servoed_on_by_pictures(shape, scheme, options, size):
-    result = run(Experiment.from_mapping({
-        **RUN, "target": {"shape": shape, "size": size, "pose": TURNED}, "scheme": scheme,
-        "controller_parameters": {**RUN["controller_parameters"], **options},
-    }))  # fmt: skip
+@pytest.mark.parametrize(("shape", "scheme", "size"), [
+    ("four_dots", "numbered_points", (0.2, 0.2)), ("marker", "pose", (0.2, 0.2)),
+    ("line_grid", "lines", (0.2, 0.2)), ("l_shape", "moments_six", (0.2, 0.2)),
+    ("poster", "matches", (0.8, 0.6)), ("poster", "matches_pose", (0.8, 0.6)),
+])  # fmt: skip
+def test_it_is_servoed_on_by_pictures(shape, scheme, size):
+    target = {"shape": shape, "size": size, "pose": TURNED}
+    result = run(Experiment.from_mapping({**RUN, "target": target, "scheme": scheme}))
     assert result.verdict.is_reached, (result.outcome, result.reason, result.verdict)
 
 
@@ -530,13 +425,6 @@ def test_a_disc_has_no_corners_and_says_so():
     assert result.outcome == "converged" and result.verdict.is_reached
 
 
-def test_a_plain_target_gives_too_few_matches():
-    plain = {"shape": "square", "pose": TURNED, "size": [0.02, 0.02]}
-    spec = {**RUN, "target": plain, "scheme": "matches"}
-    with pytest.raises(ExperimentError, match="keypoints"):
-        run(Experiment.from_mapping(spec))
-
-
 def test_a_run_that_ends_early_says_what_it_waited_for():
     there = {"shape": "poster", "size": [0.8, 0.6], "pose": TURNED}
     away = {"pose": [3.0, 0.0, -0.4, 0.0, 0.0, 0.0]}
@@ -547,14 +435,6 @@ def test_a_run_that_ends_early_says_what_it_waited_for():
         "not converged after 0.2 s: 0 keypoints match the goal image, but 8 consistent matches "
         "are needed: bring the target into view, and use a textured target"
     )
-
-
-def test_a_picture_that_is_cut_off_is_one_line(tmp_path, capfd):
-    file = tmp_path / "cut.png"
-    file.write_bytes(b"\x89PNG\r\n\x1a\n" + 50 * b"0")
-    with pytest.raises(ExperimentError, match="not a readable image"):
-        make_target(str(file), SIZE)
-    assert capfd.readouterr().err == ""
 
 
 @pytest.mark.parametrize("side", [8001, 20_000])
@@ -571,12 +451,6 @@ def test_a_picture_too_large_is_refused_by_its_header(tmp_path, side):
         check(experiment)
 
 
-def test_an_unknown_robot_names_the_nearest():
-    robot = {"urdf": "package://aras_visual_servo_gazebo/robots/aras_visual_serv.urdf"}
-    with pytest.raises(ExperimentError, match="did you mean 'aras_visual_servo.urdf'"):
-        run(Experiment(robot=robot))
-
-
 def test_a_target_brings_the_tracker_of_its_points():
     trackers = {name: kind.tracker for name, kind in SHAPES.items()}
     assert set(trackers.values()) <= {*KNOWN, "outline"}
@@ -591,25 +465,12 @@ def test_a_target_brings_the_tracker_of_its_points():
     assert find_tracker(((0.0, 0.0), (0.1, 0.0), (0.0, 0.1))) == "outline"
 
 
-def test_an_unknown_tracker_names_those_there_are():
-    spec = {**RUN, "target": {"shape": "square", "pose": TURNED}, "scheme": "numbered_points"}
-    with pytest.raises(ExperimentError, match="did you mean 'dots'"):
-        run(Experiment.from_mapping({**spec, "controller_parameters": {"tracker": "dot"}}))
-
-
 def test_a_picture_is_taught_by_the_camera_as_it_is_believed():
     """The controller's own camera_info told it so then; else it refused the goal as another's."""
     there = {"shape": "poster", "size": [0.8, 0.6], "pose": TURNED}
     spec = {**RUN, "target": there, "scheme": "luminance", "calibration_offset": {"focal": 0.9}}
     parts = assemble(Experiment.from_mapping(spec))
     assert parts.goal.camera == parts.calibrated_camera
-
-
-def test_a_camera_in_the_targets_plane_sees_nothing_and_the_run_has_an_outcome():
-    there = {"shape": "poster", "size": [0.8, 0.6], "pose": TURNED}
-    spec = {**RUN, "target": there, "scheme": "luminance", "start": {"pose": [0.7, 0, 0, 0, -1, 0]}}
-    result = run(Experiment.from_mapping(spec))
-    assert not result.converged and not result.verdict.is_reached
 
 
 LEVEL = (0.591, 0.0, 0.0, 0.0)  # z and angles on the table
@@ -626,16 +487,9 @@ def test_the_arm_s_camera_draws_a_marker_where_it_is():
             "scheme": "pose", "goal": "2016", "start": [0.05, 0.01 * k, 0.18, -0.05, -0.09, turn],
         }  # fmt: skip
         parts = assemble(Experiment.from_mapping(spec))
-        try:
-            reading = None
-            while not isinstance(reading, Frame):
-                reading = parts.plant.advance(10**9)[-1]
-            camera, seen_from = (
-                parts.plant.camera,
-                parts.target.target_T_camera(parts.plant.read_pose()),
-            )
-        finally:
-            parts.plant.close()
+        with contextlib.closing(parts.plant) as plant:
+            (reading,), camera = take_frames(plant), plant.camera
+            seen_from = parts.target.target_T_camera(plant.read_pose())
         found = MarkerTracker().find_normalised(ImageReader.decode_image(reading).grey, camera)
         exact = parts.target.shape.points(seen_from)
         round_ = exact - exact.mean(axis=0)
@@ -645,11 +499,10 @@ def test_the_arm_s_camera_draws_a_marker_where_it_is():
     assert np.sqrt(np.mean(np.square(left))) < 0.005  # px; 0.01 of one place in each pixel
 
 
-@pytest.mark.parametrize("scheme", ["points", "pose"])
-def test_a_marker_is_servoed_to_as_it_lies_however_it_was_turned(scheme):
+def test_a_marker_is_servoed_to_as_it_lies_however_it_was_turned():
     """Its corners are known by themselves: nothing is matched, and nothing stays open."""
     result = run(Experiment.from_mapping({
-        "plant": "free", "features": "images", "scheme": scheme, "gain": 4.0,
+        "plant": "free", "features": "images", "scheme": "points", "gain": 4.0,
         "time_after_convergence": 0.1,
         "camera": {"width": 320, "height": 240, "horizontal_fov": 1.0, "update_rate": 20.0},
         "target": {"shape": "marker", "size": [0.06, 0.06], "pose": [0, 0, 0, 0, 0, 0.2]},
@@ -658,3 +511,122 @@ def test_a_marker_is_servoed_to_as_it_lies_however_it_was_turned(scheme):
     }))  # fmt: skip
     assert result.converged and result.verdict.is_reached, result.verdict
     assert "°" not in result.outcome
+
+
+def test_a_disturbed_picture_is_as_the_protocols_have_it():
+    """Of columns of two grey levels, which their means tell; a patch has one level."""
+    plain = np.full((120, 180), 75, np.uint8)
+    plain[:, ::2] = 125
+    target = TexturedTarget(plain, (0.3, 0.2), np.ones((4, 2)))
+    everywhere, patches, grains = [], [], []
+    for seed in range(200):
+        made = target.perturb(seed)
+        assert made.size == target.size and made.known_points is target.known_points
+        level = np.bincount(made.pixels.ravel()).argmax()
+        block = cv2.morphologyEx((made.pixels == level).view(np.uint8), cv2.MORPH_OPEN,
+                                 np.ones((7, 7), np.uint8))  # fmt: skip
+        left, top, wide, high = cv2.boundingRect(block)
+        if wide:
+            assert block.sum() == wide * high
+            share = np.array([high / 120, wide / 180])
+            patches.append([share.prod(), np.log(share[0] / share[1]), top / (120 - high),
+                            left / (180 - wide), level])  # fmt: skip
+        bright, dark = (made.pixels[:, i::2][block[:, i::2] == 0].astype(float) for i in (0, 1))
+        brightness = (bright.mean() + dark.mean()) / 200.0
+        everywhere.append([brightness, (bright.mean() - dark.mean()) / 50.0 / brightness])
+        grains.append(bright.std())
+    np.testing.assert_array_equal(target.perturb(199).pixels, made.pixels)
+    assert np.median(grains) == pytest.approx(12.75, rel=0.01)
+    assert len(patches) == pytest.approx(100, abs=21)
+    bounds = [(0.4, 1.6), (0.6, 1.4), (0.02, 0.33), (-1.0, 1.0), (0.0, 1.0), (0.0, 1.0), (0, 255)]
+    for values, (low, high) in zip([*np.transpose(everywhere), *np.transpose(patches)], bounds,
+                                   strict=True):
+        slack = 0.05 * (high - low)
+        assert low - slack < values.min() < low + 2 * slack
+        assert high - 2 * slack < values.max() < high + slack
+        assert kstest(values, "uniform", (low, high - low)).pvalue > 0.01
+
+
+def test_a_camera_in_the_targets_plane_sees_nothing_and_the_run_has_an_outcome():
+    there = {"shape": "poster", "size": [0.8, 0.6], "pose": TURNED}
+    spec = {**RUN, "target": there, "scheme": "luminance", "start": {"pose": [0.7, 0, 0, 0, -1, 0]}}
+    result = run(Experiment.from_mapping(spec))
+    assert not result.converged and not result.verdict.is_reached
+
+
+POSTER_K = (301.0, 0.0, 163.2, 0.0, 295.0, 114.7, 0.0, 0.0, 1.0)
+CAMERAS = {
+    "pinhole": CameraModel(320, 240, POSTER_K),
+    "plumb_bob": CameraModel(320, 240, POSTER_K, (-0.2, 0.05, 0.001, -0.002, 0.0)),
+    "equidistant": CameraModel(320, 240, POSTER_K, (0.02, -0.01, 0.003, 0.0), "equidistant"),
+}
+# A black rectangle on white, 0.1 x 0.075 m, off the middle of a poster of 0.4 x 0.3 m.
+POSTER_SIZE = np.array([0.4, 0.3])
+LOW, HIGH = np.array([-0.05, -0.0375]), np.array([0.05, 0.0375])
+OFF = np.array([0.025, -0.01875])
+
+
+def rectangle() -> TexturedTarget:
+    pixels = np.full((768, 1024), 255, np.uint8)
+    per = pixels.shape[1] / POSTER_SIZE[0]
+    x0, y0 = np.rint((LOW + OFF + POSTER_SIZE / 2) * per).astype(int)
+    x1, y1 = np.rint((HIGH + OFF + POSTER_SIZE / 2) * per).astype(int)
+    pixels[768 - y1:768 - y0, x0:x1] = 0
+    return TexturedTarget(pixels, tuple(POSTER_SIZE))
+
+
+def centroid(outline: np.ndarray) -> np.ndarray:
+    (x, y), (x2, y2) = outline.T, np.roll(outline, -1, axis=0).T
+    cross = x * y2 - x2 * y
+    return np.array([((x + x2) * cross).sum(), ((y + y2) * cross).sum()]) / (3 * cross.sum())
+
+
+def dark_centroid(image: np.ndarray) -> np.ndarray:
+    dark = 255.0 - image
+    v, u = np.mgrid[:image.shape[0], :image.shape[1]]
+    return np.array([(u * dark).sum(), (v * dark).sum()]) / dark.sum()
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+def test_the_centroid_of_what_a_poster_shows_is_where_it_is_projected(name):
+    camera, target = CAMERAS[name], rectangle()
+    random, errors = np.random.default_rng(3), []
+    side = np.linspace(0.0, 1.0, 33)[:-1]
+    (x0, y0), (x1, y1) = LOW + OFF, HIGH + OFF
+    corners = np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)])
+    rim = np.concatenate([a + side[:, None] * (b - a)
+                          for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)])
+    rim = np.column_stack([rim, np.zeros(len(rim))])
+    for _ in range(30):
+        turn = random.uniform(-0.4, 0.4, 2)
+        target_T_camera = matrix_from_xyz_rpy((0, 0, 0), (np.pi, 0, 0)) @ matrix_from_xyz_rpy(
+            (0, 0, 0), (*turn, random.uniform(-np.pi, np.pi))) @ matrix_from_xyz_rpy(
+            (*random.uniform(-0.03, 0.03, 2), -random.uniform(0.35, 0.6)), (0, 0, 0))
+        outline = np.column_stack(camera.project(*project(rim, target_T_camera).T))
+        assert (outline > 3).all() and (outline < (316, 236)).all()
+        errors.append(
+            dark_centroid(render_target(target, camera, target_T_camera)) - centroid(outline)
+        )
+    assert np.sqrt((np.array(errors) ** 2).sum(axis=1).mean()) < 0.004
+
+
+def test_an_occluder_is_white_and_lies_on_the_picture():
+    """What it covers of the rectangle is the half with y below its middle."""
+    camera, target = CAMERAS["pinhole"], rectangle()
+    above = matrix_from_xyz_rpy((0, 0, 0), (np.pi, 0, 0)) @ matrix_from_xyz_rpy(
+        (0.01, 0.0, -0.45), (0, 0, 0.3)
+    )
+    cover = ((-0.1, -0.15), (0.15, float(OFF[1])))
+    whole, half = render_target(target, camera, above), render_target(target, camera, above, cover)
+    assert (half >= whole).all()
+    assert (255.0 - half).sum() == pytest.approx(0.5 * (255.0 - whole).sum(), rel=0.02)
+    there = inverse(above) @ [OFF[0], OFF[1] - 0.01, 0.0, 1.0]
+    u, v = np.rint(np.array(camera.project(*(there[:2, None] / there[2]))).ravel()).astype(int)
+    assert whole[v, u] == 0 and half[v, u] == 255
+
+
+def test_a_poster_shows_nothing_from_behind():
+    camera = CAMERAS["pinhole"]
+    assert (
+        render_target(rectangle(), camera, matrix_from_xyz_rpy((0, 0, -0.5), (0, 0, 0))) == 255
+    ).all()

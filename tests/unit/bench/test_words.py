@@ -2,8 +2,6 @@
 
 import os
 import re
-import subprocess
-import sys
 from dataclasses import replace
 
 import pyarrow.csv
@@ -190,30 +188,3 @@ def test_a_wrong_argument_is_one_line(words, told, tmp_path, capsys):
     (tmp_path / "a.bag").write_text("")
     assert main([word.format(tmp_path) for word in words]) == 1
     assert told.format(tmp_path) in capsys.readouterr().err.splitlines()[-1]
-
-
-@pytest.mark.parametrize(("display", "more"), [("DISPLAY", []), ("WAYLAND_DISPLAY", ["--no-open"])])
-def test_the_page_is_opened_in_the_browser_of_a_display(display, more, tmp_path):
-    """`BROWSER` names a program that stores its address."""
-    opened, browser = tmp_path / "opened", tmp_path / "browser"
-    browser.write_text(f'#!/bin/sh\necho "$1" > {opened}\n')
-    browser.chmod(0o755)
-    child = subprocess.Popen(
-        [sys.executable, "-m", "aras_visual_servo_bench", "browse", str(tmp_path), *more],
-        stdout=subprocess.PIPE, text=True,
-        env={**{k: v for k, v in os.environ.items() if "DISPLAY" not in k}, display: ":0",
-             "BROWSER": str(browser), "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
-    )  # fmt: skip
-    try:
-        lines = []
-        for line in child.stdout:
-            lines.append(line)
-            if line.startswith("press Ctrl-C"):
-                break
-    finally:
-        child.kill()
-        child.wait()
-    text = "".join(lines)
-    assert "cannot open a browser" not in text and "no studies yet" in text
-    assert opened.exists() is not bool(more)
-    assert more or opened.read_text().strip() in text

@@ -42,12 +42,17 @@ def find_sources(package: str) -> list[Path]:
     Raises:
         ModuleNotFoundError: the package does not exist.
     """
-    parent = _find_folder(package)
+    parent = find_folder(package)
     files = sorted((parent / package).rglob("*.py"))
     return [path.relative_to(parent) for path in files if IMPORTS_JIT.search(path.read_text())]
 
 
-def _find_folder(package: str) -> Path:
+def find_folder(package: str) -> Path:
+    """Return the folder that contains a package.
+
+    Raises:
+        ModuleNotFoundError: the package does not exist.
+    """
     found = importlib.util.find_spec(package)
     if found is None or not found.submodule_search_locations:
         raise ModuleNotFoundError(
@@ -66,7 +71,7 @@ def copy_cache(package: str, folder: Path) -> None:
         package: name of the package to whose caches the functions are copied.
         folder: folder that contains the other copy.
     """
-    parent = _find_folder(package)
+    parent = find_folder(package)
     for path in find_sources(package):
         source, copy = folder / path, parent / path
         if source == copy or not source.exists() or source.read_bytes() != copy.read_bytes():
@@ -86,15 +91,15 @@ def find_missing(packages: Sequence[str]) -> list[str]:
 
 
 def _is_missing(package: str) -> bool:
-    parent = _find_folder(package)
+    parent = find_folder(package)
     for path in find_sources(package):
-        folder = _find_cache_folder((parent / path).parent)
+        folder = find_cache_folder((parent / path).parent)
         if folder is not None and not any(folder.glob(f"{path.stem}.*.nbi")):
             return True
     return False
 
 
-def _find_cache_folder(sources: Path) -> Path | None:
+def find_cache_folder(sources: Path) -> Path | None:
     """Return the folder in which Numba caches the functions of the files in `sources`.
 
     It is the first writable folder of these: a folder in NUMBA_CACHE_DIR, __pycache__ next to the

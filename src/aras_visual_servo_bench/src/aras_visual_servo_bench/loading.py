@@ -48,6 +48,8 @@ def load_run(source: str | Path, progress: Callable[[float], None] = _ignore_pro
             text = str(error)
             raise BenchError(text if text.startswith(str(path)) else f"{path}: {text}") from None
     try:
+        import rosbag  # noqa: F401, of `read_bag`
+
         from .ros.bag import read_bag
     except ImportError as error:
         raise BenchError(

@@ -114,6 +114,7 @@ class Loop:
     def __init__(
         self, experiment: Experiment, parts: Assembly, records_films: bool = False,
         on_frame: Callable[[Loop, Frame], None] | None = None,
+        on_joint_state: Callable[[Loop, JointReading], None] | None = None,
     ) -> None:
         """Prepare the run.
 
@@ -124,6 +125,8 @@ class Loop:
                 camera.
             on_frame: function that is called with this Loop and a frame when any camera exposes a
                 frame.
+            on_joint_state: function that is called with this Loop and each joint state, before the
+                loop processes it; with it, no joint states are processed in compiled code.
         """
         self.experiment, self.parts = experiment, parts
         self.plant, self.servo = parts.plant, parts.servo
@@ -143,7 +146,7 @@ class Loop:
             parts.servo, parts.rig, parts.settings, self,
             clock=lambda: to_seconds(self.plant.time_ns), wall_clock=float,
         )  # fmt: skip
-        self._on_frame = on_frame
+        self._on_frame, self._on_joint_state = on_frame, on_joint_state
         self._has_new_state = False
         # Heap of frames that have not arrived at the loop: (time of arrival (ns), serial number,
         # frame).
@@ -155,7 +158,8 @@ class Loop:
         self._start_ns: int | None = None
         self._convergence_ns: int | None = None
         self._collision: tuple[str, str] | None = None
-        self.plant.attach_loop(self._driver, self._recorder, self._find_end)
+        if on_joint_state is None:
+            self.plant.attach_loop(self._driver, self._recorder, self._find_end)
 
     def send(self, command: Command) -> None:
         """Send a command to the joints of the plant.
@@ -240,6 +244,8 @@ class Loop:
         while not (self._has_new_state or self.is_over):
             for reading in self._advance_plant():
                 if isinstance(reading, JointReading):
+                    if self._on_joint_state is not None:
+                        self._on_joint_state(self, reading)
                     stamp = reading.stamp
                     driver.add_joint_state(
                         reading.names, reading.positions, reading.velocities, stamp

@@ -277,7 +277,8 @@ export class Scene {
     return { back, position: middle.map((m, i) => m + distance * back[i]) };
   }
 
-  _projection() {
+  /** Return the matrix (4, 4) that projects world coordinates onto the canvas, row by row. */
+  computeProjection() {
     const { back, position } = this._cameraPosition(), right = unit(cross([0, 0, 1], back)), up = cross(back, right);
     const look = [...right, -dot(right, position), ...up, -dot(up, position), ...back, -dot(back, position), 0, 0, 0, 1];
     const f = 1 / Math.tan(HALF_ANGLE), near = 0.02, far = 40, aspect = this.canvas.width / this.canvas.height;
@@ -296,7 +297,7 @@ export class Scene {
     gl.enable(gl.DEPTH_TEST);
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
-    const view = columns(this._projection());
+    const view = columns(this.computeProjection());
     gl.useProgram(this.solid.program);
     gl.uniformMatrix4fv(this.solid.view, false, view);
     for (const mesh of this.meshes) this._triangles(mesh, columns(this.poses[mesh.link] || IDENTITY), mesh.colour);

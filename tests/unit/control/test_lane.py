@@ -7,8 +7,8 @@ import weakref
 
 import pytest
 
-from aras_sim_bridge.ros.runtime import send_queue as lanes
-from aras_sim_bridge.ros.runtime.send_queue import SendQueue
+from aras_visual_servo_ros import send_queue as lanes
+from aras_visual_servo_ros.send_queue import SendQueue
 
 SIZE = 300_000  # of a message: more than the socket below takes at once
 QUEUE = 2

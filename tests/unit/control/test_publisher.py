@@ -10,8 +10,9 @@ from types import SimpleNamespace
 import pytest
 from std_msgs.msg import Float64, Header
 
-from aras_sim_bridge.ros.runtime import publisher, send_queue
+from aras_sim_bridge.ros.runtime import publisher
 from aras_sim_bridge.ros.runtime.publisher import NonBlockingPublisher
+from aras_visual_servo_ros import send_queue
 
 
 class Connection:

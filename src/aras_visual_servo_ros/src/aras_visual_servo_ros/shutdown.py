@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator
 import rosgraph
 import rospy
 
-from .connections import accept_in_threads, find_publishers
+from .connections import accept_in_threads, find_publishers, send_directly
 from .log_folder import check_log_folder
 from .master_watch import MasterWatch
 
@@ -57,6 +57,7 @@ def init_node(name: str, about: str = "", **options: bool) -> None:
     _started.clear()
     end_on_signals()
     find_publishers()
+    send_directly()
     check_log_folder(name)
     try:
         rospy.init_node(name, disable_signals=True, **options)

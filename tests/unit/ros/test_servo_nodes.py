@@ -589,10 +589,11 @@ def test_the_camera_node_says_what_it_waits_for(camera, graph, life):
 def test_the_camera_node_s_main(graph, life, monkeypatch):
     made = []
     monkeypatch.setattr(camera_module, "compile_all", lambda: made.append("compiled"))
-    monkeypatch.setattr(camera_module, "node_main", lambda *given: (
-        made.append((*given[:2], given[3])), given[2](), 3)[-1])
+    monkeypatch.setattr(camera_module, "node_main", lambda *given, **options: (
+        made.append((*given[:2], given[3], options)), given[2](), 3)[-1])
     assert camera_module.main() == 3
-    assert made == ["compiled", ("aras_visual_servo_camera", camera_module.__doc__, VisionError)]
+    assert made == ["compiled", ("aras_visual_servo_camera", camera_module.__doc__, VisionError,
+                                 {"disable_rostime": True})]  # fmt: skip
     assert graph.lines[0].startswith("camera node ready, layout '")
     rospy.set_param("~segmentation", "label")
     rospy.set_param("~label", "box")

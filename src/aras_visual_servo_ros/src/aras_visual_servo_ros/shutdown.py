@@ -143,8 +143,9 @@ def iterate_at_period(period: float) -> Iterator[None]:
 
 
 def node_main(
-    name: str, about: str, run: Callable[[], object], fault: type[Exception], **options: bool
-) -> int:
+    name: str, about: str, run: Callable[[], object],
+    fault: type[Exception] | tuple[type[Exception], ...], **options: bool,
+) -> int:  # fmt: skip
     """Start a node, call `run` and return the exit status.
 
     If `run` raises an exception of type `fault`, the function logs it in one line and returns 1.

@@ -60,8 +60,8 @@ RUNS = {
 }  # fmt: skip
 # tests/integration/test_benchmarks.py runs those that need no other Debian package.
 ON_A_GRAPH = {
-    "by_roslaunch", "calibrate_live", "camera_graph", "nodes_cost", "original_controllers", "page_cost",
-    "show_chessboard", "study_beside",
+    "by_roslaunch", "calibrate_live", "camera_graph", "nodes_cost", "original_controllers",
+    "page_cost", "show_chessboard", "study_beside",
 }  # fmt: skip
 # What counts the modules of its process, its memory, or starts others of its own.
 APART = {"core_size", "loop", "peers", "startup", "study", "study_kills"}

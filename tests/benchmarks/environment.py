@@ -26,12 +26,14 @@ import numpy as np
 try:
     from aras_visual_servo_bench.experiment.experiment import Experiment, Sampler
     from aras_visual_servo_bench.runner.environment import ServoEnv
-except ImportError:  # where modules lay before there were rooms
-    from aras_visual_servo_bench.runner.environment import ServoEnv
-    from aras_visual_servo_bench.experiment.experiment import Experiment, Sampler
+    images = "images"
+except ImportError:  # their names in older checkouts
+    from aras_visual_servo_bench.running.environment import ServoEnv
+    from aras_visual_servo_bench.asked.experiment import Experiment, Sampler
+    images = "pictures"
 kinds = {
     "free, exact": Experiment(plant="free", lag=0.0, delay=0.0, start=Sampler()),
-    "free, pictures": Experiment(plant="free", features="images", start=Sampler()),
+    "free, pictures": Experiment(plant="free", features=images, start=Sampler()),
     "bullet": Experiment(plant="bullet"),
 }
 found = {}

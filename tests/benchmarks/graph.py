@@ -9,6 +9,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "tests" / "integration"))
@@ -23,8 +24,8 @@ PAGE = os.sysconf("SC_PAGE_SIZE")
 
 
 @contextmanager
-def robot(**arguments: object) -> Iterator[int]:
-    """Run the ARAS robot with its controllers on a separate graph; yield the node's process id.
+def robot(**arguments: object) -> Iterator[tuple[int, Any]]:
+    """Run the ARAS robot with its controllers on a graph; yield the simulator's pid and the master.
 
     This process becomes a node of that graph.
     """
@@ -41,9 +42,12 @@ def robot(**arguments: object) -> Iterator[int]:
             launched.wait_for_nodes(["/gazebo"])
             import rospy
 
+            from aras_visual_servo_ros.connections import find_publishers
+
+            find_publishers()
             rospy.init_node("benchmark", disable_rostime=True, disable_signals=True)
             wait_for(_all_running, 60.0, "the seven controllers")
-            yield _process_of("/gazebo", master)
+            yield process_of("/gazebo", master), master
             rospy.signal_shutdown("measured")
         except Exception:
             print(launched.output()[-5000:], file=sys.stderr)
@@ -63,7 +67,8 @@ def _all_running() -> bool:
     return states == ["running"] * 7
 
 
-def _process_of(node: str, master: object) -> int:
+def process_of(node: str, master: Any) -> int:
+    """Return the process ID of a node."""
     import xmlrpc.client
 
     return xmlrpc.client.ServerProxy(master.api.lookupNode(node)).getPid("/benchmark")[2]

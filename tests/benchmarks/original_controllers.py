@@ -243,7 +243,7 @@ def main() -> int:
     preset = "calibrated" if which == "second" else "original"
     with tempfile.TemporaryDirectory() as temporary:
         program = build(Path(temporary))
-        with robot(joint_friction=False, camera=preset) as pid:
+        with robot(joint_friction=False, camera=preset) as (pid, _):
             layout = "moments" if which == "second" else "kernel"
             camera = subprocess.Popen(
                 ["rosrun", "aras_visual_servo_camera", "aras_visual_servo_camera_node",

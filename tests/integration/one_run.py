@@ -103,9 +103,16 @@ class Case:
         file.write_text(assemble(self.experiment(GOAL)).goal.to_yaml("for a test"))
         return str(file)
 
+    @property
+    def camera_process(self) -> str:
+        """Return the name of the node that measures the moments."""
+        return f"{ROBOT}_controller" if "one_process" in self.nodes else f"{ROBOT}_camera"
+
     def listened(self) -> set[str]:
         """Return the topics that the controller must receive before time continues."""
         moments = {f"{ROBOT}/camera/moments", f"{ROBOT}/joint_states"}
+        if "one_process" in self.nodes:
+            moments = {f"{ROBOT}/joint_states"}
         if self.scheme in PICTURED:
             return {IMAGE, INFO, f"{ROBOT}/joint_states"}
         return moments | ({f"{ROBOT}/camera/kernel"} if self.scheme == "kernel" else set())
@@ -156,6 +163,7 @@ def _cases() -> Iterable[Case]:
     yield Case("policy", POLICY, frames=75)
     yield Case("moments/camera moved", **_moved(0.0, 0.02, 0.005))
     yield Case("points/camera moved", "points", **_moved(0.0, -0.01, 0.003))
+    yield Case("moments/one process", nodes={"one_process": "true"})
     yield Case("moments/no friction", robot={"joint_friction": "false"}, keys={"friction": False})
 
 
@@ -192,7 +200,7 @@ def on_the_graph(
     )  # fmt: skip
     nodes = launch(
         "aras_visual_servo_gazebo", "aras_visual_servo_nodes.launch",
-        nodes=[f"{ROBOT}_camera", f"{ROBOT}_controller"], start=str(list(case.start)),
+        nodes=[case.camera_process, f"{ROBOT}_controller"], start=str(list(case.start)),
         scheme=case.scheme, goal=goal, **arguments,
     )  # fmt: skip
     wait_for(all_running, 40.0, "seven running controllers")
@@ -205,7 +213,7 @@ def on_the_graph(
     wait_for(
         lambda: (
             {("i", topic) for topic in COMMANDS} <= connections(master, "/gazebo")
-            and {("i", IMAGE), ("i", INFO)} <= connections(master, f"{ROBOT}_camera")
+            and {("i", IMAGE), ("i", INFO)} <= connections(master, case.camera_process)
             and {("i", t) for t in case.listened()} <= connections(master, f"{ROBOT}_controller")
         ),
         20.0,

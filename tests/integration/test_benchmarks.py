@@ -11,6 +11,7 @@ import pytest
 FOLDER = Path(__file__).resolve().parents[1] / "benchmarks"
 RUNS = {
     "camera_graph": ["--seconds", "2", "--only", "320x240"],
+    "nodes_cost": ["--seconds", "2", "one_process:=true"],
     "original_controllers": ["first"],
     "page_cost": ["--seconds", "2", "--turns", "1"],
     "study_beside": ["--starts", "1"],
@@ -50,6 +51,14 @@ def test_the_cost_of_the_page(printed):
     for found in printed("page_cost").values():
         assert 0.1 < found["factor"] < 1.1
         assert all(0.0 <= found[f"{node}_cpu"] < 2.0 for node in ("page", "camera", "simulator"))
+
+
+def test_the_cost_of_the_nodes(printed):
+    for found in printed("nodes_cost").values():
+        assert set(found) == {
+            "simulator", "/aras_visual_servo_controller", "total", "memory_mb", "real_time_factor",
+        }  # fmt: skip
+        assert 0.0 < found["simulator"] < found["total"] < 200.0
 
 
 def test_studies_and_shell_loops_make_the_same_runs(printed):

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import pytest
 from one_run import CASES, differences
 
 
-def test_there_are_forty_experiments_and_two_more():
-    assert len(CASES) == 42
+def test_there_are_forty_experiments_and_three_more():
+    assert len(CASES) == 43
 
 
-def test_runner_graph_and_bag_are_one(launch, ros_node, ros_master, tmp_path):
+@pytest.mark.parametrize("case", ["points/delay 0.02 s", "moments/one process"])
+def test_runner_graph_and_bag_are_one(launch, ros_node, ros_master, tmp_path, case):
     """`tests/one_run` compares all."""
-    assert differences(CASES["points/delay 0.02 s"], launch, ros_master, tmp_path) == []
+    assert differences(CASES[case], launch, ros_master, tmp_path) == []

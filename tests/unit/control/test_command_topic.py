@@ -18,9 +18,9 @@ from aras_sim_bridge.ros.control.command_topic import CommandTopic
 from aras_sim_bridge.ros.runtime.lockstep import Lockstep
 from aras_sim_bridge.ros.runtime.message_receiver import MessageReceiver
 from aras_sim_bridge.ros.runtime.pacing import Pacer
-from aras_sim_bridge.ros.runtime.send_queue import QueueFlusher
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_sim_bridge.simulation import Simulation
+from aras_visual_servo_ros.send_queue import QueueFlusher
 
 
 class Inbox(MessageReceiver):

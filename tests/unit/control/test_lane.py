@@ -7,7 +7,7 @@ import weakref
 
 import pytest
 
-from aras_sim_bridge.ros.runtime.send_queue import QueueFlusher, SendQueue
+from aras_visual_servo_ros.send_queue import QueueFlusher, SendQueue
 
 SIZE = 300_000  # of a message: more than the socket below takes at once
 QUEUE = 2

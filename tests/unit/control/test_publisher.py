@@ -8,8 +8,8 @@ import pytest
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
-from aras_sim_bridge.ros.runtime import send_queue
 from aras_sim_bridge.ros.runtime.publisher import NonBlockingPublisher
+from aras_visual_servo_ros import send_queue
 
 
 def test_who_comes_later_gets_the_last_message_of_a_latched_topic_once(ros):

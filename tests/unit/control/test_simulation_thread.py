@@ -12,9 +12,9 @@ import pytest
 from aras_sim_bridge.ros.runtime.lockstep import Lockstep
 from aras_sim_bridge.ros.runtime.message_receiver import MessageReceiver
 from aras_sim_bridge.ros.runtime.pacing import Pacer
-from aras_sim_bridge.ros.runtime.send_queue import QueueFlusher
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationBusyError, SimulationThread
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
+from aras_visual_servo_ros.send_queue import QueueFlusher
 
 MS = 1_000_000
 

@@ -16,9 +16,9 @@ import pytest
 from aras_sim_bridge.ros.runtime.lockstep import Lockstep
 from aras_sim_bridge.ros.runtime.message_receiver import MessageReceiver, MessageStream
 from aras_sim_bridge.ros.runtime.pacing import Pacer
-from aras_sim_bridge.ros.runtime.send_queue import QueueFlusher
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
+from aras_visual_servo_ros.send_queue import QueueFlusher
 
 STEP_COST = 60e-6  # s of wall time
 LATE = 80e-6  # s that a waiting thread wakes after its time

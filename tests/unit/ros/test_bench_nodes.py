@@ -52,6 +52,8 @@ STARTED = {  # program: module whose main it runs
     "aras_visual_servo_camera/nodes/aras_visual_servo_camera_node": "aras_visual_servo_camera.node",
     "aras_visual_servo_controller/nodes/aras_visual_servo_controller_node":
         "aras_visual_servo_controller.ros.node",
+    "aras_visual_servo_controller/nodes/aras_visual_servo_combined_node":
+        "aras_visual_servo_controller.ros.combined_node",
     "aras_visual_servo_controller/nodes/aras_teleop": "aras_visual_servo_controller.ros.teleop",
     "aras_visual_servo_controller/nodes/teach": "aras_visual_servo_controller.ros.teach_goal",
     **{f"aras_sim_bridge/nodes/{name}": f"aras_sim_bridge.ros.cli.{name}" for name in (

@@ -11,7 +11,7 @@ import rosgraph
 
 from aras_sim_bridge.errors import SimError
 from aras_sim_bridge.ros.runtime.lockstep import Lockstep
-from aras_sim_bridge.ros.runtime.send_queue import QUEUE_FLUSHER, SendQueue
+from aras_visual_servo_ros.send_queue import QUEUE_FLUSHER, SendQueue
 
 MS = 1_000_000
 

@@ -575,7 +575,8 @@ def test_the_camera_node_says_what_it_waits_for(camera, graph, life):
 
 def test_the_camera_node_s_main(graph, life):
     assert camera_module.main() == 0
-    assert life.begun == [("aras_visual_servo_camera", {"disable_signals": True})]
+    assert life.begun == [
+        ("aras_visual_servo_camera", {"disable_signals": True, "disable_rostime": True})]
     assert graph.lines[0].startswith("camera node ready, layout '")
     rospy.set_param("~segmentation", "label")
     rospy.set_param("~label", "box")

@@ -34,6 +34,10 @@ RUNS = {
         {r".*\.mm": (0, 0.3), r".*\.degrees": (0, 0.3), r".*\.lost": (0, 0), r".*\.ms": (0, 1e3)},
     ),
     "moments": (["--repeats", "2", "--rounds", "1"], {r"cases\..*\.ours.*": (1e-3, 1e4)}),
+    "peers": (
+        ["--images", "60", "--rounds", "1", "--only", "this simulator", "PyBullet"],
+        {"this simulator, .*": (0.1, 1e3), "PyBullet": (0.1, 1e4)},
+    ),
     "render": (
         ["--before", "", "--poses", "1", "--rounds", "1", "--pictures", "1", "--patience", "60",
          "--sizes", "320x240", "--cases", "servo"],
@@ -56,11 +60,11 @@ RUNS = {
 }  # fmt: skip
 # tests/integration/test_benchmarks.py runs those that need no other Debian package.
 ON_A_GRAPH = {
-    "by_roslaunch", "calibrate_live", "camera_graph", "original_controllers", "page_cost",
-    "show_chessboard", "study_beside",
+    "by_roslaunch", "calibrate_live", "camera_graph", "nodes_cost", "original_controllers",
+    "page_cost", "show_chessboard", "study_beside",
 }  # fmt: skip
 # What counts the modules of its process, its memory, or starts others of its own.
-APART = {"core_size", "loop", "startup", "study", "study_kills"}
+APART = {"core_size", "loop", "peers", "startup", "study", "study_kills"}
 ELSEWHERE = {"memory"}  # unit/bench/test_memory.py runs it
 IMPORTED = {"checkout", "closed_loop", "graph"}  # by the others
 

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from threading import Lock
+from typing import Any
 
 import rospy
 from sensor_msgs.msg import CameraInfo
@@ -19,7 +21,7 @@ from aras_visual_servo_ros.shutdown import iterate_at_period, node_main
 from .errors import CalibrationError, VisionError
 from .images import decode
 from .label_topics import BUFFER_SIZE, LabelTopics
-from .outputs import ImagePublishers
+from .outputs import MOMENTS_TOPIC, ImagePublishers
 from .parameters import VisionParameters
 from .pipeline import Pipeline
 from .undistortion import CameraModel
@@ -29,9 +31,18 @@ IMAGE_TOPIC, INFO_TOPIC = f"{CAMERA}/image_raw", f"{CAMERA}/camera_info"
 
 
 class CameraNode:
-    """ROS interface of Pipeline. It logs each kind of error in one line, at a limited rate."""
+    """ROS interface of Pipeline. It logs each kind of error in one line, at a limited rate.
+
+    Attributes:
+        moments_topic: name of the topic of the moments, as it is before remapping.
+        on_moments: function that is called with the ImageMoments message of each image, for a
+            controller in the same process; None if there is none.
+    """
+
+    moments_topic = MOMENTS_TOPIC
 
     def __init__(self, parameters: VisionParameters) -> None:
+        self.on_moments: Callable[[Any], None] | None = None
         self.parameters = parameters
         self.pipeline = Pipeline(parameters.pipeline_settings, parameters.read_mask_image())
         self.pipeline.drop_camera(f"no camera_info on {rospy.resolve_name(INFO_TOPIC)} yet")
@@ -48,11 +59,15 @@ class CameraNode:
     def spin(self) -> None:
         """Run until shutdown or until the ROS master has stopped; log if no images arrive."""
         for _ in iterate_at_period(0.2):
-            if time.monotonic() - self._last_image > self.parameters.log_period:
-                label_topic = f" and {self._label_topics.topic}" if self._label_topics else ""
-                self._log(
-                    "image", f"waiting for images on {rospy.resolve_name(IMAGE_TOPIC)}{label_topic}"
-                )
+            self.check_images()
+
+    def check_images(self) -> None:
+        """Log if no images arrive; this method must be called often."""
+        if time.monotonic() - self._last_image > self.parameters.log_period:
+            label_topic = f" and {self._label_topics.topic}" if self._label_topics else ""
+            self._log(
+                "image", f"waiting for images on {rospy.resolve_name(IMAGE_TOPIC)}{label_topic}"
+            )
 
     def _on_info(self, message: CameraInfo) -> None:
         with self._lock:
@@ -80,7 +95,9 @@ class CameraNode:
         except VisionError as error:
             self._log("image unusable", f"image skipped: {error}")
             return
-        self._outputs.publish(image, measurement, messages["image"])
+        moments = self._outputs.publish(image, measurement, messages["image"])
+        if self.on_moments is not None:
+            self.on_moments(moments)
 
     def _log(self, key: str, text: str) -> None:
         now = time.monotonic()
@@ -89,16 +106,23 @@ class CameraNode:
             rospy.logwarn(text)
 
 
-def main() -> int:
-    """Run the node and return its exit status, which is 1 if a parameter is wrong."""
-    compile_all()
-    return node_main("aras_visual_servo_camera", __doc__, _run, VisionError)
+def make_node(namespace: str = "~") -> CameraNode:
+    """Create a node with the parameters in a namespace.
 
-
-def _run() -> None:
-    parameters = rospy.get_param("~", {})
+    Raises:
+        VisionError: a parameter is wrong.
+    """
+    parameters = rospy.get_param(namespace, {})
     node = CameraNode(
         VisionParameters.from_mapping(parameters if isinstance(parameters, dict) else {})
     )
     rospy.loginfo("camera node ready, layout '%s'", node.parameters.pipeline_settings.layout)
-    node.spin()
+    return node
+
+
+def main() -> int:
+    """Run the node and return its exit status, which is 1 if a parameter is wrong."""
+    compile_all()
+    # The node needs no simulated time. Receiving /clock would take a third of its processor time.
+    return node_main("aras_visual_servo_camera", __doc__, lambda: make_node().spin(), VisionError,
+                     disable_rostime=True)  # fmt: skip

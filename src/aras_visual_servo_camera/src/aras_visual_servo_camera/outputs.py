@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from typing import Any
 
 import rospy
 from geometry_msgs.msg import PolygonStamped
@@ -27,6 +28,7 @@ from .parameters import VisionParameters
 from .pipeline import Pipeline, TargetDetection
 
 NAMESPACE = "/aras_visual_servo/camera/"
+MOMENTS_TOPIC = f"{NAMESPACE}moments"
 OUTLINE_TOPIC = "/aras_visual_servo/controller/desired_outline"
 
 
@@ -47,7 +49,7 @@ class ImagePublishers:
         from .msg import ImageMoments, KernelFeatures
 
         self._parameters, self._pipeline, self._log = parameters, pipeline, log
-        self._moments_publisher = rospy.Publisher(NAMESPACE + "moments", ImageMoments, queue_size=1)
+        self._moments_publisher = rospy.Publisher(MOMENTS_TOPIC, ImageMoments, queue_size=1)
         self._data_publisher = rospy.Publisher(NAMESPACE + "data", Float64MultiArray, queue_size=1)
         self._kernel_publisher = rospy.Publisher(NAMESPACE + "kernel", KernelFeatures, queue_size=1)
         self._binary_publisher = rospy.Publisher(
@@ -58,8 +60,8 @@ class ImagePublishers:
         if not self._desired_outline:
             rospy.Subscriber(OUTLINE_TOPIC, PolygonStamped, self._on_outline, queue_size=1)
 
-    def publish(self, image: Image, detection: TargetDetection, message: ImageMessage) -> None:
-        """Publish the results of one image.
+    def publish(self, image: Image, detection: TargetDetection, message: ImageMessage) -> Any:
+        """Publish the results of one image, and return the ImageMoments message.
 
         Args:
             image: decoded image.
@@ -67,7 +69,8 @@ class ImagePublishers:
             message: message of this image.
         """
         method = self._parameters.pipeline_settings.segmentation.method
-        self._moments_publisher.publish(make_moments_message(detection, message.header, method))
+        moments = make_moments_message(detection, message.header, method)
+        self._moments_publisher.publish(moments)
         if not detection.valid:
             # Reasons that differ only in numbers are logged as the same kind of error.
             kind = re.sub(r"[\d.]+", "#", detection.reason)
@@ -82,6 +85,7 @@ class ImagePublishers:
         if self._overlay_publisher.get_num_connections():
             overlay = draw(image.rgb, detection, self._desired_outline)
             self._overlay_publisher.publish(make_image_message(overlay, "rgb8", message.header))
+        return moments
 
     def _on_outline(self, message: PolygonStamped) -> None:
         """Store the desired outline that the controller publishes, for the overlay."""

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator
 import rosgraph
 import rospy
 
-from .connections import accept_in_threads, find_publishers
+from .connections import accept_in_threads, find_publishers, send_directly
 from .log_folder import check_log_folder
 from .master_watch import MasterWatch
 
@@ -57,6 +57,7 @@ def init_node(name: str, about: str = "", **options: bool) -> None:
     _started.clear()
     end_on_signals()
     find_publishers()
+    send_directly()
     check_log_folder(name)
     try:
         rospy.init_node(name, disable_signals=True, **options)
@@ -142,8 +143,9 @@ def iterate_at_period(period: float) -> Iterator[None]:
 
 
 def node_main(
-    name: str, about: str, run: Callable[[], object], fault: type[Exception], **options: bool
-) -> int:
+    name: str, about: str, run: Callable[[], object],
+    fault: type[Exception] | tuple[type[Exception], ...], **options: bool,
+) -> int:  # fmt: skip
     """Start a node, call `run` and return the exit status.
 
     If `run` raises an exception of type `fault`, the function logs it in one line and returns 1.

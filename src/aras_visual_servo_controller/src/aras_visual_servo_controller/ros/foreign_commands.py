@@ -9,15 +9,16 @@ from functools import partial
 
 import rospy
 
+from aras_visual_servo_ros.connections import send_to_others_only
+
 from .commands import CommandTopics
 
 
 class ForeignCommandListener:
     """Subscriber of the joints' command topics, which records commands of other nodes.
 
-    The topics are subscribed at the first request, because most runs do not need them, and because
-    the subscription also delivers the commands of this node itself. They stay subscribed, because
-    rospy leaks a file descriptor for every subscriber that is unregistered.
+    The topics are subscribed at the first request, because most runs do not need them. They stay
+    subscribed, because rospy leaks a file descriptor for every subscriber that is unregistered.
     """
 
     def __init__(self, commands: CommandTopics) -> None:
@@ -47,6 +48,7 @@ class ForeignCommandListener:
     def _subscribe(self) -> None:
         self._commands.is_self_subscribed = True
         for topic, joints in self._commands.list_topics():
+            send_to_others_only(topic)
             self._subscribers.append(rospy.Subscriber(
                 topic, rospy.AnyMsg, partial(self._receive, joints), queue_size=1
             ))  # fmt: skip

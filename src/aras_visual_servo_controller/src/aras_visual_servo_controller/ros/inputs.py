@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import rospy
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
@@ -11,19 +13,26 @@ from ..settings import Settings
 from .image_input import IMAGE_NEEDS, ImageInput
 from .measurement_input import MeasurementInput
 
+if TYPE_CHECKING:
+    from aras_visual_servo_camera.node import CameraNode
+
 
 class Inputs:
     """Subscribers to the inputs of one loop."""
 
-    def __init__(self, settings: Settings, runner: LoopRunner, e_stop: str = "") -> None:
+    def __init__(
+        self, settings: Settings, runner: LoopRunner, e_stop: str = "",
+        camera_node: CameraNode | None = None,
+    ) -> None:
         """Subscribe to the topics.
 
         Args:
             settings: settings of the loop.
             runner: loop that receives the inputs.
             e_stop: topic of the arm's emergency stop; '' if there is none.
+            camera_node: camera node of this process, which passes on its moments; None for topics.
         """
-        self._runner = runner
+        self._runner, self._camera_node = runner, camera_node
         topic = f"{settings.namespace.rstrip('/')}/joint_states"
         joints = rospy.Subscriber(
             topic, JointState, self._on_joints, tcp_nodelay=True,
@@ -31,9 +40,12 @@ class Inputs:
         )  # fmt: skip
         self._subscribers = [joints]
         for name, observer in runner.camera_rig.observers.items():
-            images = ImageInput if observer.needs & IMAGE_NEEDS else MeasurementInput
-            camera_input = images(settings.get_camera(name), runner, observer)
-            self._subscribers += camera_input.subscribers
+            camera = settings.get_camera(name)
+            if observer.needs & IMAGE_NEEDS:
+                self._subscribers += ImageInput(camera, runner, observer).subscribers
+            else:
+                measurements = MeasurementInput(camera, runner, observer, camera_node)
+                self._subscribers += measurements.subscribers
         if e_stop:
             self._subscribers.append(rospy.Subscriber(
                 e_stop, Bool, lambda message: runner.emergency_stop(message.data)
@@ -41,6 +53,8 @@ class Inputs:
 
     def close(self) -> None:
         """Unregister all subscribers."""
+        if self._camera_node is not None:
+            self._camera_node.on_moments = None
         for subscriber in self._subscribers:
             subscriber.unregister()
 

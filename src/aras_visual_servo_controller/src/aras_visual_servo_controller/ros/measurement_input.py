@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from typing import TYPE_CHECKING
 
 import rospy
 from aras_visual_servo_camera.msg import ImageMoments, KernelFeatures
@@ -18,19 +19,30 @@ from ..records.state import Source
 from ..runner.loop_runner import LoopRunner
 from .messages import read_camera, read_moments
 
+if TYPE_CHECKING:
+    from aras_visual_servo_camera.node import CameraNode
+
 
 class MeasurementInput:
     """Subscribers of the camera node's topics, which pass each measurement to the loop."""
 
-    def __init__(self, camera: CameraEntry, runner: LoopRunner, observer: FeatureObserver) -> None:
+    def __init__(
+        self, camera: CameraEntry, runner: LoopRunner, observer: FeatureObserver,
+        camera_node: CameraNode | None = None,
+    ) -> None:
+        """Subscribe; if `camera_node` measures in this process, it passes on its moments itself."""
         self._runner, self._observer = runner, observer
         self._lock = threading.Lock()
         self._measurements = StampSynchronizer(("moments", "kernel"))
         self._needs_kernel = Need.KERNEL in observer.needs
-        topics = [(f"{camera.features}/moments", ImageMoments, self._on_moments)]
+        moments = f"{camera.features}/moments"
+        topics = [(moments, ImageMoments, self._on_moments)]
         if self._needs_kernel:
             topics.append((f"{camera.features}/kernel", KernelFeatures, self._on_kernel))
         runner.set_source(observer.name, Source("features", topics[-1][0], "the camera node"))
+        if camera_node is not None and moments == camera_node.moments_topic:
+            camera_node.on_moments = self._on_moments
+            topics = topics[1:]
         self.subscribers = [
             rospy.Subscriber(topic, kind, callback, queue_size=1, tcp_nodelay=True)
             for topic, kind, callback in topics

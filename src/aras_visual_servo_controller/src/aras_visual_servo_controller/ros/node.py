@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from typing import TYPE_CHECKING
 
 import rospy
 
@@ -21,6 +22,9 @@ from .node_settings import read_node_settings
 from .reconfigure import GainServer
 from .ros_publisher import RosPublisher
 
+if TYPE_CHECKING:
+    from aras_visual_servo_camera.node import CameraNode
+
 WATCH_PERIOD = 0.02  # wall time between two checks of the robot description and of the timeouts, s
 SHUTDOWN_TIME = 0.2  # wall time that rospy's threads get for sending the last messages, s
 
@@ -29,7 +33,17 @@ class ControllerNode:
     """The node, which creates the loop when the robot description is available, and supervises it.
     """
 
-    def __init__(self, settings: Settings, raw_settings: dict[str, object]) -> None:
+    def __init__(
+        self, settings: Settings, raw_settings: dict[str, object], camera: CameraNode | None = None
+    ) -> None:
+        """Create the node without a loop.
+
+        Args:
+            settings: settings of the loop.
+            raw_settings: parameters that the user has given.
+            camera: camera node that runs in this process, or None.
+        """
+        self._camera = camera
         self._settings, self._raw_settings = settings, raw_settings
         self.runner: LoopRunner | None = None
         self.publisher: RosPublisher | None = None
@@ -73,7 +87,8 @@ class ControllerNode:
             self._loop_services = LoopServices(settings.namespace.rstrip("/"), self)
             self._gain_server = GainServer(self)
         self._goal_topics.publish(servo)
-        self._inputs = Inputs(settings, self.runner, find_e_stop_topic(urdf, settings.namespace))
+        self._inputs = Inputs(settings, self.runner, find_e_stop_topic(urdf, settings.namespace),
+                              self._camera)  # fmt: skip
 
     def spin(self) -> None:
         """Supervise the loop until ROS shuts down.
@@ -89,6 +104,8 @@ class ControllerNode:
                 self.build_loop(urdf)
             if self.runner is not None:
                 self.runner.check_timeouts()
+            if self._camera is not None:
+                self._camera.check_images()
 
     def close(self) -> None:
         """Command zero velocities or efforts, if these are the output of the loop."""

@@ -23,7 +23,7 @@ import rosgraph
 import rospy
 
 from aras_sim_bridge.errors import SimError
-from aras_sim_bridge.ros.runtime.send_queue import QUEUE_FLUSHER, QueueFlusher
+from aras_visual_servo_ros.send_queue import QUEUE_FLUSHER, QueueFlusher
 
 _TIMEOUT_WARNING = (
     "lockstep: after waiting %g s of wall time for %s, simulated time continues; check that these "

@@ -17,7 +17,7 @@ import rospy
 from genpy import Message
 from rospy.impl.tcpros_base import TCPROSTransport
 
-from aras_sim_bridge.ros.runtime.send_queue import MessageParts, SendQueue
+from aras_visual_servo_ros.send_queue import MessageParts, SendQueue
 
 _LENGTH = struct.Struct("<I")
 

@@ -2,8 +2,8 @@
 
 A message that a socket does not accept immediately waits in a queue. One thread for all sockets
 sends the waiting messages as soon as possible. If a subscriber does not read for a long time, the
-oldest messages are dropped, as in rospy. To lose no message, lockstep mode (see lockstep.py) stops
-simulated time while `is_behind` is True for a queue.
+oldest messages are dropped, as in rospy. To lose no message, the simulator's lockstep mode stops
+simulated time while `is_behind` is True for one of its queues.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ class SendQueue:
 
         Args:
             connection: socket of the subscriber.
-            queue_size: largest number of waiting messages.
+            queue_size: largest number of waiting messages; 0 for any number.
             on_broken: function that is called once when the connection is broken.
             name: name of the subscriber and the topic in log messages.
-            flusher: thread that sends the waiting messages; None means QUEUE_FLUSHER.
+            flusher: object that sends the waiting messages; None for QUEUE_FLUSHER.
         """
         self.name = name
         # Set to True by lockstep mode when it no longer waits for this queue, and to False by
@@ -45,10 +45,12 @@ class SendQueue:
         self.socket = connection
         self.descriptor = connection.fileno()
         self._on_broken = on_broken
-        self._flusher = QUEUE_FLUSHER if flusher is None else flusher
+        self._flusher = flusher or QUEUE_FLUSHER
         self._lock = threading.Lock()
         self._unsent_rest: MessageParts = ()
-        self._messages: collections.deque[MessageParts] = collections.deque(maxlen=queue_size)
+        self._messages: collections.deque[MessageParts] = collections.deque(
+            maxlen=queue_size or None
+        )
         self._is_broken = False
 
     def close(self) -> None:

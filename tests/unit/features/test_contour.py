@@ -64,7 +64,7 @@ STEPS = np.array([[-0.5, -0.7], [0.5, -0.7], [0.5, 0.3], [0.15, 0.3], [0.15, 0.5
                   [-0.35, 0.3], [-0.5, 0.3]])  # fmt: skip
 
 
-@pytest.mark.parametrize("row", np.arange(8) / 8.0)
+@pytest.mark.parametrize("row", np.arange(4) / 4.0)
 def test_sides_of_four_pixels_do_not_tilt_with_the_rows_that_they_lie_on(row):
     """Corners of a shipped target's steps jumped by two pixels where a side lay along a row."""
     shape = STEPS * 27.0 / 200.0 + np.array([0.0, row / 201.0])
@@ -77,8 +77,8 @@ def test_sides_of_four_pixels_do_not_tilt_with_the_rows_that_they_lie_on(row):
 IRREGULAR = np.array([[-0.5, -0.4], [0.5, -0.5], [0.35, 0.45], [-0.3, 0.3]])
 
 
-@pytest.mark.parametrize("turn", np.radians([3.0, 17.0, 45.0, 80.0, 133.0, 161.0]))
-@pytest.mark.parametrize("width", [12.0, 14.5, 17.0, 22.0])
+@pytest.mark.parametrize("turn", np.radians([3.0, 45.0, 133.0]))
+@pytest.mark.parametrize("width", [12.0, 14.5, 22.0])
 def test_pixels_are_no_corners(width, turn):
     """Four corners, 12 to 22 pixels apart: half of the pictures showed five to seven."""
     R = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
@@ -89,7 +89,7 @@ def test_pixels_are_no_corners(width, turn):
     assert nearest(corners, shape).max() < 0.5 / 200.0  # half a pixel
 
 
-@pytest.mark.parametrize("turn", [0.0, 17.0, 133.0])
+@pytest.mark.parametrize("turn", [0.0, 133.0])
 def test_the_outline_encloses_the_area(turn):
     drawn, grey = picture(L_SHAPE, (5.0, 8.0), turn)
     outline = extract_outline(grey, segment(grey, Segmentation()), CAMERA)
@@ -138,8 +138,8 @@ def test_an_edge_of_30_pixels_is_too_blurred():
             assert len(extract_outline(grey, target, CAMERA)) > 300
 
 
-@pytest.mark.parametrize("turn", [0.0, 31.0, 133.0, 250.0])
-@pytest.mark.parametrize("depth", [1.0, 2.0, 2.6])
+@pytest.mark.parametrize("turn", [0.0, 31.0, 250.0])
+@pytest.mark.parametrize("depth", [1.0, 2.6])
 def test_a_small_targets_corners_are_those_of_its_model(turn, depth):
     """Fifteen pixels across, the plates show from 7 to 11 corners of their eight."""
     model, _ = picture(SCALES["target"], (0.0, 0.0), 0.0)

@@ -46,7 +46,7 @@ def gap(L: np.ndarray, expected: np.ndarray) -> np.ndarray:
 def test_every_row_equals_a_really_moved_camera(make) -> None:
     """Random shapes, poses and tilts; every feature there is."""
     worst = dict.fromkeys(ALL, 0.0)
-    for seed in range(40 if make is polygon_moments else 10):
+    for seed in range(20 if make is polygon_moments else 8):
         view = random_view(seed)
         result = compute(make(view), ALL, view.plane, REFERENCE)
         assert result.is_defined, (seed, result.degenerate)
@@ -64,31 +64,18 @@ def test_every_row_equals_a_really_moved_camera(make) -> None:
     assert max(worst.values()) <= 1e-5, sorted(worst.items(), key=lambda item: -item[1])[:5]
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_invariants_do_not_feel_translation_rotation_and_scale(seed: int) -> None:
-    random = np.random.default_rng(seed)
-    outline = random_view(seed).image
-    turn = rotation([0, 0, random.uniform(-pi, pi)])[:2, :2]
-    moved = random.uniform(0.3, 3.0) * outline @ turn.T + random.uniform(-1, 1, 2)
-    names = tuple(n for n in INVARIANTS if n not in ("Sx", "Sy")) + ("r1", "r2")
-    before = compute(Moments.from_polygon(outline), names, FRONT)
-    after = compute(Moments.from_polygon(moved), names, FRONT)
-    scale = np.maximum(np.abs(before.values), 1.0)
-    np.testing.assert_array_less(np.abs(after.values - before.values), 1e-10 * scale)
-    # of points, with m00 in the place of a
-    names = tuple(n for n in names if n != "Py") + ("Pyn",)
-    before = compute(Moments.from_points(outline), names, FRONT)
-    after = compute(Moments.from_points(moved), names, FRONT)
-    scale = np.maximum(np.abs(before.values), 1.0)
-    np.testing.assert_array_less(np.abs(after.values - before.values), 1e-10 * scale)
-
-
 @pytest.mark.parametrize("make", [Moments.from_polygon, Moments.from_points])
-def test_sx_sy_turn_as_a_vector_and_do_not_feel_the_rest(make) -> None:
-    angle = 0.7
-    turn = rotation([0, 0, angle])[:2, :2]
-    before = compute(make(L_SHAPE), ("Sxn", "Syn"), FRONT).values
-    after = compute(make(2.5 * L_SHAPE @ turn.T + [0.3, -0.1]), ("Sxn", "Syn"), FRONT).values
+def test_invariants_do_not_feel_translation_rotation_and_scale(make) -> None:
+    """Of points m00 is in the place of a; Sxn, Syn turn as a vector."""
+    outline, turn = random_view(3).image, rotation([0, 0, -2.1])[:2, :2]
+    moved = 2.5 * outline @ turn.T + [0.7, -0.4]
+    names = tuple(n for n in INVARIANTS if n not in ("Sx", "Sy", "Py")) + ("r1", "r2", "Pyn")
+    before, after = (compute(make(shape), names, FRONT).values for shape in (outline, moved))
+    scale = np.maximum(np.abs(before), 1.0)
+    np.testing.assert_array_less(np.abs(after - before), 1e-10 * scale)
+    before, after = (
+        compute(make(shape), ("Sxn", "Syn"), FRONT).values for shape in (outline, moved)
+    )
     np.testing.assert_allclose(after, turn.T @ before, atol=1e-10)
 
 
@@ -103,39 +90,7 @@ def test_other_names_are_the_same_features() -> None:
         )
 
 
-def test_paper_rows_of_a_parallel_target_are_decoupled() -> None:
-    """Chaumette: xn, yn, an react to vx, vy, vz with -1 and to nothing else of the translation."""
-    moments = Moments.from_polygon(L_SHAPE / 0.5)
-    result = compute(moments, PAPER_FEATURES, FRONT, Reference.from_moments(moments, 0.5))
-    np.testing.assert_allclose(result.L[:3, :3], -np.eye(3), atol=1e-12)
-    np.testing.assert_allclose(result.L[3, [0, 1, 2, 5]], [0, 0, 0, -1], atol=1e-12)
-    np.testing.assert_allclose(result.L[:3, 5], [result["yn"], -result["xn"], 0], atol=1e-12)
-
-
-def test_rotation_invariance_shows_in_the_rows() -> None:
-    """ViSP's row of C5 fails this: its last entry is not zero."""
-    view = random_view(11)
-    result = compute(polygon_moments(view), INVARIANTS, view.plane)
-    turning = {
-        name: abs(result.get_interaction_row(name)[5])
-        for name in INVARIANTS
-        if name not in ("Sx", "Sy")
-    }
-    assert max(turning.values()) < 1e-9, turning
-
-
-def test_xn_row_of_a_tilted_region_has_half_the_tilt() -> None:
-    """ViSP has -an C - A xn - B yn for the reaction to vx; half of A xn is right."""
-    view = View(L_SHAPE, rotation([0.3, 0.4, 0.2]), np.array([0.1, 0.05, 0.5]))
-    result = compute(polygon_moments(view), ("xn", "yn", "an"), view.plane, REFERENCE)
-    A, B, C = view.plane
-    xn, yn, an = result.values
-    assert result.get_interaction_row("xn")[0] == pytest.approx(
-        -an * C - A * xn / 2 - B * yn, rel=1e-12
-    )
-
-
-@pytest.mark.parametrize("seed", range(16))
+@pytest.mark.parametrize("seed", range(6))
 @pytest.mark.parametrize("make", [polygon_moments, point_moments], ids=["region", "points"])
 def test_full_turn_orientation_under_tilt(seed: int, make) -> None:
     """The branch is the one nearest to the true turn, whatever the tilt (ViSP: 20 of 96 wrong)."""
@@ -159,12 +114,10 @@ def test_full_turn_orientation_under_tilt(seed: int, make) -> None:
 def test_symmetry_is_judged_free_of_scale() -> None:
     """Small or far makes no shape symmetric, large makes no rectangle asymmetric."""
     for scale in (1e-4, 1.0, 1e3):
-        orientation = features.Orientation.from_moments(Moments.from_polygon(TARGET * scale), FRONT)
-        assert not orientation.is_symmetric
-        orientation = features.Orientation.from_moments(
-            Moments.from_polygon(RECTANGLE * scale), FRONT
-        )
-        assert orientation.is_symmetric
+        for shape, is_symmetric in ((TARGET, False), (RECTANGLE, True)):
+            moments = Moments.from_polygon(shape * scale)
+            found = features.Orientation.from_moments(moments, FRONT)
+            assert found.is_symmetric is is_symmetric
     half_turned = Moments.from_polygon(-RECTANGLE)
     reference = Reference.from_moments(Moments.from_polygon(RECTANGLE), 1.0)
     assert compute(half_turned, ("alpha_full",), FRONT, reference)["alpha_full"] == pytest.approx(0)
@@ -205,19 +158,11 @@ def test_tolerance_decides_for_a_nearly_square_target() -> None:
     assert not compute(nearly, ("alpha",), FRONT, tolerance=0.01).is_defined
 
 
-def test_division_by_zero_in_a_combination_is_reported() -> None:
-    result = compute(Moments.from_polygon(SQUARE), ("1 / (m00 - a)",), FRONT)
-    assert "divides by zero" in result.degenerate["1 / (m00 - a)"]
-
-
 @pytest.mark.parametrize(
     ("names", "order"),
     [
         (("area",), 2),
-        (("xg",), 2),
-        (("xn", "yn", "an"), 2),
         (PAPER_FEATURES, 3),
-        (("Sx",), 4),
         (("alpha_full",), 4),
         (("C7",), 5),
         (("C9",), 6),
@@ -317,10 +262,8 @@ def test_a_program_is_its_formulas_one_by_one() -> None:
     for name in names:
         alone = compute(moments, (name,), FRONT, REFERENCE)
         assert together[name] == alone[name]
-        assert (
-            np.abs(together.get_interaction_row(name) - alone.get_interaction_row(name)).max()
-            <= 1e-12 * np.abs(alone.L).max()
-        )
+        off = together.get_interaction_row(name) - alone.get_interaction_row(name)
+        assert np.abs(off).max() <= 1e-12 * np.abs(alone.L).max()
 
 
 def test_one_feature_that_divides_by_zero_leaves_the_others() -> None:
@@ -328,5 +271,6 @@ def test_one_feature_that_divides_by_zero_leaves_the_others() -> None:
     names = ("xg", "1 / (xg - xg)", "an")
     result = compute(moments, names, FRONT, REFERENCE)
     assert set(result.degenerate) == {"1 / (xg - xg)"}
+    assert "divides by zero" in result.degenerate["1 / (xg - xg)"]
     assert result["xg"] == moments.xg and result["an"] > 0.0
     assert result.values[1] == 0.0 and not result.L[1].any()

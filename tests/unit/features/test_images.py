@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import cv2
 import numpy as np
 import pytest
 
 from aras_visual_servo_camera.errors import ImageError
 from aras_visual_servo_camera.images import ENCODINGS, decode
+
+messages = pytest.importorskip("sensor_msgs.msg")
 
 RED, GREEN, BLUE = 200, 100, 40
 GREY = round(0.299 * RED + 0.587 * GREEN + 0.114 * BLUE)
@@ -23,7 +23,7 @@ def message(pixels: np.ndarray, encoding: str, step: int | None = None, big: boo
         raw = b"".join(
             raw[k * line : (k + 1) * line] + b"\xee" * (step - line) for k in range(rows)
         )
-    return SimpleNamespace(
+    return messages.Image(
         height=rows, width=columns, encoding=encoding, step=step or line, data=raw, is_bigendian=big
     )
 
@@ -76,16 +76,14 @@ def test_opencv_has_no_threads_that_wait_at_full_speed() -> None:
 
 
 def broken(**changes):
-    good = message(np.zeros((4, 6, 3), np.uint8), "rgb8")
-    return SimpleNamespace(**{**vars(good), **changes})
+    good = {"height": 4, "width": 6, "encoding": "rgb8", "step": 18, "data": bytes(72)}
+    return messages.Image(**{**good, **changes})
 
 
 @pytest.mark.parametrize(
     ("bad", "text"),
     [
         (broken(encoding="8UC3"), "encoding '8UC3' is not supported; send one of mono8"),
-        (broken(encoding="16UC1"), "not supported"),
-        (broken(encoding="32FC1"), "not supported"),
         (broken(encoding=""), "not supported"),
         (broken(data=b"\0" * 60), "truncated: 60 bytes, must be 72 for 4 rows"),
         (broken(data=b""), "truncated"),

@@ -63,9 +63,8 @@ def exact_rows(points: np.ndarray, dense: bool, order: int) -> tuple[np.ndarray,
 
 
 @pytest.mark.parametrize("dense", [True, False], ids=["region", "points"])
-@pytest.mark.parametrize("seed", [1, 2])
-def test_rows_equal_a_camera_moved_exactly(seed: int, dense: bool) -> None:
-    view = random_view(seed)
+def test_rows_equal_a_camera_moved_exactly(dense: bool) -> None:
+    view = random_view(2)
     # one set of numbers for both: the points' doubles; their plane is the view's to 1e-16
     points = view.points
     make = Moments.from_polygon if dense else Moments.from_points

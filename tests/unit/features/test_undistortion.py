@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 
+import cv2
 import numpy as np
 import pytest
 from feature_cases import L_SHAPE, View, rotation
@@ -15,6 +15,8 @@ from aras_visual_servo_camera.images import Image
 from aras_visual_servo_camera.moments import Moments, exponents
 from aras_visual_servo_camera.pipeline import Pipeline, PipelineSettings
 from aras_visual_servo_camera.undistortion import CameraModel, PixelTables
+
+messages = pytest.importorskip("sensor_msgs.msg")
 
 K = (195.0507, 0.0, 162.4058, 0.0, 195.0992, 127.1973, 0.0, 0.0, 1.0)
 LAB = CameraModel(320, 240, K, (-0.33060, 0.1170, 0.0, 0.0, 0.0))
@@ -44,7 +46,6 @@ def test_there_and_back(camera: CameraModel) -> None:
 
 @pytest.mark.parametrize("camera", MODELS, ids=IDS)
 def test_projection_equals_opencv(camera: CameraModel) -> None:
-    cv2 = pytest.importorskip("cv2")
     points = np.random.default_rng(0).uniform(-0.6, 0.6, (50, 1, 3))
     points[..., 2] = 1.0
     matrix, D = np.array(camera.K).reshape(3, 3), np.array(camera.D)
@@ -247,7 +248,7 @@ def test_field_beyond_180_degrees_has_no_coordinates() -> None:
 
 def info(**changes):
     good = {"width": 320, "height": 240, "K": K, "D": (0.0,) * 5, "distortion_model": "plumb_bob"}
-    return SimpleNamespace(**{**good, **changes})
+    return messages.CameraInfo(**{**good, **changes})
 
 
 def test_reads_camera_info() -> None:

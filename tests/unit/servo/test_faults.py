@@ -191,9 +191,7 @@ def test_what_is_wrong_with_a_decision_is_told(scheme, decision, words):
 
 
 def test_a_goal_that_a_users_code_cannot_take_is_one_line():
-    class Own:
-        name = "mine"
-
+    class Own(Wanting):
         def check(self, goal):
             raise goal
 

@@ -65,22 +65,17 @@ def test_schemes_of_poses_and_points_go_to_a_solid(meshes, scheme):
 
 
 def test_the_arm_goes_to_a_solid_on_its_table(meshes):
+    """From a rough start of the tracker, with depth images."""
     target = {"shape": meshes["bracket"], "pose": [0.0, 0.0, 0.5905, 0.0, 0.0, 0.3]}
     starts = {"height": [0.2, 0.3], "side": 0.04, "turn": 0.7, "tilt": 0.15, "margin": 4}
-    result = run(Experiment(target=target, scheme="pose", start=starts, seed=3, duration=12.0))
+    rough = {"pose": [0.004, -0.003, 0.5925, 0.02, 0.0, 0.33]}
+    result = run(Experiment(
+        target=target, scheme="pose", start=starts, seed=3, duration=12.0,
+        controller_parameters={"model_start": rough, "depth_image": True},
+    ))  # fmt: skip
     assert result.outcome.startswith("converged")
     assert result.verdict.distance < 2e-4
     assert result.verdict.angle < 1e-3
-
-
-def test_a_start_that_is_rough_and_depth_images_do(meshes):
-    wrong = {"model_start": {"pose": [0.004, -0.003, 0.003, 0.02, 0.0, 0.03]}, "depth_image": True}
-    target = {"shape": meshes["box"], "pose": [0.0, 0.0, 0.5905, 0.0, 0.0, 0.3]}
-    start = {"pose": [0.004, -0.003, 0.5925, 0.02, 0.0, 0.33]}
-    asked = Experiment(
-        target=target, scheme="pose", controller_parameters={**wrong, "model_start": start}
-    )
-    assert run(asked).verdict.distance < 2e-4
 
 
 def test_a_lens_is_taken_off(meshes):
@@ -97,7 +92,7 @@ def test_a_lens_is_taken_off(meshes):
     assert found.residual < 0.1
 
 
-@pytest.mark.parametrize("off", [(5.5e-4, 0, 0), (-5.5e-4, 2e-4, 0), (0, 5e-4, 0)])
+@pytest.mark.parametrize("off", [(-5.5e-4, 2e-4, 0), (0, 5e-4, 0)])
 def test_a_wrong_pose_with_which_most_edges_agree_is_left(meshes, off):
     """Square from above all but the edges along x agree with a shift along x."""
     small = CameraModel(320, 240, (102.7, 0, 159.5, 0, 102.7, 119.5, 0, 0, 1))
@@ -162,10 +157,8 @@ def marked(tmp_path_factory):
     cv2.imwrite(str(folder / "tag.png"), make_target("marker", (MARKED, MARKED)).pixels)
     with path.with_suffix(".mtl").open("a") as file:
         file.write("\nnewmtl tag\nKd 1 1 1\nmap_Kd tag.png\n")
-    turn, flat = (
-        matrix_from_xyz_rpy(*TAG),
-        0.5 * MARKED * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]),
-    )
+    turn = matrix_from_xyz_rpy(*TAG)
+    flat = 0.5 * MARKED * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
     corners = np.column_stack([flat, np.zeros(4)]) @ turn[:3, :3].T + turn[:3, 3]
     # A closed slab of 0.2 mm, so that the solid is two closed parts.
     ring = [*corners, *(corners - (0.0, 0.0, 2e-4))]

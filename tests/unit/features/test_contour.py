@@ -5,14 +5,11 @@ import pytest
 from feature_cases import L_SHAPE, SQUARE, TARGET, View, grey_image, rotation
 
 from aras_visual_servo_camera.contour import (
-    CORNER_ACCURACY,
     extract_outline,
     find_corners,
-    fit_corners,
     match_corners,
 )
 from aras_visual_servo_camera.errors import SegmentationError
-from aras_visual_servo_camera.line_fits import compute_rms_deviation
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.segmentation import Segmentation
 from aras_visual_servo_camera.segmented_target import segment
@@ -158,28 +155,3 @@ def test_another_polygon_is_not_taken_for_the_model():
     outline = extract_outline(grey, segment(grey, Segmentation()), CAMERA)
     with pytest.raises(SegmentationError, match="does not match the 8 corners"):
         match_corners(outline, model)
-
-
-@pytest.mark.parametrize("noise", [0.0, 5.0])
-def test_corners_are_as_exact_as_the_outline_s_scatter_says(noise):
-    """Of outlines of 20 and 120 px: longer sides average more, and noise makes them worse."""
-    deviations = []
-    for width in (20.0, 120.0):
-        errors, expected = [], []
-        for k in range(6):
-            random = np.random.default_rng([k, int(width)])
-            shape = (IRREGULAR + random.uniform(-0.1, 0.1, (4, 2))) * width / 200.0
-            grey = grey_image(shape + random.uniform(0.0, 0.005, 2), CAMERA.pinhole)
-            grey = np.clip(grey + noise * random.normal(size=grey.shape), 0, 255).astype(np.uint8)
-            outline = extract_outline(grey, segment(grey, Segmentation()), CAMERA)
-            corners, spread = fit_corners(outline)
-            np.testing.assert_array_equal(corners, find_corners(outline))
-            moved = corners - shape[np.linalg.norm(
-                corners[:, None] - shape[None] - 0.0025, axis=2).argmin(axis=1)]
-            errors.append(moved - moved.mean(axis=0))
-            expected.append(compute_rms_deviation(spread))
-        deviations.append(200.0 * np.sqrt(np.mean(np.square(expected))))
-        found = 200.0 * np.sqrt(np.mean(np.square(errors)))
-        assert 0.2 * deviations[-1] < found < 2.5 * np.hypot(deviations[-1], CORNER_ACCURACY)
-    assert deviations[1] < 0.5 * deviations[0]
-    assert (deviations[1] > 0.004) == (noise > 0.0)

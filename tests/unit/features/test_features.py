@@ -21,10 +21,9 @@ from feature_cases import (
 
 from aras_visual_servo_camera import features
 from aras_visual_servo_camera.errors import DegenerateFeatureError, FeatureError
-from aras_visual_servo_camera.feature_formulas import FORMULAS
 from aras_visual_servo_camera.features import PAPER_FEATURES, Reference, compute_required_order
 from aras_visual_servo_camera.features import compute_moment_features as compute
-from aras_visual_servo_camera.formula import CompiledFormulas, Formula
+from aras_visual_servo_camera.formula import Formula
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.moments import Moments, exponents
 
@@ -171,6 +170,7 @@ def test_tolerance_decides_for_a_nearly_square_target() -> None:
 )
 def test_only_the_needed_order_is_asked_for(names, order: int) -> None:
     assert compute_required_order(names) == order
+    assert compute_required_order(("area",), "points") == 3
     view = random_view(1)
     low = compute(polygon_moments(view, order), names, view.plane, REFERENCE)
     full = compute(polygon_moments(view, 6), names, view.plane, REFERENCE)
@@ -192,10 +192,6 @@ def test_points_that_coincide_or_stand_in_line() -> None:
     line = compute(Moments.from_points([[0, 0], [1, 1], [3, 3]]), names, FRONT, REFERENCE)
     assert np.isfinite(line.values).all() and np.isfinite(line.L).all()
     assert line["alpha"] == pytest.approx(pi / 4)
-
-
-def test_order_of_the_area_of_points() -> None:
-    assert compute_required_order(("area",), "points") == 3
 
 
 def test_without_a_plane_the_depth_comes_from_the_area() -> None:
@@ -231,21 +227,6 @@ def test_result_is_immutable_and_in_the_asked_order() -> None:
         result.degenerate["xg"] = "no"
     with pytest.raises(FeatureError, match="was not computed"):
         result["an"]
-
-
-@pytest.mark.parametrize("name", FORMULAS)
-def test_partial_derivatives_follow_from_the_formula(name: str) -> None:
-    formula = FORMULAS[name]
-    random = np.random.default_rng(5)
-    at = random.uniform(0.5, 2.0, len(formula.names))
-    program = CompiledFormulas([name], {name: formula}.get, formula.names, {})
-    _, (partials,) = program.evaluate(*at)
-    for k, partial in enumerate(partials):
-        step = np.zeros(len(at))
-        step[k] = 1e-5
-        (ahead,), (behind,) = (program.evaluate(*(at + way))[0] for way in (step, -step))
-        numeric = (ahead - behind) / 2e-5
-        assert partial == pytest.approx(numeric, rel=1e-6, abs=1e-7 * max(1, abs(ahead)))
 
 
 def test_formula_refuses_what_it_cannot_differentiate() -> None:

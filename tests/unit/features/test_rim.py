@@ -28,4 +28,5 @@ def test_a_dark_corner_larger_than_the_target_is_left_out():
 def test_a_target_that_reaches_the_rim_is_refused():
     grey = np.full((240, 320), 255, np.uint8)
     grey[30:70, 250:300] = 0
-    assert not measure(grey).valid
+    measurement = measure(grey)
+    assert not measurement.valid and "range of the lens model" in measurement.reason

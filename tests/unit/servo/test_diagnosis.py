@@ -35,7 +35,6 @@ from aras_visual_servo_controller.features import Feature, FeatureMeasurement, S
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.kinematics.joint_sample import JointSample
 from aras_visual_servo_controller.laws import Proportional
-from aras_visual_servo_controller.observation.target_geometry import TargetGeometry
 from aras_visual_servo_controller.records.outcomes import (
     KINDS,
     REMEDIES,
@@ -165,17 +164,16 @@ def test_gain_too_high_with_its_frequency():
     assert "lower the gain" in rig.servo.outcome.remedy
 
 
-@pytest.mark.parametrize(("focal", "side"), [(0.85, (-0.05, 0.06)), (1.15, (0.08, 0.0))])
-def test_a_focal_length_somewhat_wrong_is_told_by_a_camera_that_also_comes_down(focal, side):
+def test_a_focal_length_somewhat_wrong_is_told_by_a_camera_that_also_comes_down():
     goal, arm = the_goal("2016"), the_arm()
     pose = goal.world_T_camera.copy()
-    pose[:3, 3] += (*side, 0.1)
+    pose[:3, 3] += (-0.05, 0.06, 0.1)
     start = arm.inverse_kinematics(pose, np.array(goal.get_joints(arm.names)), tolerance=1e-4)
     rig = Rig(the_servo("2016"), start, lag=0.1)
 
     def look(observer, t, joints):
         seen = rig.exact(observer, t, joints)
-        return replace(seen, moments=scaled(seen.moments, focal))
+        return replace(seen, moments=scaled(seen.moments, 0.85))
 
     rig.look = look
     rig.run(3.0)
@@ -204,19 +202,6 @@ def test_a_camera_mounted_otherwise_than_believed():
     rig.look = look
     rig.run(3.0)
     assert rig.servo.outcome.kind == "wrong_camera_model"
-
-
-def test_another_object():
-    other = TargetGeometry.from_mapping({"boxes": [[[-0.02, 0.01, 0.59], [0.07, 0.03, 0.5905]]]})
-    rig = Rig(the_servo("2016"), near(0))
-    rig.look = lambda observer, t, joints: observer.observe_exact_features(
-        t, CAMERA, joints, contour=other.compute_outline(rig.servo.arm.pose(rig.q))
-    )
-    rig.run(1.0)
-    assert rig.servo.outcome.kind == "wrong_object"
-    # it is longer than the goal's
-    spread = rig.servo.outcome.reason.split("its spread is ")[1].split(" times")[0]
-    assert float(spread) > 1.25
 
 
 def test_a_joint_at_its_limit_is_the_cause_also_where_the_camera_looks_wrong():
@@ -268,12 +253,6 @@ def test_a_target_lost_on_the_way_to_a_goal_out_of_reach_is_the_goal_s_fault():
         assert near_by.unreachable_reason == ""
         near_by.time_out(3.0)
         assert near_by.outcome.kind == "timed_out"
-
-
-def test_saturation():
-    rig = Rig(the_servo("2016", limits=the_limits(velocity=2e-3)), near(2))
-    rig.run(2.0)
-    assert rig.servo.outcome.kind == "saturation"
 
 
 def test_starving_again_and_again_is_remembered():

@@ -239,18 +239,6 @@ def test_a_fault_is_told_once_more_after_the_clock_went_back():
     assert {(s.outcome, s.remedy) for s in told} == {("scheme_fault", REMEDIES["scheme_fault"])}
 
 
-def test_joint_velocities_that_are_not_finite_are_not_commanded():
-    rig = Rig(the_servo("2016"), STARTS["2016"])
-    rig.run(0.1)
-    resolve = rig.servo.differential_ik.solve
-    rig.servo.differential_ik.solve = lambda *given: replace(
-        resolve(*given), velocities=np.array([0.1, 0.0, np.nan, 0.0, 0.0, 0.0]))
-    rig.run(0.2)
-    assert rig.servo.phase == HOLDING
-    assert rig.servo.reason == "the joint velocities are not finite"
-    assert all(np.isfinite(command.positions).all() for command in rig.commands)
-
-
 def test_measurement_errors_are_the_images_and_not_the_schemes():
     fault = raising(MeasurementError("a hand before the camera"))
     states = Rig(the_servo("2016", Spoiled(fault)), STARTS["2016"]).run(0.3)
@@ -496,16 +484,14 @@ def test_tasks_are_checked():
         Task.from_interaction(np.ones((2, 6)), np.ones(2), weights=[1.0, -1.0])
 
 
-@pytest.mark.parametrize("rows", [7, 60, 3000])
-@pytest.mark.parametrize("rank", [6, 4])
+@pytest.mark.parametrize(("rows", "rank"), [(7, 6), (60, 4), (3000, 6)])
 def test_tall_tasks_are_reduced_to_the_same_solution(rows, rank):
     random = np.random.default_rng(rows + rank)
     L = random.normal(size=(rows, rank)) @ random.normal(size=(rank, 6))
     rate, weights = random.normal(size=rows), random.uniform(0.1, 2.0, rows)
     task = Task.from_interaction(L, rate, weights=weights)
     assert task.L.shape == (6, 6)
-    W = np.diag(weights) if rows < 100 else None
-    scaled = weights[:, None] * L if W is None else W @ L
+    scaled = weights[:, None] * L
     wanted = np.linalg.lstsq(scaled, weights * rate, rcond=1e-9)[0]
     np.testing.assert_allclose(
         np.linalg.lstsq(task.L, task.desired_rate, rcond=1e-5)[0], wanted, rtol=1e-6, atol=1e-8

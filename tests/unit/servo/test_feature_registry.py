@@ -12,16 +12,16 @@ from feature_scenes import CORNERS, GOAL, PERIODS, TARGETS, VALUES, VIEWS, look,
 
 from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError
 from aras_visual_servo_controller.features import FEATURES, Feature
-from aras_visual_servo_controller.features.points import Points
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.observation.feature_observer import FeatureObserver
 from aras_visual_servo_controller.observation.observation import Need
 from aras_visual_servo_controller.schemes import FeatureScheme
 
 STEP = 1e-6
-# They model a camera that looks square on, or pixels: test_kernel_scheme, test_features and, for
-# every feature that needs pictures, test_luminance hold them to account.
-ELSEWHERE = {"kernel", "moments"}
+# They model a camera that looks square on, or pixels: test_features and, for every feature that
+# needs pictures, test_luminance hold them to account; for invariants, features/test_golden and
+# test_interaction_check.
+ELSEWHERE = {"kernel", "moments", "invariants"}
 PICTURED = {name for name, feature in FEATURES.items() if Need.IMAGE in feature.needs}
 OF_SEVERAL = {name for name, feature in FEATURES.items() if feature.camera_count > 1}  # test_rig
 NAMES = sorted(set(FEATURES) - ELSEWHERE - PICTURED - OF_SEVERAL)
@@ -108,12 +108,6 @@ def test_tolerances_are_between_a_tenth_of_a_millimetre_and_what_one_sees_at_a_g
     assert reach.min() > 1e-4 and reach.max() < 0.2
 
 
-def test_vanishing_points_see_no_translation():
-    for v in np.eye(6)[:3]:
-        vanishing = VALUES["vanishing_points"]
-        assert vanishing(moved(VIEWS[0], 0.1 * v)) == pytest.approx(vanishing(VIEWS[0]), abs=1e-9)
-
-
 @pytest.mark.parametrize("name", NAMES)
 def test_without_its_target_it_says_so(name):
     feature, goal = at_goal(name)
@@ -170,14 +164,3 @@ def test_a_feature_that_knows_no_desired_l_names_the_remedy():
         with pytest.raises(ConfigurationError, match="Own has no interaction"):
             FeatureScheme(Own(), interaction=interaction).check(Goal(depth=0.2))
     FeatureScheme(Own()).check(Goal(depth=0.2))
-
-
-class Broken(Points):
-    def __init__(self):
-        raise ValueError("no such file")
-
-
-def test_a_feature_that_cannot_be_made_is_named():
-    name = f"{__name__}:Broken"
-    with pytest.raises(ConfigurationError, match=f"feature '{name}': its constructor raised Value"):
-        FEATURES.create(name)

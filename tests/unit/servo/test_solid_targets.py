@@ -11,24 +11,17 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "camera"))
 
 from tracking_scenes import corners_of, write_obj
 
-from aras_visual_servo_base.poses import inverse, matrix_from_xyz_rpy
+from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.runner.loop import run
 from aras_visual_servo_bench.setup.assembly import assemble
-from aras_visual_servo_bench.targets.rendering import render_target
-from aras_visual_servo_bench.targets.solids import read_solid_target
 from aras_visual_servo_bench.targets.target_factory import make_target
-from aras_visual_servo_camera.model_tracker import ModelTracking
-from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.settings import Settings
 
+
 # A camera with fx != fy whose lens bends lines by up to 20 px.
-BENT = CameraModel(640, 480, (610.0, 0, 331.3, 0, 560.0, 228.7, 0, 0, 1),
-                   (-0.28, 0.09, 0.002, -0.0015, 0.0))  # fmt: skip
-
-
 @pytest.fixture(scope="module")
 def meshes(tmp_path_factory):
     """The path of each solid's OBJ file, and of bad ones."""
@@ -76,36 +69,6 @@ def test_the_arm_goes_to_a_solid_on_its_table(meshes):
     assert result.outcome.startswith("converged")
     assert result.verdict.distance < 2e-4
     assert result.verdict.angle < 1e-3
-
-
-def test_a_lens_is_taken_off(meshes):
-    target, tracking = read_solid_target(Path(meshes["bracket"])), None
-    tracking = ModelTracking(target.solid)
-    # far from the middle
-    target_T_camera = matrix_from_xyz_rpy((0.14, -0.24, 0.28), (-2.45, 0.1, 0.3))
-    true = inverse(target_T_camera)
-    picture = render_target(target, BENT, target_T_camera)
-    tracking.start(matrix_from_xyz_rpy((0.002, -0.001, 0.003), (0.01, -0.01, 0.012)) @ true)
-    found = tracking.track(np.ascontiguousarray(picture), BENT)
-    assert not found.loss_reason
-    assert np.abs(found.camera_T_solid - true).max() < 3e-4
-    assert found.residual < 0.1
-
-
-@pytest.mark.parametrize("off", [(-5.5e-4, 2e-4, 0), (0, 5e-4, 0)])
-def test_a_wrong_pose_with_which_most_edges_agree_is_left(meshes, off):
-    """Square from above all but the edges along x agree with a shift along x."""
-    small = CameraModel(320, 240, (102.7, 0, 159.5, 0, 102.7, 119.5, 0, 0, 1))
-    target_T_camera = matrix_from_xyz_rpy((0.0, 0.0, 0.25), (np.pi, 0.0, 0.0))
-    target, true = read_solid_target(Path(meshes["box"])), inverse(target_T_camera)
-    picture = np.ascontiguousarray(render_target(target, small, target_T_camera))
-    tracking = ModelTracking(target.solid)
-    tracking.start(true)
-    tracking.track(picture, small)
-    found = tracking.track(picture, small, matrix_from_xyz_rpy(off, (0.0, 0.0, 0.0)) @ true)
-    assert not found.loss_reason
-    assert np.linalg.norm((found.camera_T_solid - true)[:3, 3]) < 5e-5
-    assert np.sqrt(np.linalg.eigvalsh(found.covariance[:3, :3])[-1]) < 2e-4
 
 
 @pytest.mark.parametrize(("name", "why"), [

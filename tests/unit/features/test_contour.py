@@ -4,11 +4,7 @@ import numpy as np
 import pytest
 from feature_cases import L_SHAPE, SQUARE, TARGET, View, grey_image, rotation
 
-from aras_visual_servo_camera.contour import (
-    extract_outline,
-    find_corners,
-    match_corners,
-)
+from aras_visual_servo_camera.contour import extract_outline, find_corners, match_corners
 from aras_visual_servo_camera.errors import SegmentationError
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.segmentation import Segmentation

@@ -7,11 +7,7 @@ import pytest
 from feature_cases import random_view
 
 from aras_visual_servo_camera.errors import FeatureError
-from aras_visual_servo_camera.interaction import (
-    Plane,
-    compute_raw_interaction,
-    point_interaction,
-)
+from aras_visual_servo_camera.interaction import Plane, compute_raw_interaction, point_interaction
 from aras_visual_servo_camera.moments import Moments
 
 

@@ -12,11 +12,7 @@ from aras_visual_servo_camera.errors import CalibrationError, DegenerateFeatureE
 from aras_visual_servo_camera.features import compute_moment_features as compute
 from aras_visual_servo_camera.images import Image
 from aras_visual_servo_camera.moments import Moments
-from aras_visual_servo_camera.pipeline import (
-    Pipeline,
-    PipelineSettings,
-    TargetDetection,
-)
+from aras_visual_servo_camera.pipeline import Pipeline, PipelineSettings, TargetDetection
 from aras_visual_servo_camera.segmentation import Segmentation
 from aras_visual_servo_camera.undistortion import CameraModel
 

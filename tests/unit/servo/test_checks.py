@@ -6,9 +6,7 @@ from loop_rig import an_image, scaled
 
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_controller.diagnosis.diagnoses.wrong_object import ShapeCheck
-from aras_visual_servo_controller.diagnosis.oscillation_check import (
-    OscillationCheck,
-)
+from aras_visual_servo_controller.diagnosis.oscillation_check import OscillationCheck
 from aras_visual_servo_controller.goals.goal import Goal
 
 # -- does it ring? -------------------------------------------------------------------------------

@@ -27,10 +27,7 @@ from aras_visual_servo_controller.schemes import (
     create_scheme,
 )
 from aras_visual_servo_controller.schemes.compute import compute
-from aras_visual_servo_controller.schemes.output_checks import (
-    check_goal,
-    check_joint_output,
-)
+from aras_visual_servo_controller.schemes.output_checks import check_goal, check_joint_output
 from aras_visual_servo_controller.schemes.time_limit import call_user_code
 
 GOOD_FROM, GOOD_TO = 0.1, 0.4  # s between which the scheme goes wrong

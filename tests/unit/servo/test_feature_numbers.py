@@ -6,11 +6,7 @@ import pytest
 
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.errors import ConfigurationError
-from aras_visual_servo_controller.features import (
-    base,
-    moment_features,
-    points,
-)
+from aras_visual_servo_controller.features import base, moment_features, points
 from aras_visual_servo_controller.observation.observation import Need
 from aras_visual_servo_controller.schemes import base as schemes
 from aras_visual_servo_controller.schemes import create_scheme

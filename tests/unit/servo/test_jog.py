@@ -8,12 +8,7 @@ from loop_rig import STARTS, the_arm, the_limits, the_servo
 
 from aras_visual_servo_base.poses import logarithm
 from aras_visual_servo_controller.errors import ConfigurationError, ServoError
-from aras_visual_servo_controller.teleop.jog import (
-    COMMAND_LIFETIME,
-    MAX_LEAD,
-    RAMP_TIME,
-    Jog,
-)
+from aras_visual_servo_controller.teleop.jog import COMMAND_LIFETIME, MAX_LEAD, RAMP_TIME, Jog
 
 START = np.array(STARTS["2016"])
 DT = 0.02

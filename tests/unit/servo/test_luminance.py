@@ -15,11 +15,7 @@ from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError
 from aras_visual_servo_controller.features import FEATURES
-from aras_visual_servo_controller.features.luminance import (
-    BORDER,
-    get_grey_image,
-    square_root,
-)
+from aras_visual_servo_controller.features.luminance import BORDER, get_grey_image, square_root
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.observation.feature_observer import FeatureObserver
 from aras_visual_servo_controller.observation.observation import Need

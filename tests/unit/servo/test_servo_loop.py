@@ -27,9 +27,7 @@ from aras_visual_servo_controller.kinematics import DifferentialIK, Limits
 from aras_visual_servo_controller.kinematics.joint_sample import JointSample
 from aras_visual_servo_controller.kinematics.task import Task
 from aras_visual_servo_controller.laws.proportional import Proportional
-from aras_visual_servo_controller.loop.command_integrator import (
-    CommandIntegrator,
-)
+from aras_visual_servo_controller.loop.command_integrator import CommandIntegrator
 from aras_visual_servo_controller.loop.start_approach import StartApproach
 from aras_visual_servo_controller.loop.task_executor import TaskExecutor
 from aras_visual_servo_controller.observation.feature_observer import FeatureObserver

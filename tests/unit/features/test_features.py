@@ -24,7 +24,7 @@ from aras_visual_servo_camera.errors import DegenerateFeatureError, FeatureError
 from aras_visual_servo_camera.features import PAPER_FEATURES, Reference, compute_required_order
 from aras_visual_servo_camera.features import compute_moment_features as compute
 from aras_visual_servo_camera.formula import Formula
-from aras_visual_servo_camera.interaction import Plane
+from aras_visual_servo_camera.interaction import Plane, compute_raw_interaction, point_interaction
 from aras_visual_servo_camera.moments import Moments, exponents
 
 MOMENTS = tuple(f"m{i}{j}" for i, j in exponents(5)) + tuple(f"mu{i}{j}" for i, j in exponents(5))
@@ -255,3 +255,39 @@ def test_one_feature_that_divides_by_zero_leaves_the_others() -> None:
     assert "divides by zero" in result.degenerate["1 / (xg - xg)"]
     assert result["xg"] == moments.xg and result["an"] > 0.0
     assert result.values[1] == 0.0 and not result.L[1].any()
+
+
+# -- planes and the orders of moments -----------------------------------------------------------
+
+
+def test_plane_from_pose_holds_its_points() -> None:
+    view = random_view(5)
+    for X, Y, Z in view.points:
+        assert view.plane.inverse_depth(X / Z, Y / Z) == pytest.approx(1 / Z, rel=1e-12)
+    assert Plane.fronto_parallel(0.5) == (0.0, 0.0, 2.0)
+
+
+def test_order_beyond_the_moments_is_refused() -> None:
+    moments = Moments.from_polygon(random_view(0).image, order=3)
+    assert len(compute_raw_interaction(moments, Plane(0, 0, 1))) == 6  # up to the second order
+    with pytest.raises(FeatureError, match="need moments up to order 4"):
+        compute_raw_interaction(moments, Plane(0, 0, 1), 3)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: Plane.fronto_parallel(0.0),
+        lambda: Plane.fronto_parallel(float("nan")),
+        lambda: Plane.from_pose(np.eye(3), [1.0, 0.0, 0.0]),
+    ],
+)
+def test_impossible_planes_are_refused(make) -> None:
+    with pytest.raises(FeatureError):
+        make()
+
+
+@pytest.mark.parametrize("points", [np.ones((4, 3)), np.ones((4, 1)), np.ones(2), []])
+def test_points_have_two_coordinates(points) -> None:
+    with pytest.raises(FeatureError, match="shape .*, must have the shape \\(n, 2\\)"):
+        point_interaction(points, 1.0)

@@ -215,3 +215,22 @@ def test_original_mask_is_the_same_on_a_table_that_is_not_quite_white() -> None:
     for level in (233, 200):
         dim = np.rint(grey * (level / 255.0)).astype(np.uint8)
         assert (pipeline.make_original_mask(Image(dim, "mono8")) == white).mean() > 0.9999
+
+
+# -- dark areas beyond the image circle of a wide lens are not detected as the target -----------
+
+
+FISHEYE = CameraModel(320, 240, (106.0, 0, 159.5, 0, 106.0, 119.5, 0, 0, 1), (0.0,) * 4,
+                      "equidistant")  # fmt: skip
+
+
+def test_beyond_the_image_circle_of_a_wide_lens_nothing_is_the_target():
+    pipeline = Pipeline(PipelineSettings())
+    pipeline.set_camera(FISHEYE)
+    grey = with_box(110, 150, 20, 20)
+    grey[:40, 285:] = 90  # 100 degrees off the axis, and larger
+    measurement = measure(grey, pipeline)
+    assert measurement.valid, measurement.reason
+    assert measurement.target.box[:2] == (150, 110)
+    measurement = measure(with_box(30, 250, 40, 50), pipeline)
+    assert not measurement.valid and "range of the lens model" in measurement.reason

@@ -189,21 +189,6 @@ def test_a_wrong_depth_does_no_harm_and_is_no_wrong_camera():
     assert states[-1].outcome == "converged" and rig.missed[0] < 0.3e-3
 
 
-def test_a_camera_mounted_otherwise_than_believed():
-    believed_T_true = matrix_from_xyz_rpy((0.0, 0.0, 0.0), (0.0, 0.0, -0.6))
-    rig = Rig(the_servo("2016"), near(2))
-
-    def look(observer, t, joints):
-        pose = rig.servo.arm.pose(rig.q) @ believed_T_true
-        return observer.observe_exact_features(
-            t, CAMERA, joints, contour=rig.servo.goal.target.compute_outline(pose)
-        )
-
-    rig.look = look
-    rig.run(3.0)
-    assert rig.servo.outcome.kind == "wrong_camera_model"
-
-
 def test_a_joint_at_its_limit_is_the_cause_also_where_the_camera_looks_wrong():
     """The gantry ends 60 mm before the goal, and J1 may not stand in for it."""
     start = near(0)

@@ -602,7 +602,7 @@ def test_the_loop_continues_by_itself_once_foreign_commands_end(when, heard):
     if when == "blind":
         look = bench.look
         bench.look = lambda stamp, valid=True: look(stamp, bench.q[5] < parked - 0.2)
-    bench.flood(4.0, parked, heard=heard)
+    bench.flood(3.0, parked, heard=heard)
     assert not (heard and [t for t, _ in bench.sent if t > bench.t - 0.8])
     last = bench.states[-1]
     assert ("/flooder commands J6" in last.reason) is heard, last.reason

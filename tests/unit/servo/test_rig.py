@@ -87,31 +87,21 @@ def test_one_camera_waits_for_nobody():
     assert alone.add_image("camera", 0.3, len) == (0.3, len)
 
 
-@pytest.mark.parametrize("first", ["left", "right"])
-def test_what_was_exposed_together_is_seen_together_whichever_comes_first(first):
-    order = ("left", "right") if first == "left" else ("right", "left")
-    pictures = [(name, 0.1 * k) for k in range(1, 5) for name in order]
-    assert fed(rig(), *pictures) == [(0.1, 0.1), (0.2, 0.2), (0.3, 0.3), (0.4, 0.4)]
+LEFTS, RIGHTS = ([(name, 0.1 * k) for k in range(1, 10)] for name in ("left", "right"))
+SLOWER = [*LEFTS[:8], *(("right", 0.25 * k) for k in (1, 2, 3))]
 
 
-def test_the_pictures_of_a_late_connection_are_waited_for():
-    right = [("right", 0.1 * k) for k in range(1, 6)]
-    left = [("left", 0.1 * k) for k in range(1, 7)]
-    pictures = [*left[:2], right[0], left[2], right[1], left[3], right[2], left[4], right[3]]
-    assert fed(rig(), *pictures) == [(0.1, 0.1), (0.2, 0.2), (0.3, 0.3), (0.4, 0.4)]
-
-
-def test_a_lost_picture_costs_one_answer_and_no_pair():
-    pictures = [("left", 0.1), ("right", 0.1), ("left", 0.2), ("right", 0.2), ("left", 0.3),
-                ("left", 0.4), ("right", 0.4), ("left", 0.5), ("right", 0.5)]  # fmt: skip
-    assert fed(rig(), *pictures) == [(0.1, 0.1), (0.2, 0.2), (0.4, 0.4), (0.5, 0.5)]
-
-
-def test_a_slower_camera_s_newest_picture_counts():
-    pictures = [("left", 0.1 * k) for k in range(1, 9)]
-    pictures += [("right", 0.25 * k) for k in range(1, 4)]
-    answered = fed(rig(), *sorted(pictures, key=lambda one: one[1]))
-    assert answered == [(0.5, 0.5), (0.6, 0.5), (0.7, 0.5), (0.8, 0.75)]
+@pytest.mark.parametrize(("pictures", "answered"), [
+    ([image for pair in zip(LEFTS, RIGHTS, strict=True) for image in pair[::-1]][:8], (1, 2, 3, 4)),
+    ([*LEFTS[:2], RIGHTS[0], LEFTS[2], RIGHTS[1], LEFTS[3], RIGHTS[2]], (1, 2, 3)),  # late ones
+    ([LEFTS[0], RIGHTS[0], LEFTS[1], RIGHTS[1], *LEFTS[2:4], RIGHTS[3]], (1, 2, 4)),  # one is lost
+    ([*LEFTS[:8], RIGHTS[0]], (1,)), ([*LEFTS, RIGHTS[0]], ()),  # eight wait for another camera's
+    (sorted(SLOWER, key=lambda one: one[1]), ((0.5, 0.5), (0.6, 0.5), (0.7, 0.5), (0.8, 0.75))),
+], ids=["right first", "late", "lost", "eight", "nine", "slower"])  # fmt: skip
+def test_what_was_exposed_together_is_seen_together(pictures, answered):
+    pairs = [one if isinstance(one, tuple) else (0.1 * one, 0.1 * one) for one in answered]
+    found = np.reshape(fed(rig(), *pictures), (-1, 2))
+    np.testing.assert_allclose(found, np.reshape(pairs, (-1, 2)))
 
 
 def test_an_older_picture_gets_the_joints_of_its_own_exposure():
@@ -140,12 +130,6 @@ def test_stamps_of_one_trigger_may_differ_a_little():
         pictures = [(name, 0.1 * k + (late if name == "right" else 0.0))
                     for k in range(1, 6) for name in ("left", "right")]  # fmt: skip
         assert (0.4, beside) in fed(rig(), *pictures)
-
-
-@pytest.mark.parametrize(("count", "answered"), [(8, [(0.1, 0.1)]), (9, [])])
-def test_eight_pictures_wait_for_another_camera_s(count, answered):
-    left = [("left", 0.1 * k) for k in range(1, count + 1)]
-    assert fed(rig(), *left, ("right", 0.1)) == answered
 
 
 def test_it_says_which_camera_is_missing():

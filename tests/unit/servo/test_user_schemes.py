@@ -69,8 +69,8 @@ def closed(name, start, **options):
 ])  # fmt: skip
 def test_the_goal_is_reached(name, distance, angle):
     """Photometric needs pictures; bench/test_user_schemes_run has it."""
-    rig = closed(name, STARTS["2016"])
-    last = rig.run(5.0)[-1]
+    rig = closed(name, STARTS["2016"], hold=0.5)
+    last = rig.run(3.0)[-1]
     assert last.phase == "converged", last.reason
     assert rig.missed[0] < distance
     assert rig.missed[1] < np.radians(angle)
@@ -100,29 +100,6 @@ def test_a_scheme_with_its_own_eyes_decides_itself_what_is_valid():
         "own_corners: no dark shape in the image"
     }
     assert states[-1].phase == "servoing"
-
-
-def test_the_photometric_task_is_reduced_and_its_gradient_right():
-    scheme = create_scheme("photometric:Photometric")
-    goal = taught(scheme).for_arm(the_arm())
-    scheme.check(goal)
-    names = the_arm().names
-    q = goal.get_joints(names)
-    observer = FeatureObserver(the_arm(), scheme.needs)
-    seen = look(observer, 0.0, JointSample.from_values(0.0, names, q))
-    assert scheme.compute(seen, goal, 0.0).features[0] < 0.2
-    moved = q + 0.001 * np.array([1.0, 0.5, 0.1, 0.2, -0.3, 0.4])
-    decision = scheme.compute(
-        look(observer, 0.1, JointSample.from_values(0.1, names, moved)), goal, 0.1
-    )
-    assert decision.task.L.shape == (6, 6)
-    # the way back, to first order: the camera's motion that the joints made
-    back = -5.0 * the_arm().jacobian(q) @ (moved - q)
-    asked = decision.task.twist
-    weights = np.array([1, 1, 1, 0, 0, 0.1])
-    alike = (asked * weights) @ (back * weights)
-    alike /= np.linalg.norm(asked * weights) * np.linalg.norm(back * weights)
-    assert alike > 0.9
 
 
 def test_the_second_orders_limits_hold():

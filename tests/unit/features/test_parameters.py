@@ -27,10 +27,7 @@ def test_values_arrive() -> None:
 @pytest.mark.parametrize(
     ("given", "text"),
     [
-        ({"treshold": 3}, "unknown parameter ~treshold: did you mean 'threshold'"),
-        ({"threshold": "high"}, "~threshold is 'high', must be a finite number"),
         ({"threshold": 256}, "~threshold is 256.0, must be <= 255"),
-        ({"order": 3.5}, "~order is 3.5, must be a whole number"),
         ({"order": 9}, "~order is 9, must be <= 6"),
         ({"order": 2}, "~order is 2, must be >= 3"),
         ({"edge_band": 0}, "~edge_band is 0, must be >= 1"),
@@ -43,12 +40,9 @@ def test_values_arrive() -> None:
         ({"colour_distance": 0}, "~colour_distance is 0.0, must be > 0"),
         ({"min_pixels": 0}, "~min_pixels is 0, must be >= 1"),
         ({"min_contrast": 256}, "~min_contrast is 256.0, must be <= 255"),
-        ({"dark_target": 1}, "~dark_target is 1, must be true or false"),
         ({"layout": "points"}, "~layout is 'points': did you mean 'moments'"),
-        ({"layout": 4}, "~layout is 4, must be one of moments, kernel"),
         ({"component": "mask"}, "~mask_image must be the path"),
         ({"colour_low": [1, 2]}, "hue 0-179"),
-        ({"colour_low": "red"}, "~colour_low.0. is 'red', must be a finite number"),
         ({"desired_outline": [0, 0, 1, 1, 2]}, "at least three corners"),
         ({"adaptive_block": 10}, "must be odd"),
     ],

@@ -756,7 +756,6 @@ def kernel_view(camera, camera_T_object, stamp=0.0):
      ((0, 0, 0, 0, 0, 1), 0.5, 400.0, 410.0, 4)],  # k3 is the angle where pixels are square
 )  # fmt: skip
 def test_the_kernels_interaction_matrix_is_the_derivative(way, turn, fx, fy, rows):
-    """On a picture of 800 x 600, over several pixels of motion."""
     camera = CameraModel(800, 600, (fx, 0, 99.5, 0, fy, 119.5, 0, 0, 1))
     feature = FEATURES.create("kernel")
     goal = Goal.teach(None, kernel_view(camera, pose((0.01, 0.02, 0.2), (0, 0, 0.3))), depth=0.2)

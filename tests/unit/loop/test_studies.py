@@ -11,9 +11,6 @@ from aras_visual_servo_bench.recording.run import Run
 from aras_visual_servo_bench.runner.loop import run
 from aras_visual_servo_bench.studies import failure_injection
 from aras_visual_servo_bench.studies.study import Study
-from aras_visual_servo_camera.moments import Moments
-from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.observation.observation import Observation
 
 
 def shipped(name):
@@ -74,20 +71,6 @@ def test_a_broken_scheme_raises_at_every_image():
     with pytest.raises(RuntimeError, match="on purpose"):
         failure_injection.RaisingScheme.compute(None, None, None, 0.0)
     assert failure_injection.RankDeficientFeature.directions == (True,) * 6  # what its L cannot
-
-
-def test_the_contrary_feature_is_at_its_goal_nowhere():
-    square = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
-    seen = Observation(
-        0.0, 0.0, True, "", None, moments=Moments.from_polygon(0.01 * square + [0.14, -0.17]))
-    goal = Goal(moments=Moments.from_polygon(0.005 * square + [0.1, -0.2]), depth=0.6)
-    found = failure_injection.ConflictingFeature().measure(seen, goal)
-    np.testing.assert_allclose(found.error, [0.04, 0.03, 0.27])
-    np.testing.assert_allclose(found.s - found.desired, found.error)
-    along, across, both = found.L
-    np.testing.assert_allclose(along[:3], [-1.0 / 0.3, 0.0, 0.14 / 0.3])
-    np.testing.assert_allclose(across[:3], [0.0, -1.0 / 0.3, -0.17 / 0.3])
-    np.testing.assert_allclose(both, along + across)
 
 
 @pytest.mark.parametrize(

@@ -65,18 +65,6 @@ def test_the_goal_is_reached(year, latency, lag):
     assert distance < 0.05e-3 and angle < np.radians(0.02)
 
 
-def test_a_target_turned_round_is_not_taken_for_reached(turn=-175.0):
-    """The paper's alpha, taken modulo pi, would converge 180 degrees off."""
-    start = np.array(the_goal("2016").get_joints(the_arm().names))
-    start[5] += np.radians(turn)
-    rig = Rig(the_servo("2016"), start)
-    states = rig.run(6.0)
-    assert states[0].scheme_output.error[3] == pytest.approx(-np.radians(turn), abs=0.05)
-    assert states[-1].outcome == "converged"
-    assert rig.missed[0] < 0.1e-3
-    assert rig.missed[1] < np.radians(0.05)
-
-
 def test_errors_decay_as_the_gain_says(gain=5.0):
     """e(n+1) = e(n) - gain ((T - d) e(n) + d e(n-1)) with the period T and the mean delay d."""
     # The square with its patch, without the thickness that is no matter of the law's.

@@ -47,7 +47,7 @@ class Bench:
         )
         self.q = np.array([-0.1, 0.0, 0.349, -0.262, -0.0873, 0.1745])
         self.command, self.seen = self.q.copy(), []
-        self.images = self.joints = True
+        self.images = self.joints = self.is_watched = True
         self.mounted = np.eye(4)  # (4, 4) the true camera, in the believed one's frame
 
     def send(self, command):
@@ -83,12 +83,14 @@ class Bench:
             if self.joints:
                 q = self.q if position is None else np.full(6, position)
                 speed = (self.q - before) / DT
-                self.driver.add_joint_state(
-                    self.arm.names, q, speed, self.t if stamp is None else stamp
-                )
+                self.tell(self.arm.names, q, speed, self.t if stamp is None else stamp)
             if self.images and self.n % 3 == 0:
                 self.look(self.t if image_stamp is None else image_stamp, valid)
-            self.driver.check_timeouts()
+            if self.is_watched:
+                self.driver.check_timeouts()
+
+    def tell(self, names, positions, velocities, stamp):
+        self.driver.add_joint_state(names, positions, velocities, stamp)
 
     def look(self, stamp, valid=True):
         pose = self.arm.pose(self.q) @ self.mounted
@@ -296,7 +298,7 @@ def test_joint_states_that_were_held_up_do_not_send_it_back_to_its_start():
     bench.step(10)
     bench.joints = True
     for late in np.arange(missed, bench.t, DT)[1:]:
-        bench.driver.add_joint_state(bench.arm.names, bench.q, np.zeros(6), late)
+        bench.tell(bench.arm.names, bench.q, np.zeros(6), late)
     bench.step(30)
     assert "approaching" not in {state.phase for state in bench.states[count:]}
     assert not bench.words and bench.goes_on()
@@ -305,7 +307,7 @@ def test_joint_states_that_were_held_up_do_not_send_it_back_to_its_start():
 def held_up(bench):
     """Joint states come late, eight of thirty, and the last of them alone in every second turn;
     commands too, twelve of some forty, each joint's on its own connection."""
-    tell, late = bench.driver.add_joint_state, []
+    tell, late = bench.tell, []
 
     def joints(*told):
         late.append(told)
@@ -320,7 +322,7 @@ def held_up(bench):
         held = [(bench.n + 17 * j) % (43 + j) < 12 for j in range(6)]
         bench.command = np.where(held, before, bench.command)
 
-    bench.driver.add_joint_state, bench.send = joints, send
+    bench.tell, bench.send = joints, send
 
 
 def test_joint_states_that_come_late_are_no_wrong_camera():
@@ -349,7 +351,7 @@ def test_implausible_and_missing_joints_stop_the_arm():
     assert bench.servo.phase == "servoing"
     for _ in range(5):
         bench.t += DT
-        bench.driver.add_joint_state(("J1",), (0.0,), (), bench.t)
+        bench.tell(("J1",), (0.0,), (), bench.t)
     assert bench.servo.phase == "holding"
     assert any("joint states lack gantry" in state.reason for state in bench.states)
     assert "s: joint states lack gantry" in bench.servo.reason  # and not that it was NaN
@@ -371,7 +373,7 @@ def with_second_publisher(bench, seconds, position=np.nan, lead=0.0, names=None)
         bench.step()
         if k % 2:
             values = np.full(len(names), position)
-            bench.driver.add_joint_state(names, values, (), bench.t + lead)
+            bench.tell(names, values, (), bench.t + lead)
         if k == 1:
             count = len(bench.states)
     return bench.states[count:]
@@ -514,7 +516,7 @@ def test_a_robot_that_was_made_anew_is_taken_up_where_it_stands(silence, off):
     bench.q = bench.q + off * np.array([1.0, 0.5, 0.3, 0.2, -0.3, 0.4])
     bench.command = bench.q.copy()  # nobody told them anything yet
     count, stood = len(bench.sent), bench.q.copy()
-    bench.driver.add_joint_state(bench.arm.names, bench.q, np.zeros(6), bench.t + 0.5 * DT)
+    bench.tell(bench.arm.names, bench.q, np.zeros(6), bench.t + 0.5 * DT)
     bench.step(1)
     bench.step(10)
     first = bench.sent[count][1].positions
@@ -528,7 +530,7 @@ def test_it_goes_to_its_start_again_where_the_robot_is_made_anew_on_the_way():
     assert bench.servo.phase == "approaching"
     bench.q = bench.q + 0.2 * np.eye(6)[0]
     bench.command = bench.q.copy()
-    bench.driver.add_joint_state(bench.arm.names, bench.q, np.zeros(6), bench.t + 0.5 * DT)
+    bench.tell(bench.arm.names, bench.q, np.zeros(6), bench.t + 0.5 * DT)
     count, stood = len(bench.sent), bench.q.copy()
     bench.step(30)
     path = np.array([stood, *(command.positions for _, command in bench.sent[count:])])
@@ -543,7 +545,7 @@ def stuck(bench, seconds, drift=0.0):
     away = -drift * np.sign(bench.command - bench.q)
     for k in range(int(seconds / DT)):
         bench.t, bench.wall, bench.n = bench.t + DT, bench.wall + DT, bench.n + 1
-        bench.driver.add_joint_state(bench.arm.names, bench.q + away * k * DT, away, bench.t)
+        bench.tell(bench.arm.names, bench.q + away * k * DT, away, bench.t)
         if bench.n % 3 == 0:
             bench.look(bench.t)
         bench.driver.check_timeouts()
@@ -637,9 +639,9 @@ def test_a_loop_without_images_that_is_stopped_stays_so_when_they_come_again(ord
 def test_joints_jump_by_parts_of_their_own_leads(joint, jumps):
     bench = servoing(lead=(0.1, 0.4, 0.05, 0.05, 0.05, 0.05))
     q, still = bench.q.copy(), np.zeros(6)
-    bench.driver.add_joint_state(bench.arm.names, q, still, bench.t + 0.01)
+    bench.tell(bench.arm.names, q, still, bench.t + 0.01)
     q[joint] += 0.1  # two parts of three between half of the one's and half of the other's
-    bench.driver.add_joint_state(bench.arm.names, q, still, bench.t + 0.02)
+    bench.tell(bench.arm.names, q, still, bench.t + 0.02)
     assert (np.abs(bench.servo.command - q)[joint] < 0.05) == jumps  # it goes on from there
 
 
@@ -720,8 +722,7 @@ def test_joints_that_tell_no_speed_have_that_of_their_way():
 
 def test_the_driver_takes_speeds_from_positions_where_none_are_told():
     told, untold = Bench(start="none"), Bench(start="none")
-    heard = untold.driver.add_joint_state
-    untold.driver.add_joint_state = lambda names, q, speed, stamp: heard(names, q, (), stamp)
+    untold.tell = lambda names, q, speed, stamp: Bench.tell(untold, names, q, (), stamp)
     for bench in (told, untold):
         bench.step(40)
     speeds = [bench.driver.history.newest.velocities for bench in (told, untold)]
@@ -771,7 +772,7 @@ def told(bench, t, q=None, **words):
     """A joint state of the time t, and the clock there."""
     bench.t = t
     still = np.zeros(6)
-    bench.driver.add_joint_state(
+    bench.tell(
         bench.arm.names, bench.q if q is None else q, still, words.get("stamp", t)
     )
 
@@ -804,7 +805,7 @@ def test_joint_states_of_no_numbers_stop_the_arm(positions):
     bench = servoing()
     count = len(bench.states)
     bench.t += 0.04
-    bench.driver.add_joint_state(bench.arm.names, positions, (), bench.t)
+    bench.tell(bench.arm.names, positions, (), bench.t)
     assert bench.servo.phase == "holding" and bench.servo.outcome.kind == "unusable_joint_states"
     assert bench.states[count].joints is None and bench.states[count].reason
 
@@ -873,7 +874,7 @@ def test_an_answer_moves_time_on_in_lockstep_alone(lockstep):
     # In lockstep alone a joint state that came meanwhile does not count.
     then = joints.stamp + 0.5 * DT
     bench.t = joints.stamp + DT
-    bench.driver.add_joint_state(bench.arm.names, bench.q + 0.01, np.zeros(6), bench.t)
+    bench.tell(bench.arm.names, bench.q + 0.01, np.zeros(6), bench.t)
     bench.look(then)
     way = 0.5 * DT * joints.velocities if lockstep else 0.5 * (bench.q + 0.01 - joints.positions)
     np.testing.assert_allclose(bench.seen[-1][0].positions - joints.positions, way, atol=1e-12)
@@ -887,7 +888,7 @@ def test_in_lockstep_each_image_is_answered_though_the_arm_stands():
     bench.step(30)
     assert len(bench.sent) == count + 10 and bench.at_rest()
     bench.t += DT
-    bench.driver.add_joint_state(("J1",), (0.0,), (), bench.t)
+    bench.tell(("J1",), (0.0,), (), bench.t)
     assert len(bench.sent) == count + 10 + 20 // 3  # of bad joints nothing is sent between
 
 

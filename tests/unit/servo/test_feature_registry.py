@@ -14,6 +14,7 @@ from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError
 from aras_visual_servo_controller.features import FEATURES, Feature, base, moment_features, points
 from aras_visual_servo_controller.goals.goal import Goal
+from aras_visual_servo_controller.laws.pi import ProportionalIntegral
 from aras_visual_servo_controller.observation.feature_observer import FeatureObserver
 from aras_visual_servo_controller.observation.observation import Need
 from aras_visual_servo_controller.schemes import FeatureScheme, create_scheme
@@ -198,11 +199,13 @@ def test_what_a_user_s_own_need_not_say():
         assert one.check(None) is None and one.accuracy(None, None) is None
         assert one.teach(None) == {}
     assert scheme.can_check_camera and controller.output == "velocity"
-    law = schemes.Proportional(7.0)
+    law = ProportionalIntegral(7.0)
     assert Theirs(law).law is law and type(scheme.law) is schemes.Proportional
-    law.reset, told = lambda: told.append(law), []
+    error, L, still = np.ones(1), np.eye(1, 6), np.zeros(6)
+    first = law.desired_error_rate(error, L, still, 0.0, 0.5)
+    assert law.desired_error_rate(error, L, still, 0.5, 0.5) != first
     Theirs(law).reset()
-    assert told == [law]
+    assert law.desired_error_rate(error, L, still, 0.0, 0.5) == first
     controller.reset(arm := object())
     assert controller.arm is arm
 

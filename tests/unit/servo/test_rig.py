@@ -273,8 +273,15 @@ def test_an_older_view_s_features_are_brought_to_the_control_camera_s_exposure()
     assert np.abs(old.s - true.s).max() > 2e-3
     np.testing.assert_allclose(found.s, true.s, atol=1e-4)  # to first order
     np.testing.assert_allclose(found.error, true.error, atol=1e-4)
-    measure = feature.feature.measure  # of a target that moves: 0.02 s of it are still to come
-    feature.feature.measure = lambda *given: replace(measure(*given), error_drift=0.3)
+
+    class Moving(Points):
+        """Points of a target of which 0.02 s of motion are still to come."""
+
+        def measure(self, observation, goal):
+            return replace(super().measure(observation, goal), error_drift=0.3)
+
+    feature = RemoteCameraFeature(Moving(), "right")
+    feature.check(goal)
     moving = feature.measure(together(made, now, then=then), goal)
     np.testing.assert_allclose(moving.s, found.s + 0.02 * 0.3)
 

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from math import pi
+import hashlib
+import json
+import re
+from math import atan2, pi, remainder
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +17,7 @@ from feature_cases import (
     TARGET,
     View,
     finite_differences,
+    pixels_inside,
     point_moments,
     polygon_moments,
     random_view,
@@ -25,7 +30,13 @@ from aras_visual_servo_camera.features import PAPER_FEATURES, Reference, compute
 from aras_visual_servo_camera.features import compute_moment_features as compute
 from aras_visual_servo_camera.formula import Formula
 from aras_visual_servo_camera.interaction import Plane, compute_raw_interaction, point_interaction
-from aras_visual_servo_camera.moments import Moments, exponents
+from aras_visual_servo_camera.moments import DENSE, Moments, Pinhole, exponents
+from aras_visual_servo_camera.orientation import (
+    Orientation,
+    compute_third_product,
+    compute_upright_moments,
+    rotate_third,
+)
 
 MOMENTS = tuple(f"m{i}{j}" for i, j in exponents(5)) + tuple(f"mu{i}{j}" for i, j in exponents(5))
 COMBINATIONS = ("Sxn", "Syn", "Pyn", "r1", "r2", "c3", "C3 - 0.5 * C4", "sqrt(Px) / an")
@@ -291,3 +302,154 @@ def test_impossible_planes_are_refused(make) -> None:
 def test_points_have_two_coordinates(points) -> None:
     with pytest.raises(FeatureError, match="shape .*, must have the shape \\(n, 2\\)"):
         point_interaction(points, 1.0)
+
+
+# -- rectified view of a tilted target, compared with a camera that faces it --------------------
+
+
+# What the expansion in powers of size over distance leaves, of third moments that reach 0.05.
+TOLERANCE = 1e-4
+
+
+def square_on(view: View) -> np.ndarray:
+    """(n, 2) image of the camera turned the shortest way until it looks along the normal."""
+    normal = view.R[:, 2] * np.sign(view.R[2, 2])
+    axis = np.cross(normal, [0.0, 0.0, 1.0])
+    size = np.linalg.norm(axis)
+    turn = rotation(axis / size * np.arcsin(size))
+    points = view.points @ turn.T
+    return points[:, :2] / points[:, 2:]
+
+
+def tilted(seed: int, shape: np.ndarray) -> View:
+    """Return a small view away from the image centre, inclined by up to 40 degrees."""
+    random = np.random.default_rng(seed)
+    angle, about = np.deg2rad(random.uniform(15, 40)), random.uniform(-pi, pi)
+    askew = rotation(angle * np.array([np.cos(about), np.sin(about), 0.0]))
+    R = askew @ rotation([0, 0, random.uniform(-pi, pi)])
+    return View(shape, R, np.array([*random.uniform(-0.3, 0.3, 2), 0.6]))
+
+
+def flipped(view: View) -> View:
+    """Return the same plane with reversed normal, as an object frame may have it."""
+    return View(view.shape, view.R @ np.diag([1.0, -1.0, -1.0]), view.t)
+
+
+def third(mu: np.ndarray) -> np.ndarray:
+    """mu30, mu21, mu12, mu03 over m00 rg^3."""
+    rg = ((mu[2, 0] + mu[0, 2]) / mu[0, 0]) ** 0.5
+    return np.array([mu[3, 0], mu[2, 1], mu[1, 2], mu[0, 3]]) / (mu[0, 0] * rg**3)
+
+
+def axis(mu: np.ndarray) -> float:
+    return 0.5 * atan2(2 * mu[1, 1], mu[2, 0] - mu[0, 2])
+
+
+@pytest.mark.parametrize("shape", [TARGET, L_SHAPE / 5], ids=["target", "L"])
+@pytest.mark.parametrize("make", [Moments.from_polygon, Moments.from_points])
+@pytest.mark.parametrize("turned", [False, True], ids=["away", "towards"])
+def test_a_tilted_view_is_turned_square_on(shape, make, turned: bool) -> None:
+    for seed in range(12):
+        view = tilted(seed, shape)
+        seen = flipped(view) if turned else view
+        exact, moments = make(square_on(seen)), make(seen.image)
+        shrinking = 3.0 if moments.kind == DENSE else 0.0
+        mu = compute_upright_moments(
+            moments.centred, *seen.plane, moments.xg, moments.yg, shrinking
+        )
+        np.testing.assert_allclose(third(mu), third(exact.centred), atol=TOLERANCE)
+        assert abs(remainder(axis(mu) - axis(exact.centred), pi)) < TOLERANCE
+        found = Orientation.from_moments(moments, seen.plane)
+        assert found.alpha == pytest.approx(axis(moments.centred), abs=1e-12)
+        assert abs(remainder(found.upright_alpha - axis(exact.centred), pi)) < TOLERANCE
+        np.testing.assert_allclose(found.third, third(exact.centred), atol=TOLERANCE)
+
+
+def test_third_order_moments_turn_with_the_shape() -> None:
+    for angle in (-2.0, 0.3, 1.1):
+        turn = rotation([0, 0, angle])[:2, :2]
+        before = third(Moments.from_polygon(L_SHAPE).centred)
+        after = third(Moments.from_polygon(L_SHAPE @ turn.T).centred)
+        np.testing.assert_allclose(rotate_third(tuple(before), angle), after, atol=1e-12)
+        size = compute_third_product(tuple(before), tuple(before))
+        assert compute_third_product(tuple(after), tuple(after)) == pytest.approx(size, rel=1e-12)
+
+
+def test_no_orientation_without_third_order_or_main_axis() -> None:
+    view = tilted(0, TARGET)
+    assert Orientation.from_moments(Moments.from_polygon(view.image, 2), view.plane) is None
+    square = Moments.from_points([[-0.25, -0.25], [0.25, -0.25], [0.25, 0.25], [-0.25, 0.25]])
+    assert Orientation.from_moments(square, Plane.fronto_parallel(0.5)) is None
+
+
+# -- reference values from another library and from 50-digit arithmetic -------------------------
+
+
+GOLDEN = Path(__file__).parent / "golden.json"
+
+
+CASES = [
+    pytest.param(case, kind, id=f"{case['name']}-{kind}")
+    for case in json.loads(GOLDEN.read_text())["cases"]
+    for kind in case["variants"]
+]
+
+
+def _moments(case: dict, kind: str) -> tuple[Moments, Moments]:
+    """Current and desired moments."""
+    if kind == "discrete":
+        return (
+            Moments.from_points(case["vertices"]),
+            Moments.from_points(case["desired_vertices"]),
+        )
+    desired = Moments.from_polygon(case["desired_vertices"])
+    if kind == "polygon":
+        return Moments.from_polygon(case["vertices"]), desired
+    camera = case["camera"]
+    pinhole = Pinhole(camera["px"], camera["py"], camera["u0"], camera["v0"])
+    mask = pixels_inside(np.array(case["vertices"]), pinhole, (camera["height"], camera["width"]))
+    spec = case["image_spec"]
+    assert int(mask.sum()) == spec["pixels_on"]
+    assert hashlib.sha256(mask * np.uint8(255)).hexdigest() == spec["sha256_of_raw_bytes"]
+    return Moments.from_image(mask, pinhole), desired
+
+
+@pytest.mark.parametrize(("case", "kind"), CASES)
+def test_values_and_rows_are_those_of_another_library(case: dict, kind: str) -> None:
+    variant = case["variants"][kind]
+    moments, desired = _moments(case, kind)
+    reference = Reference.from_moments(desired, variant["desired"]["Zstar"])
+    names = tuple(variant["L"])
+    result = compute(moments, names, Plane(*case["plane_ABC"]), reference)
+    rg2 = (variant["mu"]["mu20"] + variant["mu"]["mu02"]) / variant["m"]["m00"]
+    R = (rg2 + variant["xg"] ** 2 + variant["yg"] ** 2) ** 0.5
+
+    def scale(name: str) -> float:
+        if match := re.match(r"(m|mu)(\d)(\d)$", name):
+            radius = R if match[1] == "m" else rg2**0.5
+            return variant["m"]["m00"] * radius ** (int(match[2]) + int(match[3]))
+        return {"xg": R, "yg": R}.get(name, variant["an"] if name in ("an", "xn", "yn") else 1.0)
+
+    def agrees(key: str, ours, expected, size: float) -> None:
+        flag = variant["flags"].get(key)
+        expected = expected if flag is None else flag["independent"]
+        if expected is None:
+            return
+        error = np.abs(np.subtract(ours(), expected)).max()
+        assert error <= 1e-7 * max(np.abs(expected).max(), size), (key, ours(), expected)
+
+    for name in names:
+        key = "alpha_sym" if name == "alpha" else name
+        value = {**variant["m"], **variant["mu"]}.get(key, variant.get(key))
+        agrees(key, lambda n=name: result[n], value, scale(name))
+        agrees("L." + name, lambda n=name: result.get_interaction_row(n), variant["L"][name], 1e-3)
+    for table, read in (("m", moments.m), ("mu", moments.mu)):
+        for name, value in variant[table].items():
+            agrees(name, lambda n=name, r=read: r(int(n[-2]), int(n[-1])), value, scale(name))
+
+    truth = variant["alpha_full_independent"]
+    if truth is None or reference.orientation is None:
+        return
+    full = compute(moments, ("alpha_full",), Plane(*case["plane_ABC"]), reference)["alpha_full"]
+    turns = 1.0 if reference.orientation.is_symmetric else 2.0  # half turns show no difference
+    assert abs((full - truth + turns * pi / 2) % (turns * pi) - turns * pi / 2) < 1e-7

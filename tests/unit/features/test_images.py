@@ -101,9 +101,6 @@ def test_broken_messages_are_refused(bad, text: str) -> None:
 
 # -- label images -------------------------------------------------------------------------------
 
-
-messages = pytest.importorskip("sensor_msgs.msg")
-
 NAMES = "1: ground::link\n2: cart::cart\n16777218: cart::wheel\n33554434: cart::box\n"
 NUMBERS = np.array([[1, 2, 16777218], [-1, 33554434, 2]], np.int32)
 

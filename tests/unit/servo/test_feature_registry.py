@@ -22,7 +22,7 @@ from aras_visual_servo_controller.schemes import base as schemes
 
 STEP = 1e-6
 # They model a camera that looks square on, or pixels: test_features and, for every feature that
-# needs pictures, test_luminance hold them to account; for invariants, features/test_golden and
+# needs pictures, test_luminance hold them to account; for invariants, features/test_features and
 # test_interaction_check.
 ELSEWHERE = {"kernel", "moments", "invariants"}
 PICTURED = {name for name, feature in FEATURES.items() if Need.IMAGE in feature.needs}

@@ -14,7 +14,7 @@ from aras_visual_servo_camera.errors import CalibrationError
 from aras_visual_servo_camera.images import Image
 from aras_visual_servo_camera.moments import Moments, exponents
 from aras_visual_servo_camera.pipeline import Pipeline, PipelineSettings
-from aras_visual_servo_camera.undistortion import CameraModel, PixelTables
+from aras_visual_servo_camera.undistortion import CameraModel, PixelTables, subdivide
 
 messages = pytest.importorskip("sensor_msgs.msg")
 
@@ -246,3 +246,10 @@ def test_the_smallest_camera_has_one_pixel() -> None:
 def test_unusable_camera_info_is_refused(changes, text: str) -> None:
     with pytest.raises(CalibrationError, match=text):
         CameraModel.from_message(info(**changes))
+
+
+def test_edges_of_an_outline_are_divided_evenly_from_each_corner() -> None:
+    corners = np.array([[0.0, 0.0], [1.0, 0.5], [0.2, 2.0]])
+    along = np.arange(12) / 4.0
+    expected = [np.interp(along, range(4), [*column, column[0]]) for column in corners.T]
+    np.testing.assert_allclose(subdivide(corners, 4), np.transpose(expected), atol=1e-12)

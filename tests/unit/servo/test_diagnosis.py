@@ -658,3 +658,13 @@ def test_a_camera_that_moves_otherwise_than_L_says_may_be_farther_from_its_goal(
     # and what was seen while the target moved is not held against the camera
     assert arrived(True, "servoing").kind == "wrong_camera_model"
     assert arrived(True, "servoing", moves=True).kind == "running"
+
+
+def test_limits_that_parameters_narrow_are_to_be_widened():
+    run = RunContext(
+        ServoSettings(), the_goal("2016"), joints_beyond_limits=("J2",),
+        narrowed_limits={"upper": ("J2", "J3"), "lower": ("J1",)},
+    )  # fmt: skip
+    found = Evidence(run).add_advice(make_outcome("saturation", "slow"))
+    assert Change("upper", "remove") in found.remedy.changes
+    assert "with joints beyond the limits of J2" in found.reason

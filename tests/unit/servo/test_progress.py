@@ -78,6 +78,15 @@ def test_so_has_a_rank_that_is_too_low(images, there):
     assert found == (("singular",) * 2 if there else ("running", "no_progress"))
 
 
+def test_a_rank_that_noise_takes_away_asks_for_less_of_it():
+    L = np.eye(6)
+    uncertain = Task.from_interaction(L, np.ones(6), accuracy=np.diag([9.0, *[1e-3] * 5]))
+    found = watched(np.full((20, 6), 10.0), task=lambda i: uncertain)[0].explain_stall(
+        ServoState(4.5, SERVOING))
+    assert found.kind == "too_noisy" and "L has rank 5 of 6" in found.reason
+    assert {change.key for change in found.remedy.changes} & {"target.size", "noise"}
+
+
 @pytest.mark.parametrize(("numbers", "modelled", "rank", "kind"), [
     (8, 6, 6, "no_progress"), (8, 6, 5, "singular"), (4, 6, 4, "no_progress"),
     (6, 4, 4, "no_progress"), (6, 4, 3, "singular"),

@@ -9,10 +9,12 @@ from free_camera import pose
 
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.errors import MeasurementError
+from aras_visual_servo_controller.features.corners import NumberedPoints
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.laws import Law, Proportional
 from aras_visual_servo_controller.observation.feature_observer import FeatureObserver
 from aras_visual_servo_controller.schemes import create_scheme
+from aras_visual_servo_controller.schemes.partitioned import Partitioned
 
 START = pose((0.06, -0.05, 0.9), (0.1, -0.12, 0.5))
 # Features whose L is that of the geometry converge alike: test_feature_registry has them all.
@@ -124,11 +126,13 @@ def test_partitioned_takes_a_target_that_is_seen_very_small():
 @pytest.mark.parametrize("rate", [0.0, 0.3 * np.array([1.0, -2.0, 0.5, 0.2, -1.0, 0.7, 0.1, 0.4])])
 def test_partitioned_leaves_to_the_points_what_its_two_motions_do_not_bring(rate):
     """Its law's rate, less the target's own and that of vz and wz, by the other four."""
-    scheme = create_scheme("partitioned")
-    scheme.law = law = Asked()
+
+    class Drifting(NumberedPoints):
+        def measure(self, observation, goal):
+            return replace(super().measure(observation, goal), error_drift=rate)
+
+    scheme = Partitioned(law := Asked(), Drifting())
     goal = Goal.teach(scheme, look(FeatureObserver(None, scheme.needs), GOAL))
-    measure = scheme.feature.measure
-    scheme.feature.measure = lambda *given: replace(measure(*given), error_drift=rate)
     seen = look(FeatureObserver(None, scheme.needs), START)
     decision = scheme.compute(seen, goal, 0.0)
     L, error, twist = decision.L, decision.error, decision.task.twist
@@ -146,8 +150,8 @@ def test_partitioned_leaves_to_the_points_what_its_two_motions_do_not_bring(rate
     rest = wanted - rate - L[:, [2, 5]] @ twist[[2, 5]]
     others = [0, 1, 3, 4]
     np.testing.assert_allclose(twist[others], np.linalg.lstsq(L[:, others], rest, rcond=None)[0])
-    scheme.feature.measure = measure  # at the goal nothing is asked for
-    there = scheme.compute(look(FeatureObserver(None, scheme.needs), GOAL), goal, 0.0).task.twist
+    still = Partitioned(law)  # at the goal nothing is asked for
+    there = still.compute(look(FeatureObserver(None, scheme.needs), GOAL), goal, 0.0).task.twist
     np.testing.assert_allclose(there, 0.0, atol=1e-12)
 
 

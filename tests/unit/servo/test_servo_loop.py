@@ -657,7 +657,12 @@ def test_a_scheme_may_take_a_whole_image_period(seconds, slow):
         joints = JointSample.from_values(t, servo.arm.names, rig.q)
         servo.update(t, joints)
         state = servo.process_image(rig.exact(rig.observer, t, joints))
-    assert ("longer than the image period" in state.reason) is slow
+    assert state.computation_time == pytest.approx(seconds)
+    text = f"took {seconds:.3f} s, longer than the image period of 0.250 s"
+    assert (text in state.reason) is slow
+    servo.stop("enough")
+    state = servo.process_image(rig.exact(rig.observer, 1.5, joints))
+    assert state.computation_time == 0.0
 
 
 @pytest.mark.parametrize(("stamps", "patience"), [((1.0,), 0.25), ((0.5, 1.0), 1.5)])

@@ -89,6 +89,13 @@ class Bench:
             if self.is_watched:
                 self.driver.check_timeouts()
 
+    def step_until(self, phase):
+        for _ in range(2000):
+            if self.servo.phase == phase:
+                return
+            self.step()
+        pytest.fail(f"{phase} never came: {self.servo.reason}")
+
     def tell(self, names, positions, velocities, stamp):
         self.driver.add_joint_state(names, positions, velocities, stamp)
 
@@ -290,8 +297,7 @@ def test_in_lockstep_too_joint_states_without_a_stamp_are_of_now(stamp):
 
 def test_joint_states_that_were_held_up_do_not_send_it_back_to_its_start():
     bench = Bench(start="2015", gain=1.0)
-    while bench.servo.phase != "servoing":
-        bench.step()
+    bench.step_until("servoing")
     bench.step(60)
     count, missed = len(bench.states), bench.t
     bench.joints = False
@@ -447,8 +453,7 @@ def test_joint_states_that_are_all_stamped_by_another_clock_are_named_once(lead,
 ])  # fmt: skip
 def test_a_short_gap_at_the_goal_does_not_take_back_the_arrival(silent, seconds):
     bench = Bench()
-    while bench.servo.phase != "converged":
-        bench.step()
+    bench.step_until("converged")
     bench.step(30)
     count = len(bench.states)
     setattr(bench, silent, False)
@@ -467,8 +472,7 @@ def test_a_short_gap_at_the_goal_does_not_take_back_the_arrival(silent, seconds)
 
 def test_an_arm_that_follows_a_target_at_its_goal_stops_when_no_images_come():
     bench = Bench(watchdog=0.2)
-    while bench.servo.phase != "converged":
-        bench.step()
+    bench.step_until("converged")
     bench.step(30)
     bench.mounted = matrix_from_xyz_rpy((0.0, 0.0, 0.0002), (0.0, 0.0, 0.0))
     bench.step(3)  # a new task, which is not finished

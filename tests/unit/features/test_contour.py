@@ -5,14 +5,17 @@ import pytest
 from feature_cases import L_SHAPE, SQUARE, TARGET, View, grey_image, rotation
 
 from aras_visual_servo_camera.contour import (
-    CORNER_ACCURACY,
     extract_outline,
     find_corners,
     fit_corners,
     match_corners,
 )
 from aras_visual_servo_camera.errors import SegmentationError
-from aras_visual_servo_camera.line_fits import compute_rms_deviation
+from aras_visual_servo_camera.line_fits import (
+    FittedLine,
+    compute_crossing_spread,
+    compute_rms_deviation,
+)
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.segmentation import Segmentation
 from aras_visual_servo_camera.segmented_target import segment
@@ -64,7 +67,7 @@ STEPS = np.array([[-0.5, -0.7], [0.5, -0.7], [0.5, 0.3], [0.15, 0.3], [0.15, 0.5
                   [-0.35, 0.3], [-0.5, 0.3]])  # fmt: skip
 
 
-@pytest.mark.parametrize("row", np.arange(8) / 8.0)
+@pytest.mark.parametrize("row", np.arange(4) / 4.0)
 def test_sides_of_four_pixels_do_not_tilt_with_the_rows_that_they_lie_on(row):
     """Corners of a shipped target's steps jumped by two pixels where a side lay along a row."""
     shape = STEPS * 27.0 / 200.0 + np.array([0.0, row / 201.0])
@@ -77,8 +80,8 @@ def test_sides_of_four_pixels_do_not_tilt_with_the_rows_that_they_lie_on(row):
 IRREGULAR = np.array([[-0.5, -0.4], [0.5, -0.5], [0.35, 0.45], [-0.3, 0.3]])
 
 
-@pytest.mark.parametrize("turn", np.radians([3.0, 17.0, 45.0, 80.0, 133.0, 161.0]))
-@pytest.mark.parametrize("width", [12.0, 14.5, 17.0, 22.0])
+@pytest.mark.parametrize("turn", np.radians([3.0, 45.0, 133.0]))
+@pytest.mark.parametrize("width", [12.0, 14.5, 22.0])
 def test_pixels_are_no_corners(width, turn):
     """Four corners, 12 to 22 pixels apart: half of the pictures showed five to seven."""
     R = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
@@ -89,7 +92,7 @@ def test_pixels_are_no_corners(width, turn):
     assert nearest(corners, shape).max() < 0.5 / 200.0  # half a pixel
 
 
-@pytest.mark.parametrize("turn", [0.0, 17.0, 133.0])
+@pytest.mark.parametrize("turn", [0.0, 133.0])
 def test_the_outline_encloses_the_area(turn):
     drawn, grey = picture(L_SHAPE, (5.0, 8.0), turn)
     outline = extract_outline(grey, segment(grey, Segmentation()), CAMERA)
@@ -138,8 +141,8 @@ def test_an_edge_of_30_pixels_is_too_blurred():
             assert len(extract_outline(grey, target, CAMERA)) > 300
 
 
-@pytest.mark.parametrize("turn", [0.0, 31.0, 133.0, 250.0])
-@pytest.mark.parametrize("depth", [1.0, 2.0, 2.6])
+@pytest.mark.parametrize("turn", [0.0, 31.0, 250.0])
+@pytest.mark.parametrize("depth", [1.0, 2.6])
 def test_a_small_targets_corners_are_those_of_its_model(turn, depth):
     """Fifteen pixels across, the plates show from 7 to 11 corners of their eight."""
     model, _ = picture(SCALES["target"], (0.0, 0.0), 0.0)
@@ -160,26 +163,75 @@ def test_another_polygon_is_not_taken_for_the_model():
         match_corners(outline, model)
 
 
-@pytest.mark.parametrize("noise", [0.0, 5.0])
-def test_corners_are_as_exact_as_the_outline_s_scatter_says(noise):
-    """Of outlines of 20 and 120 px: longer sides average more, and noise makes them worse."""
-    deviations = []
-    for width in (20.0, 120.0):
-        errors, expected = [], []
-        for k in range(6):
-            random = np.random.default_rng([k, int(width)])
-            shape = (IRREGULAR + random.uniform(-0.1, 0.1, (4, 2))) * width / 200.0
-            grey = grey_image(shape + random.uniform(0.0, 0.005, 2), CAMERA.pinhole)
-            grey = np.clip(grey + noise * random.normal(size=grey.shape), 0, 255).astype(np.uint8)
-            outline = extract_outline(grey, segment(grey, Segmentation()), CAMERA)
-            corners, spread = fit_corners(outline)
-            np.testing.assert_array_equal(corners, find_corners(outline))
-            moved = corners - shape[np.linalg.norm(
-                corners[:, None] - shape[None] - 0.0025, axis=2).argmin(axis=1)]
-            errors.append(moved - moved.mean(axis=0))
-            expected.append(compute_rms_deviation(spread))
-        deviations.append(200.0 * np.sqrt(np.mean(np.square(expected))))
-        found = 200.0 * np.sqrt(np.mean(np.square(errors)))
-        assert 0.2 * deviations[-1] < found < 2.5 * np.hypot(deviations[-1], CORNER_ACCURACY)
-    assert deviations[1] < 0.5 * deviations[0]
-    assert (deviations[1] > 0.004) == (noise > 0.0)
+# -- estimated errors of corners from the scatter of edge points, compared with noisy outlines --
+
+
+# px: an acute corner, which errs most, and a short side.
+UNEVEN = np.array([[0.0, 0.0], [60.0, 4.0], [14.0, 22.0], [2.0, 16.0]])
+SIGMA = 0.05
+
+
+def outlines(count, corners=UNEVEN, sigma=SIGMA):
+    random = np.random.default_rng(4)
+    ways = np.roll(corners, -1, axis=0) - corners
+    lengths = np.linalg.norm(ways, axis=1)
+    sides = [a + np.arange(0.5, length)[:, None] / length * way
+             for a, way, length in zip(corners, ways, lengths, strict=True)]
+    for _ in range(count):
+        yield np.vstack([
+            side + sigma * random.normal(size=(len(side), 1)) * [way[1], -way[0]] / length
+            for side, way, length in zip(sides, ways, lengths, strict=True)
+        ])  # fmt: skip
+
+
+def test_each_corner_errs_as_its_own_sides_tell_and_neighbours_together():
+    errors, told = [], []
+    for outline in outlines(400):
+        corners, spread = fit_corners(outline)
+        order = np.linalg.norm(corners[:, None] - UNEVEN, axis=2).argmin(axis=0)
+        errors.append((corners[order] - UNEVEN).ravel())
+        rows = np.column_stack([2 * order, 2 * order + 1]).ravel()
+        told.append(spread[rows] @ spread[rows].T)
+    found, told = np.cov(np.transpose(errors)), np.mean(told, axis=0)
+    deviations = np.sqrt(np.diag(found))
+    assert deviations.max() > 3.0 * deviations.min()  # one number for all would be none of theirs
+    np.testing.assert_allclose(np.sqrt(np.diag(told)), deviations, rtol=0.2)
+    correlation = found / np.outer(deviations, deviations)
+    expected = told / np.sqrt(np.outer(np.diag(told), np.diag(told)))
+    assert np.abs(correlation - np.eye(8)).max() > 0.8
+    np.testing.assert_allclose(expected, correlation, atol=0.2)
+    assert compute_rms_deviation(spread) == pytest.approx(np.sqrt(np.mean(deviations**2)), rel=0.5)
+
+
+def test_a_side_along_a_row_of_pixels_is_not_exact_because_its_points_scatter_little():
+    lines = [
+        FittedLine(np.array([5.0, 0.0]), np.array([0.0, 1.0]), 10.0, 9.0, 0.0),
+        FittedLine(np.array([0.0, 5.0]), np.array([1.0, 0.0]), 10.0, 9.0, 0.1),
+    ]
+    spread = compute_crossing_spread(lines)
+    across_each = np.linalg.norm(spread[0]), np.linalg.norm(spread[1])
+    assert 0.3 * across_each[0] < across_each[1] < across_each[0]
+
+
+def test_points_less_than_a_pixel_apart_count_as_so_many_as_are_independent():
+    along = np.linspace(0.0, 20.0, 81)
+    points = np.column_stack([along, 0.1 * np.sin(along)])
+    all_of_them, independent = (
+        FittedLine.fit(points, np.array([0.0, 1.0]), count) for count in (81.0, 20.0)
+    )
+    assert independent.squares / independent.count == pytest.approx(
+        all_of_them.squares / all_of_them.count
+    )
+    assert independent.length == pytest.approx(all_of_them.length * np.sqrt(20.0 / 81.0))
+
+
+def test_lines_that_hardly_meet_leave_the_corner_open_only_across_them():
+    lines = [FittedLine(np.array([x, 0.0]), np.array([slope, 1.0]) / np.hypot(slope, 1.0), 10.0,
+                        9.0, 0.1) for x, slope in ((-10.0, 0.0), (10.0, 0.01))]  # fmt: skip
+    spread = compute_crossing_spread(lines)
+    assert np.isfinite(spread).all() and np.abs(spread[0::2]).max() < np.abs(spread[1::2]).max()
+
+
+def test_corners_are_the_same_with_and_without_their_spread():
+    outline = next(outlines(1))
+    np.testing.assert_array_equal(fit_corners(outline)[0], find_corners(outline))

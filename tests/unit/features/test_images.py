@@ -1,15 +1,16 @@
-"""Image messages of every encoding, and invalid ones."""
+"""Image and label messages of every encoding, and invalid ones."""
 
 from __future__ import annotations
-
-from types import SimpleNamespace
 
 import cv2
 import numpy as np
 import pytest
 
-from aras_visual_servo_camera.errors import ImageError
+from aras_visual_servo_camera.errors import ImageError, SegmentationError
 from aras_visual_servo_camera.images import ENCODINGS, decode
+from aras_visual_servo_camera.labels import TargetLabels, read_labels
+
+messages = pytest.importorskip("sensor_msgs.msg")
 
 RED, GREEN, BLUE = 200, 100, 40
 GREY = round(0.299 * RED + 0.587 * GREEN + 0.114 * BLUE)
@@ -23,7 +24,7 @@ def message(pixels: np.ndarray, encoding: str, step: int | None = None, big: boo
         raw = b"".join(
             raw[k * line : (k + 1) * line] + b"\xee" * (step - line) for k in range(rows)
         )
-    return SimpleNamespace(
+    return messages.Image(
         height=rows, width=columns, encoding=encoding, step=step or line, data=raw, is_bigendian=big
     )
 
@@ -76,16 +77,14 @@ def test_opencv_has_no_threads_that_wait_at_full_speed() -> None:
 
 
 def broken(**changes):
-    good = message(np.zeros((4, 6, 3), np.uint8), "rgb8")
-    return SimpleNamespace(**{**vars(good), **changes})
+    good = {"height": 4, "width": 6, "encoding": "rgb8", "step": 18, "data": bytes(72)}
+    return messages.Image(**{**good, **changes})
 
 
 @pytest.mark.parametrize(
     ("bad", "text"),
     [
         (broken(encoding="8UC3"), "encoding '8UC3' is not supported; send one of mono8"),
-        (broken(encoding="16UC1"), "not supported"),
-        (broken(encoding="32FC1"), "not supported"),
         (broken(encoding=""), "not supported"),
         (broken(data=b"\0" * 60), "truncated: 60 bytes, must be 72 for 4 rows"),
         (broken(data=b""), "truncated"),
@@ -98,3 +97,46 @@ def broken(**changes):
 def test_broken_messages_are_refused(bad, text: str) -> None:
     with pytest.raises(ImageError, match=text):
         decode(bad)
+
+
+# -- label images -------------------------------------------------------------------------------
+
+NAMES = "1: ground::link\n2: cart::cart\n16777218: cart::wheel\n33554434: cart::box\n"
+NUMBERS = np.array([[1, 2, 16777218], [-1, 33554434, 2]], np.int32)
+
+
+@pytest.mark.parametrize(("wanted", "pixels"), [
+    ("cart", [[0, 255, 255], [0, 255, 255]]),
+    ("cart::wheel", [[0, 0, 255], [0, 0, 0]]),
+    ("ground", [[255, 0, 0], [0, 0, 0]]),
+])  # fmt: skip
+def test_a_model_or_one_of_its_links_is_told(wanted, pixels):
+    labels = TargetLabels(wanted)
+    assert not labels.has_links
+    labels.set_links(NAMES)
+    assert labels.has_links
+    assert labels.make_mask(NUMBERS).tolist() == pixels
+
+
+def test_a_name_that_there_is_not_is_said_with_the_nearest():
+    labels = TargetLabels("cart::whel")
+    labels.set_links(NAMES)
+    with pytest.raises(SegmentationError, match="did you mean 'cart::wheel'"):
+        labels.make_mask(NUMBERS)
+    with pytest.raises(SegmentationError, match="cannot be read"):
+        labels.set_links("a, b")
+
+
+@pytest.mark.parametrize(("order", "kind"), [(0, "<i4"), (1, ">i4")])
+def test_a_message_is_read_with_its_padding_and_byte_order(order, kind):
+    rows = np.zeros((2, 20), np.uint8)
+    rows[:, :12] = NUMBERS.astype(kind).view(np.uint8)
+    message = messages.Image(
+        encoding="32SC1", height=2, width=3, step=20, is_bigendian=order, data=rows.tobytes())
+    assert read_labels(message).tolist() == NUMBERS.tolist()
+    message.data = message.data[:-1]
+    with pytest.raises(ImageError, match="truncated"):
+        read_labels(message)
+    message.encoding = "mono8"
+    with pytest.raises(ImageError, match="send 32SC1"):
+        read_labels(message)

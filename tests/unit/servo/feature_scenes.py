@@ -213,34 +213,6 @@ def symmetries(c):
                      area(c) * abs(complex_moment(c, 3, 0)) ** 2 / c11**3])  # fmt: skip
 
 
-def invariants(c):
-    """Return C1 ... C10 of Tahri and Chaumette 2005; C3 ... C6 are written out as cubic forms."""
-    m = {(p, q): complex_moment(c, p, q) for p in range(6) for q in range(6) if p + q <= 5}
-
-    def square(p, q):
-        return abs(m[p, q]) ** 2
-
-    a, b, k, d = mu(c, 3, 0), mu(c, 2, 1), mu(c, 1, 2), mu(c, 0, 3)
-    I5 = -(a**2 * d**2) + 6 * a * b * k * d - 4 * a * k**3 - 4 * b**3 * d + 3 * b**2 * k**2
-    I6 = (3 * k**4 + 2 * a * k**3 + 3 * a**2 * k**2 - 6 * d * b * k**2 - 6 * a * b**2 * k
-          - 6 * a * b * d * k + 2 * a**2 * d**2 + 2 * b**3 * d + 3 * b**2 * d**2
-          + 3 * b**4)  # fmt: skip
-    I7 = ((3 * b + 2 * d) * k**3 + 3 * a * (d + 2 * b) * k**2 - 3 * b * k * ((d + b) ** 2 - a**2)
-          + a * (d**3 - a**2 * d - 2 * b**3 - 3 * d * b**2))  # fmt: skip
-    I8 = (3 * d * b**3 - 2 * d**2 * b**2 + b**2 * a**2 + 3 * k**2 * d * b - d * b * a**2
-          - d**3 * b + 3 * k**3 * a - 2 * k**2 * a**2 + k**2 * d**2 - k * a**3
-          - k * a * d**2 + 3 * k * a * b**2 - 6 * k * a * d * b)  # fmt: skip
-    I9 = (a**2 + 3 * a * k + 3 * d * b + d**2) ** 2
-    I10 = (square(4, 0) - 4 * square(3, 1) + 3 * square(2, 2)) / 16
-    I11 = (square(4, 0) + 8 * square(3, 1) - 9 * square(2, 2)) / 16
-    I12 = (4 * square(3, 1) + 9 * square(2, 2) - square(4, 0)) / 4
-    return np.array([
-        (square(2, 0) - square(1, 1)) / 4 / square(2, 0), square(3, 0) / square(2, 1),
-        I5 / I6, I7 / I6, I8 / I6, I9 / I6, I11 / I10, I12 / I10,
-        square(3, 2) / square(5, 0), square(4, 1) / square(5, 0),
-    ])  # fmt: skip
-
-
 def stacked(*functions):
     return lambda c: np.concatenate([function(c) for function in functions])
 
@@ -270,7 +242,6 @@ VALUES = {
     "area_normalised": an,
     "alpha": alpha,
     "ellipse": ellipse,
-    "invariants": invariants,
     "sx_sy": tilts,
     "px_py": symmetries,
     "moments_pitch": lambda c: np.array([*xn_yn(c), *an(c), tilts(c)[1], *alpha(c)]),

@@ -61,6 +61,7 @@ def the_servo(
     limits: Limits | None = None,
     clock: Callable[[], float] | None = None,
     options: dict | None = None,
+    ik: type[DifferentialIK] = DifferentialIK,
     **settings,
 ) -> Servo:
     """Return a loop as the controller node makes it."""
@@ -68,7 +69,7 @@ def the_servo(
     if isinstance(scheme, str):
         scheme = create_scheme(scheme, law or Proportional(5.0), **(options or {}))
     limits = limits or the_limits()
-    resolver = DifferentialIK(
+    resolver = ik(
         arm, limits, [PostureTask(arm, {"J1": 0.0})], elbows=find_elbows(arm, {"J3": -1})
     )
     return Servo(scheme, arm, goal or the_goal(year), resolver, ServoSettings(**settings), clock)
@@ -153,14 +154,6 @@ class Rig:
     def missed(self) -> tuple[float, float]:
         """Return distance (m) and angle (rad) of the camera from its goal."""
         return pose_difference(self.servo.goal.world_T_camera, self.servo.arm.pose(self.q))
-
-    def settled(self, part: float = 0.02) -> float:
-        """Return the time after which the camera's distance stays below a part of its first value,
-        s."""
-        goal = self.servo.goal.world_T_camera
-        way = [pose_difference(goal, self.servo.arm.pose(q))[0] for q in self.joints]
-        above = np.flatnonzero(np.array(way) > part * way[0])
-        return float((above[-1] + 1) * TICK)
 
 
 def spoiled(observation: Observation, **changes) -> Observation:

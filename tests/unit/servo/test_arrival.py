@@ -76,7 +76,6 @@ def test_arrival_has_hysteresis(sign):
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_images_that_come_seldom_have_no_mean(sign):
-    """A way past the goal, an image in 0.8 s, was taken for noise about it."""
     passing = sign * np.array([-3.3, 0.6, -0.1, 0.1, 0.1])
     assert feed(ArrivalCheck(2.0), passing, dt=0.8) == [False] * 4 + [True]
     # however long the gap, two images show no rest; four that are near do, also of a fast camera
@@ -159,7 +158,7 @@ def test_noise_ends_nothing_that_has_converged():
         while not arrival.reached:
             of_camera(noisy(1, seed=arrival.fed), L, begin=arrival)
         assert arrival.fed < 200
-        for error in noisy(400, seed=100 + seed):
+        for error in noisy(250, seed=100 + seed):
             of_camera([error], L, begin=arrival)
             assert arrival.reached, seed
 
@@ -204,28 +203,6 @@ def test_many_rows_say_of_the_camera_what_few_of_them_say(seed):
     assert "50.00 mm" in of_camera(np.tile(error, (6, 12)), np.tile(weak, (12, 1))).short
 
 
-def brought(rows, seen):
-    """Offsets (m, 6) of rows, brought to where the last image's camera is; NaN without poses."""
-    offsets = rows[:, :6].copy()
-    here = rows[-1, 6:].reshape(4, 4)
-    for offset, row in zip(offsets, rows, strict=True):
-        there = row[6:].reshape(4, 4)
-        turn = Rotation.from_matrix(there[:3, :3].T @ here[:3, :3]).as_rotvec()
-        turn *= np.sinc(np.linalg.norm(turn) / np.pi)
-        offset += seen @ np.concatenate([here[:3, :3].T @ (here[:3, 3] - there[:3, 3]), turn])
-    return offsets
-
-
-def wandering(seed, count, noise=2e-4, way=(1e-3, 2e-3), wrong=0.0):
-    """Rows of a camera that goes to and fro somewhere, tilted, as noisy images tell its offsets."""
-    random = np.random.default_rng(seed)
-    base = matrix_from_xyz_rpy((0.4, -0.7, 0.9), (2.5, 0.4, -0.8))
-    ways = np.sin(0.7 * np.arange(count)[:, None] + random.uniform(0, 6, 6)) * np.repeat(way, 3)
-    poses = [base @ matrix_from_xyz_rpy(step[:3], step[3:]) for step in ways]
-    offsets = (1.0 + wrong) * ways + noise * random.normal(size=(count, 6)) * np.arange(1, 7)
-    return np.hstack([offsets, np.reshape(poses, (count, 16))])
-
-
 def test_noise_is_averaged_over_all_images_of_the_arrival_and_a_motion_over_the_latest():
     random, stamps = np.random.default_rng(5), 0.03 * np.arange(40)
     rows = np.hstack([1e-5 * random.normal(size=(40, 6)), np.tile(np.eye(4).ravel(), (40, 1))])
@@ -240,19 +217,19 @@ def test_noise_is_averaged_over_all_images_of_the_arrival_and_a_motion_over_the_
 
 @pytest.mark.parametrize("wrong", [0.5, -0.5])
 def test_a_speed_is_the_lesser_of_what_images_and_kinematics_say(wrong):
-    rows, stamps = wandering(3, 4, 0.0, (1e-3, 2e-3), wrong), np.array([3.0, 3.1, 3.3, 3.37])
+    step = 1e-4 * np.array([3.0, -2.0, 1.0, 20.0, 10.0, -10.0])
+    base = matrix_from_xyz_rpy((0.4, -0.7, 0.9), (2.5, 0.4, -0.8))
+    poses = [base @ matrix_from_xyz_rpy(0.5 * k * step[:3], 0.5 * k * step[3:]) for k in (-4, 0, 2)]
+    offsets = (1.0 + wrong) * np.outer([-2.0, 0.0, 1.0], step)
+    rows, stamps = np.hstack([offsets, np.reshape(poses, (3, 16))]), np.array([3.1, 3.3, 3.37])
+    lesser = step if wrong > 0.0 else offsets[2]
+    sizes = np.linalg.norm(lesser[:3]), np.linalg.norm(lesser[3:])
+    assert compute_speed(stamps, rows) == pytest.approx(np.array(sizes) / 0.07, rel=2e-3)
     assert compute_speed(stamps[:1], rows[:1]) == (0.0, 0.0)
-    step = rows[-1, :6] - rows[-2, :6]
-    if wrong > 0.0:  # by images it is half as fast again
-        step = (brought(rows[-2:], np.eye(6)) - rows[-2:, :6])[0]
-    assert compute_speed(stamps, rows) == pytest.approx(
-        (np.linalg.norm(step[:3]) / 0.07, np.linalg.norm(step[3:]) / 0.07))
     assert compute_speed(np.array([3.37, 3.37]), rows[:2]) == (0.0, 0.0)  # no time has passed
-    unknown = rows[:2].copy()
-    unknown[:, 6:] = np.nan
-    step = rows[1, :6] - rows[0, :6]
-    assert compute_speed(np.array([4.0, 4.2]), unknown) == pytest.approx(
-        (np.linalg.norm(step[:3]) / 0.2, np.linalg.norm(step[3:]) / 0.2))
+    rows[:, 6:] = np.nan  # the poses are unknown
+    by_images = np.linalg.norm(offsets[2, :3]), np.linalg.norm(offsets[2, 3:])
+    assert compute_speed(stamps, rows) == pytest.approx(np.array(by_images) / 0.07)
 
 
 def test_a_motion_that_kinematics_have_wrong_does_not_hide_where_the_camera_is():
@@ -302,13 +279,6 @@ def test_what_is_far_and_what_was_before_does_not_count():
     after.clear()
     of_camera([(0.1, 0, 0, 0, 0, 0)] * 3, L, begin=after)
     assert not after.reached
-
-
-def test_an_interruption_begins_the_hold_anew():
-    arrival = ArrivalCheck(0.3)
-    assert feed(arrival, [0.1] * 4)[-1]
-    arrival.clear()
-    assert feed(arrival, [0.1] * 4, 0.4) == [False] * 3 + [True]
 
 
 def test_hold_of_zero_judges_each_image():
@@ -414,14 +384,6 @@ def test_what_is_left_open_is_what_the_inverse_of_L_makes_of_it(seed, rows, mode
     assert left.description == (words if max(parts) > 1.0 else "")
 
 
-def test_an_exact_view_leaves_open_what_L_sees():
-    left = left_by([(0.1, -0.05, 0.0, 0.2, 0.0, 0.0)] * 6, STRONG)
-    # by depths that are believed 0.6 of the true ones, and a mounting that is a little off
-    assert left.distance == pytest.approx(1.7 * np.hypot(1e-4, 5e-5) + MOVES)
-    assert left.angle == pytest.approx(1.4 * 0.2 / 573.0 + TURNS)
-    assert (left.description, left.reason, left.remedy) == ("", "", "")
-
-
 def test_a_camera_that_moves_may_go_on_for_some_hundredths_of_a_second():
     """Images in 0.1 s, the last steps 0.02 mm along y and 0.1 mrad about x."""
     y = 1e-5 * np.array([19.0, 13.0, 8.0, 4.0, 1.0, -1.0])
@@ -472,6 +434,7 @@ def test_noise_leaves_its_mean_s_deviation_open():
 def test_accuracy_counts_for_the_goal_too_and_in_pictures_noise_does_not_vanish():
     exact = left_by([np.zeros(6)] * 6, STRONG, accuracy=None)
     assert exact.distance == MOVES
+    assert (exact.description, exact.reason, exact.remedy) == ("", "", "")
     left = left_by([np.zeros(6)] * 6, STRONG, accuracy=0.5 * np.eye(6)[:, [1, 4]])
     assert left.distance - MOVES == pytest.approx(1.1 * np.sqrt(2.0) * 0.5e-3 * 2.985, rel=0.01)
     assert left.angle - TURNS == pytest.approx(1.1 * np.sqrt(2.0) * 0.5 / 573.0 * 2.985, rel=0.01)
@@ -479,10 +442,8 @@ def test_accuracy_counts_for_the_goal_too_and_in_pictures_noise_does_not_vanish(
     turned = left_by([np.zeros(6)] * 6, STRONG, accuracy=3.0 * np.eye(6)[:, [4]])
     assert turned.description == "1.4 degrees"
     noise = 0.1 * np.eye(6)[:, [1]] * np.tile([1.0, -1.0], 60)
-    clean, seen = (
-        left_by(noise.T, STRONG, accuracy=accuracy).distance
-        for accuracy in (None, np.zeros((6, 1)))
-    )
+    clean = left_by(noise.T, STRONG).distance
+    seen = left_by(noise.T, STRONG, accuracy=np.zeros((6, 1))).distance
     assert seen > 1.05 * clean
 
 
@@ -511,30 +472,6 @@ def test_what_no_motion_explains_makes_the_accuracy_worse():
         assert compute_unexplained_ratio(
             L, np.array([0.3, -0.2]), 0.04 * np.eye(2)
         ) == pytest.approx(times)
-
-
-def test_directions_that_are_held_count_as_kinematics_has_them():
-    """A tilt of 2 mrad that is held, with the features at their goal: 1 mm aside at 0.5 m."""
-    modelled = (True, True, True, False, False, True)
-    L = np.zeros((4, 6))
-    L[0, [0, 4]], L[1, [1, 3]] = (-1e4, -0.5e4), (-1e4, 0.5e4)
-    L[2, 2], L[3, 5] = 1e4, -573.0
-    goal = Goal(depth=0.2, world_T_camera=matrix_from_xyz_rpy((0.3, 0.1, 0.8), (np.pi, 0.0, 0.3)))
-    for tilt, wanted in (((0.002, 0.0), 1e-3), ((0.0, -0.001), 0.5e-3)):
-        here = goal.world_T_camera @ matrix_from_xyz_rpy((0, 0, 0), (*tilt, 0.0))
-        left = left_by([np.zeros(4)] * 6, L, modelled=modelled, goal=goal, poses=[here] * 6)
-        assert left.angle - TURNS == pytest.approx(max(np.abs(tilt)), rel=1e-3)
-        assert left.distance - MOVES == pytest.approx(wanted, rel=1e-3)
-    # What the features see besides adds to it: 0.1 mm aside of the same sign, or of the other.
-    here = goal.world_T_camera @ matrix_from_xyz_rpy((0, 0, 0), (0.002, 0.0, 0.0))
-    for aside in (1e-4, -1e-4):
-        left = left_by([-1e4 * np.array([0.0, aside, 0.0, 0.0])] * 6, L, modelled=modelled,
-                       goal=goal, poses=[here] * 6, tolerance=2.0)  # fmt: skip
-        assert left.distance - MOVES == pytest.approx(1e-3 + 1.7 * aside, rel=1e-3)
-    there = left_by(
-        [np.zeros(4)] * 6, L, modelled=modelled, goal=goal, poses=[goal.world_T_camera] * 6
-    )
-    assert there.distance - MOVES < 1e-9 and there.angle - TURNS < 1e-9
 
 
 def test_a_direction_that_nothing_measures_is_left_open():
@@ -573,29 +510,21 @@ def test_an_arm_of_few_joints_leaves_open_what_it_can_move_alone():
     ("up_to", "turn"), [("180°", np.pi), ("90°", np.pi), ("120°", 2.0 * np.pi / 3.0)]
 )
 def test_a_symmetric_target_is_the_same_from_round_its_axis(up_to, turn):
-    plane = Plane(0.0, 0.0, 4.0)  # level, at 0.25 m
     square = [[0.1, 0.0], [0.3, 0.0], [0.3, 0.2], [0.1, 0.2]]
-    goal = Goal(features={"points": {"points": square}}, plane=plane)
-    beside = 0.25 * np.hypot(0.2, 0.1)
-    assert bound_symmetry(up_to, goal) == pytest.approx((2.0 * beside * np.sin(turn / 2.0), turn))
+    goal = Goal(features={"points": {"points": square}}, plane=Plane(0.0, 0.0, 4.0))
+    way = 2.0 * 0.25 * np.hypot(0.2, 0.1) * np.sin(turn / 2.0)
     left = left_by([np.zeros(6)] * 6, STRONG, ambiguity=up_to, goal=goal)
     assert left.description == up_to and left.angle == pytest.approx(min(turn + TURNS, np.pi))
     without = ArrivalCheck(0.3)  # the features' L is not known
-    left = [shown(without, 0.1 * i, [0.1], ambiguity=up_to, goal=goal) for i in range(6)][
-        -1
-    ].pose_uncertainty
-    assert (left.distance, left.angle) == bound_symmetry(up_to, goal)
-    slope = np.array([0.3, -0.5, 4.0])
-    place, normal = np.array([0.2, 0.1, 1.0]) / 4.01, slope / np.linalg.norm(slope)
-    goal = Goal(features=goal.features, plane=Plane(*slope))
-    beside = np.linalg.norm(place - place @ normal * normal)  # of its axis
-    assert bound_symmetry(up_to, goal) == pytest.approx((2.0 * beside * np.sin(turn / 2.0), turn))
+    last = [shown(without, 0.1 * i, [0.1], ambiguity=up_to, goal=goal) for i in range(6)][-1]
+    left = last.pose_uncertainty
+    assert (left.distance, left.angle) == pytest.approx((way, turn))
     assert bound_symmetry("", goal) == (0.0, 0.0)
     assert bound_symmetry("something else", goal) == (np.inf, np.pi)
 
 
 @pytest.mark.parametrize("up_to", [72, 90, 180])
-@pytest.mark.parametrize("plane", [Plane(0.3, -0.5, 4.0), Plane(-0.1, 0.2, 0.9), None])
+@pytest.mark.parametrize("plane", [Plane(0.3, -0.5, 4.0), None])
 @pytest.mark.parametrize("middle", ["moments", "points", ""])
 def test_the_axis_of_a_symmetric_target_goes_through_its_middle(middle, plane, up_to):
     """The camera, at the origin, is turned about it; without a plane it is level at its depth."""
@@ -617,11 +546,8 @@ def test_the_axis_of_a_symmetric_target_goes_through_its_middle(middle, plane, u
 def test_without_L_nothing_is_known():
     arrival = ArrivalCheck(0.3)
     last = [shown(arrival, 0.1 * i, [0.1]) for i in range(6)][-1]
-    assert (
-        last.is_reached
-        and np.isnan(last.pose_uncertainty.distance)
-        and last.pose_uncertainty.description == ""
-    )
+    assert last.is_reached and np.isnan(last.pose_uncertainty.distance)
+    assert last.pose_uncertainty.description == ""
 
 
 # -- is it the goal's own view? -----------------------------------------------------------------
@@ -723,10 +649,8 @@ def test_another_view_is_believed_from_the_third_image_and_beyond_noise():
         assert said == expected
     # of several cameras each is held against its own goal, or against the first's if it has none
     for told, expected in (({"right": Goal(moments=other)}, False), ({}, True)):
-        both, arrival = (
-            Goal(depth=0.5, moments=wanted, camera_name="left", other_cameras=told),
-            Watched(0.0),
-        )
+        arrival = Watched(0.0)
+        both = Goal(depth=0.5, moments=wanted, camera_name="left", other_cameras=told)
         for _ in range(3):
             right = Observation(0.0, 0.1, True, "", None, moments=other)
             of_camera([np.zeros(6)], STRONG, begin=arrival, goal=both, moments=wanted,

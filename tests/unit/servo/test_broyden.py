@@ -1,6 +1,5 @@
 """Broyden's estimate of L: it converges to the true L, needs no model, and can be reset."""
 
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -98,38 +97,6 @@ def test_what_changes_by_more_than_any_camera_makes_is_not_learnt(jump, learnt):
     expected = [10.0 * jump, 0.5] if learnt else [0.0, 0.0]
     np.testing.assert_allclose(found[:, 1], expected, rtol=1e-6)
     assert not found[:, [0, 2, 3, 4, 5]].any()
-
-
-class Askew(ImageMoments):
-    """Scheme whose L belongs to a camera rotated by 70 degrees about its axis: the path is a
-    spiral."""
-
-    def measure(self, observation, goal):
-        measured = super().measure(observation, goal)
-        c, s = np.cos(1.2), np.sin(1.2)
-        turned = measured.L.copy()
-        turned[:, 0] = c * measured.L[:, 0] + s * measured.L[:, 1]
-        turned[:, 1] = c * measured.L[:, 1] - s * measured.L[:, 0]
-        return replace(measured, L=turned)
-
-
-def test_what_a_wrong_model_makes_spiral_goes_straight_once_it_is_learnt():
-    def way(interaction):
-        scheme = FeatureScheme(Askew(), Proportional(3.0), interaction)
-        rig = Rig(the_servo(scheme=scheme, hold=0.5), STARTS["2016"])
-        states = rig.run(3.0)
-        return rig, np.array(
-            [s.scheme_output.error[:2] for s in states if s.scheme_output is not None]
-        )
-
-    _, plain = way("current")
-    rig, learnt = way("estimated")
-
-    def length(path):
-        return np.linalg.norm(np.diff(path, axis=0), axis=1).sum()
-
-    assert length(learnt) < 0.75 * length(plain)
-    assert rig.missed[0] < 1e-3
 
 
 def test_it_needs_no_more_than_its_name():

@@ -5,10 +5,7 @@ import numpy as np
 import pytest
 from loop_rig import an_image, an_output
 
-from aras_visual_servo_controller.diagnosis.camera_check import (
-    DIRECTIONS,
-    CameraCheck,
-)
+from aras_visual_servo_controller.diagnosis.camera_check import DIRECTIONS, CameraCheck
 from aras_visual_servo_controller.kinematics.joint_sample import JointSample
 
 

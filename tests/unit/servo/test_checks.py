@@ -1,15 +1,24 @@
-"""Checks of the error over time: oscillation, and whether the target can be the goal's target."""
+"""Checks of errors, features and joints over time, and of poses that look alike."""
 
 import numpy as np
 import pytest
-from loop_rig import an_image, scaled
+from loop_rig import an_image, an_output, scaled
 
+from aras_visual_servo_base.poses import matrix_from_xyz_rpy
+from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.moments import Moments
+from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_controller.diagnosis.ambiguous_poses import AmbiguousPoses
 from aras_visual_servo_controller.diagnosis.diagnoses.wrong_object import ShapeCheck
-from aras_visual_servo_controller.diagnosis.oscillation_check import (
-    OscillationCheck,
-)
+from aras_visual_servo_controller.diagnosis.gain_check import GainCheck
+from aras_visual_servo_controller.diagnosis.joint_check import JointCheck
+from aras_visual_servo_controller.diagnosis.oscillation_check import OscillationCheck
+from aras_visual_servo_controller.diagnosis.step_check import StepCheck, predict_distance
 from aras_visual_servo_controller.goals.goal import Goal
+from aras_visual_servo_controller.laws import Proportional
+from aras_visual_servo_controller.observation.observation import Observation
+from aras_visual_servo_controller.observation.recent_errors import RecentErrors
+from aras_visual_servo_controller.schemes import create_scheme
 
 # -- does it ring? -------------------------------------------------------------------------------
 
@@ -116,16 +125,6 @@ def test_the_loudest_of_the_later_half_is_looked_at():
     assert rings(ringing, lambda t: 50.0 * (t < 0.7)) is not None
     assert rings(ringing, lambda t: 50.0 * (t > 1.2)) is None  # that one makes a single step
     assert rings(ringing, lambda t: 8.0 * (t > 1.2)) is not None
-
-
-def test_only_the_last_two_seconds_count():
-    oscillation = OscillationCheck()
-    for t, e in zigzag(0, 9, 0, 9, 0, 9):
-        last, answer = t, oscillation.add(t, np.array([e]))
-    assert answer is not None
-    for k in range(200):
-        answer = oscillation.add(last + 0.01 * (k + 1), np.array([9.0]))
-    assert answer is None
 
 
 @pytest.mark.parametrize(
@@ -235,3 +234,359 @@ def test_how_long_the_target_may_be(longer, strange, way):
     assert bool(words) is strange
     if strange:
         assert f"its elongation differs by {longer:.2f}" in words
+
+
+# -- a gain that is too high for the delay is reported before the error has oscillated twice ----
+
+
+PERIOD = 1.0 / 30.0
+SCHEME = create_scheme("points", Proportional(1.0))
+
+
+def delayed(gain, delay, duration=60.0, seconds=4.0, until=np.inf):
+    """A check that has followed the error of a loop e' = -gain e(t - delay), and that error."""
+    check, scheme = GainCheck(duration), create_scheme("points", Proportional(gain))
+    step = 1e-3
+    error = np.full(round(seconds / step), 100.0)
+    for i in range(1, len(error)):
+        late = max(i - round(delay / step), 0)
+        error[i] = error[i - 1] - (gain * error[late] * step if i > delay / step else 0.0)
+    images = [i for i in range(0, len(error), round(PERIOD / step)) if i * step < until]
+    for i in images:
+        check.add(i * step, np.array([error[i]]), scheme, delay)
+    return check, error[: images[-1]]
+
+
+@pytest.mark.parametrize("delay", [0.1, 0.25, 0.5])
+def test_a_target_that_is_lost_by_an_overshoot_is_lost_by_the_gain(delay):
+    found = delayed(1.4 / delay, delay, until=4.0 * delay)[0].explain_loss("the target was lost")
+    assert found.kind == "gain_too_high" and found.reason.endswith("the target was lost")
+    (change,) = found.remedy.changes
+    check, error = delayed(change.value * 1.4 / delay, delay, seconds=20.0)
+    assert check.delay_outcome is None and error.min() > -10.0 and abs(error[-1]) < 1.0
+
+
+def test_one_that_suits_the_delay_loses_no_target():
+    check, _ = delayed(0.3 / 0.25, 0.25)
+    assert check.delay_outcome is None and check.explain_loss("lost") is None
+    before_any_overshoot, _ = delayed(6.0, 0.25, until=0.3)
+    assert (
+        before_any_overshoot.delay_outcome is not None
+        and before_any_overshoot.explain_loss("lost") is None
+    )
+
+
+def test_the_remedy_leaves_the_lower_gain_its_time():
+    remedy = delayed(6.0, 0.25, duration=3.0)[0].delay_outcome.remedy
+    changes = {change.key: change.value for change in remedy.changes}
+    assert 3.0 * changes["duration"] > 8.0 / (6.0 * changes["gain"])
+
+
+@pytest.mark.parametrize(("growth", "found"), [(1.5, True), (0.8, False), (0.0, False)])
+def test_a_target_that_a_growing_swing_has_lost_before_its_frequency_is_known(growth, found):
+    check = GainCheck()
+    for k in range(30):
+        error = 20.0 * growth ** (k / 6.0) * np.cos(np.pi * k / 6.0)
+        check.add(k * PERIOD, np.array([error, 1.0]), SCHEME, 0.0)
+    lost = check.explain_loss("the target was lost")
+    assert (lost is not None) == found and (not found or "growing amplitude" in lost.reason)
+
+
+# -- joints that do not follow their commands or oscillate are reported -------------------------
+
+
+def by_joints(images, commanded, measured, late=lambda k: (False, False), begin=7.0):
+    """A JointCheck of J1 and J2 that was shown velocities (2,) by image, 30 a second."""
+    check = JointCheck(("J1", "J2"))
+    for k in range(images):
+        check.add(begin + k / 30.0, np.array(late(k)), np.array(commanded(k), float),
+                  np.array(measured(k), float))  # fmt: skip
+    return check
+
+
+def test_a_joint_that_swings_by_itself_is_told_at_once_and_before_what_it_does_to_the_picture():
+    def swing(k):
+        return 0.3, 0.3 + 16.0 * np.cos(40.0 * k / 30.0)
+
+    assert not by_joints(10, lambda k: (0.3, 0.3), swing).reason  # 0.3 s have not passed
+    assert not by_joints(14, lambda k: (0.3, 0.3), swing).reason  # every fifth image is looked at
+    for check in (
+        by_joints(15, lambda k: (0.3, 0.3), swing, lambda k: (True, False)),
+        by_joints(15, lambda k: (-0.3, -0.3), lambda k: -np.array(swing(k))),
+    ):
+        assert check.joints == "J2"
+        assert check.reason == (
+            "the motion of J2 oscillates without a command, at up to 16.3 rad/s or m/s"
+        )
+    late = by_joints(60, lambda k: [np.cos(0.3 * k)] * 2, lambda k: [np.cos(0.3 * k - 1.0)] * 2)
+    assert not late.reason  # one that follows a swinging command, late
+
+
+@pytest.mark.parametrize(("of_ten", "gone", "told"), [
+    (6, 1.0, False), (7, 1.0, True), (2, 0.09, True), (2, 0.11, False), (1, 0.0, False),
+])  # fmt: skip
+def test_a_joint_stays_behind_where_the_loop_waits_for_it(of_ten, gone, told):
+    """In more than six images of ten; or in more than one, where it goes less than a tenth of its
+    way: as with velocities, of which a joint is sent new ones once the others stand."""
+    check = by_joints(60, lambda k: (0.3, -0.2), lambda k: (0.3, -0.2 * gone),
+                    lambda k: (False, k % 10 < of_ten))  # fmt: skip
+    assert check.joints == ("J2" if told else "")
+    assert check.reason == ("the motion of J2 does not follow the command" if told else "")
+
+
+def test_joints_are_named_together_once_the_loop_has_waited_for_a_second_and_a_half():
+    for images, named in ((40, ""), (60, "J1 and J2")):
+        waiting = by_joints(images, lambda k: (0.3, -0.2), lambda k: (0, 0), lambda k: (True, True))
+        assert waiting.joints == named
+    for late, named in (
+        (np.arange(60) >= 33, ""), (np.arange(60) >= 32, "J2"),  # of 46 images
+        (np.arange(45) >= 18, ""), (np.arange(45) >= 17, "J2"),  # six of ten are not more
+    ):  # fmt: skip
+        check = by_joints(len(late), lambda k: (0.3, -0.2), lambda k: (0.3, -0.2),
+                        lambda k, late=late: (False, late[k]))  # fmt: skip
+        assert check.joints == named
+    # and only of the last 1.5 s
+    over = by_joints(90, lambda k: (0.3, 0.3), lambda k: (0.3, 0.3), lambda k: (k < 45, False))
+    assert not over.joints
+
+
+# -- changes of features between images, compared with L ----------------------------------------
+
+
+DT, COUNT = 1 / 30, 3
+ANGLES = np.zeros(COUNT, bool)
+TOLERANCES = np.full(COUNT, 1e-3)
+OUTLINE = np.array([[-0.1, -0.08], [0.1, -0.09], [0.08, 0.1], [-0.07, 0.06]])
+GOAL = Goal(
+    moments=Moments.from_polygon(OUTLINE), depth=0.4,
+    world_T_camera=matrix_from_xyz_rpy((0, 0, 1), (0,) * 3),
+)  # fmt: skip
+
+
+def followed(images, error_of, check=None, rests=0):
+    """A check that has followed features, error_of(k, error by L and the camera's motion), of a
+    camera that first rests for some images."""
+    check, draw = check or StepCheck(), np.random.default_rng(3)
+    L, told = draw.normal(size=(COUNT, 6)), np.zeros(COUNT)
+    for k in range(images):
+        motion = 4e-3 * np.cos([0.1 * k, 0.3, 0.2 * k, 0.0, 0.0, 0.1]) * (k >= rests)
+        told = told + L @ motion * (k > 0)
+        decision = an_output(error_of(k, told), L, names=("x", "y", "size"))
+        check.add(decision, an_image(k * DT, DT, motion), TOLERANCES, ANGLES)
+    return check
+
+
+def test_features_that_move_as_the_camera_says_are_no_one_s_fault():
+    draw = np.random.default_rng(5)
+    check = followed(60, lambda k, told: told + 1e-3 * draw.normal(size=COUNT))
+    assert check.correlation > 0.98 and check.feature_correlations.min() > 0.9
+    assert (
+        check.unchanged_since is None and check.first_jump is None and not check.has_frequent_jumps
+    )
+
+
+def test_features_that_stay_the_same_before_a_camera_that_moves_are_noted_with_their_beginning():
+    check = followed(30, lambda k, told: told if k < 10 else np.full(COUNT, 0.05))
+    assert check.unchanged_since == pytest.approx(10 * DT)
+    assert followed(31, lambda k, told: told, check).unchanged_since is None
+
+
+def test_a_jump_is_reported_with_its_feature_its_size_and_its_time():
+    check = followed(40, lambda k, told: told + [0.0, 0.3 * (k >= 20), 0.0])
+    jump = check.first_jump
+    assert (jump.feature, len(check.jumps)) == ("y", 1) and not check.has_frequent_jumps
+    assert jump.stamp == pytest.approx(20 * DT) and jump.size == pytest.approx(0.3, abs=0.05)
+    assert str(jump).endswith("at 0.67 s, but L and the camera's motion explain only 0.018")
+    assert followed(60, lambda k, told: told + [0.3 * (k % 12 > 6), 0, 0]).has_frequent_jumps
+
+
+def test_the_motion_of_a_target_that_runs_away_is_known_also_once_it_is_lost():
+    check = followed(20, lambda k, told: told + [0.4 * max(k - 12, 0), 0.0, 0.0])
+    check.interrupt()
+    assert check.target_motion_part > 0.9
+    assert followed(20, lambda k, told: told).target_motion_part == 0.0
+    assert followed(1, lambda k, told: told, check).target_motion_part == 0.0  # it is visible again
+
+
+def test_features_that_move_on_before_a_camera_at_rest_drift():
+    drifting = followed(30, lambda k, told: told + 1e-3 * k, rests=8)
+    assert drifting.has_drift
+    draw = np.random.default_rng(5)
+    noisy = followed(30, lambda k, told: told + 5e-3 * draw.normal(size=COUNT), rests=30)
+    assert not noisy.has_drift
+    assert not followed(30, lambda k, told: told, rests=8).has_drift
+    assert not followed(30, lambda k, told: told + 1e-3 * k).has_drift  # it never rested
+
+
+@pytest.mark.parametrize("feature", range(COUNT))
+def test_a_feature_with_the_wrong_sign_moves_against_its_l(feature):
+    signs = np.where(np.arange(COUNT) == feature, -1.0, 1.0)
+    against = followed(60, lambda k, told: signs * told).feature_correlations
+    assert against[feature] < -0.95 and np.delete(against, feature).min() > 0.95
+
+
+def view(area, stamp=0.0, height=1.0, touched_borders=()):
+    """An observation of the goal's target, of which a part is visible."""
+    return an_image(
+        stamp, DT, moments=Moments.from_polygon(np.sqrt(area) * OUTLINE),
+        touched_borders=touched_borders,
+        world_T_camera=matrix_from_xyz_rpy((0, 0, height), (0,) * 3),
+    )  # fmt: skip
+
+
+def test_a_part_that_disappears_inside_the_image_is_covered_until_it_comes_back():
+    check = StepCheck()
+    for k, area in enumerate([1.0] * 10 + [0.7] * 10):
+        check.add_area(view(area, k * DT), GOAL)
+    assert check.occluded_since == pytest.approx(10 * DT) and check.visible_part == pytest.approx(
+        0.7
+    )
+    check.add_area(view(1.0, 1.0), GOAL)
+    assert check.occluded_since is None
+
+
+@pytest.mark.parametrize("seen", [
+    [view(1.0 - 0.02 * k) for k in range(20)],  # the camera goes away, step by step
+    [view(1.0 + 0.3 * (-1) ** k) for k in range(40)],  # noise
+    [view(1.0)] * 10 + [view(0.6, touched_borders=("left",))] * 10,
+    [view(1.0)] * 10 + [view(0.7)] + [view(1.0)] * 10,  # one bad image
+    [view(1.0)] * 10 + [view(0.7, height=0.9)] * 10,  # it went back by as much
+])  # fmt: skip
+def test_what_is_not_covered(seen):
+    check = StepCheck()
+    for observation in seen:
+        check.add_area(observation, GOAL)
+    assert check.occluded_since is None
+
+
+def test_the_distance_by_kinematics_is_that_along_the_optical_axis():
+    assert predict_distance(matrix_from_xyz_rpy((0.1, 0, 0.8), (0,) * 3), GOAL) == pytest.approx(
+        1.5
+    )
+    assert predict_distance(None, GOAL) == 1.0
+
+
+# -- poses at which a goal's points have the same image as at the goal, and their distinction ---
+
+
+CAMERA = CameraModel(320, 240, (300.0, 0.0, 160.0, 0.0, 300.0, 120.0, 0.0, 0.0, 1.0), ())
+TRIANGLE = np.array([[-0.15, -0.1], [0.2, -0.05], [0.02, 0.18]])
+PLANE = Plane(0.9, -0.6, 2.0)  # at 0.5 m, tilted
+WORLD_T_GOAL = matrix_from_xyz_rpy((0.3, -0.2, 0.9), (2.8, 0.3, 0.7))
+
+
+def goal_of(points, plane=PLANE, k=1.0):
+    plane = Plane(*(np.array(plane) / k))
+    pose = WORLD_T_GOAL.copy()
+    pose[:3, 3] *= k
+    return Goal(features={"points": {"points": np.asarray(points).tolist()}}, plane=plane,
+                world_T_camera=pose)  # fmt: skip
+
+
+def seen(corners, plane, accuracy=0.0):
+    corners = None if corners is None else np.asarray(corners)
+    return Observation(0.0, 0.0, True, "", CAMERA, corners=corners, plane=plane,
+                       corner_accuracy=accuracy)  # fmt: skip
+
+
+def test_three_points_look_alike_from_other_poses():
+    found = AmbiguousPoses(goal_of(TRIANGLE))
+    assert found.poses
+    for pose in found.poses:
+        np.testing.assert_allclose(pose.points, TRIANGLE, atol=1e-9)
+        # sides of the triangle are as long as before
+        sides = []
+        for points, plane in ((TRIANGLE, PLANE), (pose.points, pose.plane)):
+            rays = np.column_stack([points, np.ones(3)])
+            places = rays / (rays @ np.array(plane))[:, None]
+            lengths = np.linalg.norm(places - np.roll(places, 1, axis=0), axis=1)
+            sides.append(np.sort(lengths))
+        np.testing.assert_allclose(*sides, rtol=1e-6)
+        assert found.find_pose(seen(TRIANGLE, Plane(*pose.plane)))[0] is pose
+    assert found.find_pose(seen(TRIANGLE, PLANE)) == (None, ())
+    nearest, open_ = found.find_pose(seen(TRIANGLE, None))  # nothing tells the plane
+    assert nearest is None and open_ == found.poses
+    scaled = AmbiguousPoses(goal_of(TRIANGLE, k=7.0)).poses
+    for one, other in zip(found.poses, scaled, strict=True):
+        assert other.distance == pytest.approx(7.0 * one.distance, rel=1e-4)
+        assert other.angle == pytest.approx(one.angle, rel=1e-4)
+
+
+def test_a_target_that_is_turned_in_its_plane_is_at_no_other_pose():
+    """Kinematics have the plane where it was, whatever the target's place in it."""
+    found = AmbiguousPoses(goal_of(TRIANGLE))
+    goal = found.goal
+    normal = np.array(PLANE) / np.linalg.norm(PLANE)
+    turned = matrix_from_xyz_rpy((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    turned[:3, 3] = np.cross(normal, (0.0, 0.1, 0.3))  # along the plane
+    plane = goal.compute_plane(goal.world_T_camera @ turned)
+    assert found.find_pose(seen(TRIANGLE, plane)) == (None, ())
+
+
+SMALL = np.array([[-0.03, -0.02], [0.035, -0.025], [0.03, 0.028], [-0.02, 0.02]])
+
+
+def test_a_small_quadrilateral_looks_nearly_alike_from_the_mirrored_tilt():
+    found = AmbiguousPoses(goal_of(SMALL))
+    (pose,) = found.poses
+    off = np.abs(pose.points - SMALL).max()
+    assert 1e-5 < off < 5e-3 and pose.angle > 0.3
+    assert AmbiguousPoses(goal_of(10.0 * SMALL)).poses == ()  # a wide view tells the two apart
+    # by the plane, or, where nothing tells that, by the image if it shows the difference
+    assert found.find_pose(seen(SMALL, Plane(*pose.plane)))[0] is pose
+    assert found.find_pose(seen(pose.points, None, 0.01 * off))[0] is pose
+    assert found.find_pose(seen(SMALL, None, 0.01 * off)) == (None, ())
+    assert found.find_pose(seen(SMALL, None, 10.0 * off)) == (None, (pose,))
+    assert found.find_pose(seen(None, None)) == (None, (pose,))
+
+
+def test_a_square_s_other_headings_are_no_other_poses():
+    """It looks exactly alike after a quarter of a turn: `up_to` says so."""
+    square = np.array([[-0.2, -0.2], [0.2, -0.2], [0.2, 0.2], [-0.2, 0.2]])
+    assert AmbiguousPoses(goal_of(square, Plane(0.0, 0.0, 2.0))).poses == ()
+
+
+@pytest.mark.parametrize("goal", [
+    Goal(depth=0.5), goal_of(np.column_stack([np.linspace(-0.1, 0.1, 4), np.zeros(4)])),
+    goal_of(TRIANGLE, Plane(0.0, 0.0, -2.0)),
+])  # fmt: skip
+def test_without_points_of_a_plane_in_view_there_are_none(goal):
+    assert AmbiguousPoses(goal).poses == ()
+
+
+# -- window of the latest errors ----------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kept", [1, 40, 63, 64, 65, 200])
+def test_the_window_holds_the_newest_in_order(kept):
+    recent = RecentErrors()
+    for i in range(700):
+        recent.add(0.1 * i, np.array([i, -2.0 * i, 0.5]))
+        recent.drop_oldest(max(len(recent) - kept, 0))
+        first = max(i + 1 - kept, 0)
+        expected = np.arange(first, i + 1)
+        assert len(recent) == len(expected)
+        np.testing.assert_array_equal(recent.stamps, 0.1 * expected)
+        np.testing.assert_array_equal(recent.errors[:, 1], -2.0 * expected)
+        assert (recent.errors[:, 2] == 0.5).all()
+    assert len(recent.stamps.base) <= max(4 * kept, 64)  # it does not grow for ever
+
+
+def test_errors_of_another_length_begin_anew():
+    recent = RecentErrors()
+    recent.add(0.0, np.zeros(4))
+    recent.add(0.1, np.ones(2))
+    assert recent.stamps.tolist() == [0.1] and recent.errors.tolist() == [[1.0, 1.0]]
+    recent.clear()
+    assert len(recent) == 0
+
+
+def test_rows_are_found_and_dropped_by_their_stamps():
+    recent = RecentErrors()
+    for i in range(10):
+        recent.add(0.1 * i, np.array([float(i)]))
+    stamps, rows = recent.since(0.55)
+    assert rows[:, 0].tolist() == [6.0, 7.0, 8.0, 9.0] and len(stamps) == 4
+    recent.drop_before(0.4)
+    assert recent.errors[0, 0] == 4.0 and len(recent) == 6 and recent.width == 1
+    assert len(recent.since(9.0)[0]) == 0

@@ -35,7 +35,6 @@ from aras_visual_servo_controller.features import Feature, FeatureMeasurement, S
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.kinematics.joint_sample import JointSample
 from aras_visual_servo_controller.laws import Proportional
-from aras_visual_servo_controller.observation.target_geometry import TargetGeometry
 from aras_visual_servo_controller.records.outcomes import (
     KINDS,
     REMEDIES,
@@ -48,8 +47,6 @@ from aras_visual_servo_controller.records.remedy import Change
 from aras_visual_servo_controller.records.run_record import ImageRecord, RunContext, RunEvent
 from aras_visual_servo_controller.records.state import CONVERGED, ServoSettings, ServoState
 from aras_visual_servo_controller.schemes import FeatureScheme
-
-SEEDS = (0, 2)
 
 
 def healthy(outcome):
@@ -96,11 +93,8 @@ def with_borders(rig):
     return rig
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_a_healthy_run_is_called_ill_at_no_time(seed):
-    rig = with_borders(
-        Rig(the_servo("2016", hold=1.0), near(seed), latency=0.02 * (seed % 2), lag=0.04)
-    )
+def test_a_healthy_run_is_called_ill_at_no_time():
+    rig = with_borders(Rig(the_servo("2016", hold=1.0), near(1), latency=0.02, lag=0.04))
     states = rig.run(3.5)
     assert all(healthy(s.outcome) for s in states), rig.servo.outcome
     assert states[-1].phase == CONVERGED
@@ -109,7 +103,6 @@ def test_a_healthy_run_is_called_ill_at_no_time(seed):
 
 
 def test_noise_at_the_goal_is_no_wrong_camera():
-    """Nothing moves any more, and the picture's noise goes on for long."""
     random = np.random.default_rng(1)
     rig = Rig(the_servo("2016", hold=1.0), near(1))
 
@@ -125,32 +118,26 @@ def test_noise_at_the_goal_is_no_wrong_camera():
         return replace(seen, moments=Moments(m.order, m.kind, *place, shaken))
 
     rig.look = look
-    states = rig.run(6.0)
+    states = rig.run(5.0)
     assert all(healthy(s.outcome) for s in states), rig.servo.outcome
     assert states[-1].phase == CONVERGED
     assert rig.missed[0] - 1e-5 < rig.servo.outcome.open_distance < 1e-3
 
 
-@pytest.mark.parametrize("seed", SEEDS)
-def test_target_lost_over_a_border(seed):
-    rig = with_borders(Rig(the_servo("2016"), near(seed)))
-    random = np.random.default_rng(seed)
-    side = ("left", "right", "top", "bottom")[int(random.integers(4))]
-    plain, when = rig.look, random.uniform(0.2, 0.8)
+def test_target_lost_over_a_border():
+    rig = with_borders(Rig(the_servo("2016"), near(0)))
+    plain = rig.look
     rig.look = lambda observer, t, joints: (
-        plain(observer, t, joints) if t < when else
-        lost(plain(observer, t, joints), f"the target touches the {side} border", (side,))
+        plain(observer, t, joints) if t < 0.6 else
+        lost(plain(observer, t, joints), "the target touches the top border", ("top",))
     )  # fmt: skip
-    states = rig.run(2.0)
+    states = rig.run(1.7)
     outcome = rig.servo.outcome
-    assert outcome.kind == states[-1].outcome == "target_lost"
-    assert f"over the {side} border" in outcome.reason
-    assert f"lost at {when:.1f}"[:-1] in outcome.reason
-    assert outcome.remedy
+    assert outcome.kind == states[-1].outcome == "target_lost" and outcome.remedy
+    assert "lost at 0.60 s over the top border" in outcome.reason
 
 
 def test_an_image_that_cannot_be_measured_for_long_is_a_target_lost():
-    """It is seen, and is not what the scheme wants: an outcome, not `running` for ever."""
 
     class Counting(Twice):
         def measure(self, observation, goal):
@@ -167,45 +154,26 @@ def test_an_image_that_cannot_be_measured_for_long_is_a_target_lost():
     assert "since 0.5" in outcome.reason and outcome.remedy
 
 
-@pytest.mark.parametrize("seed", SEEDS)
-def test_gain_too_high_with_its_frequency(seed):
-    gain = np.random.default_rng(seed).uniform(25.0, 40.0)
-    limits = the_limits(velocity=5.0)
-    rig = with_borders(
-        Rig(the_servo("2016", law=Proportional(gain), limits=limits), near(seed, 0.1), latency=0.06)
-    )
-    rig.run(4.0)
+def test_gain_too_high_with_its_frequency():
+    servo = the_servo("2016", law=Proportional(30.0), limits=the_limits(velocity=5.0))
+    rig = with_borders(Rig(servo, near(0, 0.1), latency=0.06))
+    rig.run(3.0)
     assert rig.servo.outcome.kind == "gain_too_high"
     words = rig.servo.outcome.reason
     assert 1.0 < float(words.split(" at ")[1].split(" Hz")[0]) < 8.0
     assert "lower the gain" in rig.servo.outcome.remedy
 
 
-@pytest.mark.parametrize(("focal", "seed"), [(0.7, 1), (1.4, 0)])
-def test_a_wrong_focal_length(focal, seed):
-    rig = Rig(the_servo("2016"), near(seed, 0.4))
-
-    def look(observer, t, joints):
-        seen = rig.exact(observer, t, joints)
-        return replace(seen, moments=scaled(seen.moments, focal))
-
-    rig.look = look
-    rig.run(4.0)
-    assert rig.servo.outcome.kind == "wrong_camera_model"
-    assert rig.servo.outcome.remedy
-
-
-@pytest.mark.parametrize(("focal", "side"), [(0.85, (-0.05, 0.06)), (1.15, (0.08, 0.0))])
-def test_a_focal_length_somewhat_wrong_is_told_by_a_camera_that_also_comes_down(focal, side):
+def test_a_focal_length_somewhat_wrong_is_told_by_a_camera_that_also_comes_down():
     goal, arm = the_goal("2016"), the_arm()
     pose = goal.world_T_camera.copy()
-    pose[:3, 3] += (*side, 0.1)
+    pose[:3, 3] += (-0.05, 0.06, 0.1)
     start = arm.inverse_kinematics(pose, np.array(goal.get_joints(arm.names)), tolerance=1e-4)
     rig = Rig(the_servo("2016"), start, lag=0.1)
 
     def look(observer, t, joints):
         seen = rig.exact(observer, t, joints)
-        return replace(seen, moments=scaled(seen.moments, focal))
+        return replace(seen, moments=scaled(seen.moments, 0.85))
 
     rig.look = look
     rig.run(3.0)
@@ -213,65 +181,16 @@ def test_a_focal_length_somewhat_wrong_is_told_by_a_camera_that_also_comes_down(
     assert "along v" in rig.servo.outcome.reason
 
 
-@pytest.mark.parametrize(("depth", "seed"), [(0.7, 1), (1.4, 0)])
-def test_a_wrong_depth_does_no_harm_and_is_no_wrong_camera(depth, seed):
+def test_a_wrong_depth_does_no_harm_and_is_no_wrong_camera():
     goal = the_goal("2016")
-    rig = Rig(the_servo("2016", goal=replace(goal, depth=goal.depth * depth)), near(seed, 0.4))
+    rig = Rig(the_servo("2016", goal=replace(goal, depth=goal.depth * 0.7)), near(1, 0.4))
     states = rig.run(5.0)
     assert all(healthy(s.outcome) for s in states), rig.servo.outcome
     assert states[-1].outcome == "converged" and rig.missed[0] < 0.3e-3
 
 
-@pytest.mark.parametrize("seed", SEEDS)
-def test_a_camera_mounted_otherwise_than_believed(seed):
-    turn = np.random.default_rng(seed).choice([-1, 1]) * np.radians(35.0)
-    believed_T_true = matrix_from_xyz_rpy((0.0, 0.0, 0.0), (0.0, 0.0, turn))
-    rig = Rig(the_servo("2016"), near(seed))
-
-    def look(observer, t, joints):
-        pose = rig.servo.arm.pose(rig.q) @ believed_T_true
-        return observer.observe_exact_features(
-            t, CAMERA, joints, contour=rig.servo.goal.target.compute_outline(pose)
-        )
-
-    rig.look = look
-    rig.run(5.0)
-    assert rig.servo.outcome.kind == "wrong_camera_model"
-
-
-@pytest.mark.parametrize("seed", SEEDS)
-def test_another_object(seed):
-    random = np.random.default_rng(seed)
-    x, y = random.uniform(-0.05, 0.05, 2)
-    long, wide = random.uniform(0.03, 0.05), random.uniform(0.006, 0.012)
-    other = TargetGeometry.from_mapping(
-        {"boxes": [[[x - long, y - wide, 0.59], [x + long, y + wide, 0.5905]]]}
-    )
-    rig = Rig(the_servo("2016"), near(seed))
-    rig.look = lambda observer, t, joints: observer.observe_exact_features(
-        t, CAMERA, joints, contour=other.compute_outline(rig.servo.arm.pose(rig.q))
-    )
-    rig.run(3.0)
-    assert rig.servo.outcome.kind == "wrong_object"
-    # it is longer than the goal's
-    spread = rig.servo.outcome.reason.split("its spread is ")[1].split(" times")[0]
-    assert float(spread) > 1.25
-
-
-@pytest.mark.parametrize("seed", SEEDS)
-def test_a_goal_beyond_a_joint_limit(seed):
-    # the gantry ends 60 mm before the goal, and J1 may not stand in for it
-    start = near(seed)
-    start[0], start[1] = -0.1, 0.0
-    limits = the_limits(upper={"gantry": -0.01, "J1": 0.02}, lower={"J1": -0.02})
-    rig = Rig(the_servo("2016", limits=limits), start)
-    rig.run(6.0)
-    assert rig.servo.outcome.kind == "joint_limit"
-    assert "gantry" in rig.servo.outcome.reason
-
-
-def test_a_joint_that_stands_at_its_limit_is_the_cause_also_where_the_camera_looks_wrong():
-    """Points before a target turned by 100 degrees: the first tenths looked like a wrong camera."""
+def test_a_joint_at_its_limit_is_the_cause_also_where_the_camera_looks_wrong():
+    """The gantry ends 60 mm before the goal, and J1 may not stand in for it."""
     start = near(0)
     start[0], start[1] = -0.1, 0.0
     limits = the_limits(upper={"gantry": -0.01, "J1": 0.02}, lower={"J1": -0.02})
@@ -280,19 +199,8 @@ def test_a_joint_that_stands_at_its_limit_is_the_cause_also_where_the_camera_loo
     rig.run(0.5)
     assert rig.servo.outcome.kind == "wrong_camera_model"
     rig.run(6.0)
-    assert rig.servo.outcome.kind == "joint_limit"
+    assert rig.servo.outcome.kind == "joint_limit" and "gantry" in rig.servo.outcome.reason
     assert "; in addition, the features do not move as L" in rig.servo.outcome.reason
-
-
-@pytest.mark.parametrize("seed", SEEDS)
-def test_a_goal_out_of_reach(seed):
-    goal = the_goal("2015")
-    lower = goal.world_T_camera.copy()
-    lower[2, 3] -= np.random.default_rng(seed).uniform(0.03, 0.08)
-    far = replace(goal.predict_from_pose(lower), joints={})
-    rig = Rig(the_servo("2015", goal=far), near(seed))
-    rig.run(6.0)
-    assert rig.servo.outcome.kind in ("out_of_reach",)
 
 
 def lifted(height):
@@ -332,13 +240,6 @@ def test_a_target_lost_on_the_way_to_a_goal_out_of_reach_is_the_goal_s_fault():
         assert near_by.outcome.kind == "timed_out"
 
 
-@pytest.mark.parametrize(("speed", "seed"), [(5e-4, 0), (2e-3, 2)])
-def test_saturation(speed, seed):
-    rig = Rig(the_servo("2016", limits=the_limits(velocity=speed)), near(seed))
-    rig.run(2.5)
-    assert rig.servo.outcome.kind == "saturation"
-
-
 def test_starving_again_and_again_is_remembered():
     rig = Rig(the_servo("2016", law=Proportional(0.3)), STARTS["2016"])
     for starving in range(2):
@@ -361,7 +262,6 @@ def test_starving_again_and_again_is_remembered():
     (0.15, 0.9, "multiply gain by"),
 ])  # fmt: skip
 def test_a_lower_gain_is_advised_only_if_images_come_rarely(period, gap, remedy):
-    """A busy machine delays a few images: a gain for the longest gap would be no remedy."""
     law = Proportional(1.0)
     rig = Rig(the_servo("2016", law=law), STARTS["2016"], image_period=period)
     for _ in range(3):
@@ -388,21 +288,6 @@ class Twice(Feature):
         return FeatureMeasurement(s, np.zeros(2), s, L)
 
 
-class Torn(Feature):
-    """Two numbers that want opposite motions: their sum is at its least, not at zero."""
-
-    names, tolerances = ("right", "left"), (1e-3, 1e-3)
-    is_geometric = False  # its L is no view's
-    directions = (True, False, False, False, False, False)
-
-    def measure(self, observation, goal):
-        x = observation.moments.xg
-        s = np.array([x - 0.1, x + 0.1])
-        L = np.zeros((2, 6))
-        L[:, 0] = -5.0
-        return FeatureMeasurement(s, np.zeros(2), s, L)
-
-
 def test_features_without_rank():
     rig = Rig(the_servo(scheme=FeatureScheme(Twice(), Proportional(3.0))), near(1))
     rig.run(5.0)
@@ -412,30 +297,15 @@ def test_features_without_rank():
     assert rig.servo.outcome.remedy.changes == (Change("scheme", "set", "moments"),)
 
 
-def test_a_local_minimum():
-    rig = Rig(the_servo(scheme=FeatureScheme(Torn(), Proportional(3.0))), near(1))
-    rig.run(5.0)
-    assert rig.servo.outcome.kind == "local_minimum"
-
-
-def test_the_time_is_over():
-    rig = Rig(the_servo("2016", law=Proportional(0.2), duration=1.0), STARTS["2016"])
-    rig.now = rig.next_tick = rig.next_image = 40.0
-    states = rig.run(1.5)
-    assert rig.servo.outcome.kind == "timed_out"
-    assert rig.servo.phase == "stopped"
-    over = next(s for s in states if s.phase == "stopped")
-    assert over.stamp == pytest.approx(41.0, abs=0.1)
-
-
 def test_the_image_that_comes_when_the_time_is_over_is_the_last():
     rig = Rig(the_servo("2016", law=Proportional(0.2), duration=1.0), STARTS["2016"])
-    for stamp in np.arange(2.0, 3.01, 0.125):
+    for stamp in np.arange(40.0, 41.01, 0.125):
         assert rig.servo.phase in ("waiting", "servoing")
         joints = JointSample.from_values(stamp, rig.servo.arm.names, rig.q)
         rig.servo.update(stamp, joints)
         rig.servo.process_image(rig.exact(rig.observer, stamp, joints))
     assert (rig.servo.phase, rig.servo.reason) == ("stopped", "the duration of the run is over")
+    assert rig.servo.outcome.reason.startswith("not converged after 1.0 s")
 
 
 # -- outcomes of their own ------------------------------------------------------------------------
@@ -455,8 +325,9 @@ def moving(rig, displacement):
     return rig
 
 
-@pytest.mark.parametrize("scheme", ["moments", "ellipse"])
-@pytest.mark.parametrize("interaction", ["current", "desired"])
+@pytest.mark.parametrize(("scheme", "interaction"), [
+    ("moments", "current"), ("ellipse", "desired"),
+])  # fmt: skip
 def test_a_target_that_moves_steadily_is_no_wrong_camera(scheme, interaction):
     servo = the_servo("2016", scheme, Proportional(2.0), options={"interaction": interaction})
     velocity = np.array([0.008, -0.015, 0.0])
@@ -470,8 +341,7 @@ def test_a_target_that_moves_steadily_is_no_wrong_camera(scheme, interaction):
         assert said == pytest.approx(17.0, rel=0.1)
 
 
-@pytest.mark.parametrize("frequency", [0.25, 0.5])
-def test_a_target_that_swings_is_told_with_its_frequency(frequency):
+def test_a_target_that_swings_is_told_with_its_frequency(frequency=0.5):
     servo = the_servo("2016", law=Proportional(2.0))
     rig = moving(
         Rig(servo, near(2)),
@@ -578,7 +448,7 @@ def test_without_the_outline_of_goal_or_view_no_retreat_is_told():
 
 def test_a_target_that_a_swing_has_lost_stays_lost_by_it():
     rig = Rig(the_servo("2016", law=Proportional(4.0), delay=0.4), near(1, 0.1))
-    while rig.servo.outcome.kind != "gain_too_high":
+    while rig.servo.outcome.kind != "gain_too_high" and rig.now < 10.0:
         rig.run(0.1)
     rig.look = lambda observer, t, joints: lost(rig.exact(observer, t, joints), "gone")
     for seconds in (0.1, 3.0):
@@ -586,41 +456,8 @@ def test_a_target_that_a_swing_has_lost_stays_lost_by_it():
         assert rig.servo.outcome.kind == "gain_too_high"
 
 
-def test_held_is_an_outcome_of_its_own_until_start():
-    rig = Rig(the_servo("2016"), near(1))
-    rig.run(0.3)
-    rig.servo.hold("hold was called")
-    rig.run(3.0)
-    found = rig.servo.outcome
-    assert (found.kind, found.remedy) == ("held", "call start")
-    assert "hold was called" in found.reason
-    rig.servo.start()
-    rig.run(0.3)
-    assert rig.servo.outcome.kind == "running"
-
-
-def test_joints_that_are_not_told_are_no_lost_target():
-    rig = Rig(the_servo("2016"), near(1))
-    rig.run(0.3)
-    rig.servo.update(rig.now, None, "no joint states for 0.30 s")
-    found = rig.servo.outcome
-    assert found.kind == "no_joint_states" and "joint_state_controller" in found.remedy
-    rig.run(0.3)
-    assert rig.servo.outcome.kind == "running"
-
-
-def test_joints_that_are_not_told_do_not_start_what_was_stopped():
-    rig = Rig(the_servo("2016"), near(1))
-    rig.run(0.3)
-    rig.servo.stop("enough")
-    rig.servo.update(rig.now, None, "no joint states for 0.30 s")
-    rig.run(0.5)
-    assert rig.servo.phase == "stopped" and rig.servo.outcome.kind == "stopped"
-
-
-@pytest.mark.parametrize(("delay", "gain"), [(0.3, 4.0), (0.4, 3.5)])
-def test_slow_swings_are_no_matter_of_time_or_a_higher_gain(delay, gain):
-    rig = Rig(the_servo("2016", law=Proportional(gain), delay=delay, duration=8.0), near(1, 0.1))
+def test_slow_swings_are_no_matter_of_time_or_a_higher_gain():
+    rig = Rig(the_servo("2016", law=Proportional(3.5), delay=0.4, duration=8.0), near(1, 0.1))
     rig.run(8.2)
     found = rig.servo.outcome
     assert found.kind == "gain_too_high" and found.remedy.startswith("lower the gain"), found
@@ -658,7 +495,7 @@ def test_what_a_network_tells_says_nothing_of_the_camera():
 def test_a_joint_that_was_late_is_not_waited_for_once_the_loop_holds():
     rig = Rig(the_servo("2016"), near(1))
     rig.friction = np.array([0.0, 0.0, 9.0, 0.0, 0.0, 0.0])  # J2 is blocked
-    while not rig.servo.is_waiting_for_joints:
+    while not rig.servo.is_waiting_for_joints and rig.now < 10.0:
         rig.run(0.1)
     rig.look = lambda observer, t, joints: lost(rig.exact(observer, t, joints), "covered")
     rig.run(3.0)
@@ -821,3 +658,13 @@ def test_a_camera_that_moves_otherwise_than_L_says_may_be_farther_from_its_goal(
     # and what was seen while the target moved is not held against the camera
     assert arrived(True, "servoing").kind == "wrong_camera_model"
     assert arrived(True, "servoing", moves=True).kind == "running"
+
+
+def test_limits_that_parameters_narrow_are_to_be_widened():
+    run = RunContext(
+        ServoSettings(), the_goal("2016"), joints_beyond_limits=("J2",),
+        narrowed_limits={"upper": ("J2", "J3"), "lower": ("J1",)},
+    )  # fmt: skip
+    found = Evidence(run).add_advice(make_outcome("saturation", "slow"))
+    assert Change("upper", "remove") in found.remedy.changes
+    assert "with joints beyond the limits of J2" in found.reason

@@ -47,7 +47,7 @@ class Bench:
         )
         self.q = np.array([-0.1, 0.0, 0.349, -0.262, -0.0873, 0.1745])
         self.command, self.seen = self.q.copy(), []
-        self.images = self.joints = True
+        self.images = self.joints = self.is_watched = True
         self.mounted = np.eye(4)  # (4, 4) the true camera, in the believed one's frame
 
     def send(self, command):
@@ -83,12 +83,21 @@ class Bench:
             if self.joints:
                 q = self.q if position is None else np.full(6, position)
                 speed = (self.q - before) / DT
-                self.driver.add_joint_state(
-                    self.arm.names, q, speed, self.t if stamp is None else stamp
-                )
+                self.tell(self.arm.names, q, speed, self.t if stamp is None else stamp)
             if self.images and self.n % 3 == 0:
                 self.look(self.t if image_stamp is None else image_stamp, valid)
-            self.driver.check_timeouts()
+            if self.is_watched:
+                self.driver.check_timeouts()
+
+    def step_until(self, phase):
+        for _ in range(2000):
+            if self.servo.phase == phase:
+                return
+            self.step()
+        pytest.fail(f"{phase} never came: {self.servo.reason}")
+
+    def tell(self, names, positions, velocities, stamp):
+        self.driver.add_joint_state(names, positions, velocities, stamp)
 
     def look(self, stamp, valid=True):
         pose = self.arm.pose(self.q) @ self.mounted
@@ -163,41 +172,25 @@ def test_silence_stops_the_arm_smoothly(silent):
     assert bench.goes_on()
 
 
-def test_silence_is_named_once_a_second():
-    bench = Bench(image_timeout=0.5, joint_timeout=0.5)
-    bench.step(30)
-    bench.images = bench.joints = False
-    bench.step(240)
-    told = [s for s in bench.states
-            if "no joint states on /aras_visual_servo/joint_states" in s.reason
-            and "no features on /aras_visual_servo/camera/moments" in s.reason]  # fmt: skip
-    assert len(told) == 3  # 0.5, 1.5 and 2.5 s after the last
-    assert {s.phase for s in told} == {"holding"}
-
-
 @pytest.mark.parametrize("gone", ["images", "joints"])
-def test_an_input_that_is_missing_is_reported_in_one_way(gone):
-    """Once per second, another text replaced the reason that says since when it is missing."""
+def test_a_missing_input_is_reported_in_one_way_with_its_remedy(gone):
     bench = Bench(image_timeout=0.5, joint_timeout=0.5)
     bench.step(30)
     count = len(bench.states)
     setattr(bench, gone, False)
     bench.step(int(3.0 / DT))
     states = [s for s in bench.states[count:] if s.outcome != "running"]
-    assert len({(s.phase, s.outcome, s.reason) for s in states}) == 1
-    assert states[-1].stamp - states[0].stamp > 2.5
-
-
-@pytest.mark.parametrize("gone", ["images", "joints"])
-def test_what_is_reported_between_images_says_the_remedy(gone):
-    """The camera node or the robot ends: no image is answered any more, the advice still comes."""
-    bench = Bench(image_timeout=0.5, joint_timeout=0.5)
-    bench.step(30)
-    setattr(bench, gone, False)
-    bench.step(120)
-    told = [s for s in bench.states if not s.has_processed_image and s.outcome != "running"]
     kind = {"images": "too_few_images", "joints": "no_joint_states"}[gone]
-    assert told and {(s.outcome, s.remedy) for s in told} == {(kind, REMEDIES[kind])}
+    assert {(s.outcome, s.remedy) for s in states} == {(kind, REMEDIES[kind])}
+    assert not any(s.has_processed_image for s in states[-5:])  # reports between images
+    assert len({(s.phase, s.reason) for s in states}) == 1
+    assert states[-1].stamp - states[0].stamp > 2.5
+    bench.images = bench.joints = False
+    count = len(bench.states)
+    bench.step(240)
+    both = [s for s in bench.states[count:] if " and no features on" in s.reason]
+    assert np.diff([s.stamp for s in both]) == pytest.approx(1.0, abs=2 * DT)
+    assert len(both) in (2, 3) and {s.phase for s in both} <= {"holding"}
 
 
 def test_the_watchdog_says_what_it_waits_for_and_whom_to_ask():
@@ -215,21 +208,6 @@ def test_the_watchdog_says_what_it_waits_for_and_whom_to_ask():
     assert found.reason == f"{bench.servo.reason}; before that, one came every 0.033 s"
     assert bench.states[-1].reason == found.reason
     assert bench.states[-1].remedy == found.remedy and "camera runs" in found.remedy
-
-
-def test_what_the_watchdog_says_of_images_that_come_again_stays_true():
-    bench = Bench(gain=0.3)
-    for _ in range(2):
-        bench.images = True
-        bench.step(60)
-        bench.images = False
-        bench.step(30)
-    bench.images = True
-    bench.step(30)
-    (reason,) = {s.reason for s in bench.states[-5:]}
-    assert bench.states[-1].outcome == "too_few_images"
-    assert reason.startswith("the watchdog stopped the arm 2 times, the last time at ")
-    assert "no features on" not in reason and "now: " not in reason
 
 
 @pytest.mark.parametrize("standing", [True, False])
@@ -254,7 +232,7 @@ def test_time_that_stands_still_is_told_from_images_that_do_not_come(standing):
     assert "no joint states on /aras_visual_servo/joint_states" in bench.states[-1].reason
 
 
-def test_wall_time_without_an_answer_holds_the_arm_until_images_come():
+def test_images_that_come_again_start_it_once_and_not_what_was_stopped_later():
     bench = Bench(gain=1.0, wall_watchdog=5.0)
     bench.step(60)
     bench.wall += 5.1
@@ -262,15 +240,7 @@ def test_wall_time_without_an_answer_holds_the_arm_until_images_come():
     assert bench.servo.phase == "holding"
     bench.step(1)
     assert bench.servo.phase != "servoing"
-    assert bench.goes_on()
-
-
-def test_images_that_come_again_start_it_once_and_not_what_was_stopped_later():
-    bench = Bench(gain=1.0, wall_watchdog=5.0)
-    bench.step(60)
-    bench.wall += 5.1
-    bench.driver.check_timeouts()
-    bench.step(6)
+    bench.step(5)
     assert bench.servo.phase == "servoing"
     bench.driver.stop("enough")
     bench.step(30)
@@ -284,19 +254,6 @@ def test_images_that_come_again_start_it_once_and_not_what_was_stopped_later():
     assert bench.servo.asked_to_change
 
 
-def test_how_often_joint_states_began_to_come_is_counted():
-    """Whoever looks for another robot looks then."""
-    bench = Bench(gain=1.0)
-    assert bench.driver.start_count == 0
-    bench.step(30)
-    assert bench.driver.start_count == 1
-    bench.step(3, stamp=bench.t - 0.05)  # late ones are no beginning
-    assert bench.driver.start_count == 1
-    bench.t = 1.0
-    bench.step(30)
-    assert bench.driver.start_count == 2
-
-
 def test_only_the_clock_going_back_begins_anew():
     bench = Bench(gain=1.0)
     bench.step(60)
@@ -305,8 +262,10 @@ def test_only_the_clock_going_back_begins_anew():
     bench.step(3, stamp=0.0)
     bench.step(3, stamp=bench.t - 0.05)
     assert not bench.words and bench.servo.phase in ("servoing", "waiting")
+    assert bench.driver.start_count == 1
     bench.t = 1.0
     bench.step(1)
+    assert bench.driver.start_count == 2  # joint states start to come again
     assert bench.words == [f"simulated time went back to {bench.t:.3f} s: restarting the loop"]
     assert bench.goes_on()
 
@@ -328,22 +287,8 @@ def test_images_of_another_clock_are_named():
     assert "is the camera node running" in reasons and "ahead" not in reasons
 
 
-def test_an_image_of_before_that_comes_after_the_clock_went_back_is_none_of_this_run():
-    """It was on its way; all images were late until the old time had come again."""
-    bench = Bench()
-    bench.step(360)
-    old = bench.t
-    bench.t = 1.0
-    bench.driver.check_timeouts()
-    bench.look(old)
-    bench.step(30)
-    assert bench.servo.phase == "servoing" and bench.states[-1].has_processed_image
-    assert bench.states[-1].stamp < 1.5
-
-
 @pytest.mark.parametrize("stamp", [0.0, -3.0, np.nan])
 def test_in_lockstep_too_joint_states_without_a_stamp_are_of_now(stamp):
-    """There their stamps are not compared with the clock, which may have gone on."""
     bench = Bench(lockstep=True)
     bench.step(60, stamp=stamp)
     assert bench.driver.history.newest.stamp == bench.t
@@ -351,17 +296,15 @@ def test_in_lockstep_too_joint_states_without_a_stamp_are_of_now(stamp):
 
 
 def test_joint_states_that_were_held_up_do_not_send_it_back_to_its_start():
-    """On a busy machine they come late, all at once, behind ticks that went by the clock."""
     bench = Bench(start="2015", gain=1.0)
-    while bench.servo.phase != "servoing":
-        bench.step()
+    bench.step_until("servoing")
     bench.step(60)
     count, missed = len(bench.states), bench.t
     bench.joints = False
     bench.step(10)
     bench.joints = True
     for late in np.arange(missed, bench.t, DT)[1:]:
-        bench.driver.add_joint_state(bench.arm.names, bench.q, np.zeros(6), late)
+        bench.tell(bench.arm.names, bench.q, np.zeros(6), late)
     bench.step(30)
     assert "approaching" not in {state.phase for state in bench.states[count:]}
     assert not bench.words and bench.goes_on()
@@ -370,7 +313,7 @@ def test_joint_states_that_were_held_up_do_not_send_it_back_to_its_start():
 def held_up(bench):
     """Joint states come late, eight of thirty, and the last of them alone in every second turn;
     commands too, twelve of some forty, each joint's on its own connection."""
-    tell, late = bench.driver.add_joint_state, []
+    tell, late = bench.tell, []
 
     def joints(*told):
         late.append(told)
@@ -385,23 +328,20 @@ def held_up(bench):
         held = [(bench.n + 17 * j) % (43 + j) < 12 for j in range(6)]
         bench.command = np.where(held, before, bench.command)
 
-    bench.driver.add_joint_state, bench.send = joints, send
+    bench.tell, bench.send = joints, send
 
 
 def test_joint_states_that_come_late_are_no_wrong_camera():
     bench = Bench(start="2015")
     held_up(bench)
-    bench.step(1400)
+    bench.step(1000)
     told = {state.outcome for state in bench.states}
     assert bench.servo.phase == "converged" and bench.off()[0] < 1e-4
     assert told <= {"running", "converged up to 180°", "converged up to 180° and 0.4 mm"}
-
-
-def test_a_wrong_camera_is_found_by_the_joint_states_that_come_in_time():
-    bench = Bench(start="2015")
+    bench = Bench(start="2015")  # but a wrong one is found by those that come in time
     held_up(bench)
     bench.mounted = matrix_from_xyz_rpy((0.0, 0.0, 0.0), (0.0, 0.1, 0.2))
-    bench.step(1400)
+    bench.step(700)
     assert bench.states[-1].outcome == "wrong_camera_model"
 
 
@@ -417,7 +357,7 @@ def test_implausible_and_missing_joints_stop_the_arm():
     assert bench.servo.phase == "servoing"
     for _ in range(5):
         bench.t += DT
-        bench.driver.add_joint_state(("J1",), (0.0,), (), bench.t)
+        bench.tell(("J1",), (0.0,), (), bench.t)
     assert bench.servo.phase == "holding"
     assert any("joint states lack gantry" in state.reason for state in bench.states)
     assert "s: joint states lack gantry" in bench.servo.reason  # and not that it was NaN
@@ -439,7 +379,7 @@ def with_second_publisher(bench, seconds, position=np.nan, lead=0.0, names=None)
         bench.step()
         if k % 2:
             values = np.full(len(names), position)
-            bench.driver.add_joint_state(names, values, (), bench.t + lead)
+            bench.tell(names, values, (), bench.t + lead)
         if k == 1:
             count = len(bench.states)
     return bench.states[count:]
@@ -508,12 +448,12 @@ def test_joint_states_that_are_all_stamped_by_another_clock_are_named_once(lead,
     ]
 
 
-@pytest.mark.parametrize("silent", ["images", "joints"])
-@pytest.mark.parametrize("seconds", [0.5, 0.9, 1.2])
+@pytest.mark.parametrize(("silent", "seconds"), [
+    ("images", 0.9), ("images", 1.2), ("joints", 0.5), ("joints", 0.9), ("joints", 1.2),
+])  # fmt: skip
 def test_a_short_gap_at_the_goal_does_not_take_back_the_arrival(silent, seconds):
     bench = Bench()
-    while bench.servo.phase != "converged":
-        bench.step()
+    bench.step_until("converged")
     bench.step(30)
     count = len(bench.states)
     setattr(bench, silent, False)
@@ -532,8 +472,7 @@ def test_a_short_gap_at_the_goal_does_not_take_back_the_arrival(silent, seconds)
 
 def test_an_arm_that_follows_a_target_at_its_goal_stops_when_no_images_come():
     bench = Bench(watchdog=0.2)
-    while bench.servo.phase != "converged":
-        bench.step()
+    bench.step_until("converged")
     bench.step(30)
     bench.mounted = matrix_from_xyz_rpy((0.0, 0.0, 0.0002), (0.0, 0.0, 0.0))
     bench.step(3)  # a new task, which is not finished
@@ -558,15 +497,10 @@ def test_standing_by_sends_nothing():
     bench.driver.start()
     bench.step(60)
     assert bench.sent and bench.servo.phase == "servoing"
-    bench.driver.hold("wait")
-    bench.step(30)
-    assert bench.servo.phase == "holding" and bench.at_rest()
-    bench.driver.start()
-    bench.step(30)
-    assert bench.servo.phase == "servoing"
-    bench.driver.stop()
-    bench.step(30)
-    assert bench.servo.phase == "stopped" and bench.at_rest()
+    for order, phase in ((bench.driver.hold, "holding"), (bench.driver.stop, "stopped")):
+        order()
+        bench.step(30)
+        assert bench.servo.phase == phase and bench.at_rest()
 
 
 def servoing(**given):
@@ -579,8 +513,6 @@ def servoing(**given):
 
 @pytest.mark.parametrize(("silence", "off"), [(0, 0.053), (60, -0.4), (60, 0.04)])
 def test_a_robot_that_was_made_anew_is_taken_up_where_it_stands(silence, off):
-    """Its new controllers hold it where it was put, and the old command was never sent again: the
-    loop waited for a joint that was 0.053 behind for ever."""
     bench = servoing()
     bench.joints = bench.images = False
     bench.step(silence)
@@ -588,7 +520,7 @@ def test_a_robot_that_was_made_anew_is_taken_up_where_it_stands(silence, off):
     bench.q = bench.q + off * np.array([1.0, 0.5, 0.3, 0.2, -0.3, 0.4])
     bench.command = bench.q.copy()  # nobody told them anything yet
     count, stood = len(bench.sent), bench.q.copy()
-    bench.driver.add_joint_state(bench.arm.names, bench.q, np.zeros(6), bench.t + 0.5 * DT)
+    bench.tell(bench.arm.names, bench.q, np.zeros(6), bench.t + 0.5 * DT)
     bench.step(1)
     bench.step(10)
     first = bench.sent[count][1].positions
@@ -602,7 +534,7 @@ def test_it_goes_to_its_start_again_where_the_robot_is_made_anew_on_the_way():
     assert bench.servo.phase == "approaching"
     bench.q = bench.q + 0.2 * np.eye(6)[0]
     bench.command = bench.q.copy()
-    bench.driver.add_joint_state(bench.arm.names, bench.q, np.zeros(6), bench.t + 0.5 * DT)
+    bench.tell(bench.arm.names, bench.q, np.zeros(6), bench.t + 0.5 * DT)
     count, stood = len(bench.sent), bench.q.copy()
     bench.step(30)
     path = np.array([stood, *(command.positions for _, command in bench.sent[count:])])
@@ -617,7 +549,7 @@ def stuck(bench, seconds, drift=0.0):
     away = -drift * np.sign(bench.command - bench.q)
     for k in range(int(seconds / DT)):
         bench.t, bench.wall, bench.n = bench.t + DT, bench.wall + DT, bench.n + 1
-        bench.driver.add_joint_state(bench.arm.names, bench.q + away * k * DT, away, bench.t)
+        bench.tell(bench.arm.names, bench.q + away * k * DT, away, bench.t)
         if bench.n % 3 == 0:
             bench.look(bench.t)
         bench.driver.check_timeouts()
@@ -658,7 +590,6 @@ def test_a_command_is_not_sent_again_where_the_arm_is_not_to_move(why):
     ("converged", True),
 ])  # fmt: skip
 def test_the_loop_continues_by_itself_once_foreign_commands_end(when, heard):
-    """It sent nothing any more, however long the other node had been silent."""
     bench = Bench(gain=2.0, start="2015" if when == "approaching" else "none")
     bench.step({"approaching": 30, "converged": 600}.get(when, 60))
     assert bench.servo.phase == ("servoing" if when == "blind" else when)
@@ -666,14 +597,15 @@ def test_the_loop_continues_by_itself_once_foreign_commands_end(when, heard):
     if when == "blind":
         look = bench.look
         bench.look = lambda stamp, valid=True: look(stamp, bench.q[5] < parked - 0.2)
-    bench.flood(4.0, parked, heard=heard)
+    bench.flood(3.0, parked, heard=heard)
     assert not (heard and [t for t, _ in bench.sent if t > bench.t - 0.8])
     last = bench.states[-1]
     assert ("/flooder commands J6" in last.reason) is heard, last.reason
     if heard and when in ("servoing", "converged"):
         assert last.outcome == "joints_do_not_follow" and "/flooder" in last.remedy
-    count, q = len(bench.sent), bench.q.copy()
-    bench.step(900)
+    count, q, end = len(bench.sent), bench.q.copy(), bench.t + 10.0
+    while bench.t < end and (bench.servo.phase != "converged" or bench.listening):
+        bench.step(30)
     path = np.array([q, *(command.positions for _, command in bench.sent[count:])])
     assert not heard or np.abs(np.diff(path, axis=0)).max() < 0.03, "the arm would jump"
     assert bench.states[-1].phase == "converged" and not bench.listening
@@ -710,26 +642,11 @@ def test_a_loop_without_images_that_is_stopped_stays_so_when_they_come_again(ord
 @pytest.mark.parametrize(("joint", "jumps"), [(0, True), (1, False)])
 def test_joints_jump_by_parts_of_their_own_leads(joint, jumps):
     bench = servoing(lead=(0.1, 0.4, 0.05, 0.05, 0.05, 0.05))
-    told = []
-    bench.servo.mark_joint_jump = lambda: told.append(True)
     q, still = bench.q.copy(), np.zeros(6)
-    bench.driver.add_joint_state(bench.arm.names, q, still, bench.t + 0.01)
+    bench.tell(bench.arm.names, q, still, bench.t + 0.01)
     q[joint] += 0.1  # two parts of three between half of the one's and half of the other's
-    bench.driver.add_joint_state(bench.arm.names, q, still, bench.t + 0.02)
-    assert bool(told) is jumps
-
-
-def test_a_late_image_is_told_from_an_answered_one_by_its_value():
-    bench = servoing()
-    latest = bench.servo.state
-    assert latest.has_processed_image
-    late = bench.servo.process_image(bench.driver.camera_rig.control.observe_moments(
-        bench.t - 5.0, None, False, "no target", CAMERA))  # fmt: skip
-    assert not late.has_processed_image and bench.servo.state is latest
-    assert "not newer than the last image" in late.reason
-    bench.images = False
-    bench.step(60)
-    assert not bench.states[-1].has_processed_image  # a report between images
+    bench.tell(bench.arm.names, q, still, bench.t + 0.02)
+    assert (np.abs(bench.servo.command - q)[joint] < 0.05) == jumps  # it goes on from there
 
 
 def test_a_dry_run_sends_nothing():
@@ -809,8 +726,7 @@ def test_joints_that_tell_no_speed_have_that_of_their_way():
 
 def test_the_driver_takes_speeds_from_positions_where_none_are_told():
     told, untold = Bench(start="none"), Bench(start="none")
-    heard = untold.driver.add_joint_state
-    untold.driver.add_joint_state = lambda names, q, speed, stamp: heard(names, q, (), stamp)
+    untold.tell = lambda names, q, speed, stamp: Bench.tell(untold, names, q, (), stamp)
     for bench in (told, untold):
         bench.step(40)
     speeds = [bench.driver.history.newest.velocities for bench in (told, untold)]
@@ -860,7 +776,7 @@ def told(bench, t, q=None, **words):
     """A joint state of the time t, and the clock there."""
     bench.t = t
     still = np.zeros(6)
-    bench.driver.add_joint_state(
+    bench.tell(
         bench.arm.names, bench.q if q is None else q, still, words.get("stamp", t)
     )
 
@@ -879,11 +795,12 @@ def test_without_images_it_reports_at_a_camera_s_pace():
 def test_a_second_joint_state_of_one_stamp_changes_nothing():
     bench = servoing()
     bench.step(1)
-    jumps, count = [], len(bench.states)
-    bench.servo.mark_joint_jump = lambda: jumps.append(True)
+    count = len(bench.states)
+    assert bench.servo.is_only_executing
     told(bench, bench.t, bench.q + 0.3)
+    assert bench.servo.is_only_executing  # the joints have not jumped
     bench.step(1)
-    assert not jumps and bench.servo.phase == "servoing"
+    assert bench.servo.phase == "servoing"
     assert all(state.phase == "servoing" for state in bench.states[count:])
 
 
@@ -892,7 +809,7 @@ def test_joint_states_of_no_numbers_stop_the_arm(positions):
     bench = servoing()
     count = len(bench.states)
     bench.t += 0.04
-    bench.driver.add_joint_state(bench.arm.names, positions, (), bench.t)
+    bench.tell(bench.arm.names, positions, (), bench.t)
     assert bench.servo.phase == "holding" and bench.servo.outcome.kind == "unusable_joint_states"
     assert bench.states[count].joints is None and bench.states[count].reason
 
@@ -961,7 +878,7 @@ def test_an_answer_moves_time_on_in_lockstep_alone(lockstep):
     # In lockstep alone a joint state that came meanwhile does not count.
     then = joints.stamp + 0.5 * DT
     bench.t = joints.stamp + DT
-    bench.driver.add_joint_state(bench.arm.names, bench.q + 0.01, np.zeros(6), bench.t)
+    bench.tell(bench.arm.names, bench.q + 0.01, np.zeros(6), bench.t)
     bench.look(then)
     way = 0.5 * DT * joints.velocities if lockstep else 0.5 * (bench.q + 0.01 - joints.positions)
     np.testing.assert_allclose(bench.seen[-1][0].positions - joints.positions, way, atol=1e-12)
@@ -975,7 +892,7 @@ def test_in_lockstep_each_image_is_answered_though_the_arm_stands():
     bench.step(30)
     assert len(bench.sent) == count + 10 and bench.at_rest()
     bench.t += DT
-    bench.driver.add_joint_state(("J1",), (0.0,), (), bench.t)
+    bench.tell(("J1",), (0.0,), (), bench.t)
     assert len(bench.sent) == count + 10 + 20 // 3  # of bad joints nothing is sent between
 
 

@@ -1,10 +1,11 @@
 """An error in a user's scheme stops the arm at the next image and is reported once."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from loop_rig import IMAGE_PERIOD, STARTS, TICK, Rig, the_goal, the_servo
+from loop_rig import CAMERA, STARTS, TICK, Rig, the_limits, the_servo
 
 from aras_visual_servo_controller.errors import (
     ConfigurationError,
@@ -26,10 +27,7 @@ from aras_visual_servo_controller.schemes import (
     create_scheme,
 )
 from aras_visual_servo_controller.schemes.compute import compute
-from aras_visual_servo_controller.schemes.output_checks import (
-    check_goal,
-    check_joint_output,
-)
+from aras_visual_servo_controller.schemes.output_checks import check_goal, check_joint_output
 from aras_visual_servo_controller.schemes.time_limit import call_user_code
 
 GOOD_FROM, GOOD_TO = 0.1, 0.4  # s between which the scheme goes wrong
@@ -74,44 +72,21 @@ def with_task(**changes):
     return fault
 
 
-def without_tolerances(scheme, decision):
-    scheme.tolerances = ()
-    return decision
-
-
-def nan_in_L(scheme, decision):
-    L = np.array(decision.task.L)
-    L[1, 2] = np.nan
-    return answering(task=Task.from_interaction(L, decision.task.desired_rate))(scheme, decision)
-
-
 FAULTS = {
     "value error": (raising(ValueError("no such thing")), "raised ValueError: no such thing"),
-    "key error": (raising(KeyError("x")), "raised KeyError: 'x'"),
     "system exit": (raising(SystemExit(3)), "raised SystemExit: 3"),
     "assertion": (raising(AssertionError()), "raised AssertionError"),
     "two lines": (raising(RuntimeError("one\ntwo")), "raised RuntimeError: one two"),
     "nothing": (lambda scheme, decision: None, "NoneType instead of a SchemeOutput"),
-    "a number": (lambda scheme, decision: 3.0, "float instead of a SchemeOutput"),
     "no task": (answering(task=None), "the task NoneType"),
-    "a twist for a task": (answering(task=np.zeros(6)), "the task ndarray"),
-    "short twist": (lambda s, d: answering(task=Task.from_twist(np.zeros(3)))(s, d), "shape (6,)"),
     "tall twist": (lambda s, d: answering(task=Task.from_twist(np.zeros((6, 1))))(s, d), "(6, 1)"),
-    "NaN in L": (nan_in_L, "not finite"),
     "NaN in L of its own Task": (with_task(L=np.full((4, 6), np.nan)), "rate is not finite"),
     "inf in the rate": (with_task(desired_rate=np.full(4, np.inf)), "rate is not finite"),
     "L of five columns": (with_task(L=np.zeros((4, 5))), "(4, 5)"),
     "rate of another length": (with_task(desired_rate=np.zeros(3)), "(3,)"),
     "modelled of four": (with_task(modelled=np.ones(4, bool)), "have the shape (6,), got (4,)"),
     "long error": (answering(error=np.zeros(5)), "error of shape (5,), must return one number for"),
-    "NaN in the error": (answering(error=[0.1, np.nan, 0, 0]), "error that are not finite"),
-    "text for features": (answering(features="abcd"), "features of no numbers"),
-    "NaN in a rate of its own": (
-        answering(error_drift=[1.0, np.nan, 0.0, 0.0]), "returned the error_drift"),
-    "short rate of its own": (
-        answering(error_drift=np.zeros(3)), "returned the error_drift [0. 0. 0.]"),
     "few names": (answering(names=("x",)), "one number for each of the 1 names"),
-    "no tolerances": (without_tolerances, "has tolerances ()"),
 }
 
 
@@ -213,9 +188,7 @@ def test_what_is_wrong_with_a_decision_is_told(scheme, decision, words):
 
 
 def test_a_goal_that_a_users_code_cannot_take_is_one_line():
-    class Own:
-        name = "mine"
-
+    class Own(Wanting):
         def check(self, goal):
             raise goal
 
@@ -261,33 +234,6 @@ def test_a_fault_is_told_once_more_after_the_clock_went_back():
         rig.servo.reset()
     assert all("no such thing" in state.fault for state in told)
     assert {(s.outcome, s.remedy) for s in told} == {("scheme_fault", REMEDIES["scheme_fault"])}
-
-
-def test_joint_velocities_that_are_not_finite_are_not_commanded():
-    rig = Rig(the_servo("2016"), STARTS["2016"])
-    rig.run(0.1)
-    resolve = rig.servo.differential_ik.solve
-    rig.servo.differential_ik.solve = lambda *given: replace(
-        resolve(*given), velocities=np.array([0.1, 0.0, np.nan, 0.0, 0.0, 0.0]))
-    rig.run(0.2)
-    assert rig.servo.phase == HOLDING
-    assert rig.servo.reason == "the joint velocities are not finite"
-    assert all(np.isfinite(command.positions).all() for command in rig.commands)
-
-
-def test_nothing_counts_before_all_is_checked():
-    """Until the faulty image the commands are those of a sound run; from then on the arm brakes."""
-    sound = Rig(the_servo("2016", Spoiled(lambda s, d: d)), STARTS["2016"])
-    wrong = Rig(the_servo("2016", Spoiled(answering(error=np.zeros(5)))), STARTS["2016"])
-    for rig in (sound, wrong):
-        rig.run(0.5)
-    n = int(GOOD_FROM / TICK) + 1
-    one, two = (np.array([c.positions for c in rig.commands]) for rig in (sound, wrong))
-    np.testing.assert_array_equal(one[:n], two[:n])
-    speed = np.abs(np.diff(two, axis=0)).max(axis=1)
-    assert speed[n - 2] > 1e-4
-    assert (np.diff(speed[n - 1 : n + 20]) <= 1e-12).all()
-    assert speed[n + 16] == 0.0
 
 
 def test_measurement_errors_are_the_images_and_not_the_schemes():
@@ -340,21 +286,6 @@ def test_a_fault_in_reset_holds_the_arm_and_is_over_when_it_is():
     assert rig.run(0.2)[-1].phase == SERVOING
 
 
-@pytest.mark.parametrize(("seconds", "slow"), [(0.12, True), (0.034, True), (0.02, False)])
-def test_a_compute_longer_than_the_image_period_is_named_with_its_time(seconds, slow):
-    readings = iter(np.arange(10000) * seconds)
-    servo = the_servo("2016", clock=lambda: float(next(readings)))
-    rig = Rig(servo, STARTS["2016"])
-    first, *_, state = rig.run(0.3)
-    assert "took" not in first.reason  # nobody knows the image period yet
-    assert state.computation_time == pytest.approx(seconds)
-    text = f"took {seconds:.3f} s, longer than the image period of {IMAGE_PERIOD:.3f} s"
-    assert (text in state.reason) is slow
-    assert state.phase == SERVOING
-    rig.servo.stop("enough")
-    assert rig.run(0.1)[-1].computation_time == 0.0
-
-
 class OwnJoints(JointController):
     """Answers the joints itself; `answer` is put in by the test."""
 
@@ -400,8 +331,10 @@ CONTROLLER_FAULTS = {
 }
 
 
-@pytest.mark.parametrize("output", ["position", "velocity", "acceleration"])
-@pytest.mark.parametrize("name", CONTROLLER_FAULTS)
+@pytest.mark.parametrize(("name", "output"), [
+    ("raises", "position"), ("exits", "velocity"), ("nothing", "acceleration"),
+    ("five joints", "velocity"), ("NaN", "position"), ("NaN", "acceleration"),
+])  # fmt: skip
 def test_a_fault_between_images_holds_the_arm_at_once(name, output):
     fault, words = CONTROLLER_FAULTS[name]
 
@@ -423,12 +356,10 @@ def test_controllers_of_joints_are_under_the_same_limits_and_watchdog(output):
     def answer(controller, t, dt, joints):
         return joints.positions + np.arange(6.0) if output == "position" else np.arange(6.0) * 9.0
 
-    from loop_rig import the_limits
-
     limits = the_limits(velocity=0.5, acceleration=3.0, upper={"J1": 0.1})
     rig = controlled(answer, output, limits=limits, lead=10.0)
     rig.look = lambda observer, t, joints: observer.observe_moments(
-        t, None, True, "", rig_camera(), joints
+        t, None, True, "", CAMERA, joints
     )
     rig.observer.needs = frozenset()
     rig.run(1.0)
@@ -445,12 +376,6 @@ def test_controllers_of_joints_are_under_the_same_limits_and_watchdog(output):
     assert rig.servo.phase == "waiting"
     still = np.array([c.positions for c in rig.commands])[-10:]
     np.testing.assert_array_equal(still, np.broadcast_to(still[0], still.shape))
-
-
-def rig_camera():
-    from loop_rig import CAMERA
-
-    return CAMERA
 
 
 @pytest.mark.parametrize(
@@ -506,9 +431,6 @@ class Never(Unnamed):
     names, tolerances = ("x", "y"), (1.0, 0.0)
 
 
-HERE = __name__
-
-
 @pytest.mark.parametrize(
     ("name", "words"),
     [
@@ -521,16 +443,10 @@ HERE = __name__
         ("test_faults:Loose", "2 names but the tolerances"),
         ("test_faults:Never", "give one number above 0 for each name"),
         ("moments+moments_2016", "'moments_2016' is not a feature"),
-        ("", "unknown scheme ''"),
         ("moments:", "unknown scheme"),
     ],
 )
 def test_schemes_that_there_are_not(name, words):
-    import re
-    import sys
-    from pathlib import Path
-
-    sys.path.insert(0, str(Path(__file__).parent))
     with pytest.raises(ConfigurationError, match=re.escape(words)):
         create_scheme(name)
 
@@ -542,14 +458,6 @@ def test_options_that_a_scheme_does_not_take():
         create_scheme("moments", interaction="meen")
     with pytest.raises(ConfigurationError, match="smoothing"):
         create_scheme("moments", smoothing=-1.0)
-
-
-def test_a_goal_without_what_the_scheme_needs_is_refused_before_anything_moves():
-    from dataclasses import replace
-
-    bare = replace(the_goal("2016"), moments=None, target=None)
-    with pytest.raises(ConfigurationError, match="holds no moments"):
-        the_servo("2016", goal=bare)
 
 
 def test_tasks_are_checked():
@@ -573,16 +481,14 @@ def test_tasks_are_checked():
         Task.from_interaction(np.ones((2, 6)), np.ones(2), weights=[1.0, -1.0])
 
 
-@pytest.mark.parametrize("rows", [7, 60, 3000])
-@pytest.mark.parametrize("rank", [6, 4])
+@pytest.mark.parametrize(("rows", "rank"), [(7, 6), (60, 4), (3000, 6)])
 def test_tall_tasks_are_reduced_to_the_same_solution(rows, rank):
     random = np.random.default_rng(rows + rank)
     L = random.normal(size=(rows, rank)) @ random.normal(size=(rank, 6))
     rate, weights = random.normal(size=rows), random.uniform(0.1, 2.0, rows)
     task = Task.from_interaction(L, rate, weights=weights)
     assert task.L.shape == (6, 6)
-    W = np.diag(weights) if rows < 100 else None
-    scaled = weights[:, None] * L if W is None else W @ L
+    scaled = weights[:, None] * L
     wanted = np.linalg.lstsq(scaled, weights * rate, rcond=1e-9)[0]
     np.testing.assert_allclose(
         np.linalg.lstsq(task.L, task.desired_rate, rcond=1e-5)[0], wanted, rtol=1e-6, atol=1e-8

@@ -8,12 +8,7 @@ import pytest
 from free_camera import exponential, pose
 
 from aras_visual_servo_camera.interaction import Plane
-from aras_visual_servo_camera.kernel import (
-    DELTA_X,
-    DELTA_Y,
-    compute_kernel_features,
-    compute_outline_kernel_features,
-)
+from aras_visual_servo_camera.kernel import DELTA_X, DELTA_Y, compute_outline_kernel_features
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError, SchemeError
@@ -63,9 +58,8 @@ def dense(shape, parts=12):
 
 
 @pytest.mark.parametrize("name", ["points", "numbered_points"])
-@pytest.mark.parametrize("extra", [-1, 1, 2])
+@pytest.mark.parametrize("extra", [-1, 2])
 def test_corners_that_become_more_or_fewer_are_looked_for_where_the_goals_are(name, extra):
-    """The scheme lost a target that it saw: 9 points are visible, but the goal has 8."""
     feature = FEATURES.create(name)
     goal = taught(feature)
     feature.check(goal)
@@ -105,11 +99,15 @@ def test_at_the_goal_the_error_is_none_and_L_the_desired_one():
     goal = taught(feature)
     feature.check(goal)
     measured = feature.measure(look(feature.needs, GOAL), goal)
+    scheme = FeatureScheme(feature)
+    scheme.check(goal)
+    lengths = goal.distance * np.array([0.0025, 0.0025, 0.005])
+    assert scheme.tolerances == pytest.approx([*lengths, 0.005])
     np.testing.assert_allclose(measured.error, 0.0, atol=1e-12)
     np.testing.assert_allclose(measured.L, feature.desired_interaction(goal), atol=1e-9)
 
 
-@pytest.mark.parametrize("turn", [-170.0, -91.0, -30.0, 89.0, 91.0, 179.0])
+@pytest.mark.parametrize("turn", [-170.0, 89.0, 91.0])
 def test_moments_know_the_whole_turn_of_a_target_with_a_direction(turn):
     feature = FEATURES.create("moments")
     upright = pose((0, 0, 0.2), (0, 0, 0))
@@ -134,14 +132,9 @@ def test_moments_say_that_half_a_turn_of_a_symmetric_target_stays_open():
     measured = feature.measure(turned, goal)
     assert measured.error[3] == pytest.approx(np.radians(-10.0), abs=1e-9)
     assert measured.ambiguity == "180°"
-
-
-def test_the_shorter_way_of_a_symmetric_target_goes_through_the_wrap():
-    feature = FEATURES.create("moments")
-    rectangle = SQUARE * [1.0, 0.6]
     goal = taught(feature, rectangle, pose((0, 0, 0.2), (0, 0, np.radians(80.0))))
     turned = look(feature.needs, pose((0, 0, 0.2), (0, 0, np.radians(100.0))), rectangle)
-    error = feature.measure(turned, goal).error[3]
+    error = feature.measure(turned, goal).error[3]  # through the wrap
     assert error == pytest.approx(np.radians(20.0), abs=1e-9)
 
 
@@ -163,14 +156,12 @@ def test_the_motion_of_the_target_is_fed_forward():
     np.testing.assert_allclose(decision.task.desired_rate, [-2.0 - 0.3, -2.0 + 0.1])
     np.testing.assert_allclose(decision.error_drift, [0.3, -0.1])
     assert decision.residual is None
+    found = Stack([Moving(), Moving()]).measure(look(frozenset(), GOAL), Goal())
+    np.testing.assert_allclose(found.error_drift, [0.3, -0.1, 0.3, -0.1])
     judged = FeatureScheme(Photo()).compute(look(frozenset(), GOAL), Goal(), 0.0)
     np.testing.assert_array_equal(judged.residual, 2.0 * np.ones(6))
-    assert (judged.error, judged.features, judged.desired, judged.error_drift) == (
-        1.0,
-        1.0,
-        0.0,
-        0.0,
-    )
+    numbers = judged.error, judged.features, judged.desired, judged.error_drift
+    assert numbers == (1.0, 1.0, 0.0, 0.0)
 
 
 class Tall(Feature):
@@ -196,8 +187,9 @@ class Told(Proportional):
         return -error
 
 
-@pytest.mark.parametrize("count", [3, 6, 64, 65, 200])
-@pytest.mark.parametrize("weighted", [False, True])
+@pytest.mark.parametrize(("count", "weighted"), [
+    (3, True), (6, False), (64, True), (65, False), (200, True),
+])  # fmt: skip
 def test_the_law_is_told_what_the_error_is_as_a_motion_of_the_camera(count, weighted):
     """In the directions that the feature models; of one that is hardly seen too."""
     random, law = np.random.default_rng(count), Told()
@@ -246,11 +238,6 @@ def test_what_no_camera_makes_is_not_smoothed(jump, anew):
     scheme.reset()
     found = scheme.compute(look(frozenset(), GOAL, stamp=1.2), Goal(), 1.2)
     np.testing.assert_array_equal(found.filtered_error, found.error)
-
-
-def test_the_motion_of_the_target_is_that_of_each_part_of_a_stack():
-    found = Stack([Moving(), Moving()]).measure(look(frozenset(), GOAL), Goal())
-    np.testing.assert_allclose(found.error_drift, [0.3, -0.1, 0.3, -0.1])
 
 
 def test_moments_of_too_low_an_order_are_refused():
@@ -304,7 +291,7 @@ def test_a_camera_that_looks_along_the_plane_by_kinematics_is_refused(sine, refu
         assert np.isfinite(feature.measure(told, goal).L).all()
 
 
-@pytest.mark.parametrize("turn", [0.0, 80.0, 190.0])
+@pytest.mark.parametrize("turn", [80.0, 190.0])
 def test_corners_are_matched_whichever_comes_first(turn):
     feature = FEATURES.create("points")
     goal = taught(feature, view=pose((0, 0, 0.2), (0, 0, 0)))
@@ -345,7 +332,7 @@ def test_a_rectangle_far_aside_leaves_half_a_turn_open_and_no_quarter():
         assert feature.measure(seen, goal).ambiguity == "180°"
 
 
-@pytest.mark.parametrize("size", [0.1, 1.0, 10.0])
+@pytest.mark.parametrize("size", [0.1, 10.0])
 @pytest.mark.parametrize(("shape", "open_"), [
     (SQUARE, "90°"), (SQUARE * (1.5, 1.0), "180°"), (np.vstack([SQUARE[:3], [[-0.05, 0.0]]]), ""),
 ])  # fmt: skip
@@ -358,7 +345,7 @@ def test_what_stays_open_does_not_depend_on_how_large_the_target_is_seen(shape, 
     np.testing.assert_array_equal(found.s, size * seen.corners.ravel())
 
 
-@pytest.mark.parametrize("name", ["points", "numbered_points", "segments", "polar_points", "pose"])
+@pytest.mark.parametrize("name", ["points", "segments", "pose"])
 def test_accuracy_of_corners_goes_through_the_feature(name):
     """Each column is what the feature makes of one corner coordinate that is off."""
     feature = FEATURES.create(name)
@@ -391,20 +378,17 @@ def test_accuracy_of_moments_is_that_of_the_outline(name):
     assert feature.accuracy(view, goal) is None
     found = feature.accuracy(replace(view, pixel_count=900), goal)
     assert found.shape == (len(feature.names), 9)
-    wider = goal.compute_outline()
-    middle, d = wider.mean(axis=0), 0.0075 / 30.0 / view.camera.K[0]
+    wider, d = goal.compute_outline(), 0.0075 / 30.0 / view.camera.K[0]
     area = goal.moments.m00
     length = np.linalg.norm(wider - np.roll(wider, -1, axis=0), axis=1).sum()
     # Z sqrt(a* / a) of an area that has grown by its outline's length times d
     at_an = list(feature.names).index("an")
     assert found[at_an, 0] == pytest.approx(-0.5 * goal.depth * length * d / area, rel=0.02)
     assert np.abs(found[0, 1]) > 5.0 * np.abs(found[0, 2])  # cos phi moves it along x
-    assert middle.shape == (2,)
 
 
 @pytest.mark.parametrize("shape", [SQUARE * (1.6, 1.0), OUTLINE], ids=["half a turn", "directed"])
 def test_accuracy_of_alpha_is_the_same_whichever_way_the_target_lies(shape):
-    """Also at the end of its circle, where two neighbours differ by the whole of it."""
     feature, sizes = FEATURES.create("moments"), []
     begin = FEATURES.create("alpha")
     upright = taught(begin, shape, pose((0, 0, 0.2), (0, 0, 0)))
@@ -445,7 +429,7 @@ def test_what_an_outline_gains_where_it_is_displaced_by_waves():
         np.testing.assert_allclose(gained, expected, atol=2e-3 * np.abs(found[0]).max())
 
 
-@pytest.mark.parametrize("count", range(3, 9))
+@pytest.mark.parametrize("count", [3, 5, 8])
 def test_corners_of_any_polygon_are_matched_whichever_way_round_they_are_found(count):
     random = np.random.default_rng(count)
     about = 2.0 * np.pi * (np.arange(count) + random.uniform(-0.3, 0.3, count)) / count
@@ -474,10 +458,10 @@ def test_a_point_of_a_goal_that_is_not_finite_is_refused():
     np.testing.assert_allclose(feature.measure(seen, goal).error, 0.01)
 
 
-@pytest.mark.parametrize("ratio", [(1.0, 1.0, 1.0), (1.0, 0.0, 1.0, 1.0), (1.0, -1.0, 1.0, 1.0)])
-def test_a_ratio_is_a_number_above_0_for_each_feature(ratio):
-    with pytest.raises(ConfigurationError, match="one number above 0 for each of xn, yn"):
-        FeatureScheme(FEATURES.create("moments"), ratio=ratio)
+def test_a_ratio_is_a_number_above_0_for_each_feature():
+    for ratio in ((1.0, 1.0, 1.0), (1.0, 0.0, 1.0, 1.0), (1.0, -1.0, 1.0, 1.0)):
+        with pytest.raises(ConfigurationError, match="one number above 0 for each of xn, yn"):
+            FeatureScheme(FEATURES.create("moments"), ratio=ratio)
     feature, rates = FEATURES.create("moments"), []
     for ratio in (None, (1.0, 0.5, 1e-3, 7.0)):
         scheme = FeatureScheme(feature, Proportional(0.8), ratio=ratio)
@@ -616,28 +600,16 @@ def test_pixels_without_depth_do_not_count():
         feature.measure(replace(seen, world_T_camera=np.eye(4)), taught(feature))
 
 
-def test_points_that_do_not_fit_the_goal_are_refused():
-    feature = FEATURES.create("points")
-    goal = taught(feature)
-    with pytest.raises(MeasurementError, match="4 points are visible, but the goal has 8"):
-        feature.measure(look(feature.needs, GOAL, SQUARE), goal)
-    with pytest.raises(ConfigurationError, match="no points of the feature 'points'"):
-        feature.check(Goal(depth=0.2))
-
-
 ON_A_LINE = np.array([[-0.05, 0.01], [0.0, 0.01], [0.02, 0.01], [0.06, 0.01]])
 
 
 @pytest.mark.parametrize(("name", "corners", "words"), [
-    ("polar_points", [[0.0, 0.0], [0.1, 0.0], [0.1, 0.1]], "has no polar angle"),
     ("polar_points", [[9e-10, 0.0], [0.1, 0.0], [0.1, 0.1]], "has no polar angle"),
-    ("segments", [[0.1, 0.0], [0.1, 9e-10], [0.3, 0.1]], "coincide, so the edge between them is "
-                                                         "undefined"),
-    ("lines", [[0.1, 0.2], [0.1, 0.2], [0.3, 0.1]], "coincide, so the edge between them is "
-                                                    "undefined"),
+    ("segments", [[0.1, 0.0], [0.1, 9e-10], [0.3, 0.1]], "coincide, so the edge between them"),
+    ("lines", [[0.1, 0.2], [0.1, 0.2], [0.3, 0.1]], "coincide, so the edge between them"),
     ("pose", ON_A_LINE, "goal: a pose needs four points that are not on one line; the goal has 4"),
     ("pose", [[0.1, 0.2], [0.1, 0.3], [0.3, 0.1]], "a pose needs four points .* the goal has 3"),
-    ("points", "far away", "goal holds no points of the feature 'points': teach it"),
+    ("points", "far away", "no points of the feature 'points'"),
     ("points", [[0.1, 0.2], [0.3, 0.1]], "goal holds no points of the feature 'points': teach it"),
 ])  # fmt: skip
 def test_a_goal_of_points_that_are_no_such_feature_is_refused(name, corners, words):
@@ -648,8 +620,7 @@ def test_a_goal_of_points_that_are_no_such_feature_is_refused(name, corners, wor
 
 
 @pytest.mark.parametrize(("name", "each", "elements"), [
-    ("points", 2, 8), ("polar_points", 2, 8), ("points_3d", 3, 8), ("lines", 2, 8),
-    ("segments", 4, 8), ("depth", 1, 1), ("pose", 6, 1), ("two_and_half_d", 6, 1),
+    ("points", 2, 8), ("points_3d", 3, 8), ("lines", 2, 8), ("segments", 4, 8), ("pose", 6, 1),
 ])  # fmt: skip
 def test_a_feature_is_as_long_as_the_goal_that_it_was_checked_with(name, each, elements):
     feature = FEATURES.create(name)
@@ -752,13 +723,11 @@ class Photo(Feature):
 def test_what_is_judged_by_other_numbers_than_its_rows_is_in_no_stack():
     words = "luminance@left publishes other errors than the law uses"
     for parts in (["points", "luminance"], ["matches", "luminance_dct"]):
-        with pytest.raises(ConfigurationError, match="cannot be combined") as told:
+        with pytest.raises(ConfigurationError, match="cannot be combined"):
             Stack([FEATURES.create(name) for name in parts])
-        assert "\n" not in str(told.value)
+    left = RemoteCameraFeature(FEATURES.create("luminance"), "left")
     with pytest.raises(ConfigurationError, match=words):
-        Stack(
-            [RemoteCameraFeature(FEATURES.create("luminance"), "left"), FEATURES.create("points")]
-        )
+        Stack([left, FEATURES.create("points")])
     assert Stack([FEATURES.create("points"), FEATURES.create("matches_pose")]).names
     stack = Stack([Photo(), FEATURES.create("points")])
     with pytest.raises(ConfigurationError, match="Photo publishes other errors"):
@@ -787,7 +756,6 @@ def kernel_view(camera, camera_T_object, stamp=0.0):
      ((0, 0, 0, 0, 0, 1), 0.5, 400.0, 410.0, 4)],  # k3 is the angle where pixels are square
 )  # fmt: skip
 def test_the_kernels_interaction_matrix_is_the_derivative(way, turn, fx, fy, rows):
-    """On a picture of 800 x 600, over several pixels of motion."""
     camera = CameraModel(800, 600, (fx, 0, 99.5, 0, fy, 119.5, 0, 0, 1))
     feature = FEATURES.create("kernel")
     goal = Goal.teach(None, kernel_view(camera, pose((0.01, 0.02, 0.2), (0, 0, 0.3))), depth=0.2)
@@ -807,8 +775,6 @@ def test_the_kernels_interaction_matrix_is_the_derivative(way, turn, fx, fy, row
 
 
 def test_kernel_features_refuse_another_camera_a_dirty_ground_and_emptiness():
-    from dataclasses import replace
-
     camera = CameraModel(320, 240, (102.7, 0, 159.5, 0, 102.7, 119.5, 0, 0, 1))
     feature = FEATURES.create("kernel")
     view = kernel_view(camera, pose((0.01, 0.02, 0.2), (0, 0, 0.3)))
@@ -843,4 +809,3 @@ def test_kernel_features_refuse_another_camera_a_dirty_ground_and_emptiness():
             feature.measure(replace(view, **change), goal)
     with pytest.raises(ConfigurationError, match="no kernel features"):
         feature.check(Goal(depth=0.2))
-    assert compute_kernel_features(np.ones((240, 320), np.uint8)).values[2] > 0.0

@@ -1,21 +1,21 @@
 """Goals: stored completely in a file, checked key by key, refused if they do not fit."""
 
-import os
-import threading
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 import yaml
-from loop_rig import CAMERA, CONFIG, the_arm, the_goal
+from loop_rig import CAMERA, CONFIG, URDF, the_arm, the_goal
 from scipy.spatial.transform import Rotation
 
-from aras_visual_servo_base.poses import matrix_from_xyz_rpy, pose_difference, xyz_rpy_from_matrix
+from aras_visual_servo_base.poses import matrix_from_xyz_rpy, pose_difference
 from aras_visual_servo_camera.errors import ModelError
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.kernel import compute_outline_kernel_features
 from aras_visual_servo_camera.moments import Moments, Pinhole
 from aras_visual_servo_controller.errors import ConfigurationError, ServoError
+from aras_visual_servo_controller.features.points import Points
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.goals.goal_file import GoalKernel
 from aras_visual_servo_controller.kinematics import Arm
@@ -79,7 +79,6 @@ def test_what_was_seen_is_what_is_taught_and_survives_a_file():
 
 
 def test_every_number_of_a_goal_is_in_its_file():
-    """All of them unlike each other."""
     K = (301.5, 0.25, 160.5, 0.0, 202.5, 121.5, 0.0, 0.0, 1.0)
     other = Goal("goal: cameras.right", depth=0.7, plane=Plane(0.1, -0.2, 1.5), camera_name="right",
                  world_T_camera=matrix_from_xyz_rpy((0.4, 0.5, -0.6), (0.1, 0.2, 0.3)))  # fmt: skip
@@ -96,11 +95,8 @@ def test_every_number_of_a_goal_is_in_its_file():
     assert text.startswith("joints:")
     back = Goal.from_mapping(yaml.safe_load(text))
     for made, kept in ((goal, back), (other, back.other_cameras["right"])):
-        assert (kept.name, kept.camera_name, kept.joints) == (
-            made.name,
-            made.camera_name,
-            made.joints,
-        )
+        assert (kept.name, kept.camera_name) == (made.name, made.camera_name)
+        assert kept.joints == made.joints
         assert (kept.depth, kept.plane, kept.camera) == (made.depth, made.plane, made.camera)
         assert kept.features == made.features
         np.testing.assert_allclose(kept.world_T_camera, made.world_T_camera, atol=1e-12)
@@ -117,12 +113,8 @@ def test_every_number_of_a_goal_is_in_its_file():
     nothing = Goal.from_mapping({})
     assert Goal().to_yaml("two\nlines") == "# two\n# lines\n{}\n"
     for made in (nothing, Goal()):
-        assert (made.name, made.camera_name, made.joints, made.features) == (
-            "goal",
-            "camera",
-            {},
-            {},
-        )
+        assert (made.name, made.camera_name) == ("goal", "camera")
+        assert (made.joints, made.features) == ({}, {})
         assert made.other_cameras == {} and list(made.cameras) == ["camera"]
         rest = ("world_T_camera", "depth", "plane", "moments", "kernel", "camera", "target")
         assert all(getattr(made, name) is None for name in (*rest, "mounting"))
@@ -137,7 +129,7 @@ def test_teaching_what_is_not_seen_or_at_no_depth():
     with pytest.raises(ConfigurationError, match="no corners"):
         Goal.teach(scheme, replace(seen, corners=None), depth=0.2)
 
-    class Own:
+    class Own(Points):
         def teach(self, observation):
             raise ModelError("no plane fits the outline")
 
@@ -146,19 +138,11 @@ def test_teaching_what_is_not_seen_or_at_no_depth():
 
 
 WRONG = {
-    "moment": ({"moment": 1}, "unknown key 'moment': did you mean 'moments'"),
-    "depth text": ({"depth": "far"}, "goal: depth is 'far', must be a finite number"),
     "depth 0": ({"depth": 0.0}, "depth is 0.0, must be >= 0.001 m: is it in metres"),
     "depth mm": ({"depth": 191.7}, "depth is 191.7, must be <= 100 m: is it in metres"),
-    "depth tiny": ({"depth": 1e-300}, "is it in metres"),
     "plane 0": ({"plane": [0.0, 0.0, 0.0]}, "C, the last number of plane, is 0, must be 1/Z"),
     "plane behind": ({"plane": [0.0, 0.0, -5.0]}, "C, the last number of plane, is -5"),
-    "plane in mm": ({"plane": [0.0, 0.0, 0.0052]}, "C, the last number of plane, is 0.0052"),
     "plane aslant": ({"plane": [0.0, 101.0, 5.0]}, "the camera looks parallel to plane"),
-    "plane huge": ({"plane": [1e300, 0.0, 5.0]}, "the camera looks parallel to plane"),
-    "depth nan": ({"depth": float("nan")}, "depth is nan, must be"),
-    "joint": ({"joints": {"J1": True}}, "joints.J1 is True, must be"),
-    "joints list": ({"joints": [1, 2]}, "joints is .* must be a mapping"),
     "order": ({"moments": {"order": 9, "m": [], "mu": []}}, "moments.order is 9, must be <= 6"),
     "few": ({"moments": {"order": 1, "m": [1.0], "mu": [1, 0, 0]}}, "moments.m must be 3"),
     "empty": ({"moments": {"order": 1, "m": [0, 0, 0], "mu": [0, 0, 0]}}, "must be positive"),
@@ -166,12 +150,7 @@ WRONG = {
     "kernel": ({"kernel": {"width": 1}}, "kernel.height is missing: give a whole number"),
     "camera": ({"camera": {"width": 1, "height": 1, "K": [0] * 9}}, "goal"),
     "features": ({"features": {"points": 3}}, "features.points is 3, must be a mapping"),
-    "pose": ({"camera_pose": {"xyz": [0, 0, 0]}},
-             "camera_pose.rpy is missing: give a list of 3"),
-    "plane": ({"plane": [0, 0]}, "plane is .0, 0., must be a list of 3 finite numbers"),
     "target": ({"target": {"boxes": [[[0, 0, 0], [0, 1, 1]]]}}, "lowest"),
-    "boxes": ({"target": {"boxes": [[1, 2]]}},
-              "goal: target.boxes.0..0. is 1, must be a list of 3"),
 }
 
 
@@ -191,42 +170,7 @@ def test_depths_and_planes_at_their_bounds_are_taken():
         assert list(Goal.from_mapping({"plane": plane}).plane) == plane
 
 
-@pytest.mark.parametrize("content", ["[1, 2", "- 1\n- 2\n", "", "\x00", "a: &a [*a]", "{" * 600])
-def test_what_is_no_goal(tmp_path, content):
-    path = tmp_path / "goal.yaml"
-    path.write_text(content)
-    with pytest.raises(ConfigurationError) as caught:
-        Goal.load(path)
-    assert "\n" not in str(caught.value)
-
-
-def test_a_file_that_never_ends_is_refused(tmp_path):
-    with pytest.raises(ConfigurationError, match="not a regular file"):
-        Goal.load("/dev/zero")
-    with pytest.raises(ConfigurationError, match="not a regular file"):
-        Goal.load(tmp_path)
-    os.mkfifo(tmp_path / "fifo")
-    done = []
-    thread = threading.Thread(
-        target=lambda: done.append(pytest.raises(ConfigurationError, Goal.load, tmp_path / "fifo")),
-        daemon=True,
-    )
-    thread.start()
-    thread.join(5.0)
-    assert done
-    large = tmp_path / "large.yaml"
-    large.write_text("# " + "x" * 1_000_001)
-    with pytest.raises(ConfigurationError, match="more than 1000000 bytes"):
-        Goal.load(large)
-    with pytest.raises(ConfigurationError, match="cannot read"):
-        Goal.load(tmp_path / "none.yaml")
-
-
 def test_a_goal_for_a_camera_mounted_elsewhere():
-    import re
-
-    from loop_rig import URDF
-
     text = URDF.read_text()
     joint = re.search(r'<joint name="camera_joint".*?</joint>', text, re.S)[0]
     origin = re.search(r"<origin[^>]*/>", joint)[0]
@@ -240,11 +184,8 @@ def test_a_goal_for_a_camera_mounted_elsewhere():
     assert pose_difference(pose, goal.world_T_camera)[0] > 0.02
     exact = goal.target.compute_outline(pose)
     np.testing.assert_allclose(moved.moments.m_array, Moments.from_polygon(exact, 6).m_array)
-    there, back = (
-        moved.kernel.features,
-        moved.predict_from_pose(goal.world_T_camera).kernel.features,
-    )
-    assert np.abs(there / goal.kernel.features - 1.0).max() > 0.05
+    assert np.abs(moved.kernel.features / goal.kernel.features - 1.0).max() > 0.05
+    back = moved.predict_from_pose(goal.world_T_camera).kernel.features
     np.testing.assert_allclose(back, goal.kernel.features, rtol=1e-3)
     short = replace(goal.kernel, width=300, height=110)  # a picture that cuts some of it off
     cut = replace(goal, kernel=short).predict_from_pose(goal.world_T_camera).kernel
@@ -282,11 +223,8 @@ def test_the_posture_of_a_goal_is_its_joints_or_found_for_its_pose():
     assert replace(by_pose, world_T_camera=away).find_posture(arm) is None
     assert replace(by_pose, world_T_camera=None).find_posture(arm) is None
     assert goal.find_unreachable_reason(arm) == by_pose.find_unreachable_reason(arm) == ""
-    assert (
-        replace(by_pose, world_T_camera=away, name="mine")
-        .find_unreachable_reason(arm)
-        .startswith("mine: ")
-    )
+    far = replace(by_pose, world_T_camera=away, name="mine")
+    assert far.find_unreachable_reason(arm).startswith("mine: ")
     for told in (replace(goal, world_T_camera=away), replace(by_pose, world_T_camera=None)):
         assert told.find_unreachable_reason(arm) == ""
 
@@ -307,16 +245,6 @@ def test_goals_that_do_not_fit_the_arm():
         goal.predict_from_pose(matrix_from_xyz_rpy((0, 0, 1.0), (0, 0, 0)))  # looks up
     with pytest.raises(ConfigurationError, match="not visible .*there is no target.*mounting"):
         goal.predict_from_pose(matrix_from_xyz_rpy((3.0, 0, 0), (0, 0, 0)) @ goal.world_T_camera)
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_poses_are_written_and_read(seed):
-    random = np.random.default_rng(seed)
-    xyz, rpy = random.uniform(-1, 1, 3), random.uniform(-1.5, 1.5, 3)
-    if seed == 0:
-        rpy[1] = np.pi / 2
-    a_T_b = matrix_from_xyz_rpy(xyz, rpy)
-    np.testing.assert_allclose(matrix_from_xyz_rpy(*xyz_rpy_from_matrix(a_T_b)), a_T_b, atol=1e-9)
 
 
 def test_targets_geometry():
@@ -343,16 +271,6 @@ def test_targets_geometry():
     for shape in ((1, 3, 3), (2, 3), (3, 2, 3), (0, 2, 3)):
         with pytest.raises(ConfigurationError, match="one or two pairs of corners"):
             TargetGeometry.from_values(np.zeros(shape), 0.0, 0.0)
-
-
-@pytest.mark.parametrize("data", [
-    None, [1.0], {}, {"ground": 0.0},
-    {"boxes": [[[0, 0, 0], [1, 1, 1]]], "grund": 0.0},
-])  # fmt: skip
-def test_a_targets_geometry_with_other_keys_is_refused(data):
-    refused = "mine is (None|.1.0.), must be a mapping|mine.boxes is missing|mine.grund.: did you"
-    with pytest.raises(ConfigurationError, match=refused):
-        TargetGeometry.from_mapping(data, "mine")
 
 
 def test_the_outline_to_be_seen_is_the_targets_where_its_geometry_is_known():

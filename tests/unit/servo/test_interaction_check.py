@@ -68,7 +68,7 @@ def test_a_wrong_column_is_named(column: int) -> None:
     assert check_interaction_matrix(Wrong(1, column, 1.0)).errors.max() < 1e-6
     axis = ("vx", "vy", "vz", "wx", "wy", "wz")[column]
     row = 0 if column == 0 else 1  # dy/dt does not depend on vx
-    with pytest.raises(ServoError, match=f"row 'c{row}' .* column {axis}: L is "):
+    with pytest.raises(ServoError, match=rf"off by [\d.]+ % .*column {axis}: L is "):
         check_interaction_matrix(Wrong(row, column, -1.0))
 
 
@@ -129,11 +129,6 @@ def test_the_worst_of_several_poses_is_reported() -> None:
             check_interaction_matrix(feature, world_T_camera=wrong)
 
 
-def test_an_error_above_100_percent_has_no_exponent() -> None:
-    with pytest.raises(InteractionMatrixError, match=r"is off by \d{3} % \(tolerance"):
-        check_interaction_matrix(Wrong(3, 1, -1.0))
-
-
 def test_entries_are_compared_in_units_of_the_depth() -> None:
     """1 1/m at a depth of 0.3 m is less than 0.5."""
 
@@ -147,17 +142,6 @@ def test_entries_are_compared_in_units_of_the_depth() -> None:
 
     with pytest.raises(InteractionMatrixError, match="row 'c1' .* column wx"):
         check_interaction_matrix(Two(0, 0, 1.0))
-
-
-def test_many_rows_are_not_all_printed() -> None:
-    class Many(Wrong):
-        def measure(self, observation, goal):
-            found = super().measure(observation, goal)
-            k = 10_000 // 12
-            return replace(found, s=np.tile(found.s, k), error=np.tile(found.error, k),
-                           L=np.tile(found.L, (k, 1)))  # fmt: skip
-
-    assert len(repr(check_interaction_matrix(Many(0, 0, 1.0)))) < 1000
 
 
 @pytest.mark.parametrize(("given", "said"), [

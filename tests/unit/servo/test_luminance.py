@@ -15,11 +15,7 @@ from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError
 from aras_visual_servo_controller.features import FEATURES
-from aras_visual_servo_controller.features.luminance import (
-    BORDER,
-    get_grey_image,
-    square_root,
-)
+from aras_visual_servo_controller.features.luminance import BORDER, get_grey_image, square_root
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.observation.feature_observer import FeatureObserver
 from aras_visual_servo_controller.observation.observation import Need
@@ -41,7 +37,7 @@ def texture(X, Y):
     )  # fmt: skip
 
 
-def picture(camera, camera_T_object):
+def picture(camera, camera_T_object, texture=texture):
     """(rows, columns) float of the plane z = 0 of the object, by its rays."""
     u, v = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
     x, y, _ = camera.normalise(u.ravel().astype(float), v.ravel().astype(float))
@@ -52,9 +48,9 @@ def picture(camera, camera_T_object):
     return texture(P[:, 0], P[:, 1]).reshape(camera.height, camera.width)
 
 
-def look(camera, place, needs):
+def look(camera, place, needs, texture=texture):
     plane = Plane.from_pose(place[:3, :3], place[:3, 3])
-    image = np.round(picture(camera, place)).astype(np.uint8)
+    image = np.round(picture(camera, place, texture)).astype(np.uint8)
     return FeatureObserver(None, needs).observe_image(0.0, image, camera, plane=plane)
 
 
@@ -153,7 +149,7 @@ def test_accuracy_is_that_of_grey_levels_and_of_neighbours_that_are_off_together
     assert size == pytest.approx(np.hypot(grey, 3.5 * left) * np.eye(6), rel=1e-3)
 
 
-@pytest.mark.parametrize("name", ALL)
+@pytest.mark.parametrize("name", ["luminance_lm", "photometric_moments"])
 def test_the_camera_flies_to_where_the_picture_was_taken(name):
     feature, goal = at_goal(name)
     scheme = FeatureScheme(feature)
@@ -168,21 +164,19 @@ def test_the_camera_flies_to_where_the_picture_was_taken(name):
 @pytest.mark.parametrize(
     ("sides", "told"), [((0.11, 0.11), "90°"), ((0.14, 0.08), "180°"), (None, "")]
 )
-def test_a_picture_that_looks_the_same_when_turned_says_so(sides, told, monkeypatch):
+def test_a_picture_that_looks_the_same_when_turned_says_so(sides, told):
     """Of a rectangle beside the axis of a tilted camera; a photograph looks like nothing else."""
-    if sides is not None:
 
-        def rectangle(X, Y):
-            edge = 5e-3  # m over which it fades, about a pixel
-            inside = [
-                np.clip(0.5 + (half - np.abs(V - middle)) / edge, 0.0, 1.0)
-                for V, half, middle in ((X, sides[0], 0.01), (Y, sides[1], -0.015))
-            ]
-            return 250.0 - 200.0 * inside[0] * inside[1]
+    def rectangle(X, Y):
+        edge = 5e-3  # m over which it fades, about a pixel
+        inside = [
+            np.clip(0.5 + (half - np.abs(V - middle)) / edge, 0.0, 1.0)
+            for V, half, middle in ((X, sides[0], 0.01), (Y, sides[1], -0.015))
+        ]
+        return 250.0 - 200.0 * inside[0] * inside[1]
 
-        monkeypatch.setitem(globals(), "texture", rectangle)
     feature = FEATURES.create("luminance")
-    seen = look(PINHOLE, VIEW, feature.needs)
+    seen = look(PINHOLE, VIEW, feature.needs, texture if sides is None else rectangle)
     goal = Goal.teach(FeatureScheme(feature), seen)
     assert feature.measure(seen, goal).ambiguity == told
 

@@ -62,16 +62,9 @@ def test_a_picture_and_exact_geometry_say_the_same():
     deviation = compute_rms_deviation(seen.corner_spread)
     assert 0.001 * pixel < deviation < 0.05 * pixel and not seen.corner_spread.flags.writeable
     accuracy = np.hypot(CORNER_ACCURACY * pixel, deviation)
-    assert (seen.corner_accuracy, seen.corner_repeatability, seen.is_numbered) == (
-        accuracy,
-        0.0,
-        False,
-    )
-    assert (exact.corner_accuracy, exact.corner_repeatability, exact.is_numbered) == (
-        0.0,
-        0.0,
-        None,
-    )
+    assert (seen.corner_accuracy, seen.corner_repeatability) == (accuracy, 0.0)
+    assert (exact.corner_accuracy, exact.corner_repeatability) == (0.0, 0.0)
+    assert seen.is_numbered is False and exact.is_numbered is None
     assert exact.corner_spread is None
     assert (exact.pixel_count, exact.touched_borders, exact.is_plane_measured) == (0, (), False)
     assert len(seen.contour) > 50
@@ -154,43 +147,32 @@ def test_a_tracker_that_uses_colour_gets_rgb():
         np.testing.assert_allclose(found, [(61.0, 41.0)], atol=1e-6)
 
 
-@pytest.mark.parametrize("begin", [0.0, 31.5])
-def test_time_and_motion_since_the_last_one(begin):
+def test_time_and_motion_since_the_last_one(begin=31.5):
     observer = FeatureObserver(the_arm())
     q = np.array(STARTS["2016"])
-    first = observer.observe_exact_features(begin, CAMERA, joints(begin, q), contour=outline(q))
-    assert first.dt == 0.0
-    assert first.previous_T_camera is None
+
+    def see(after, q):
+        return observer.observe_exact_features(
+            begin + after, CAMERA, joints(begin, q), contour=outline(q))
+
+    first = see(0.0, q)
+    assert first.dt == 0.0 and first.previous_T_camera is None
     moved = q + [0.01, 0.02, -0.01, 0.0, 0.01, 0.1]
-    second = observer.observe_exact_features(
-        begin + 0.04, CAMERA, joints(begin, moved), contour=outline(moved)
-    )
+    second = see(0.04, moved)
     assert second.dt == pytest.approx(0.04)
     np.testing.assert_allclose(
         first.world_T_camera @ second.previous_T_camera, second.world_T_camera, atol=1e-12
     )
     assert not second.previous_T_camera.flags.writeable
-    late = observer.observe_exact_features(
-        begin + 0.02, CAMERA, joints(begin, q), contour=outline(q)
-    )
-    assert late.dt == 0.0
-    third = observer.observe_exact_features(
-        begin + 0.08, CAMERA, joints(begin, moved), contour=outline(q)
-    )
+    assert see(0.02, q).dt == 0.0
+    third = see(0.08, moved)
     assert third.dt == pytest.approx(0.04)  # since the newest, not since the late one
     np.testing.assert_allclose(third.previous_T_camera, np.eye(4), atol=1e-12)
-    twice = observer.observe_exact_features(
-        begin + 0.08, CAMERA, joints(begin, q), contour=outline(q)
-    )
+    twice = see(0.08, q)
     assert twice.dt == 0.0 and twice.previous_T_camera is None
-    fourth = observer.observe_exact_features(
-        begin + 0.1, CAMERA, joints(begin, moved), contour=outline(q)
-    )
-    np.testing.assert_allclose(fourth.previous_T_camera, np.eye(4), atol=1e-12)
+    np.testing.assert_allclose(see(0.1, moved).previous_T_camera, np.eye(4), atol=1e-12)
     observer.reset()
-    assert (
-        observer.observe_exact_features(begin, CAMERA, joints(begin), contour=outline()).dt == 0.0
-    )
+    assert see(0.0, q).dt == 0.0
 
 
 def test_of_messages():
@@ -214,8 +196,7 @@ def test_of_messages():
 
 @pytest.mark.parametrize(
     "change",
-    [{"xg": 1e308}, {"xg": -31.0}, {"yg": -31.0}, {"m00": 1e308}, {"m00": 3601.0},
-     {"centred": 1e300},
+    [{"xg": 1e308}, {"xg": -31.0}, {"yg": -31.0}, {"m00": 3601.0}, {"centred": 1e300},
      {"m00": 0.0, "centred": 0.0}, {"xg": np.nan}],
 )  # fmt: skip
 def test_moments_that_no_camera_can_see(change):
@@ -289,22 +270,16 @@ def test_a_coordinate_that_is_not_finite_among_those_that_are():
 
 
 def test_a_pose_that_is_known_better_comes_before_that_of_the_joints():
-    pose, by_joints = (
-        matrix_from_xyz_rpy((0.1, -0.2, 0.7), (3.0, 0.1, 0.2)),
-        the_arm().pose(STARTS["2016"]),
-    )
+    pose = matrix_from_xyz_rpy((0.1, -0.2, 0.7), (3.0, 0.1, 0.2))
+    by_joints = the_arm().pose(STARTS["2016"])
     planes = {"compute_plane": lambda world_T_camera: Plane(*world_T_camera[0, 1:4].tolist())}
     for told, known in (({"world_T_camera": pose}, pose), ({}, by_joints)):
         seen = FeatureObserver(the_arm(), frozenset(), **planes).observe_exact_features(
             0.5, CAMERA, joints(0.5), contour=outline(), **told)
         np.testing.assert_array_equal(seen.world_T_camera, known)
         assert seen.plane == Plane(*known[0, 1:4].tolist()) and not seen.is_plane_measured
-    assert (
-        FeatureObserver(None)
-        .observe_exact_features(0.5, CAMERA, joints(0.5), contour=outline())
-        .plane
-        is None
-    )
+    seen = FeatureObserver(None).observe_exact_features(0.5, CAMERA, joints(0.5), contour=outline())
+    assert seen.plane is None
     told = FeatureObserver(the_arm(), frozenset(), **planes).observe_exact_features(
         0.5, CAMERA, joints(0.5), contour=outline(), plane=Plane(0.1, 0.2, 3.0))
     assert told.plane == Plane(0.1, 0.2, 3.0) and told.is_plane_measured
@@ -358,11 +333,8 @@ def test_points_are_a_tracker_s_as_it_answers_them(told):
     assert shape == (240, 320) and camera is CAMERA and given is depth
     np.testing.assert_array_equal(pose, the_arm().pose(joints(0.5).positions))
     assert seen.corners.tolist() == [[0.1, 0.2], [0.3, -0.4]] and not seen.corners.flags.writeable
-    assert (seen.corner_accuracy, seen.corner_repeatability, seen.is_numbered) == (
-        0.01,
-        0.002,
-        True,
-    )
+    assert (seen.corner_accuracy, seen.corner_repeatability) == (0.01, 0.002)
+    assert seen.is_numbered is True
     assert seen.marker == "DICT_5X5_100:7"
     np.testing.assert_array_equal(seen.corner_spread, np.eye(4))
     assert seen.plane == (told or found) and seen.depth is None

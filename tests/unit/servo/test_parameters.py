@@ -9,12 +9,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from aras_visual_servo_camera.trackers import TRACKERS
 from aras_visual_servo_controller.errors import ConfigurationError
-from aras_visual_servo_controller.features.moments import ImageMoments
 from aras_visual_servo_controller.goals.starts import find_start_joints
 from aras_visual_servo_controller.kinematics import (
+    Arm,
     JointLimitAvoidance,
     PostureTask,
     SingularityAvoidance,
@@ -58,7 +59,6 @@ def test_the_laboratory_s_robot_brings_its_own_parameters(arm):
 
 
 def test_corners_of_a_shipped_goal_are_those_of_its_target(arm):
-    """Its file holds moments alone; `./demo.sh --scheme points` is told on the first page."""
     goal = of(scheme="points", desired="2016").make_servo(arm).goal
     found = np.array(goal.features["points"]["points"])
     exact = goal.target.compute_outline(goal.world_T_camera)
@@ -92,34 +92,18 @@ def test_the_goal_follows_the_start():
     ("given", "words"),
     [
         ({"gian": 3.0}, "unknown parameter ~gian: did you mean 'gain'"),
-        ({"gain": "nan"}, "~gain is 'nan', must be a finite number"),
-        ({"gain": "fast"}, "~gain is 'fast', must be a finite number"),
         ({"gain": 0.0}, "~gain is 0.0, must be > 0"),
-        ({"gain": True}, "~gain is True, must be a finite number"),
-        ({"gain": float("nan")}, "~gain is nan"),
-        ({"ramp": -1}, "~ramp is -1.0, must be >= 0"),
-        ({"image_timeout": 0.05}, "~image_timeout is 0.05, must be >= 0.1"),
-        ({"lockstep": 1}, "~lockstep is 1, must be true or false"),
         ({"scheme": ""}, "~scheme is '', must be a text"),
-        ({"posture": [1.0]}, "~posture is .*must be a mapping"),
         ({"max_velocity": "high"}, "~max_velocity is 'high', must be a number, a list"),
-        ({"max_velocity": {"J1": "x"}}, "~max_velocity"),
         ({"joints": "J1"}, "~joints is 'J1', must be a list"),
         ({"package": "/"}, "unknown parameter ~package"),
         ({"namespace": "my robot"}, "~namespace is 'my robot', which is not a ROS graph name"),
-        ({"command_topic": "2nd"}, "~command_topic is '2nd', which is not a ROS graph name"),
         ({"segmentation": {"component": "mask"}}, "~segmentation.component 'mask' is for the cam"),
     ],
 )
 def test_wrong_parameters_are_named(given, words):
     with pytest.raises(ConfigurationError, match=words):
         of(**given)
-
-
-def test_a_number_that_yaml_takes_for_a_word_is_one():
-    assert of(gain="2e0").gain == 2.0
-    with pytest.raises(ConfigurationError, match=r"gain is 1000000000.0, must be <= 1000"):
-        of(gain="1e9").make_scheme()
 
 
 ABOVE_0 = {"hold", "approach_speed", "watchdog", "wall_watchdog", "scheme_timeout", "stop_time",
@@ -150,11 +134,6 @@ def test_every_number_has_its_bound_and_takes_what_lies_at_it():
 
 
 def test_settings_of_the_loop_alone_have_bounds_too():
-    """A program that makes a Servo itself gives them."""
-    loop, other = ServoSettings(), {"arrived": 0.005, "push": 3.0, "settle": 0.3, "lag": 0.15,
-                                    "longest_step": 0.1, "watchdog_images": 3.0,
-                                    "resolve_period": 0.01, "duration": np.inf}  # fmt: skip
-    assert {name: getattr(loop, name) for name in other} == other
     least = ("arrived", "push", "settle", "lag", "delay", "watchdog_images", "lead", "stiffness",
              "damping")  # fmt: skip
     above = ("hold", "approach_speed", "longest_step", "watchdog", "stop_time", "resolve_period",
@@ -179,43 +158,28 @@ def test_settings_of_the_loop_alone_have_bounds_too():
         ({"law": "adaptive", "gain": 2.0}, "law 'adaptive' takes no 'gain': use one of"),
         ({"start": "2017"}, "~start is '2017': did you mean '201"),
         ({"start": [0.0] * 5}, "a finite number for each of gantry, J1"),
-        ({"start": "0 0 0 0 0 far"}, r"~start.5. is 'far', must be a finite number"),
-        ({"start": {"J4": 0.0}}, "has a value for J4"),
-        ({"start": {"J1": 0.0}}, "has no value for gantry, J2"),
         ({"start": [0, 0, 0, 2.5, 0, 0]}, "outside the joint's limits"),
         ({"start": {"xyz": [0, 0, 5], "rpy": [3.1, 0, 0]}}, "out of the arm's reach"),
-        ({"start": {"xyz": [0, 0], "rpy": [3.1, 0, 0]}},
-         "~start.xyz is .* must be a list of 3 finite numbers"),
         ({"law_options": {1: 2.0}}, "takes no '1'"),
         ({"law_options": {"name": "pi"}}, "law 'proportional' takes no 'name'"),
-        ({"gain_zero": 4.0}, "unknown parameter ~gain_zero"),
-        ({"pitch_gain": 2.0}, "unknown parameter ~pitch_gain"),
         ({"law_options": {"ramp": 0.1}}, "set ~ramp instead"),
-        ({"weights": ["one"]}, "~weights.0. is 'one', must be a finite number"),
         ({"weights": [0.0]}, "at least one weight must be above 0"),
         ({"desired": "/nowhere.yaml"}, "cannot read the goal /nowhere.yaml:"),
-        ({"desired": "nowhere.yaml"}, "cannot read the goal nowhere.yaml:"),
         ({"desired": "no/where"}, "cannot read the goal no/where:"),
         ({"desired": "2017"}, "unknown goal '2017': did you mean '201"),
         ({"desired": "pose"}, "unknown goal 'pose': use one of 2015, 2016 .or the path of a YAML"),
         ({"posture": {"J4": 0.0}}, "unknown joint J4"),
-        ({"posture": {"J1": "up"}}, "~posture.J1 is 'up', must be a finite number"),
-        ({"posture": {"J1": float("nan")}}, "~posture.J1 is nan"),
-        ({"posture": {"J1": None}}, "~posture.J1 is None"),
-        ({"posture": {"J1": True}}, "~posture.J1 is True"),
         ({"posture": {"J1": 9.0}}, "posture: J1 is 9.0, must be a number within its limits"),
         ({"posture": {"J1": -9.0}}, "posture: J1 is -9.0"),
         ({"elbow": 0.5}, "side of the elbow J3 is 0.5: use -1 or 1"),
         ({"elbow": [1, 1]}, "~elbow is .1.0, 1.0., must be -1 or 1, or"),
         ({"controllers": {"J9": "x"}}, "~controllers has the unknown joint J9: use one of"),
         ({"controllers": {"J1": ""}}, "~controllers: the value for J1 is '', must be the name"),
-        ({"controllers": {"J1": 3}}, "~controllers: the value for J1 is 3, must be the name"),
         ({"elbow": {"J2": 1}}, "J2 is not an elbow"),
         ({"max_velocity": 9.0}, "beyond the robot's own"),
         ({"lead": {"J4": 0.1}}, "~lead has the unknown joint J4"),
         ({"output": "torque"}, "~output is 'torque': use one of position, velocity, effort"),
         ({"lead": -0.01}, "~lead is -0.01, must be >= 0 m, rad"),
-        ({"damping": {"J2": -1.0}}, "~damping.J2 is -1.0, must be >= 0"),
         ({"stiffness": [1.0, 2.0]}, "stiffness is .1.0, 2.0., must be one number, or a number for "
                                     "each"),
         ({"camera_frame": "camera"}, "did you mean 'camera_link'"),
@@ -228,26 +192,13 @@ def test_what_cannot_be_built_is_named(given, words):
         settings.make_servo(settings.make_arm(URDF))
 
 
-def test_starts_in_every_way_they_can_be_given(arm):
-    joints = [0.1, 0.0, 0.17, -0.09, -0.09, 2.09]
-    names = dict(zip(arm.names, joints, strict=True))
-    for start in (joints, "0.1 0 0.17 -0.09 -0.09 2.09", "[0.1, 0, 0.17, -0.09, -0.09, 2.09]",
-                  names):  # fmt: skip
-        assert find_start_joints(start, arm, PACKAGE) == pytest.approx(joints)
-    assert find_start_joints("none", arm, PACKAGE) is None
-    found = find_start_joints({"xyz": [0.1, 0.02, 0.8], "rpy": [np.pi, 0.0, 0.5]}, arm, PACKAGE)
-    pose = arm.pose(found)
-    assert pose[:3, 3] == pytest.approx([0.1, 0.02, 0.8], abs=1e-6)
-
-
-class Two:
-    """Arm of two joints whose limits exclude zero."""
-
-    names, lower, upper = ("j", "k"), np.array([0.2, -1.0]), np.array([1.0, -0.3])
-
-    def inverse_kinematics(self, pose, near):
-        self.asked = pose, near
-        return np.array([0.5, -0.5])
+# A slide and a turn whose limits exclude zero; the turn reaches most angles twice.
+TWO_JOINTS = """<robot name="two">
+<link name="a"/><link name="b"/><link name="camera_optical_frame"/>
+<joint name="j" type="prismatic"><parent link="a"/><child link="b"/><axis xyz="1 0 0"/>
+  <limit lower="0.2" upper="1" velocity="1" effort="1"/></joint>
+<joint name="k" type="revolute"><parent link="b"/><child link="camera_optical_frame"/>
+  <axis xyz="1 0 0"/><limit lower="-7" upper="-0.3" velocity="1" effort="1"/></joint></robot>"""
 
 
 @pytest.mark.parametrize(("start", "words"), [
@@ -256,31 +207,26 @@ class Two:
     ("0.5 fast", "fast.*, must be a finite number"),
     ("0.5 1 2", r"is \(0.5, 1.0, 2.0\), must be a name, none, {xyz, rpy} of the camera, or a f"),
     ([0.5], r"is \[0.5\], must be a name, none, {xyz, rpy} of the camera, or a finite number f"),
-    (0.5, "is 0.5, must be a name, none"), ([0.5, np.nan], "is nan, must be a finite number"),
+    (0.5, "is 0.5, must be a name, none"),
     ({"j": 0.5}, "is '{'j': 0.5}', which has no value for k: give"),
     ({"j": 0.5, "k": 0.1, "l": 2.0}, "is .*, which has a value for l: the joints of this"),
-    ({"j": "far", "k": 0.1}, "j is 'far', must be a finite number"),
-    ({"xyz": [0, 0, 1], "rpy": [0, 0]}, "rpy is .0, 0., must be a list of 3"),
     ("2016", "has a value for gantry: .* are j, k; give values for these, or set ~start"),
 ])  # fmt: skip
 def test_a_start_that_is_none_of_this_arm_is_told(start, words):
     with pytest.raises(ConfigurationError, match=f"parameter ~start.*{words}"):
-        find_start_joints(start, Two(), PACKAGE)
+        find_start_joints(start, Arm.from_urdf(TWO_JOINTS), PACKAGE)
 
 
 def test_a_start_of_two_joints_is_taken_as_words_or_by_name_or_by_the_camera_s_pose():
-    arm = Two()
+    arm = Arm.from_urdf(TWO_JOINTS)
+    assert find_start_joints("none", arm, PACKAGE) is None
     for start in ("0.5 -0.4", "0.5, -0.4", "[0.5,-0.4]", (0.5, -0.4), {"k": -0.4, "j": 0.5}):
         found = find_start_joints(start, arm, PACKAGE)
         assert isinstance(found, np.ndarray) and found.tolist() == [0.5, -0.4]
-    pose = {"xyz": [0.1, 0.2, 0.3], "rpy": [0.0, 0.0, 0.5]}
-    assert find_start_joints(pose, arm, PACKAGE).tolist() == [0.5, -0.5]
-    np.testing.assert_array_equal(arm.asked[1], [0.2, -0.3])  # what is nearest to zero
-    np.testing.assert_allclose(arm.asked[0][:3], [
-        [np.cos(0.5), -np.sin(0.5), 0.0, 0.1], [np.sin(0.5), np.cos(0.5), 0.0, 0.2],
-        [0.0, 0.0, 1.0, 0.3]])  # fmt: skip
-    find_start_joints(pose, arm, PACKAGE, near := np.array([0.7, -0.6]))
-    assert arm.asked[1] is near
+    pose = {"xyz": [0.6, 0.0, 0.0], "rpy": [-0.5, 0.0, 0.0]}
+    for near, turn in ((None, -0.5), (np.array([0.7, -6.5]), -0.5 - 2.0 * np.pi)):
+        found = find_start_joints(pose, arm, PACKAGE, near)  # else what is nearest to zero
+        assert found == pytest.approx([0.6, turn], abs=1e-6)
 
 
 def test_laws_and_schemes_get_their_numbers(arm):
@@ -310,7 +256,6 @@ def test_of_joints_that_are_not_used_the_robot_s_parameters_say_nothing(arm):
 
 
 def test_an_arm_whose_speed_nothing_limits_is_not_moved():
-    """Else it would be driven to its start at 300 rad/s."""
     urdf = re.sub(r'( name="J2"(?:.|\n)*?<limit[^>]*?) velocity="[^"]*"', r"\1", URDF, count=1)
     urdf = urdf.replace('name="J2" type="revolute"', 'name="J2" type="continuous"')
     settings = of(start="none", max_velocity={"J1": 1.0})
@@ -352,17 +297,6 @@ def test_defaults_of_the_loop_are_those_of_its_parameters():
     assert shared >= {"hold", "lead", "watchdog", "output", "start", "duration"}
     same = shared - {"start", "duration"}  # of a run without end one says 0, the other inf
     assert all(getattr(plain, name) == getattr(loop, name) for name in same)
-
-
-def test_a_user_s_own_feature_by_name(arm, tmp_path, monkeypatch):
-    (tmp_path / "their_package.py").write_text(
-        "from aras_visual_servo_controller.features.moments import ImageMoments\n"
-        "class Theirs(ImageMoments):\n    pass\n"
-    )
-    monkeypatch.syspath_prepend(str(tmp_path))
-    loop = of(scheme="their_package:Theirs", start="none").make_servo(arm)
-    assert loop.scheme.names == ImageMoments.names and loop.name == "their_package:Theirs"
-    sys.modules.pop("their_package")
 
 
 def test_options_of_the_scheme_and_of_the_law_are_handed_on(arm):
@@ -417,14 +351,15 @@ def test_controllers_of_joints_that_are_not_used_may_be_named():
         of(joints=["J1", "J2"], controllers={"J9": "wrist"}).make_arm(URDF)
 
 
-def test_a_start_by_a_pose_is_looked_for_from_the_posture_at_the_goal(arm, monkeypatch):
-    near = []
-    monkeypatch.setattr("aras_visual_servo_controller.settings.find_start_joints",
-                        lambda start, *given: near.append(given[-1]))  # fmt: skip
-    pose = {"xyz": [0.1, 0.02, 0.8], "rpy": [np.pi, 0.0, 0.5]}
-    goals = [of(start=start, desired="2016").make_servo(arm).goal for start in (pose, "2016")]
-    np.testing.assert_array_equal(near[0], goals[0].get_joints(arm.names))
-    assert near[1] is None
+def test_a_start_by_a_pose_is_looked_for_from_the_posture_at_the_goal(arm, tmp_path):
+    """J6 turns several times; a turn more at the goal is one more at the start."""
+    goal = yaml.safe_load((PACKAGE / "config/goal_2016.yaml").read_text())
+    goal["joints"]["J6"] += 2.0 * np.pi
+    (tmp_path / "goal.yaml").write_text(yaml.safe_dump(goal))
+    pose, starts = {"xyz": [0.1, 0.02, 0.8], "rpy": [np.pi, 0.0, 0.5]}, []
+    for desired in ("2016", str(tmp_path / "goal.yaml")):
+        starts.append(of(start=pose, desired=desired).make_servo(arm).settings.start)
+    assert np.subtract(*starts[::-1])[5] == pytest.approx(2.0 * np.pi, abs=1e-3)
 
 
 def test_a_run_has_its_end(arm):
@@ -460,8 +395,6 @@ def test_trackers_by_name():
     for tracker, words in (("dotts", "did you mean 'dots'"), ("math:pi", "derived from Tracker")):
         with pytest.raises(ConfigurationError, match=words):
             of(tracker=tracker).make_tracker()
-    with pytest.raises(ConfigurationError, match="unknown tracker 'dot': did you mean 'dots'"):
-        of(tracker="dot").make_tracker()
     for given in ({"tracker": "model"}, {"scheme": "points+model@left"}):
         with pytest.raises(ConfigurationError, match="model_start must define the start pose"):
             of(**given).make_tracker()

@@ -12,6 +12,7 @@ from loop_rig import the_arm, the_goal
 from scipy.spatial.transform import Rotation
 
 from aras_visual_servo_base.poses import exponential, inverse, logarithm, matrix_from_xyz_rpy
+from aras_visual_servo_bench.plants.free_body import COORDINATE_NAMES, FreeBody
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError
 from aras_visual_servo_controller.features import Feature, FeatureMeasurement, Stack
@@ -31,23 +32,9 @@ SOURCES = Path(__file__).parents[3] / "src"
 # of the right camera in the left one
 SEAT = matrix_from_xyz_rpy((0.05, -0.01, 0.02), (0.1, -0.2, 0.3))
 SHAPE = np.array([[-0.05, -0.03, 0], [0.05, -0.02, 0], [0.03, 0.04, 0], [-0.04, 0.03, 0.0]])
-NAMES = ("x", "y", "z", "rx", "ry", "rz")
-
-
-class Flying:
-    """A body whose q is the exponential that its camera has moved by, from `origin`."""
-
-    def __init__(self, seat, origin=None):
-        self.seat = seat
-        self.origin = (
-            matrix_from_xyz_rpy((0.02, -0.03, 0.4), (np.pi, 0.1, 0.2)) if origin is None else origin
-        )
-
-    def pose(self, q):
-        return self.origin @ exponential(q) @ self.seat
-
-
-LEFT, RIGHT = Flying(np.eye(4)), Flying(SEAT)
+NAMES = COORDINATE_NAMES
+ORIGIN = matrix_from_xyz_rpy((0.02, -0.03, 0.4), (np.pi, 0.1, 0.2))
+LEFT, RIGHT = FreeBody(ORIGIN, np.eye(4)), FreeBody(ORIGIN, SEAT)
 Q0 = np.zeros(6)
 
 
@@ -59,16 +46,15 @@ def rig(needs=(Need.CORNERS,), right=RIGHT, goal=None):
                     name="right")])  # fmt: skip
 
 
-def corners(pose):
-    seen = (np.column_stack([SHAPE, np.ones(4)]) @ inverse(pose).T)[:, :3]
+def corners(pose, shape=SHAPE):
+    seen = (np.column_stack([shape, np.ones(4)]) @ inverse(pose).T)[:, :3]
     return seen[:, :2] / seen[:, 2:]
 
 
-def view(observer, stamp, q, plane=None):
+def view(observer, stamp, q, plane=None, shape=SHAPE):
     joints = JointSample.from_values(stamp, NAMES, q)
-    return observer.observe_exact_features(
-        stamp, CAMERA, joints, contour=corners(observer.arm.pose(np.asarray(q))), plane=plane
-    )
+    outline = corners(observer.arm.pose(np.asarray(q)), shape)
+    return observer.observe_exact_features(stamp, CAMERA, joints, contour=outline, plane=plane)
 
 
 def together(made, q, stamp=1.0, then=None):
@@ -101,31 +87,21 @@ def test_one_camera_waits_for_nobody():
     assert alone.add_image("camera", 0.3, len) == (0.3, len)
 
 
-@pytest.mark.parametrize("first", ["left", "right"])
-def test_what_was_exposed_together_is_seen_together_whichever_comes_first(first):
-    order = ("left", "right") if first == "left" else ("right", "left")
-    pictures = [(name, 0.1 * k) for k in range(1, 5) for name in order]
-    assert fed(rig(), *pictures) == [(0.1, 0.1), (0.2, 0.2), (0.3, 0.3), (0.4, 0.4)]
+LEFTS, RIGHTS = ([(name, 0.1 * k) for k in range(1, 10)] for name in ("left", "right"))
+SLOWER = [*LEFTS[:8], *(("right", 0.25 * k) for k in (1, 2, 3))]
 
 
-def test_the_pictures_of_a_late_connection_are_waited_for():
-    right = [("right", 0.1 * k) for k in range(1, 6)]
-    left = [("left", 0.1 * k) for k in range(1, 7)]
-    pictures = [*left[:2], right[0], left[2], right[1], left[3], right[2], left[4], right[3]]
-    assert fed(rig(), *pictures) == [(0.1, 0.1), (0.2, 0.2), (0.3, 0.3), (0.4, 0.4)]
-
-
-def test_a_lost_picture_costs_one_answer_and_no_pair():
-    pictures = [("left", 0.1), ("right", 0.1), ("left", 0.2), ("right", 0.2), ("left", 0.3),
-                ("left", 0.4), ("right", 0.4), ("left", 0.5), ("right", 0.5)]  # fmt: skip
-    assert fed(rig(), *pictures) == [(0.1, 0.1), (0.2, 0.2), (0.4, 0.4), (0.5, 0.5)]
-
-
-def test_a_slower_camera_s_newest_picture_counts():
-    pictures = [("left", 0.1 * k) for k in range(1, 9)]
-    pictures += [("right", 0.25 * k) for k in range(1, 4)]
-    answered = fed(rig(), *sorted(pictures, key=lambda one: one[1]))
-    assert answered == [(0.5, 0.5), (0.6, 0.5), (0.7, 0.5), (0.8, 0.75)]
+@pytest.mark.parametrize(("pictures", "answered"), [
+    ([image for pair in zip(LEFTS, RIGHTS, strict=True) for image in pair[::-1]][:8], (1, 2, 3, 4)),
+    ([*LEFTS[:2], RIGHTS[0], LEFTS[2], RIGHTS[1], LEFTS[3], RIGHTS[2]], (1, 2, 3)),  # late ones
+    ([LEFTS[0], RIGHTS[0], LEFTS[1], RIGHTS[1], *LEFTS[2:4], RIGHTS[3]], (1, 2, 4)),  # one is lost
+    ([*LEFTS[:8], RIGHTS[0]], (1,)), ([*LEFTS, RIGHTS[0]], ()),  # eight wait for another camera's
+    (sorted(SLOWER, key=lambda one: one[1]), ((0.5, 0.5), (0.6, 0.5), (0.7, 0.5), (0.8, 0.75))),
+], ids=["right first", "late", "lost", "eight", "nine", "slower"])  # fmt: skip
+def test_what_was_exposed_together_is_seen_together(pictures, answered):
+    pairs = [one if isinstance(one, tuple) else (0.1 * one, 0.1 * one) for one in answered]
+    found = np.reshape(fed(rig(), *pictures), (-1, 2))
+    np.testing.assert_allclose(found, np.reshape(pairs, (-1, 2)))
 
 
 def test_an_older_picture_gets_the_joints_of_its_own_exposure():
@@ -154,12 +130,6 @@ def test_stamps_of_one_trigger_may_differ_a_little():
         pictures = [(name, 0.1 * k + (late if name == "right" else 0.0))
                     for k in range(1, 6) for name in ("left", "right")]  # fmt: skip
         assert (0.4, beside) in fed(rig(), *pictures)
-
-
-@pytest.mark.parametrize(("count", "answered"), [(8, [(0.1, 0.1)]), (9, [])])
-def test_eight_pictures_wait_for_another_camera_s(count, answered):
-    left = [("left", 0.1 * k) for k in range(1, count + 1)]
-    assert fed(rig(), *left, ("right", 0.1)) == answered
 
 
 def test_it_says_which_camera_is_missing():
@@ -213,19 +183,13 @@ def test_a_standing_camera_sees_nothing_of_the_arm_s_motion():
     assert of_control.shape == (6, 6) and not of_control.any()
 
 
-def test_cameras_without_kinematics_are_no_rig():
-    made = CameraRig([FeatureObserver(None, frozenset(), name=n) for n in ("left", "right")])
-    views = [o.observe_exact_features(1.0, CAMERA, contour=corners(LEFT.pose(np.zeros(6))))
-             for o in made.observers.values()]  # fmt: skip
-    with pytest.raises(MeasurementError, match="camera right relative to left is unknown"):
-        made.merge_observations(views[0], {"right": views[1]})
-
-
-@pytest.mark.parametrize("known", ["left", "right"])
+@pytest.mark.parametrize("known", ["left", "right", ""])
 def test_where_one_camera_is_tells_nothing_of_another(known):
-    made = CameraRig([FeatureObserver({"left": LEFT, "right": RIGHT}[n] if n == known else None,
-        frozenset(),
-                         name=n) for n in ("left", "right")])  # fmt: skip
+    arms = {"left": LEFT, "right": RIGHT}
+    made = CameraRig([
+        FeatureObserver(arm if name == known else None, frozenset(), name=name)
+        for name, arm in arms.items()
+    ])  # fmt: skip
     joints = JointSample.from_values(1.0, NAMES, np.zeros(6))
     views = [o.observe_exact_features(1.0, CAMERA, joints, contour=corners(LEFT.pose(np.zeros(6))))
              for o in made.observers.values()]  # fmt: skip
@@ -236,7 +200,7 @@ def test_where_one_camera_is_tells_nothing_of_another(known):
 # -- features of cameras -----------------------------------------------------------------------
 
 
-def goal_of(scheme, target=None):
+def goal_of(scheme, target=None, shape=SHAPE):
     """Shown with both cameras."""
     made, q = rig(), np.zeros(6)
 
@@ -246,7 +210,7 @@ def goal_of(scheme, target=None):
         n, p = inside[:3, 2], inside[:3, 3]
         return Plane(*(n / (n @ p)).tolist())
 
-    views = {n: view(o, 1.0, q, plane(o.arm.pose(q))) for n, o in made.observers.items()}
+    views = {n: view(o, 1.0, q, plane(o.arm.pose(q)), shape) for n, o in made.observers.items()}
     shown = made.merge_observations(views["left"], {"right": views["right"]})
     return Goal.teach(scheme, shown, target=target)
 
@@ -265,8 +229,7 @@ def test_the_goal_of_each_camera_is_kept_and_comes_back_from_a_file():
 
 @pytest.mark.parametrize(
     ("name", "rtol"),  # moments tell the depth of a tilted plane to 0.05 %
-    [("points", 1e-4), ("polar_points", 1e-4), ("pose", 1e-4), ("lines", 1e-4), ("area", 1e-3),
-     ("moments_six", 1e-3)],
+    [("points", 1e-4), ("pose", 1e-4), ("moments_six", 1e-3)],
 )
 def test_L_of_another_camera_is_that_of_the_control_camera_s_twist(name, rtol):
     scheme = create_scheme(f"points@left+{name}@right")
@@ -277,11 +240,13 @@ def test_L_of_another_camera_is_that_of_the_control_camera_s_twist(name, rtol):
     q, step = np.array([0.01, -0.02, 0.03, 0.05, -0.04, 0.2]), 1e-6
 
     def measured(pose_change):
-        moved = CameraRig([FeatureObserver(Flying(arm.seat,
-            arm.origin @ exponential(q) @ pose_change),
-                              made.control.needs, compute_plane=goal.cameras[n].compute_plane,
-                              name=n)
-                     for n, arm in (("left", LEFT), ("right", RIGHT))])  # fmt: skip
+        moved = CameraRig([
+            FeatureObserver(
+                FreeBody(arm.origin @ exponential(q) @ pose_change, arm.mounting),
+                made.control.needs, compute_plane=goal.cameras[n].compute_plane, name=n,
+            )
+            for n, arm in (("left", LEFT), ("right", RIGHT))
+        ])  # fmt: skip
         return feature.measure(together(moved, np.zeros(6)), goal)
 
     before = measured(np.eye(4))
@@ -308,8 +273,15 @@ def test_an_older_view_s_features_are_brought_to_the_control_camera_s_exposure()
     assert np.abs(old.s - true.s).max() > 2e-3
     np.testing.assert_allclose(found.s, true.s, atol=1e-4)  # to first order
     np.testing.assert_allclose(found.error, true.error, atol=1e-4)
-    measure = feature.feature.measure  # of a target that moves: 0.02 s of it are still to come
-    feature.feature.measure = lambda *given: replace(measure(*given), error_drift=0.3)
+
+    class Moving(Points):
+        """Points of a target of which 0.02 s of motion are still to come."""
+
+        def measure(self, observation, goal):
+            return replace(super().measure(observation, goal), error_drift=0.3)
+
+    feature = RemoteCameraFeature(Moving(), "right")
+    feature.check(goal)
     moving = feature.measure(together(made, now, then=then), goal)
     np.testing.assert_allclose(moving.s, found.s + 0.02 * 0.3)
 
@@ -372,19 +344,16 @@ def test_a_scheme_says_which_cameras_it_reads():
     [
         ("points@rihgt", "reads the unknown camera 'rihgt': did you mean 'right'"),
         ("points@", "the name of a camera is missing after @"),
-        ("stereo_points@left,", "the name of a camera is missing after @"),
         ("points@left,right", "scheme 'points' reads 1 camera: name one, for example points@l"),
         ("partitioned@left,right", "scheme 'partitioned' reads one camera"),
         ("stereo_points", "'stereo_points' reads 2 cameras: name them, for example stereo_p"),
-        ("points+stereo_pose@left", "'stereo_pose' reads 2 cameras: name them, for example stereo"),
         ("stereo_pose@left,right,wall", "scheme 'stereo_pose' reads 2 cameras: name them"),
     ],
 )
 def test_wrong_names_are_refused(name, words):
-    with pytest.raises(ConfigurationError, match=words) as told:
-        settings = Settings(scheme=name, cameras={"left": {}, "right": {}})
+    settings = Settings(cameras={"left": {}, "right": {}})
+    with pytest.raises(ConfigurationError, match=words):
         settings.list_cameras(create_scheme(name))
-    assert "\n" not in str(told.value)
 
 
 def test_a_goal_of_one_camera_has_no_view_of_another():
@@ -398,9 +367,8 @@ def test_a_stack_needs_of_each_camera_what_its_features_do():
     grey = create_scheme("matches_pose").feature
     stack = Stack([RemoteCameraFeature(Points(), "left"), RemoteCameraFeature(grey, "right")])
     assert stack.cameras == ("left", "right")
-    assert stack.get_needs("", "left") == {Need.CORNERS} and stack.get_needs("right") == {
-        Need.IMAGE
-    }
+    assert stack.get_needs("", "left") == {Need.CORNERS}
+    assert stack.get_needs("right") == {Need.IMAGE}
 
 
 # -- stereo ------------------------------------------------------------------------------------
@@ -416,8 +384,11 @@ def test_L_of_stereo_by_differences(name):
 
     def measured(change):
         seats = (("left", LEFT), ("right", RIGHT))
-        moved = CameraRig([FeatureObserver(Flying(arm.seat, arm.origin @ exponential(q) @ change),
-                              frozenset((Need.CORNERS,)), name=n) for n, arm in seats])  # fmt: skip
+        moved = CameraRig([
+            FeatureObserver(FreeBody(arm.origin @ exponential(q) @ change, arm.mounting),
+                            frozenset((Need.CORNERS,)), name=n)
+            for n, arm in seats
+        ])  # fmt: skip
         return scheme.feature.measure(together(moved, np.zeros(6)), goal)
 
     columns = [
@@ -526,7 +497,7 @@ def test_places_of_a_camera_that_exposed_earlier_are_brought_to_the_control_came
     np.testing.assert_allclose(found.L, true.L, atol=1e-2)
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(3))
 def test_a_rigid_motion_is_that_of_least_squares(seed):
     """As SciPy has it, also of a plane's points, and of a mirrored body, which no turn fits."""
     random = np.random.default_rng(seed)
@@ -554,43 +525,33 @@ def test_a_point_behind_either_of_two_cameras_is_refused(apart):
                        for before, one in ((good, place), (good_there, other))), beside)
 
 
-def test_two_cameras_forget_the_turn_to_which_a_square_was_followed(monkeypatch):
+def test_two_cameras_forget_the_turn_to_which_a_square_was_followed():
     square = 0.04 * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0.0]])
-    monkeypatch.setitem(globals(), "SHAPE", square)
     scheme, made = create_scheme("stereo_points@left,right"), rig()
-    goal = goal_of(scheme)
+    goal = goal_of(scheme, shape=square)
 
-    def places(turn):
+    def measure(turn=0.0, numbered=""):
         q = (0.0, 0.0, 0.0, 0.0, 0.0, turn)
-        left, right = (replace(view(o, 1.0, q), is_numbered=False) for o in made.observers.values())
-        return scheme.feature.measure(made.merge_observations(left, {"right": right}), goal).s
+        left, right = (replace(view(observer, 1.0, q, shape=square),
+                               is_numbered=None if name == numbered else False)
+                       for name, observer in made.observers.items())  # fmt: skip
+        return scheme.feature.measure(made.merge_observations(left, {"right": right}), goal)
 
-    made_of = {n: replace(view(o, 1.0, np.zeros(6)), is_numbered=False)
-               for n, o in made.observers.items()}  # fmt: skip
     for which, open_ in (("", "90°"), ("left", ""), ("right", "")):  # where one knows its corners
-        views = {n: replace(v, is_numbered=None if n == which else False)
-                 for n, v in made_of.items()}  # fmt: skip
-        seen = made.merge_observations(views["left"], {"right": views["right"]})
-        assert scheme.feature.measure(seen, goal).ambiguity == open_
+        assert measure(numbered=which).ambiguity == open_
     scheme.reset()
-    begun = places(1.0)  # a square that is turned by less than half a quarter back
-    followed = [places(turn) for turn in (0.0, 0.5, 1.0)][-1]
+    begun = measure(1.0).s  # a square that is turned by less than half a quarter back
+    followed = [measure(turn).s for turn in (0.0, 0.5, 1.0)][-1]
     assert np.abs(followed - begun).max() > 0.05
     scheme.reset()
-    np.testing.assert_array_equal(places(1.0), begun)
-
-
-class Known(Flying):
-    """Camera kinematics with names of its coordinates and limits, like an arm."""
-
-    names, lower, upper = NAMES, -np.ones(6), np.ones(6)
+    np.testing.assert_array_equal(measure(1.0).s, begun)
 
 
 def test_the_mean_of_views_of_two_cameras_is_that_of_each():
     scheme, made = create_scheme("points@left+points@right"), rig()
     several = 0.02 * np.random.default_rng(4).normal(size=(3, 6))
     views = [together(made, q) for q in several]
-    found = teaching.make_mean_goal(views, scheme, Known(np.eye(4)), "mine", depth=0.4)
+    found = teaching.make_mean_goal(views, scheme, LEFT, "mine", depth=0.4)
     middle = several.mean(axis=0)
     assert found.joints == pytest.approx(dict(zip(NAMES, middle, strict=True)))
     np.testing.assert_allclose(found.world_T_camera, LEFT.pose(middle), atol=1e-12)
@@ -611,7 +572,7 @@ def test_a_goal_of_two_cameras_is_either_s_as_the_control_camera():
     right = goal.other_cameras["right"]
     right = replace(right, camera_name="", other_cameras={"left": goal})
     goal = replace(goal, other_cameras={"right": right})
-    arms = {"left": Known(np.eye(4)), "right": Known(SEAT)}
+    arms = {"left": LEFT, "right": RIGHT}
     for first, second in (("left", "right"), ("right", "left")):
         found = goal.for_cameras({first: arms[first], second: arms[second]})
         assert list(found.cameras) == [first, second] and found.target is target
@@ -647,10 +608,8 @@ def test_a_feature_of_another_camera_is_that_of_the_goal_that_it_is_asked_for():
 
 
 def test_a_goal_of_one_camera_tells_the_others_views_by_the_target_s_geometry():
-    arm, wall = (
-        the_arm(),
-        FixedCameraKinematics(matrix_from_xyz_rpy((0.3, 0.1, 0.9), (3.0, 0.2, -0.1))),
-    )
+    arm = the_arm()
+    wall = FixedCameraKinematics(matrix_from_xyz_rpy((0.3, 0.1, 0.9), (3.0, 0.2, -0.1)))
     alone = the_goal("2016")
     goal = alone.for_cameras({"left": arm, "wall": wall})
     assert list(goal.cameras) == ["left", "wall"]
@@ -666,7 +625,6 @@ def test_a_goal_of_one_camera_tells_the_others_views_by_the_target_s_geometry():
 
 
 def test_an_arm_of_one_camera_is_known_without_its_scheme():
-    """As where somebody else's bag is read."""
     urdf = SOURCES / "aras_visual_servo_gazebo/robots/aras_visual_servo.urdf"
     arm = Settings(scheme="not_here:Theirs").make_arm(urdf.read_text())
     assert arm.camera_frame == "camera_optical_frame"

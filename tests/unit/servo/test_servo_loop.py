@@ -20,18 +20,14 @@ from loop_rig import (
     the_servo,
 )
 
-from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_controller.errors import ConfigurationError
+from aras_visual_servo_controller.features.moments import ImageMoments
 from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.kinematics import Limits
+from aras_visual_servo_controller.kinematics import DifferentialIK, Limits
 from aras_visual_servo_controller.kinematics.joint_sample import JointSample
 from aras_visual_servo_controller.kinematics.task import Task
-from aras_visual_servo_controller.laws.adaptive import Adaptive
 from aras_visual_servo_controller.laws.proportional import Proportional
-from aras_visual_servo_controller.laws.wrappers import ContinuousStart
-from aras_visual_servo_controller.loop.command_integrator import (
-    CommandIntegrator,
-)
+from aras_visual_servo_controller.loop.command_integrator import CommandIntegrator
 from aras_visual_servo_controller.loop.start_approach import StartApproach
 from aras_visual_servo_controller.loop.task_executor import TaskExecutor
 from aras_visual_servo_controller.observation.feature_observer import FeatureObserver
@@ -47,7 +43,7 @@ from aras_visual_servo_controller.records.state import (
     ServoState,
     Source,
 )
-from aras_visual_servo_controller.schemes import JointController
+from aras_visual_servo_controller.schemes import FeatureScheme, JointController
 
 
 def phases(states):
@@ -61,100 +57,16 @@ def speeds(rig):
 
 
 @pytest.mark.parametrize(("year", "latency", "lag"), [("2015", 0.02, 0.02), ("2016", 0.0, 0.05)])
-def test_moments_reach_the_goal(year, latency, lag):
+def test_the_goal_is_reached(year, latency, lag):
     rig = Rig(the_servo(year), STARTS[year], lag=lag, latency=latency)
     last = rig.run(4.0)[-1]
-    assert last.phase == CONVERGED
-    assert last.outcome == "converged"
+    assert (last.phase, last.outcome) == (CONVERGED, "converged")
     distance, angle = rig.missed
-    assert distance < 0.05e-3
-    assert angle < np.radians(0.02)
-    assert rig.settled() < 1.0
+    assert distance < 0.05e-3 and angle < np.radians(0.02)
 
 
-@pytest.mark.parametrize("scheme", ["moments_2016", "points"])
-def test_the_other_schemes_reach_it_too(scheme):
-    goal = the_goal("2016")
-    if scheme == "points":
-        corners = goal.target.boxes[0, [1, 1, 0, 0], [0] * 4], goal.target.boxes[0, [0, 1, 1, 0], 1]
-        square = np.c_[corners[0], corners[1], np.full(4, goal.target.surface)]
-
-        def points(pose):
-            seen = (square - pose[:3, 3]) @ pose[:3, :3]
-            return seen[:, :2] / seen[:, 2:]
-
-        from dataclasses import replace
-
-        goal = replace(goal, features={"points": {"points": points(goal.world_T_camera)}})
-    servo = the_servo("2016", scheme, goal=goal)
-    rig = Rig(servo, STARTS["2016"])
-    if scheme == "points":
-        rig.look = lambda observer, t, joints: observer.observe_exact_features(
-            t, CAMERA, joints, points=points(servo.arm.pose(rig.q)),
-            plane=goal.target.compute_plane(servo.arm.pose(rig.q)),
-        )  # fmt: skip
-    last = rig.run(9.0)[-1]
-    # four corners of a square look alike from four sides
-    assert last.outcome == ("converged" if scheme == "moments_2016" else "converged up to 90°")
-    assert rig.missed[0] < 0.2e-3
-
-
-@pytest.mark.parametrize("law", [Adaptive(), ContinuousStart(Proportional(5.0), 4.0)])
-@pytest.mark.parametrize("scheme", ["moments", "moments_2016"])
-def test_every_scheme_heeds_its_law(scheme, law):
-    def first_twists(law):
-        states = Rig(the_servo("2016", scheme, law), STARTS["2016"]).run(0.2)
-        return np.array([s.desired_twist for s in states])
-
-    plain, other = first_twists(Proportional(5.0)), first_twists(law)
-    assert np.abs(plain[1] - other[1]).max() > 0.1 * np.abs(plain[1]).max()
-    if isinstance(law, ContinuousStart):
-        assert np.abs(other[0]).max() < 1e-9
-        assert np.abs(other[0]).max() < np.abs(other[1]).max() < np.abs(plain[1]).max()
-
-
-@pytest.mark.parametrize("turn", [120.0, -175.0])
-def test_a_target_turned_round_is_not_taken_for_reached(turn):
-    """From J6 turned so far: the paper's alpha, taken modulo pi, would converge 180 degrees off."""
-    start = np.array(the_goal("2016").get_joints(the_arm().names))
-    start[5] += np.radians(turn)
-    rig = Rig(the_servo("2016"), start)
-    states = rig.run(6.0)
-    assert states[0].scheme_output.error[3] == pytest.approx(-np.radians(turn), abs=0.05)
-    assert states[-1].outcome == "converged"
-    assert rig.missed[0] < 0.1e-3
-    assert rig.missed[1] < np.radians(0.05)
-
-
-def test_the_error_is_published_as_measured():
-    rig = Rig(the_servo("2016", options={"smoothing": 0.1}), STARTS["2016"])
-    states = rig.run(1.0)
-    for state in states:
-        decision = state.scheme_output
-        expected = decision.features - decision.desired
-        np.testing.assert_allclose(decision.error, expected, atol=1e-12)
-    filtered = np.array([s.scheme_output.filtered_error for s in states])
-    errors = np.array([s.scheme_output.error for s in states])
-    part = 1.0 - np.exp(-IMAGE_PERIOD / 0.1)
-    np.testing.assert_allclose(filtered[0], errors[0])
-    np.testing.assert_allclose(
-        filtered[1:], filtered[:-1] + part * (errors[1:] - filtered[:-1]), atol=1e-9
-    )
-    depth = rig.servo.goal.distance
-    assert rig.servo.scheme.tolerances == pytest.approx(
-        (0.0025 * depth, 0.0025 * depth, 0.005 * depth, 0.005)
-    )
-
-
-@pytest.mark.parametrize("gain", [1.0, 5.0])
-def test_errors_decay_as_the_gain_says(gain):
-    """Without lag an answer counts from d after its image on, for one period T:
-
-    The tick after an image comes 10, 6.7 or 3.3 ms later; its command is that of the 10 ms before
-    it, and stands for the 10 ms after it (5 on average): d = 1.7 ms.
-
-    e(n+1) = e(n) - gain ((T - d) e(n) + d e(n-1)), hence z^2 - (1 - gain (T - d)) z + gain d = 0.
-    """
+def test_errors_decay_as_the_gain_says(gain=5.0):
+    """e(n+1) = e(n) - gain ((T - d) e(n) + d e(n-1)) with the period T and the mean delay d."""
     # The square with its patch, without the thickness that is no matter of the law's.
     x, y = np.array([[-25, -17.5, -17.5, 7.5, 7.5, 25, 25, -25],
                      [-25, -25, -37.5, -37.5, -25, -25, 25, 25]]) / 1000.0  # fmt: skip
@@ -186,18 +98,6 @@ def test_errors_decay_as_the_gain_says(gain):
 # -- arrival ------------------------------------------------------------------------------------
 
 
-def test_converged_is_left_when_the_target_moves():
-    rig = Rig(the_servo("2016", hold=0.5), STARTS["2016"])
-    assert rig.run(3.0)[-1].phase == CONVERGED
-    rig.servo.goal.world_T_camera.setflags(write=False)
-    rig.q[0] += 0.01
-    rig.target[0] += 0.01
-    rig.servo.integrator.command[0] += 0.01
-    after = [s for s in rig.run(2.0) if s.stamp > 3.0]
-    assert SERVOING in phases(after)
-    assert after[-1].phase == CONVERGED
-
-
 # -- what interrupts it ------------------------------------------------------------------------
 
 
@@ -211,73 +111,15 @@ def test_a_lost_target_brings_the_arm_to_rest_and_the_loop_goes_on():
     rig.look = blind
     states = rig.run(1.2)
     gone = [s for s in states if 0.3 <= s.stamp < 1.0]
-    assert set(phases(gone)) == {HOLDING}
     why = "the target touches the left border"
-    assert {s.reason for s in gone} == {f"target lost at 0.30 s over the left border: {why}"}
-    assert {s.outcome for s in gone} == {"target_lost"}
+    text = f"target lost at 0.30 s over the left border: {why}"
+    assert {(s.phase, s.outcome, s.reason) for s in gone} == {(HOLDING, "target_lost", text)}
     assert {c.reason for c in rig.commands if 0.31 <= c.stamp < 1.0} == {why}
     assert {s.scheme for s in states} == {"FeatureScheme"} and not any(s.fault for s in states)
     still = np.array([c.positions for c in rig.commands if 0.3 + 0.2 <= c.stamp < 1.0])
     np.testing.assert_array_equal(still, np.broadcast_to(still[0], still.shape))
     assert np.abs(speeds(rig)[29]).max() > 0.05  # it was moving
     assert (states[-1].phase, states[-1].outcome) == (SERVOING, "running")
-
-
-def test_coming_to_rest_is_smooth():
-    rig = Rig(the_servo("2016", stop_time=0.2), STARTS["2016"])
-    rig.look = lambda observer, t, joints: (
-        rig.exact(observer, t, joints) if t < 0.3 else lost(rig.exact(observer, t, joints), "gone")
-    )
-    rig.run(0.7)
-    speed = speeds(rig)
-    stopping = speed[29:52]
-    top = np.abs(speed[29]).max()
-    assert (np.diff(np.abs(stopping).max(axis=1)) <= 1e-9).all()
-    assert np.abs(np.diff(stopping, axis=0)).max() <= 0.06 * top  # 0.2 s are twenty ticks
-    np.testing.assert_array_equal(speed[53:], 0.0)
-
-
-def test_the_continuous_start_comes_back_after_the_target_was_lost():
-    law = ContinuousStart(Proportional(2.0), 4.0)
-    rig = Rig(the_servo("2016", law=law), STARTS["2016"])
-    rig.look = lambda observer, t, joints: (
-        lost(rig.exact(observer, t, joints), "gone") if 0.5 <= t < 1.2 else
-        rig.exact(observer, t, joints)
-    )  # fmt: skip
-    states = rig.run(2.0)
-    back = next(s for s in states if s.stamp >= 1.2)
-    assert np.abs(back.scheme_output.error).max() > 0.02
-    assert np.abs(back.desired_twist).max() < 1e-9
-    later = next(s for s in states if s.stamp >= 1.5)
-    assert np.abs(later.desired_twist).max() > 0.005
-
-
-def test_the_watchdog_stops_the_arm_when_no_images_come():
-    rig = Rig(the_servo("2016", law=Proportional(1.0)), STARTS["2016"])
-    rig.run(0.5)
-    rig.next_image = 1.5
-    rig.run(0.9)
-    speed = np.abs(speeds(rig)).max(axis=1)
-    last = rig.states[-1].stamp
-    ticks = np.arange(len(speed)) * TICK
-    assert (speed[(ticks > last + 0.02) & (ticks < last + 0.19)] > 0.005).all()
-    assert (speed[ticks > last + 0.2 + 0.15 + 0.04] == 0.0).all()
-    assert rig.servo.phase == WAITING
-    assert rig.servo.reason == f"no image since {last:.2f} s"
-    assert rig.servo.outcome.kind == "too_few_images"
-    rig.run(0.3)
-    assert rig.states[-1].phase == SERVOING
-
-
-def test_after_the_first_image_the_watchdog_waits_for_its_own_time():
-    """Nobody knows yet how often images come."""
-    rig = Rig(the_servo("2016"), STARTS["2016"])
-    rig.run(0.02)
-    rig.next_image = 10.0
-    rig.run(0.16)
-    assert rig.servo.phase == SERVOING
-    rig.run(0.06)
-    assert rig.servo.phase == WAITING
 
 
 def test_joints_that_cannot_be_measured_stop_the_arm_and_the_command_says_why():
@@ -288,17 +130,6 @@ def test_joints_that_cannot_be_measured_stop_the_arm_and_the_command_says_why():
     command = rig.servo.update(rig.now + TICK, missing_reason="no word of J2")
     assert (command.reason, command.phase) == ("no word of J2", HOLDING)
     assert command.positions.shape == (6,)
-
-
-def test_the_watchdog_waits_for_three_periods_of_a_slow_camera():
-    rig = Rig(the_servo("2016", law=Proportional(0.5)), STARTS["2016"], image_period=0.25)
-    rig.run(2.1)
-    assert rig.servo.phase == SERVOING  # 0.25 s is more than 0.2 s, but less than 0.75 s
-    rig.next_image = 10.0
-    rig.run(0.6)
-    assert rig.servo.phase == SERVOING
-    rig.run(0.3)
-    assert rig.servo.phase == WAITING
 
 
 def test_late_images_and_stamps_of_zero_change_nothing():
@@ -335,7 +166,6 @@ def test_an_image_from_before_the_clock_went_back_is_left_over():
 
 
 def test_the_clock_going_back_begins_anew():
-    """Where the run does not begin at zero: nothing of the first may be left."""
     rig = Rig(the_servo("2015"), STARTS["2015"])
     rig.now = rig.next_tick = rig.next_image = 40.0
     rig.run(1.0)
@@ -344,10 +174,7 @@ def test_the_clock_going_back_begins_anew():
     for each in (again, fresh):
         each.run(1.0)
     np.testing.assert_array_equal(again.joints, fresh.joints)
-    assert [s.phase for s in again.states] == [s.phase for s in fresh.states]
-    np.testing.assert_array_equal(
-        [s.scheme_output.error for s in again.states], [s.scheme_output.error for s in fresh.states]
-    )
+    assert phases(again.states) == phases(fresh.states)
 
 
 def test_stop_start_and_hold():
@@ -391,7 +218,7 @@ def test_waits_without_joints_and_sends_nothing():
     assert servo.update(0.01).positions is None
 
 
-@pytest.mark.parametrize("value", [-1e308, np.nan, 50.0])
+@pytest.mark.parametrize("value", [np.nan, 50.0])
 def test_impossible_joints_are_refused_and_never_sent(value):
     rig = Rig(the_servo("2016"), STARTS["2016"])
 
@@ -409,64 +236,36 @@ def test_impossible_joints_are_refused_and_never_sent(value):
     assert all(each.reason.startswith("the measured position ") for each in (*bad, *held))
     assert not any("speed" in each.reason for each in (*bad, *held))
     commands = np.array([c.positions for c in rig.commands if c.positions is not None])
-    assert np.isfinite(commands).all()
     assert np.abs(commands[:, :5]).max() < 1.0
-    assert states[-1].phase == SERVOING
-
-
-def test_impossible_moments_are_refused():
-    rig = Rig(the_servo("2016"), STARTS["2016"])
-
-    def giant(observer, t, joints):
-        seen = rig.exact(observer, t, joints)
-        if not 0.3 <= t < 0.6:
-            return seen
-        m = seen.moments
-        big = Moments(m.order, m.kind, m.m00, 1e10, m.yg, m.centred)
-        return observer.observe_moments(t, big, True, "", seen.camera, joints)
-
-    rig.look = giant
-    states = rig.run(0.9)
-    bad = [s for s in states if 0.3 <= s.stamp < 0.6]
-    assert set(phases(bad)) == {HOLDING}
-    assert all("implausible moments" in s.reason for s in bad)
     assert states[-1].phase == SERVOING
 
 
 # -- limits ------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("joint", [1, 3])
-def test_the_command_does_not_walk_away_from_a_joint_that_is_held(joint):
+def test_the_command_does_not_walk_away_from_a_joint_that_is_held(joint=3):
     rig = Rig(the_servo("2016"), STARTS["2016"])
     rig.friction = np.where(np.arange(6) == joint, 1e3, 0.0)
-    rig.run(4.0)
-    lead = np.array(
-        [np.abs(c.positions - q) for c, q in zip(rig.commands, rig.joints, strict=True)]
-    )
-    name = rig.servo.arm.names[joint]
-    assert lead[:, joint].max() < 0.05 + 0.1 * 2.0 + 2.0 * 0.15  # and coming to rest
-    if lead[:, joint].max() > 0.05:
-        assert any(f"waiting for {name}" in s.reason for s in rig.states)
-    if name != "J1":  # what J1 does not do, the gantry does
-        assert f"waiting for {name}" in rig.states[-1].reason
-        np.testing.assert_array_equal(speeds(rig)[-100:], 0.0)
-        assert rig.states[-1].phase == SERVOING
+    rig.run(3.0)
+    ahead = [abs(c.positions - q)[joint] for c, q in zip(rig.commands, rig.joints, strict=True)]
+    assert max(ahead) < 0.05 + 0.1 * 2.0 + 2.0 * 0.15  # and coming to rest
+    assert f"waiting for {rig.servo.arm.names[joint]}" in rig.states[-1].reason
+    np.testing.assert_array_equal(speeds(rig)[-100:], 0.0)
+    assert rig.states[-1].phase == SERVOING
 
 
-@pytest.mark.parametrize("period", [0.01, 0.05])
-def test_the_arm_is_resolved_where_it_stands_and_not_where_it_was_sent(period):
+def test_the_arm_is_resolved_where_it_stands_and_not_where_it_was_sent():
     """Held by friction, joints stand elsewhere: the camera is where they are."""
-    servo = the_servo("2016", resolve_period=period)
+    asked = []
+
+    class Watched(DifferentialIK):
+        def solve(self, q, *rest):
+            asked.append(np.abs(rig.q - servo.command).max())
+            np.testing.assert_array_equal(q, rig.q)
+            return super().solve(q, *rest)
+
+    servo = the_servo("2016", ik=Watched)
     rig = Rig(servo, STARTS["2016"], friction=0.02)
-    asked, resolve = [], servo.differential_ik.solve
-
-    def watched(q, *rest):
-        asked.append(np.abs(rig.q - servo.command).max())
-        np.testing.assert_array_equal(q, rig.q)
-        return resolve(q, *rest)
-
-    servo.differential_ik.solve = watched
     rig.run(0.5)
     assert len(asked) > 15 and max(asked) > 0.01
 
@@ -485,14 +284,16 @@ def test_commands_keep_to_their_limits_of_speed_and_acceleration():
     assert (np.abs(np.diff(speed, axis=0)) <= limits.acceleration * TICK * (1 + 1e-6)).all()
 
 
-@pytest.mark.parametrize("begin", [0.0, 40.0])
-def test_a_scheme_is_told_the_time_since_servoing_began(begin):
-    rig = Rig(the_servo("2016"), STARTS["2016"])
+def test_a_scheme_is_told_the_time_since_servoing_began(begin=40.0):
+    told = []
+
+    class Timed(FeatureScheme):
+        def compute(self, observation, goal, t=0.0):
+            told.append((observation.stamp - begin, t))
+            return super().compute(observation, goal, t)
+
+    rig = Rig(the_servo("2016", Timed(ImageMoments(), Proportional(5.0))), STARTS["2016"])
     rig.now = rig.next_tick = rig.next_image = begin
-    told, compute = [], rig.servo.scheme.compute
-    rig.servo.scheme.compute = lambda observation, goal, t: (
-        told.append((observation.stamp - begin, t)) or compute(observation, goal, t)
-    )
     plain = rig.exact
     rig.look = lambda observer, t, joints: (
         lost(plain(observer, t, joints), "gone") if 0.3 <= t - begin < 0.9 else
@@ -504,17 +305,6 @@ def test_a_scheme_is_told_the_time_since_servoing_began(begin):
     back = [t for stamp, t in told if stamp >= 0.9]
     assert back[0] == pytest.approx(0.0, abs=1e-9)  # it came to rest, and begins again
     assert back[1] == pytest.approx(IMAGE_PERIOD, abs=1e-9)
-
-
-def test_reset_forgets_that_it_had_converged():
-    rig = Rig(the_servo("2016", hold=0.3), STARTS["2016"])
-    assert rig.run(2.0)[-1].phase == CONVERGED
-    rig.servo.reset()
-    assert (rig.servo.phase, rig.servo.outcome.kind) == (WAITING, "running")
-    rig.observer.reset()
-    states = [s for s in rig.run(0.5) if s.stamp >= 2.0]
-    assert phases(states)[0] == SERVOING
-    assert phases(states)[-1] == CONVERGED
 
 
 def test_what_a_controller_of_joints_asks_is_slowed_as_a_whole_and_says_why():
@@ -567,14 +357,6 @@ def test_what_is_off_by_just_what_counts_as_arrived_is_there():
     assert approach.compute_command(134.0, 0.0, np.array([0.625, -0.375])).tolist() == [0.5, -0.25]
 
 
-def test_joints_that_stay_behind_at_the_start_are_each_pushed_by_their_own_lead():
-    settings = ServoSettings(start=(0.5, -0.25), arrived=0.125, lead=(0.0625, 0.25))
-    approach = StartApproach(("a", "b"), np.ones(2), settings)
-    for t in range(100):
-        command = approach.compute_command(float(t), 1.0, np.zeros(2))
-    assert command.tolist() == [0.5625, -0.5]
-
-
 def test_how_long_the_way_to_the_start_takes():
     """1.5 ways at three tenths of a speed, of which 1000 at most count; no less than 1 ms."""
     for speed, half in ((2.0, 1.25), (np.inf, 0.0025), (1e9, 0.0025)):
@@ -606,24 +388,6 @@ def test_a_joint_on_the_way_waits_where_it_hangs_and_velocities_are_those_of_the
         if not servo.is_approaching:
             break
     assert moved[0] and not moved[-1] and servo.phase == WAITING
-
-
-def test_reset_forgets_what_held_it_and_the_image_period():
-    seconds = iter(np.arange(0.0, 100.0, 0.5))
-    rig = Rig(the_servo("2016", clock=lambda: next(seconds)), STARTS["2016"])
-    rig.run(0.2)
-    assert "longer than the image period" in rig.states[-1].reason
-    rig.servo.hold("by hand")
-    rig.servo.reset()
-    joints = JointSample.from_values(0.0, rig.servo.arm.names, rig.q)
-    rig.servo.update(0.0, joints)
-    state = rig.servo.process_image(rig.exact(rig.observer, 0.0, joints))
-    assert state.phase == "servoing" and "image period" not in state.reason
-
-
-def test_a_state_without_an_answer_has_no_singular_values():
-    state = ServoState(0.5, "waiting")
-    assert state.singular_values_L.shape == (0,) and state.rank == 0
 
 
 def test_a_time_that_is_not_finite_moves_nothing_and_is_said():
@@ -690,13 +454,15 @@ def test_what_is_waited_for_is_told_with_how_far_it_is_behind():
 
 
 def test_efforts_stay_within_those_of_each_joint():
-    settings = ServoSettings(output="effort", stiffness=(100.0, 200.0), damping=1.0)
+    settings = ServoSettings(output="effort", stiffness=(100.0, 200.0), damping=(4.0, 1.0))
     motion = CommandIntegrator(("a", "b"), None, settings)
     motion.start_at(np.zeros(2))
     for way in (1.0, -1.0):
-        joints = JointSample.from_values(0.5, ("a", "b"), [0.05 * way, 0.3 * way])
+        motion.velocity = np.array([0.5, 0.0]) * way
+        joints = JointSample.from_values(
+            0.5, ("a", "b"), [0.05 * way, 0.3 * way], [0.25 * way, 0.0])
         sent = motion.make_command(0.5, joints, np.array([7.0, 30.0]), "why", SERVOING)
-        assert sent.values == pytest.approx([-5.0 * way, -30.0 * way])
+        assert sent.values == pytest.approx([-4.0 * way, -30.0 * way])
         assert (sent.kind, sent.reason, sent.phase) == ("effort", "why", SERVOING)
         assert sent.positions is None
     assert motion.make_command(0.5, None, np.ones(2), "", WAITING).values is None
@@ -722,7 +488,9 @@ def test_joints_that_are_sent_velocities_go_on_from_where_they_came_to_rest(outp
     first = said.index("")
     assert all("waiting for" in text for text in said[:first])
     motion.start_at(np.zeros(6))
-    while motion.integrate(asked, measured, 0.01):
+    for _ in range(40):
+        if not motion.integrate(asked, measured, 0.01):
+            break
         assert not motion.is_at_rest or (motion.command == measured).all()
     np.testing.assert_allclose(motion.command, measured + 0.01 * asked)
 
@@ -760,67 +528,6 @@ def test_the_command_stops_at_its_limits_by_itself(side, sign):
     assert motion.command[1] == pytest.approx(sign * 0.2)
     motion.integrate(np.full(6, -sign * 0.5), np.full(6, sign * 0.2), 0.01)
     assert motion.command[1] == pytest.approx(sign * 0.195)
-
-
-def test_no_command_crosses_a_position_limit():
-    limits = the_limits(upper={"gantry": 0.02})
-    rig = Rig(the_servo("2016", limits=limits), STARTS["2016"])
-    states = rig.run(2.5)
-    commands = np.array([c.positions for c in rig.commands])
-    assert commands[:, 0].max() <= 0.02 + 1e-12
-    assert commands[:, 0].max() > 0.0199
-    # J1 takes over where the gantry ends
-    assert any("gantry" in s.reason for s in states) or states[-1].phase == CONVERGED
-
-
-def test_the_answer_is_the_same_however_often_it_ticks():
-    ends = []
-    for step in (0.01, 0.002):
-        import loop_rig
-
-        before, loop_rig.TICK = loop_rig.TICK, step
-        try:
-            rig = Rig(the_servo("2016"), STARTS["2016"])
-            rig.run(0.6)
-        finally:
-            loop_rig.TICK = before
-        ends.append(rig.q)
-    np.testing.assert_allclose(*ends, atol=5e-3)
-
-
-def test_delay_is_simulated_time():
-    # the first image is answered at the tick after it, or at the one after the delay
-    rigs = [Rig(the_servo("2016", delay=delay), STARTS["2016"]) for delay in (0.0, 0.1)]
-    for rig in rigs:
-        rig.run(0.3)
-    began = [np.flatnonzero(np.abs(speeds(rig)).max(axis=1) > 1e-9)[0] * TICK for rig in rigs]
-    assert began[0] == pytest.approx(0.0, abs=1e-9)
-    assert began[1] == pytest.approx(0.09, abs=1e-9)
-
-
-def test_velocity_and_effort_outputs():
-    for output in ("velocity", "effort"):
-        stiffness = {"stiffness": 100.0, "damping": 2.0} if output == "effort" else {}
-        servo = the_servo("2016", output=output, **stiffness)
-        plain = the_servo("2016")
-        rig, twin = Rig(servo, STARTS["2016"]), Rig(plain, STARTS["2016"])
-        for t in np.arange(0.0, 0.3, 0.01):
-            joints = JointSample.from_values(t, servo.arm.names, rig.q, 0.1 * np.ones(6))
-            one, two = servo.update(t, joints), plain.update(t, joints)
-            if t == 0.0:
-                servo.process_image(rig.exact(rig.observer, t, joints))
-                plain.process_image(twin.exact(twin.observer, t, joints))
-                before = two.positions
-                continue
-            assert one.positions is None and one.kind == output
-            velocity = (two.positions - before) / 0.01
-            before = two.positions
-            if output == "velocity":
-                np.testing.assert_allclose(one.values, velocity, atol=1e-9)
-            else:
-                expected = 100.0 * (two.positions - rig.q) + 2.0 * (velocity - 0.1)
-                np.testing.assert_allclose(one.values, expected, atol=1e-6)
-        assert np.abs(velocity).max() > 0.01 or t > 0.2
 
 
 def test_efforts_that_could_push_nothing_are_refused():
@@ -910,21 +617,37 @@ def test_a_start_while_it_servoes_begins_anew():
     assert 0.0 < np.abs(rig.servo.integrator.velocity).max() < before
 
 
-def test_velocities_that_fail_between_images_hold_the_arm_at_once():
-    rig = Rig(the_servo("2016"), STARTS["2016"])
-    rig.run(0.3)
-    for error in (ValueError("no"), ZeroDivisionError("by zero"), np.linalg.LinAlgError("none")):
-        def fail(*given, error=error):
-            raise error
+class Failing(DifferentialIK):
+    """Raises an error, or answers what no joint can do."""
 
-        rig.servo.differential_ik.solve, resolve = fail, rig.servo.differential_ik.solve
+    error = velocities = None
+
+    def solve(self, *given):
+        if self.error is not None:
+            raise self.error
+        solution = super().solve(*given)
+        return solution if self.velocities is None else replace(
+            solution, velocities=self.velocities)
+
+
+def test_velocities_that_fail_between_images_hold_the_arm_at_once():
+    rig = Rig(the_servo("2016", ik=Failing), STARTS["2016"])
+    rig.run(0.3)
+    ik = rig.servo.differential_ik
+    for error in (ValueError("no"), ZeroDivisionError("by zero"), np.linalg.LinAlgError("none")):
+        ik.error = error
         joints = JointSample.from_values(rig.now + 0.02, rig.servo.arm.names, rig.q)
         command = rig.servo.update(rig.now + 0.02, joints)
         assert (command.phase, command.reason) == (HOLDING, str(error))
         assert rig.servo.integrator.command is not None and rig.servo.executor.task is None
-        rig.servo.differential_ik.solve = resolve
+        ik.error = None
         rig.run(0.3)
         assert rig.servo.phase == SERVOING
+    ik.velocities = np.array([0.1, 0.0, np.nan, 0.0, 0.0, 0.0])
+    rig.run(0.2)
+    assert rig.servo.phase == HOLDING
+    assert rig.servo.reason == "the joint velocities are not finite"
+    assert all(np.isfinite(command.positions).all() for command in rig.commands)
 
 
 @pytest.mark.parametrize(("seconds", "slow"), [(0.25, False), (0.2501, True)])
@@ -936,17 +659,26 @@ def test_a_scheme_may_take_a_whole_image_period(seconds, slow):
         joints = JointSample.from_values(t, servo.arm.names, rig.q)
         servo.update(t, joints)
         state = servo.process_image(rig.exact(rig.observer, t, joints))
-    assert ("longer than the image period" in state.reason) is slow
+    assert state.computation_time == pytest.approx(seconds)
+    text = f"took {seconds:.3f} s, longer than the image period of 0.250 s"
+    assert (text in state.reason) is slow
+    servo.stop("enough")
+    state = servo.process_image(rig.exact(rig.observer, 1.5, joints))
+    assert state.computation_time == 0.0
 
 
-def test_the_watchdog_s_time_is_over_when_it_is_longer():
+@pytest.mark.parametrize(("stamps", "patience"), [((1.0,), 0.25), ((0.5, 1.0), 1.5)])
+def test_the_watchdog_waits_for_its_time_or_three_image_periods(stamps, patience):
     servo = the_servo("2016", watchdog=0.25, longest_step=9.0)
     rig = Rig(servo, STARTS["2016"])
-    joints = JointSample.from_values(1.0, servo.arm.names, rig.q)
-    servo.update(1.0, joints)
-    servo.process_image(rig.exact(rig.observer, 1.0, joints))
-    for t, phase in ((1.0625, SERVOING), (1.3125, SERVOING), (1.328125, WAITING)):
-        servo.update(t, JointSample.from_values(t, servo.arm.names, rig.q))  # answered at the first
+    for stamp in stamps:
+        joints = JointSample.from_values(stamp, servo.arm.names, rig.q)
+        servo.update(stamp, joints)
+        servo.process_image(rig.exact(rig.observer, stamp, joints))
+    answered = 1.0625
+    for t, phase in ((0.0, SERVOING), (patience, SERVOING), (patience + 1 / 64, WAITING)):
+        t += answered
+        servo.update(t, JointSample.from_values(t, servo.arm.names, rig.q))
         assert servo.phase == phase
 
 
@@ -990,31 +722,25 @@ def test_a_state_that_was_read_back_tells_what_its_resolution_does():
         a_solution(np.eye(6)), desired_twist=np.arange(6.0), achieved_twist=np.arange(6.0) / 2.0,
         recorded_singular_values=(np.array([3.0, 0.5]), np.array([1.0])),
     )
+    state = ServoState(0.5, "waiting")
+    assert state.singular_values_L.shape == (0,) and state.rank == 0
     state = ServoState(0.5, SERVOING, ik_solution=resolution)
     assert state.desired_twist is resolution.desired_twist
     assert state.achieved_twist is resolution.achieved_twist
     assert state.singular_values_L is resolution.singular_values_L and state.rank == 2
     bare = ServoState(0.5, WAITING)
     assert bare.desired_twist.tolist() == [0.0] * 6 and bare.names == () and bare.error is None
-    assert (bare.outcome, bare.computation_time, bare.has_processed_image) == (
-        "running",
-        0.0,
-        False,
-    )
+    assert (bare.outcome, bare.computation_time) == ("running", 0.0)
+    assert not bare.has_processed_image
     sent = Command(0.5, ("a",), np.ones(1))
     assert sent.positions is sent.values and (sent.reason, sent.phase) == ("", "")
 
 
 def test_where_images_come_from_in_words():
     plain, whole = Source(), Source("features", "/eye", "the camera node")
-    assert (
-        plain.describe_silence() == "no image"
-        and plain.describe_silence(142.066) == "no image since 142.07 s"
-    )
+    assert plain.describe_silence() == "no image"
+    assert plain.describe_silence(142.066) == "no image since 142.07 s"
     assert whole.describe_silence() == "no features on /eye (is the camera node running?)"
     same = "(check that both use the same use_sim_time)"
     assert plain.describe_stamp_lead(1.5) == f"image are stamped 1.50 s ahead of the clock {same}"
-    assert (
-        whole.describe_stamp_lead(1.5)
-        == f"features on /eye are stamped 1.50 s ahead of the clock {same}"
-    )
+    assert whole.describe_stamp_lead(1.5).startswith("features on /eye are stamped 1.50 s ahead")

@@ -1,4 +1,4 @@
-"""Solid targets: servoing by the pose of a mesh, and errors."""
+"""Solid targets: servoing by a mesh's pose, by a silhouette, and by a link of the world."""
 
 import sys
 from pathlib import Path
@@ -11,22 +11,15 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "camera"))
 
 from tracking_scenes import corners_of, write_obj
 
-from aras_visual_servo_base.poses import inverse, matrix_from_xyz_rpy
+from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.runner.loop import run
 from aras_visual_servo_bench.setup.assembly import assemble
-from aras_visual_servo_bench.targets.rendering import render_target
-from aras_visual_servo_bench.targets.solids import read_solid_target
+from aras_visual_servo_bench.targets.geometry import PoseHistory
 from aras_visual_servo_bench.targets.target_factory import make_target
-from aras_visual_servo_camera.model_tracker import ModelTracking
-from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.settings import Settings
-
-# A camera with fx != fy whose lens bends lines by up to 20 px.
-BENT = CameraModel(640, 480, (610.0, 0, 331.3, 0, 560.0, 228.7, 0, 0, 1),
-                   (-0.28, 0.09, 0.002, -0.0015, 0.0))  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -52,65 +45,25 @@ def flying(mesh, **more):
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("scheme", ["model", "numbered_points"])
-def test_schemes_of_poses_and_points_go_to_a_solid(meshes, scheme):
-    result = run(
-        flying(meshes["bracket"], calibration_offset={"centre": [0.4, -0.3]}).with_changes(
-            scheme=scheme
-        )
-    )
+def test_points_of_a_solid_lead_to_it(meshes):
+    asked = flying(meshes["bracket"], calibration_offset={"centre": [0.4, -0.3]})
+    result = run(asked.with_changes(scheme="numbered_points"))
     assert result.converged
-    assert result.verdict.distance < 3e-4
-    assert result.verdict.angle < 1e-3
+    assert result.verdict.distance < 3e-4 and result.verdict.angle < 1e-3
 
 
 def test_the_arm_goes_to_a_solid_on_its_table(meshes):
+    """From a rough start of the tracker, with depth images."""
     target = {"shape": meshes["bracket"], "pose": [0.0, 0.0, 0.5905, 0.0, 0.0, 0.3]}
     starts = {"height": [0.2, 0.3], "side": 0.04, "turn": 0.7, "tilt": 0.15, "margin": 4}
-    result = run(Experiment(target=target, scheme="pose", start=starts, seed=3, duration=12.0))
+    rough = {"pose": [0.004, -0.003, 0.5925, 0.02, 0.0, 0.33]}
+    result = run(Experiment(
+        target=target, scheme="pose", start=starts, seed=3, duration=12.0,
+        controller_parameters={"model_start": rough, "depth_image": True},
+    ))  # fmt: skip
     assert result.outcome.startswith("converged")
     assert result.verdict.distance < 2e-4
     assert result.verdict.angle < 1e-3
-
-
-def test_a_start_that_is_rough_and_depth_images_do(meshes):
-    wrong = {"model_start": {"pose": [0.004, -0.003, 0.003, 0.02, 0.0, 0.03]}, "depth_image": True}
-    target = {"shape": meshes["box"], "pose": [0.0, 0.0, 0.5905, 0.0, 0.0, 0.3]}
-    start = {"pose": [0.004, -0.003, 0.5925, 0.02, 0.0, 0.33]}
-    asked = Experiment(
-        target=target, scheme="pose", controller_parameters={**wrong, "model_start": start}
-    )
-    assert run(asked).verdict.distance < 2e-4
-
-
-def test_a_lens_is_taken_off(meshes):
-    target, tracking = read_solid_target(Path(meshes["bracket"])), None
-    tracking = ModelTracking(target.solid)
-    # far from the middle
-    target_T_camera = matrix_from_xyz_rpy((0.14, -0.24, 0.28), (-2.45, 0.1, 0.3))
-    true = inverse(target_T_camera)
-    picture = render_target(target, BENT, target_T_camera)
-    tracking.start(matrix_from_xyz_rpy((0.002, -0.001, 0.003), (0.01, -0.01, 0.012)) @ true)
-    found = tracking.track(np.ascontiguousarray(picture), BENT)
-    assert not found.loss_reason
-    assert np.abs(found.camera_T_solid - true).max() < 3e-4
-    assert found.residual < 0.1
-
-
-@pytest.mark.parametrize("off", [(5.5e-4, 0, 0), (-5.5e-4, 2e-4, 0), (0, 5e-4, 0)])
-def test_a_wrong_pose_with_which_most_edges_agree_is_left(meshes, off):
-    """Square from above all but the edges along x agree with a shift along x."""
-    small = CameraModel(320, 240, (102.7, 0, 159.5, 0, 102.7, 119.5, 0, 0, 1))
-    target_T_camera = matrix_from_xyz_rpy((0.0, 0.0, 0.25), (np.pi, 0.0, 0.0))
-    target, true = read_solid_target(Path(meshes["box"])), inverse(target_T_camera)
-    picture = np.ascontiguousarray(render_target(target, small, target_T_camera))
-    tracking = ModelTracking(target.solid)
-    tracking.start(true)
-    tracking.track(picture, small)
-    found = tracking.track(picture, small, matrix_from_xyz_rpy(off, (0.0, 0.0, 0.0)) @ true)
-    assert not found.loss_reason
-    assert np.linalg.norm((found.camera_T_solid - true)[:3, 3]) < 5e-5
-    assert np.sqrt(np.linalg.eigvalsh(found.covariance[:3, :3])[-1]) < 2e-4
 
 
 @pytest.mark.parametrize(("name", "why"), [
@@ -162,10 +115,8 @@ def marked(tmp_path_factory):
     cv2.imwrite(str(folder / "tag.png"), make_target("marker", (MARKED, MARKED)).pixels)
     with path.with_suffix(".mtl").open("a") as file:
         file.write("\nnewmtl tag\nKd 1 1 1\nmap_Kd tag.png\n")
-    turn, flat = (
-        matrix_from_xyz_rpy(*TAG),
-        0.5 * MARKED * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]),
-    )
+    turn = matrix_from_xyz_rpy(*TAG)
+    flat = 0.5 * MARKED * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
     corners = np.column_stack([flat, np.zeros(4)]) @ turn[:3, :3].T + turn[:3, 3]
     # A closed slab of 0.2 mm, so that the solid is two closed parts.
     ring = [*corners, *(corners - (0.0, 0.0, 2e-4))]
@@ -192,3 +143,184 @@ def test_a_marker_on_it_tells_where_it_is_at_first(marked):
     write_obj(Path(gone.target.shape), [(corners_of("box"), 0.6)])
     with pytest.raises(ExperimentError, match="no marker of .* is in view"):
         assemble(gone)
+
+
+# -- solids servoed by silhouette moments, segmented by label, colour and grey level ------------
+
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "camera"))
+
+
+
+ROUND = "gravity_centre_normalised+area_normalised"  # of what has no main axis
+LABEL = {"method": "label"}
+LEVEL = 0.59  # m, of the table's top
+SIZES = {"box": [0.08, 0.05, 0.06], "sphere": [0.06, 0.06, 0.06]}
+
+
+def on_the_table(shape, segmentation, seed=4, **more):
+    """The arm above a solid, aside from its middle, at most 0.2 m nearer or farther."""
+    size = SIZES.get(shape)
+    at = LEVEL + 5e-4 + (size[2] / 2 if size else 0.0)
+    target = {"shape": shape, "pose": [0.0, 0.0, at, 0.0, 0.0, 0.3]}
+    if size:
+        target["size"] = size
+    return Experiment(**{
+        "target": target, "controller_parameters": {"segmentation": segmentation}, "gain": 2.0,
+        "duration": 12.0,
+        "goal": {"pose": [0.03, -0.02, LEVEL + 0.3, np.pi, 0.0, 0.0]}, "seed": seed,
+        "start": {"height": [0.28, 0.4], "side": 0.05, "turn": 0.6, "margin": 4}, **more,
+    })  # fmt: skip
+
+
+def test_a_primitive_is_reached_by_its_labels_silhouette():
+    result = run(on_the_table("sphere", LABEL, scheme=ROUND))
+    assert result.outcome.startswith("converged")
+    assert result.verdict.distance < 1.5e-4
+    assert result.verdict.angle < np.radians(0.3)
+
+
+def test_a_red_box_is_reached_by_its_colour(tmp_path):
+    path = write_obj(tmp_path / "red.obj", [(corners_of("box"), 0.6)])
+    path.with_suffix(".mtl").write_text("newmtl m0\nKd 0.7 0.1 0.1\n")
+    red = {"method": "colour", "colour_low": [170, 100, 30], "colour_high": [10, 255, 255]}
+    result = run(on_the_table(str(path), red, scheme="moments"))
+    assert result.outcome.startswith("converged")
+    assert result.verdict.distance < 3e-4
+    assert result.verdict.angle < np.radians(0.3)
+
+
+def test_a_flying_camera_with_a_lens_tells_by_label():
+    asked = on_the_table(
+        "box", LABEL, plant="free", features="images", scheme="moments", gain=2.0,
+        camera="calibrated", start={"pose": [0.06, -0.05, LEVEL + 0.37, 3.1, 0.04, 0.4]})
+    result = run(asked)
+    assert result.outcome.startswith("converged")
+    assert result.verdict.distance < 1.5e-4
+
+
+def test_where_no_plane_fits_it_is_said_before_the_run():
+    tall = on_the_table("box", LABEL, plant="free", features="images").with_changes(
+        target={"shape": "box", "size": [0.08, 0.05, 0.24], "pose": [0.0] * 6},
+        goal={"pose": [0.03, 0.03, 0.34, np.pi - 0.3, 0.1, 0.0]})
+    with pytest.raises(ExperimentError, match=r"visible outline of box.*22 %.*'model'"):
+        assemble(tall)
+    assemble(tall.with_changes(scheme="pose")).plant.close()
+
+
+def segmented(**segmentation):
+    """Return the changes of an experiment whose target is segmented in this way."""
+    return {"controller_parameters": {"segmentation": segmentation}}
+
+
+@pytest.mark.parametrize(("changes", "why"), [
+    (segmented(method="labels"), "segmentation.method is 'labels': did you mean 'label'"),
+    (segmented(component="mask"), "is for the camera node"),
+    (segmented(method="label", label="targt"), "no link has the label 'targt': did you mean 'targ"),
+    ({"plant": "free", "features": "images", **segmented(method="colour")},
+     "images of plant 'free' are grey"),
+    ({"target": {"shape": "box", "size": [0.1, 0.1], "pose": [0, 0, 0.6, 0, 0, 0]}},
+     "must be three lengths, along x, y and z"),
+    ({"target": {"shape": "square", "size": [0.1] * 3, "pose": [0, 0, 0.6, 0, 0, 0]}},
+     "must be two lengths"),
+])  # fmt: skip
+def test_what_cannot_be_is_said_in_one_line(changes, why):
+    with pytest.raises(ExperimentError, match=why):
+        assemble(on_the_table("box", LABEL, scheme="moments").with_changes(**changes))
+
+
+# -- a link of a model in a world file as the target --------------------------------------------
+
+
+PLANE = "<geometry><plane><normal>0 0 1</normal></plane></geometry>"
+BOX = "<geometry><box><size>{}</size></box></geometry>"
+LOOKS = "<material><ambient>0.7 0.1 0.1 1</ambient><diffuse>0.7 0.1 0.1 1</diffuse></material>"
+SIZE = "0.08 0.05 0.06"
+WORLD = f"""<?xml version="1.0"?>
+<sdf version="1.6"><world name="a">
+<light name="sun" type="directional">
+  <direction>-0.3 0.2 -1</direction><diffuse>0.8 0.8 0.8 1</diffuse>
+</light>
+<model name="ground_plane"><static>1</static><link name="link">
+  <collision name="c">{PLANE}</collision><visual name="v">{PLANE}</visual></link></model>
+<model name="crate"><pose>0.02 0.01 HEIGHT 0 0 0.4</pose>
+  <link name="body"><pose>0 0 0 0 0 0.2</pose>
+    <inertial><mass>0.5</mass>
+      <inertia><ixx>0.001</ixx><iyy>0.001</iyy><izz>0.001</izz></inertia></inertial>
+    <collision name="c">{BOX.format(SIZE)}</collision>
+    <visual name="v">{BOX.format(SIZE)}{LOOKS}</visual></link>
+  MORE
+</model></world></sdf>"""
+LID = f"""<link name="lid"><pose>0.3 0 0 0 0 0</pose>
+  <visual name="v">{BOX.format('0.05 0.05 0.01')}</visual></link>
+  <joint name="j" type="fixed"><parent>body</parent><child>lid</child></joint>"""
+
+
+@pytest.fixture
+def world(tmp_path):
+    """Writes the world with the crate's middle at a height, m, and more in its model."""
+    def written(height=0.6205, more=""):
+        path = tmp_path / f"{height}.world"
+        path.write_text(WORLD.replace("HEIGHT", str(height)).replace("MORE", more))
+        return str(path)
+    return written
+
+
+def before(world, **more):
+    return Experiment(**{
+        "world": world, "target": {"model": "crate"}, "gain": 2.0, "duration": 10.0,
+        "scheme": "moments", "controller_parameters": {"segmentation": {"method": "label"}},
+        "goal": {"pose": [0.03, -0.02, 0.89, np.pi, 0.0, 0.0]}, "seed": 2,
+        "start": {"height": [0.28, 0.4], "side": 0.05, "turn": 0.6, "margin": 4}, **more,
+    })  # fmt: skip
+
+
+def test_a_crate_of_the_world_that_falls_is_followed(world):
+    """That the arm goes there, docs/solid_targets.md shows."""
+    height = 0.64
+    result = run(before(world(height), duration=0.6))
+    first, last = (result.target.world_T_target(time) for time in (0.0, 8.0))
+    assert first[:3, 3] == pytest.approx([0.02, 0.01, height], abs=1e-6)
+    assert last[:3, 3] == pytest.approx([0.02, 0.01, 0.62], abs=1e-3)  # on the table
+    # The root's frame is the model's own.
+    assert np.arctan2(last[1, 0], last[0, 0]) == pytest.approx(0.4, abs=1e-3)
+    fallen = height - last[2, 3]  # the goal falls with it
+    assert result.goal_pose[2, 3] == pytest.approx(0.89 - fallen, abs=1e-5)
+
+
+def test_its_pose_can_be_tracked(world):
+    result = run(before(world(), scheme="model"))
+    assert result.outcome.startswith("converged")
+    assert result.verdict.distance < 5e-4 and result.verdict.angle < 5e-3
+
+
+def test_a_course_tells_the_last_pose_before_a_time():
+    course, one, other = PoseHistory(), np.eye(4), 2.0 * np.eye(4)
+    assert course.find_pose(1.0) is None
+    course.add(0.5, one)
+    course.add(0.6, one.copy())
+    course.add(0.7, other)
+    assert course.find_pose(0.4) is None
+    assert course.find_pose(0.5) is one and course.find_pose(0.699) is one
+    assert course.find_pose(0.7) is other and course.find_pose(9.0) is other
+
+
+@pytest.mark.parametrize(("target", "more", "why"), [
+    ({"model": "crat"}, "", "there is no model 'crat' in world .*did you mean 'crate'"),
+    ({"model": "crate", "link": "bod"}, "", "has no link 'bod' with visuals: did you mean 'body'"),
+    ({"model": "crate"}, LID, "has 2 links with visuals .body, lid.; name the target's"),
+    ({"model": "ground_plane"}, "", "target: ground_plane::link is not a closed surface"),
+])  # fmt: skip
+def test_a_link_that_is_not_there_is_named(world, target, more, why):
+    with pytest.raises(ExperimentError, match=why):
+        assemble(before(world(0.6205, more), target=target))
+
+
+@pytest.mark.parametrize(("changes", "why"), [
+    ({"world": ""}, "world is not set: set world to the path or name of the file"),
+    ({"plant": "free", "world": ""}, "only plant bullet has a world"),
+    ({"target": {"model": "crate", "shape": "square"}}, "has the link's shape"),
+])  # fmt: skip
+def test_what_a_link_cannot_be_is_said(world, changes, why):
+    with pytest.raises(ExperimentError, match=why):
+        before(world()).with_changes(**changes)

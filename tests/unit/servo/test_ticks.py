@@ -18,16 +18,15 @@ class Joined(Bench):
 
     def __init__(self, **given):
         super().__init__(**given)
-        self.ticks, self.one_by_one = CompiledUpdates(self.driver), self.driver.add_joint_state
-        self.driver.add_joint_state, self.answered = self.answer, 0
+        self.ticks, self.answered = CompiledUpdates(self.driver), 0
 
-    def answer(self, names, positions, velocities, stamp):
+    def tell(self, names, positions, velocities, stamp):
         state = self.ticks.make_loop()
         q, v = np.array(positions), np.array(velocities)
         if state is None or (became := process_joint_state(q, v, stamp, state)) == NEEDS_PYTHON:
             if state is not None:
                 self.ticks.apply_results([], np.empty((0, 3, 6)))
-            self.one_by_one(names, positions, velocities, stamp)
+            super().tell(names, positions, velocities, stamp)
             return
         command = self.ticks.command.copy()
         self.ticks.apply_results([stamp], np.array([[q, v, command]]))
@@ -41,7 +40,7 @@ def jump(bench):
     bench.step(40)
     (_, before), (_, now) = bench.sent[-2:]
     bench.q = bench.q + 0.3 * np.sign(now.values - before.values)
-    bench.driver.add_joint_state(bench.arm.names, bench.q, np.zeros(6), bench.t + 0.001)
+    bench.tell(bench.arm.names, bench.q, np.zeros(6), bench.t + 0.001)
     bench.step(60)
 
 
@@ -49,7 +48,7 @@ def implausible(bench):
     bench.step(90)
     bench.step(5, position=1e9)
     bench.step(60)
-    bench.driver.add_joint_state(bench.arm.names, bench.q, np.full(6, 1e9), bench.t + 0.001)
+    bench.tell(bench.arm.names, bench.q, np.full(6, 1e9), bench.t + 0.001)
     bench.step(60)
 
 
@@ -87,11 +86,9 @@ def late(bench):
 def seldom(bench):
     """Joint states come 0.16 s apart, and a step is 0.1 s at most."""
     bench.step(61)
-    check, bench.driver.check_timeouts = bench.driver.check_timeouts, lambda: None
-    bench.joints = bench.images = False
+    bench.joints = bench.images = bench.is_watched = False
     bench.step(13)
-    bench.joints = bench.images = True
-    bench.driver.check_timeouts = check
+    bench.joints = bench.images = bench.is_watched = True
     bench.step(60)
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import yaml
 from loop_rig import CAMERA, STARTS, Rig, lost, the_arm, the_goal, the_servo
 
 from aras_visual_servo_controller.goals.goal import Goal
@@ -16,12 +17,10 @@ from aras_visual_servo_controller.observation.observation import SEGMENTED, Need
 from aras_visual_servo_controller.schemes import create_scheme
 
 EXAMPLES = Path(__file__).parents[3] / "docs" / "examples"
-NAMES = {
-    "own_corners:OwnCorners": None,
-    "photometric:Photometric": None,
-    "second_order:SecondOrder": None,
-    "joint_mpc:JointMPC": None,
-}
+NAMES = (
+    "own_corners:OwnCorners", "photometric:Photometric", "second_order:SecondOrder",
+    "joint_mpc:JointMPC",
+)  # fmt: skip
 
 
 @pytest.fixture(autouse=True)
@@ -55,8 +54,6 @@ def taught(scheme):
     joints = JointSample.from_values(0.0, names, known.get_joints(names))
     seen = look(FeatureObserver(the_arm(), scheme.needs | {Need.MOMENTS}), 0.0, joints)
     goal = Goal.teach(scheme, seen, "mine.yaml", depth=known.depth)
-    import yaml
-
     goal = Goal.from_mapping(yaml.safe_load(goal.to_yaml("taught")), "mine.yaml")
     return replace(goal, target=known.target)
 
@@ -66,21 +63,15 @@ def closed(name, start, **options):
     return Rig(the_servo(scheme=scheme, goal=taught(scheme), **options), start, look=look)
 
 
-@pytest.mark.parametrize(
-    ("name", "part", "seconds", "distance", "angle"),
-    [
-        ("own_corners:OwnCorners", 1.0, 5.0, 0.5e-3, 0.5),
-        ("second_order:SecondOrder", 1.0, 5.0, 0.2e-3, 0.1),
-        ("joint_mpc:JointMPC", 1.0, 5.0, 0.1e-3, 0.1),
-    ],
-)
-def test_the_goal_is_reached(name, part, seconds, distance, angle):
+@pytest.mark.parametrize(("name", "distance", "angle"), [
+    ("own_corners:OwnCorners", 0.5e-3, 0.5), ("second_order:SecondOrder", 0.2e-3, 0.1),
+    ("joint_mpc:JointMPC", 0.1e-3, 0.1),
+])  # fmt: skip
+def test_the_goal_is_reached(name, distance, angle):
     """Photometric needs pictures; bench/test_user_schemes_run has it."""
-    goal = np.array(the_goal("2016").get_joints(the_arm().names))
-    start = goal + part * (np.array(STARTS["2016"]) - goal)
-    rig = closed(name, start)
-    last = rig.run(seconds)[-1]
-    assert last.phase == "converged", (last.reason, last.scheme_output and last.scheme_output.error)
+    rig = closed(name, STARTS["2016"], hold=0.5)
+    last = rig.run(3.0)[-1]
+    assert last.phase == "converged", last.reason
     assert rig.missed[0] < distance
     assert rig.missed[1] < np.radians(angle)
     assert last.outcome == "converged"
@@ -109,29 +100,6 @@ def test_a_scheme_with_its_own_eyes_decides_itself_what_is_valid():
         "own_corners: no dark shape in the image"
     }
     assert states[-1].phase == "servoing"
-
-
-def test_the_photometric_task_is_reduced_and_its_gradient_right():
-    scheme = create_scheme("photometric:Photometric")
-    goal = taught(scheme).for_arm(the_arm())
-    scheme.check(goal)
-    names = the_arm().names
-    q = goal.get_joints(names)
-    observer = FeatureObserver(the_arm(), scheme.needs)
-    seen = look(observer, 0.0, JointSample.from_values(0.0, names, q))
-    assert scheme.compute(seen, goal, 0.0).features[0] < 0.2
-    moved = q + 0.001 * np.array([1.0, 0.5, 0.1, 0.2, -0.3, 0.4])
-    decision = scheme.compute(
-        look(observer, 0.1, JointSample.from_values(0.1, names, moved)), goal, 0.1
-    )
-    assert decision.task.L.shape == (6, 6)
-    # the way back, to first order: the camera's motion that the joints made
-    back = -5.0 * the_arm().jacobian(q) @ (moved - q)
-    asked = decision.task.twist
-    weights = np.array([1, 1, 1, 0, 0, 0.1])
-    alike = (asked * weights) @ (back * weights)
-    alike /= np.linalg.norm(asked * weights) * np.linalg.norm(back * weights)
-    assert alike > 0.9
 
 
 def test_the_second_orders_limits_hold():

@@ -201,12 +201,15 @@ class TwoAndHalfD(RelativePose):
         return np.array([x, y, np.log(Z), *turn]), np.vstack([L_point, L_depth, L_turn])
 
 
-def estimate_planar_pose(object_points: np.ndarray, points: np.ndarray) -> np.ndarray:
+def estimate_planar_pose(
+    object_points: np.ndarray, points: np.ndarray, iterations: int = MAX_ITERATIONS
+) -> np.ndarray:
     """Compute the pose c_T_g (4, 4) of coplanar points.
 
     Args:
         object_points: (n, 3) points in frame g, m.
         points: (n, 2) their normalised image points.
+        iterations: maximum number of refinements; 0 for the pose of the homography alone.
 
     Raises:
         MeasurementError: the points do not determine a pose.
@@ -229,7 +232,7 @@ def estimate_planar_pose(object_points: np.ndarray, points: np.ndarray) -> np.nd
     U, _, Vt = np.linalg.svd(np.column_stack([H[:, 0], H[:, 1], np.cross(H[:, 0], H[:, 1])]))
     # R is a rotation, because the decomposed matrix has a positive determinant
     R = U @ Vt @ frame.T
-    return refine_pose(R, H[:, 2] - R @ middle, object_points, points)
+    return refine_pose(R, H[:, 2] - R @ middle, object_points, points, iterations)
 
 
 def _estimate_homography(plane_points: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -246,10 +249,11 @@ def _estimate_homography(plane_points: np.ndarray, points: np.ndarray) -> np.nda
 
 
 def refine_pose(
-    R: np.ndarray, t: np.ndarray, object_points: np.ndarray, points: np.ndarray
-) -> np.ndarray:
+    R: np.ndarray, t: np.ndarray, object_points: np.ndarray, points: np.ndarray,
+    iterations: int = MAX_ITERATIONS,
+) -> np.ndarray:  # fmt: skip
     """Refine a pose c_T_g (4, 4) by minimising the squared distances in the image."""
-    for _ in range(MAX_ITERATIONS):
+    for _ in range(iterations):
         P = object_points @ R.T + t
         if not (P[:, 2] > 0.0).all():
             raise MeasurementError("the points of the target give a pose behind the camera")

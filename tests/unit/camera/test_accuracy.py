@@ -8,8 +8,7 @@ import cv2
 import numpy as np
 import pytest
 import yaml
-from scenes import TARGET_CORNERS, chessboard, looking, table_and_target, to_camera
-from tiny import create_renderer
+from scenes import TARGET_CORNERS, bright_renderer, chessboard, looking, table_and_target, to_camera
 
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
 from aras_sim_bridge.rendering import View
@@ -56,9 +55,8 @@ def preset(name):
     return CameraConfig.from_mapping(yaml.safe_load((PRESETS / f"{name}.yaml").read_text()))
 
 
-def sensor_of(config, bench, renderer="exact"):
-    return CameraSensor(replace(config, near=0.005, far=20.0),
-                        create_renderer(renderer, bench.world))
+def sensor_of(config, bench):
+    return CameraSensor(replace(config, near=0.005, far=20.0), bright_renderer(bench.world))
 
 
 def measured(image, guess):
@@ -114,15 +112,13 @@ def rms(errors):
 
 
 # The noisy preset has the lens of the original one.
-@pytest.mark.parametrize("renderer, count, lens", [
-    *[("exact", 2, lens) for lens in LENSES],
-    *[("exact", 2, name) for name in sorted({p.stem for p in PRESETS.glob("*.yaml")} - {"noisy"})],
-])
-def test_chessboard_corners_lie_where_camera_info_says(bench, lens, renderer, count):
+@pytest.mark.parametrize("lens", [
+    *LENSES, *sorted({path.stem for path in PRESETS.glob("*.yaml")} - {"noisy"})])
+def test_chessboard_corners_lie_where_camera_info_says(bench, lens):
     board = chessboard(bench)
     config = camera(lens) if lens in LENSES else preset(lens)
-    errors = residuals(sensor_of(config, bench, renderer), board, count)
-    assert rms(errors) <= (0.1 if renderer == "exact" else 0.13)
+    errors = residuals(sensor_of(config, bench), board, 2)
+    assert rms(errors) <= 0.1
     assert np.abs(errors.mean(axis=0)).max() < 0.04, "the whole picture is shifted"
 
 
@@ -191,9 +187,7 @@ def target_errors(renderer, count, seed=0):
 
 def test_centroid_and_area_of_the_target(bench):
     table_and_target(bench)
-    centroids, areas = target_errors(
-        create_renderer("exact", bench.world), 150
-    )
+    centroids, areas = target_errors(bright_renderer(bench.world), 60)
     assert rms(centroids) <= 0.015
     assert np.sqrt((areas**2).mean()) <= 0.001
     assert abs(areas.mean()) <= 0.0003

@@ -30,7 +30,7 @@ from aras_visual_servo_camera.trackers.start_pose import StartPose
 from aras_visual_servo_camera.undistortion import CameraModel
 
 OFF = (0.002, -0.0015, 0.004, 0.012, -0.015, 0.02)  # m and rad that a start is off
-PICTURES = (3, 170, 410)
+PICTURES = (3, 410)
 # mm and degrees; measured on these pictures: half of it at most.
 BOUNDS = {"clean": (0.06, 0.03), "cluttered": (0.06, 0.03), "occluded": (0.1, 0.06),
           "noisy": (0.3, 0.15)}  # fmt: skip
@@ -140,13 +140,13 @@ def test_of_a_cylinder_only_rims_and_outline_are_edges(folder):
     assert ((eye - low) @ np.diag([1.0, 1.0, 0.0]) * low).sum(axis=1).min() > 0.0
 
 
-@pytest.mark.parametrize("angle", [0.0, 0.2, 0.7, 0.9, 1.5, 2.2, -0.4])
+@pytest.mark.parametrize("angle", [0.0, 0.7, 0.9, 2.2, -0.4])
 def test_an_edge_is_measured_exactly_whatever_its_slant(angle):
     normal = np.array([np.cos(angle), np.sin(angle)])
-    fine = (np.arange(40 * 96) + 0.5) / 96.0 - 0.5
+    fine = (np.arange(40 * 48) + 0.5) / 48.0 - 0.5
     across = fine[None, :] * normal[0] + fine[:, None] * normal[1] - 20.0 * normal.sum()
     for offset in (0.0, 0.13, 0.37, -0.42):
-        cover = (across < offset).reshape(40, 96, 40, 96).mean(axis=(1, 3))
+        cover = (across < offset).reshape(40, 48, 40, 48).mean(axis=(1, 3))
         grey = np.round(200.0 - 150.0 * cover).astype(np.uint8)
         along = np.array([-normal[1], normal[0]])
         at = 20.0 + np.linspace(-6.0, 6.0, 13)[:, None] * along
@@ -315,7 +315,7 @@ def test_a_depth_image_holds_what_noise_lets_go(folder):
     errors = []
     for deep in (False, True):
         tracking, sums = ModelTracking(solid_of(name)), []
-        for i in range(30, 230, 20):
+        for i in range(30, 230, 40):
             tracking.start(sequence.pose(i))
             depth = sequence.depth(i) if deep else None
             found = tracking.track(sequence.picture(i), CAMERA, None, depth)

@@ -14,8 +14,8 @@ FOCAL = 100.0  # px; the eye is 1 m above what it looks at
 K = np.array([[FOCAL, 0, 23.5], [0, FOCAL, 19.5], [0, 0, 1.0]])
 SIZE = 48, 40
 LONG = 24.0  # px
-ANGLES = np.arange(12) * np.pi / 12 + 0.011 * np.arange(12)
-PLACES = np.random.default_rng(5).uniform(-0.5, 0.5, (15, 2))
+ANGLES = np.arange(8) * np.pi / 8 + 0.013 * np.arange(8)
+PLACES = np.random.default_rng(5).uniform(-0.5, 0.5, (6, 2))
 
 
 def view_at(place, angle) -> View:
@@ -65,14 +65,10 @@ def covered(renderer, view, body) -> float:
     return area
 
 
-def wire(bench, wide, kind="box", height=0.0):
+def wire(bench, wide, height=0.0):
     """A black wire along x, `wide` and LONG px, whose upper side is at a height."""
-    long, wide = LONG / FOCAL, wide / FOCAL
-    if kind == "box":
-        return bench.box([long / 2, wide / 2, 1e-6], [0, 0, height - 1e-6], "Gazebo/Black")
-    along_x = (0.0, np.sin(np.pi / 4), 0.0, np.cos(np.pi / 4))
-    return bench.body(Geometry("cylinder", radius=wide / 2, length=long), [0, 0, height],
-                      "Gazebo/Black", along_x)
+    return bench.box([0.5 * LONG / FOCAL, 0.5 * wide / FOCAL, 1e-6], [0, 0, height - 1e-6],
+                     "Gazebo/Black")
 
 
 @pytest.mark.parametrize("wide", [0.1, 0.5, 2.0])
@@ -87,18 +83,6 @@ def test_a_wire_covers_its_area_wherever_it_lies(bench, wide):
             dark = 255.0 - renderer.render(view)[..., 0]
             off = dark - 255.0 * strip_of(view, wide)
             assert np.nanmax(np.abs(off)) <= 0.55, (angle, place)
-
-
-@pytest.mark.parametrize("wide", [0.1, 2.0])
-def test_a_round_wire_covers_its_area_although_it_has_many_triangles(bench, wide):
-    bench.box([1.5, 1.5, 0.05], [0, 0, -0.06])
-    body = wire(bench, wide, "cylinder")
-    renderer = create_renderer("exact", bench.world, BRIGHT)
-    for angle in ANGLES:
-        for place in PLACES[:4]:
-            area = covered(renderer, view_at(place, angle), body)
-            # 32 flat sides are narrower than the round, and the ends' upper rims are nearer.
-            assert area == pytest.approx(LONG * wide, rel=0.02)
 
 
 def grid(bench, scale=1.0) -> None:
@@ -146,7 +130,7 @@ def test_a_wire_before_many_things_covers_its_area(bench, wide):
     body = wire(bench, wide)
     renderer = create_renderer("exact", bench.world, BRIGHT)
     for angle in ANGLES:
-        for place in PLACES[:4]:
+        for place in PLACES[:3]:
             area = covered(renderer, view_at(place, angle), body)
             assert area == pytest.approx(LONG * wide, rel=0.02)
 
@@ -163,7 +147,7 @@ def test_through_a_slit_one_sees_what_is_behind(bench, wide):
         if not sky:
             bench.box([1.5, 1.5, 0.05], [0, 0, -0.06], "Gazebo/Black")
         for angle in ANGLES:
-            for place in PLACES[:4]:
+            for place in PLACES[:3]:
                 view = view_at(place, angle)
                 dark = 255.0 - renderer.render(view)[..., 0]
                 depth = 255.0 * (1 - 0.7) if sky else 255.0

@@ -7,6 +7,7 @@ import pyarrow as pa
 import pytest
 from scipy.stats import binomtest, spearmanr
 
+from aras_visual_servo_bench.errors import StudyError
 from aras_visual_servo_bench.plots import distributions, palette, study_figures
 from aras_visual_servo_bench.studies import rows as study_rows
 from aras_visual_servo_bench.studies.results import Results
@@ -190,6 +191,8 @@ def test_pictures_are_of_what_varies_or_of_what_is_asked_for(tmp_path):
     assert boxes(same, metrics=[SETTLED]) == {SETTLED}
     unknown = made(**{SETTLED: [1.0, np.nan] * 6, DISTANCE: [np.nan] * 12}, **judged)
     assert boxes(unknown) == set()
+    with pytest.raises(StudyError, match="unknown format 'gif'"):
+        study_figures.write_figures([same], tmp_path, ("gif",))
 
 
 def test_correlations_want_four_runs_and_numbers_that_vary():

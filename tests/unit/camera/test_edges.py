@@ -8,14 +8,9 @@ from test_accuracy import LENSES, sensor_of, target_errors
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
 from aras_sim_bridge.description import Geometry
 from aras_sim_bridge.rendering import View
-from aras_sim_bridge.rendering.renderer import CENTRE
-from aras_sim_bridge.rendering.shading import pack_colour
-from aras_sim_bridge.rendering.shadows import NO_IRRADIANCE
-from aras_sim_bridge.rendering.sky import NO_SKY
 from aras_sim_bridge.rendering.tiles import LARGEST_MISFIT, TILE, ExtrapolatedLens, Tiles
 
 K = np.array([[150.0, 0, 80.3], [0, 155.0, 55.8], [0, 0, 1]])
-HALF = [[0, 0, 38], [0, 0, 25], [0, 0, 0]]  # to the centre of a picture half as large
 UNLIKE = ("rational", "kannala_brandt", "equidistant_220", "orthographic")
 
 
@@ -27,30 +22,6 @@ def half_size(lens):
     return CameraConfig.from_mapping({"width": 240, "height": 180, **settings})
 
 
-def finely_sampled(renderer, view, fine=16):
-    """(height, width, 3) mean of fine x fine centres a pixel."""
-    finer = view.K * np.array([[fine], [fine], [1.0]])
-    finer[:2, 2] += (fine - 1) / 2
-    large = View(fine * view.width, fine * view.height, view.world_T_optical, finer, view.near,
-                 view.far)
-    one = renderer.sample(large, 1.0, CENTRE)
-    shader, background = one.canvas.shader, 255.0 * np.array(renderer.light.background[:3])
-    plain = shader.compute_uniform_colours(renderer.triangles, one.visible)
-    none = np.zeros(len(one.samples.tile), np.uint64)
-    words = shader.draw_samples(
-        renderer.triangles,
-        one.visible,
-        one.samples,
-        plain,
-        pack_colour(*background),
-        none,
-        NO_IRRADIANCE,
-        NO_SKY,
-    )
-    rgba = words.view(np.uint8).reshape(*words.shape, 4)[:large.height, :large.width, :3]
-    return rgba.reshape(view.height, fine, view.width, fine, 3).mean(axis=(1, 3))
-
-
 def clutter(bench, rng, count=12):
     """Boxes and balls all around, near and far, many through each other."""
     colours = ["Gazebo/Red", "Gazebo/Green", "Gazebo/Blue", "Gazebo/White", "Gazebo/Black"]
@@ -60,24 +31,6 @@ def clutter(bench, rng, count=12):
                   turn / np.linalg.norm(turn))
         bench.body(Geometry("sphere", radius=rng.uniform(0.05, 0.3)), rng.uniform(-1.5, 1.5, 3),
                    colours[(n + 2) % 5])
-
-
-def test_pixels_are_as_bright_as_256_samples_say(bench):
-    rng = np.random.default_rng(3)
-    clutter(bench, rng)
-    renderer = bright_renderer(bench.world)
-    off, edges = [], 0
-    for _ in range(3):
-        eye = rng.uniform(-2.5, 2.5, 3)
-        view = View(91, 70, looking(eye, rng.uniform(-0.5, 0.5, 3)), K - HALF, 0.02)
-        fine = finely_sampled(renderer, view)
-        off.append(np.abs(renderer.render(view) - fine).max(axis=2))
-        edges += ((fine % 1.0) > 0.0).any(axis=2).sum()
-    off = np.array(off)
-    assert edges > 600
-    # 16 x 16 samples know an edge along the pixels to 1/32 of 255.
-    assert np.sqrt((off**2).mean()) < 0.9
-    assert (off > 12.0).mean() < 5e-4, "besides what pokes into a pixel unnoticed by its neighbours"
 
 
 def test_tips_that_reach_no_corner_of_a_pixel_are_drawn(bench):

@@ -73,16 +73,6 @@ def test_a_notebook_imports_public_names() -> None:
             assert not private_imports("\n".join(lines)), notebook
 
 
-def test_private_imports_are_found() -> None:
-    assert private_imports("from aras_visual_servo_bench import Experiment") == []
-    assert private_imports("import numpy, aras_sim_bridge") == []
-    for text in ("import numpy, aras_sim_bridge.world",
-                 "from aras_visual_servo_bench import commands",
-                 "def f():\n    from aras_visual_servo_base.poses import Pose",
-                 "from aras_visual_servo_bench.recording.run import Run"):  # fmt: skip
-        assert len(private_imports(text)) == 1
-
-
 def test_there_are_few_names_and_fewer_to_begin_with() -> None:
     modules = [importlib.import_module(package) for package in PACKAGES]
     assert sum(len(module.__all__) for module in modules) <= MOST

@@ -323,31 +323,6 @@ def test_a_metric_that_one_study_lacks_is_not_left_out_silently(path, tmp_path):
     assert {d.metric for d in named.differences} == {"success", "real_time_multiple"}
 
 
-def test_seeds_that_differ_are_compared_without_pairs(tmp_path):
-    study = make_study(seeds="runs", repeats=6, vary={})
-    results = Results.read(write_study(tmp_path / "out", study))
-    table = pd.read_parquet(tmp_path / "out" / "parts").sort_values("run")
-    names = ["success", "final_distance"]
-    for d in results.compare(between="scheme", metrics=names).differences:
-        x, y = (table[table.scheme == side.partition("=")[2]][d.metric].fillna(
-            0.0 if d.metric == "success" else math.nan).dropna().to_numpy()
-            for side in d.sides)  # fmt: skip
-        assert not d.comparison.paired and d.comparison.counts == (len(x), len(y))
-        every, n = np.concatenate([x, y]), len(x)
-        choices = [list(c) for c in itertools.combinations(range(len(every)), n)]
-        if d.metric == "success":  # Fisher: the probability of each number of successes
-            sums = np.array([every[c].sum() for c in choices])
-            _, which, counts = np.unique(sums, return_inverse=True, return_counts=True)
-            least = counts[which][choices.index(list(range(n)))]
-            wanted = sum(c for c in counts if c <= least) / len(choices)
-        else:
-            ranks = pd.Series(every).rank().to_numpy()
-            sums = np.array([ranks[c].sum() for c in choices])
-            middle = ranks.sum() * n / len(every)
-            wanted = (np.abs(sums - middle) >= abs(ranks[:n].sum() - middle) - 1e-9).mean()
-        assert d.comparison.p == pytest.approx(wanted), d.metric
-
-
 def test_drawn_starts_make_pairs_although_the_seeds_differ(tmp_path):
     draws = {"delay": {"uniform": [0.01, 0.1]}}
     for repeats, paired in ((1, True), (2, False)):
@@ -607,13 +582,6 @@ def test_there_is_a_map_per_scheme(tmp_path, raw):
     assert "The curves pool runs with different gain, delay." in written[-1].read_text()
     assert distance.lines[3].get_linestyle() == ":"
     assert distance.lines[3].get_xdata() == pytest.approx([0.3, 0.3])  # mm
-
-
-def test_curves_of_a_single_map_are_named_with_their_unit(tmp_path):
-    study = make_study(cases=(), vary={"gain": [1.0, 2.0], "delay": [0.01, 0.1]})
-    figure = draw(write_study(tmp_path / "out", study), study_figures.draw_success)
-    (legend,) = filter(None, (axis.get_legend() for axis in figure.axes))
-    assert legend.get_title().get_text() == "gain (1/s)"
 
 
 def test_maps_that_are_too_many_say_what_they_pool(tmp_path):

@@ -18,7 +18,6 @@ from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.experiment.experiment_keys import find_unit
 from aras_visual_servo_bench.metrics import formatting, statistics
 from aras_visual_servo_bench.metrics.metrics import metric
-from aras_visual_servo_bench.plots import study_figures
 from aras_visual_servo_bench.recording.film import with_images
 from aras_visual_servo_bench.runner import loop
 from aras_visual_servo_bench.studies import columns, compare, engine, replay, rows, tables
@@ -182,40 +181,6 @@ def test_differences_that_are_more_than_chance_are_told_with_their_direction():
         assert all(d.comparison.paired is paired for d in compare.find_differences(found[0], other))
     with pytest.raises(StudyError, match="no settings .* in common"):
         compare.find_differences(one, made([1, 1], [1, 1], gains=(7.0, 8.0)))
-
-
-def test_nothing_of_a_picture_is_cut_off_or_lies_on_something_else():
-    """Labels are as long as a user's keys; the first page's picture was once without its own."""
-    study = Study.from_mapping({
-        "experiment": {"plant": "free"}, "metrics": ["success", "settled", "final_distance"],
-        "vary": {"start.height": [[0.1, 0.2], [0.2, 0.3], [0.3, 0.4]],
-                 "controller_parameters.max_velocity": [1.0, 2.0, 4.0, 8.0]}})  # fmt: skip
-    rng = np.random.default_rng(0)
-    table = pa.table({
-        "start.height": [f"[{k}, 0.4]" for k in range(3) for _ in range(4)],
-        "controller_parameters.max_velocity": [1.0, 2.0, 4.0, 8.0] * 3, "outcome": ["x"] * 12,
-        "success": [1.0, 0.0, 1.0] * 4, "settled": rng.uniform(1, 2, 12),
-        "final_distance": rng.uniform(1, 2, 12), "real_time_multiple": [10.0] * 12,
-    })  # fmt: skip
-    results = Results("one", study, table)
-    chosen = results.select_metrics(["settled", "final_distance"])
-    with study_figures.apply_style():
-        drawn = [
-            study_figures.draw_success([results]),
-            study_figures.draw_distributions([results], chosen),
-            study_figures.draw_boxes([results], chosen),
-            study_figures.draw_sensitivity(results, chosen),
-        ]  # fmt: skip
-    for figure in drawn:
-        figure.canvas.draw()
-        inside = figure.get_tightbbox(figure.canvas.get_renderer()).extents
-        assert min(inside[:2]) >= 0.0 and (inside[2:] <= figure.get_size_inches()).all()
-    legend = drawn[1].legends[0]
-    lowest = min(axis.get_tightbbox().y0 for axis in drawn[1].axes if axis.get_visible())
-    assert legend.get_window_extent().y1 <= lowest
-    # Curves that are too many are of fewer keys, not of the first settings alone.
-    names = [text.get_text() for text in legend.get_texts()]
-    assert names == [f"start.height [{k}, 0.4] m" for k in range(3)]
 
 
 def in_process(study, path):

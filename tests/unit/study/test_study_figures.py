@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pyarrow as pa
 import pytest
-from scipy.stats import binomtest, spearmanr
+from scipy.stats import spearmanr
 
 from aras_visual_servo_bench.errors import StudyError
 from aras_visual_servo_bench.plots import distributions, palette, study_figures
@@ -49,41 +49,6 @@ def texts(found):
 def in_the_middle(text):
     """Return whether a text is centred in its cell, in letters of 9 points."""
     return (text.get_ha(), text.get_va(), text.get_fontsize()) == ("center", "center", 9.0)
-
-
-def has_grid(lines):
-    return any(line.get_visible() for line in lines)
-
-
-def bars(results):
-    """Names and per cents, from the top."""
-    axis = study_figures.draw_success(results).axes[0]
-    assert axis.get_xlim() == (0.0, 103.0)
-    order = np.argsort([-bar.get_y() for bar in axis.patches])
-    names = dict(zip(axis.get_yticks().tolist(), texts(axis.get_yticklabels()), strict=True))
-    assert list(names) == list(range(len(names)))[::-1]
-    return list(names.values()), [axis.patches[i].get_width() for i in order], axis
-
-
-def test_bars_have_the_names_of_what_differs():
-    names, rates, axis = bars([made(delays=(0.03,))])
-    assert names == ["1", "2.5"] and axis.get_title("left") == "Success by gain (1/s)"
-    assert rates == pytest.approx([0.0, 100 * 2 / 3])
-    assert has_grid(axis.get_xgridlines()) and not has_grid(axis.get_ygridlines())
-    spans = [path.vertices for path in axis.collections[0].get_paths()]
-    for (low, high), hits in zip((path[:, 0] for path in spans), (0, 2), strict=True):
-        wanted = binomtest(hits, 3).proportion_ci(0.95, "wilson")
-        assert (low, high) == pytest.approx((100 * wanted.low, 100 * wanted.high))
-    assert [path[0, 1] for path in spans] == [1.0, 0.0]
-    assert [axis.figure.get_figheight() for *_, axis in (
-        bars([made(gains=tuple(1.0 + np.arange(n)), delays=(0.03,))]) for n in (2, 7))
-    ] == pytest.approx([0.42 * n + 1.5 for n in (2, 7)])
-    names, rates, axis = bars([made(gains=(1.0,), delays=(0.03,), each=4)])
-    assert names == ["one"] and axis.get_title("left") == "Success" and rates == [0.0]
-    names, *_ = bars([made(delays=(0.03,)), made("$two", delays=(0.03,))])
-    assert names == ["one 1", "one 2.5", r"\$two 1", r"\$two 2.5"]
-    names, *_ = bars([made(gains=(1.0,), delays=(0.03,)), made("two", (1.0,), (0.03,))])
-    assert names == ["one", "two"]
 
 
 def test_an_axis_is_logarithmic_beyond_two_decades():

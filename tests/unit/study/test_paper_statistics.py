@@ -453,6 +453,7 @@ def many():
 def test_ten_thousand_rows_are_shown_in_a_few_lines(many):
     assert many.table.num_rows == 10_000
     assert len(repr(many).splitlines()) <= 4 and len(repr(many)) < 500
+    assert f", {many.compute_successes().sum():.0f} with success" in repr(many)
     found = many.compare(between="gain", by=["delay"])
     assert len(found.differences) == 100 and len(repr(found).splitlines()) <= 25
     assert {d.comparison.count for d in found.differences} == {100}

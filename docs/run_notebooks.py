@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import sys
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 
 import nbformat
@@ -18,13 +19,28 @@ TIMEOUT = 600  # s for one cell
 ERASE = "\x1b[K"  # erases the rest of a line on a terminal
 
 
-def execute(path: Path, folder: Path) -> nbformat.NotebookNode:
+def execute(
+    path: Path, folder: Path, replaced: Mapping[str, str] | None = None
+) -> nbformat.NotebookNode:
     """Execute a notebook in a folder, and return it with its outputs, without times.
 
+    Args:
+        path: the notebook; the file is not changed.
+        folder: working directory of the cells.
+        replaced: texts of code cells, with what is executed instead, such as fewer repeats.
+
     Raises:
+        ValueError: a text to be replaced is in no cell.
         nbclient.exceptions.CellExecutionError: a cell failed; the message has its traceback.
     """
     notebook = nbformat.read(path, as_version=4)
+    for old, new in (replaced or {}).items():
+        cells = [cell for cell in notebook.cells
+                 if cell.cell_type == "code" and old in cell.source]  # fmt: skip
+        if not cells:
+            raise ValueError(f"{path}: no code cell contains {old!r}")
+        for cell in cells:
+            cell.source = cell.source.replace(old, new)
     client = NotebookClient(
         notebook, timeout=TIMEOUT, kernel_name="python3", record_timing=False,
         resources={"metadata": {"path": str(folder)}},

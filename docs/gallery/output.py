@@ -1,4 +1,7 @@
-"""Output of the gallery's examples: folder, report, picture, and one line per run."""
+"""Output of the gallery's examples: folder, report, picture, and one line per run.
+
+With `--no-report` after the folder, an example writes no report.
+"""
 
 from __future__ import annotations
 
@@ -22,12 +25,12 @@ def report_runs(experiments: dict[str, Experiment], figure: str) -> list[Run]:
     """Run named experiments; write their report, and one of its figures as picture.png."""
     out = folder()
     runs = [run_with_images(experiment, name) for name, experiment in experiments.items()]
-    page = write_report(runs, out, ())[0]
+    if "--no-report" not in sys.argv[2:]:
+        print(write_report(runs, out, ())[0])
     save_figure(runs, figure, out / "picture.png")
     for run in runs:
         distance = f"{1e3 * run.verdict.distance:.2f} mm from its goal"
         print(f"{run.name}: {run.outcome}, {run.verdict.name}, {distance}")
         if run.reason:
             print(f"  {run.reason}\n  {run.remedy}".rstrip())
-    print(page)
     return runs

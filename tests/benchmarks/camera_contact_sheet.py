@@ -11,13 +11,17 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from render import NEAR, REPOSITORY, robot_scene
+from checkout import ROOT
 from scenes import Bench, link_pose, looking
-from tiny import create_renderer
 
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
+from aras_sim_bridge.description import Light, parse_urdf
+from aras_sim_bridge.rendering import Lighting, create_renderer
+from aras_sim_bridge.world import Pose
 
+ROBOT = ROOT / "src/aras_visual_servo_gazebo"
 COLUMNS, WIDTH, HEIGHT, TITLE, GAP = 5, 264, 198, 22, 8
+SUN = Light("sun", direction=(-0.5, 0.3, -0.9), diffuse=(0.6, 0.6, 0.6, 1.0), cast_shadows=True)
 EYE = looking([1.0, -0.9, 1.5], [0.1, 0.0, 0.8])
 TABLE = 0.59  # m
 BRICKS = {  # on the table: x, y, m
@@ -62,8 +66,20 @@ PANELS = {
     "bayer_rggb8, 8 times larger": dict(format="bayer_rggb8"),
     "depth 0.8 .. 4 m": dict(depth=True),
     "segmentation": dict(segmentation=True),
-    "pinhole 80 deg, drawn by tiny": {},
+    "pinhole 80 deg, soft shadows": {},
 }
+
+
+def robot_scene() -> Bench:
+    """Return the shipped robot in the demo's first pose, and its target."""
+    bench = Bench()
+    robot = parse_urdf((ROBOT / "robots/aras_visual_servo.urdf").read_text(), lambda _: str(ROBOT))
+    bench.world.spawn_ground_plane()
+    bench.world.spawn(robot, "robot", joint_positions={
+        "gantry": 0.1, "J2": 0.1745, "J3": -0.0873, "J5": -0.0873})
+    target = parse_urdf((ROBOT / "targets/aras.urdf").read_text())
+    bench.world.spawn(target, "target", Pose((0.0, 0.0, 0.591)))
+    return bench
 
 
 def turned(pose: np.ndarray, angle: float) -> np.ndarray:
@@ -82,7 +98,7 @@ def lay_bricks(bench: Bench) -> None:
 
 def panel(renderer, title: str, settings: dict) -> np.ndarray:
     """Return an image with its title and a margin, (HEIGHT + TITLE + GAP, WIDTH + GAP, 3) rgb."""
-    config = CameraConfig.from_mapping({"near": NEAR, "horizontal_fov": 1.4, **settings})
+    config = CameraConfig.from_mapping({"near": 0.02, "horizontal_fov": 1.4, **settings})
     sensor = CameraSensor(config, renderer)
     frame, time_ns = None, 0
     while frame is None:
@@ -116,13 +132,13 @@ def panel(renderer, title: str, settings: dict) -> np.ndarray:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path,
-                        default=REPOSITORY / "docs/images/camera_contact_sheet.png")
+                        default=ROOT / "docs/images/camera_contact_sheet.png")
     out = parser.parse_args().out
-    bench, _ = robot_scene()
+    bench = robot_scene()
     lay_bricks(bench)
-    exact, tiny = (create_renderer(name, bench.world)
-                    for name in ("exact", "tiny"))
-    panels = [panel(tiny if "tiny" in title else exact, title, settings)
+    plain, shaded = (create_renderer("exact", bench.world, light)
+                     for light in (None, Lighting(lights=(SUN,), shadows="soft")))
+    panels = [panel(shaded if "shadows" in title else plain, title, settings)
               for title, settings in PANELS.items()]
     rows = [np.hstack(panels[i:i + COLUMNS]) for i in range(0, len(panels), COLUMNS)]
     sheet = np.pad(np.vstack(rows)[..., ::-1], ((0, 0), (GAP, 0), (0, 0)), constant_values=255)

@@ -6,10 +6,9 @@
 Prints tables and, as its last line, JSON: `real_time_multiple` (simulated over processor seconds
 of this process, all its threads, best of the seconds run), microseconds a step for each part, the
 resident memory before and after `--hours` of simulated time at full speed, and under `closed_loop`
-the same of the whole: physics at 1 kHz, 320 x 240 pixels at 30 Hz drawn, features, law, commands at
-100 Hz; milliseconds a simulated second of its parts, and of one image from drawing to command
-(median). To show: 20 times real time and flat memory without sight, 25 times with it and 0.8 ms an
-image; the goal is 30 times.
+the speed of the whole: physics at 1 kHz, 320 x 240 pixels at 30 Hz drawn, features, law, commands
+at 100 Hz. To show: 20 times real time and flat memory without sight, 25 times with it; the goal is
+30 times.
 """
 
 from __future__ import annotations
@@ -23,8 +22,12 @@ from pathlib import Path
 
 import checkout  # noqa: F401
 from aras_robot import ArasRobot
-from closed_loop import closed_loop
 
+from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.runner.loop import Loop
+from aras_visual_servo_bench.setup.assembly import assemble
+
+IMAGES = 30  # in a simulated second
 POSES = ((0.1, 0.0, 0.17, -0.09, -0.09, 0.0), (-0.1, 0.2, 0.35, -0.26, -0.09, 0.17))
 
 
@@ -73,6 +76,26 @@ def parts(robot: ArasRobot, count: int) -> dict[str, float]:
     return {name: round(ns / count / 1e3, 2) for name, ns in spent.items()}
 
 
+def closed_loop(seconds: float) -> dict[str, float]:
+    """Servo repeatedly from the start of 2016; return the figures of the fastest simulated second.
+    """
+    experiment = Experiment(time_after_convergence=None, duration=1e6)
+    best, loop = float("inf"), None
+    for k in range(max(round(seconds), 2)):
+        if k % 4 == 0:  # as often under way as arrived
+            if loop is not None:
+                loop.close()
+            loop = Loop(experiment, assemble(experiment))
+            for _ in range(10):  # lists of the renderer, tables of the camera
+                loop.run_to_image()
+        began = time.process_time()
+        for _ in range(IMAGES):
+            loop.run_to_image()
+        best = min(best, time.process_time() - began)
+    loop.close()
+    return {"real_time_multiple": round(1.0 / best, 1), "second_ms": round(best * 1e3, 2)}
+
+
 def main() -> int:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -99,12 +122,7 @@ def main() -> int:
     for name, value in result["parts_us"].items():
         print(f"{value:8.1f} us {name}")
     print(f"{after - before:+8.2f} MB of memory in {options.hours} h simulated")
-    print(
-        f"closed loop: {closed['real_time_multiple']} times real time; of a simulated second, ms:"
-    )
-    for name, value in closed["parts_ms"].items():
-        print(f"{value:8.2f} {name}")
-    print(f"{closed['image_to_command_ms']:8.2f} ms an image from drawing to command")
+    print(f"closed loop: {closed['real_time_multiple']} times real time")
     print(json.dumps(result))
     return 0
 

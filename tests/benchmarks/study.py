@@ -1,16 +1,14 @@
 #!/usr/bin/env python3
-"""Run a thousand rendered closed loops as a study: with one worker, two, and without the engine.
+"""Run a thousand rendered closed loops as a study, with several numbers of workers.
 
-    python3 tests/benchmarks/study.py [--runs 1000] [--short 2000] [--two]
+    python3 tests/benchmarks/study.py [--runs 1000] [--short 2000] [--workers 1 2]
 
 A run is 3 s of the Bullet arm at 1 kHz with 320 x 240 pixels at 30 Hz. Prints a table and, as its
-last line, JSON: `runs`, `seconds` (on two workers, from the first chunk sent to the last part
-kept), `speedup_two_workers` (one worker's over two workers' seconds), `identical` (parts byte by
-byte), `engine_overhead` (processor time of the client with its scheduler, over that of the runs),
-and under `short` the same of runs of 0.1 s without pictures, with the client's memory before and
-after. `alone` says what a run takes in a plain loop without the engine, s of processor time.
-With --two nothing is run on one worker: half an hour less of 100 000 short runs.
-To show: 1000 runs in 75 s on two cores, 1.9 times, identical, 3 % (short: 5 %, memory flat).
+last line, JSON: for each number of workers `seconds` (from the first chunk sent to the last part
+kept), `overhead` (processor time of the client with its scheduler, over that of the runs) and the
+client's memory; `identical` (parts byte by byte); and under `short` the same of runs of 0.1 s
+without pictures. With 0 workers, the runs are made in this process. To show: 1000 runs in 75 s on
+two cores, 1.9 times as fast as on one, identical, 3 % (short: 5 %, memory flat).
 """
 
 from __future__ import annotations
@@ -26,12 +24,11 @@ from pathlib import Path
 
 import checkout  # noqa: F401
 
-from aras_visual_servo_bench.studies import engine, rows
-from aras_visual_servo_bench.studies.pools import DaskPool, Pool
+from aras_visual_servo_bench.studies import engine
+from aras_visual_servo_bench.studies.pools import DaskPool, InProcessPool, Pool
 from aras_visual_servo_bench.studies.progress import Progress
 from aras_visual_servo_bench.studies.study import Study
 from aras_visual_servo_bench.studies.study_folder import TIMES, StudyFolder
-from aras_visual_servo_bench.studies.work import prepare_process
 
 LONG = {"experiment": {"plant": "bullet", "duration": 3.0, "time_after_convergence": None,
                        "start": {"height": [0.15, 0.4], "side": 0.05}}}  # fmt: skip
@@ -64,7 +61,7 @@ def warm(pool: Pool, study: Study, folder: Path) -> None:
 
 def timed(study: Study, workers: int, folder: Path) -> dict[str, object]:
     """Run the study with this number of workers, and return its times."""
-    with DaskPool(workers) as pool:
+    with DaskPool(workers) if workers else InProcessPool() as pool:
         warm(pool, study, folder.with_name(folder.name + "-warm"))
         kept = StudyFolder.create(folder, study, "")
         progress = Watched(study.run_count)
@@ -78,7 +75,7 @@ def timed(study: Study, workers: int, folder: Path) -> dict[str, object]:
         "seconds": round(wall, 2),
         "in_runs": round(runs, 2),
         "processor": round(used, 2),
-        "idle": round(1.0 - runs / (workers * wall), 4),
+        "idle": round(1.0 - runs / (max(workers, 1) * wall), 4),
         "client": round(processor, 2),
         "overhead": round(processor / used, 4),
         "memory_mb": [round(progress.memory[k], 1) for k in (third, -1)],
@@ -93,39 +90,18 @@ def same(one: Path, two: Path) -> bool:
     )
 
 
-def alone(study: Study, count: int) -> float:
-    """Return the processor time of a run without the engine, s: the smallest of `count` runs."""
-    prepare_process()
-    best = float("inf")
-    for run in range(count):
-        began = time.process_time()
-        rows.compute_row(study, run)
-        best = min(best, time.process_time() - began)
-    return round(best, 4)
-
-
 def measured(
-    base: dict[str, object], runs: int, scratch: Path, name: str, only_two: bool
+    base: dict[str, object], runs: int, workers: list[int], scratch: Path, name: str
 ) -> dict[str, object]:
-    """Measure with one worker and with two, and compare them."""
+    """Measure with each number of workers, and compare the files."""
     study = Study.from_mapping({**base, "repeats": runs})
-    if only_two:
-        two = timed(study, 2, scratch / f"{name}-2")
-        print(f"{name}: {runs} runs in {two['seconds']} s on two workers")
-        return {"runs": runs, "seconds": two["seconds"], "engine_overhead": two["overhead"],
-                "two_workers": two}  # fmt: skip
-    folders = [scratch / f"{name}-{workers}" for workers in (1, 2)]
-    one, two = (timed(study, w, folder) for w, folder in zip((1, 2), folders, strict=True))
-    print(f"{name}: {runs} runs in {one['seconds']} s on one worker, {two['seconds']} s on two")
-    return {
-        "runs": runs,
-        "seconds": two["seconds"],
-        "speedup_two_workers": round(one["seconds"] / two["seconds"], 3),
-        "identical": same(*folders),
-        "engine_overhead": two["overhead"],
-        "one_worker": one,
-        "two_workers": two,
-    }
+    folders = {count: scratch / f"{name}-{count}" for count in workers}
+    result: dict[str, object] = {"runs": runs}
+    for count, folder in folders.items():
+        one = result[f"{count} workers"] = timed(study, count, folder)
+        print(f"{name}: {runs} runs in {one['seconds']} s with {count} workers", flush=True)
+    first, *others = folders.values()
+    return {**result, "identical": all(same(first, other) for other in others)}
 
 
 def main() -> int:
@@ -133,16 +109,12 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--runs", type=int, default=1000, help="rendered, of 3 s")
     parser.add_argument("--short", type=int, default=2000, help="of 0.1 s, without pictures")
-    parser.add_argument("--two", action="store_true", help="on two workers alone")
+    parser.add_argument("--workers", type=int, nargs="+", default=[1, 2], help="one after another")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
-        folder, result = Path(scratch), {}
-        if options.runs:
-            result = measured(LONG, options.runs, folder, "rendered", options.two)
-        if options.short:
-            result["short"] = measured(SHORT, options.short, folder, "short", options.two)
-    if options.runs:
-        result["alone"] = alone(Study.from_mapping({**LONG, "repeats": 5}), 5)
+        result = {name: measured(base, runs, options.workers, Path(scratch), name)
+                  for name, base, runs in (("rendered", LONG, options.runs),
+                                           ("short", SHORT, options.short)) if runs}  # fmt: skip
     print(json.dumps(result))
     return 0
 

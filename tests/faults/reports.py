@@ -2,16 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Iterable
+from typing import Any, NamedTuple
 
 OPEN = ("running", "converged")  # outcomes of a run that nothing speaks against
 STEADY = 1.0  # s for which an outcome has been reported before it may not alternate
 MOST = 5  # contradictions that are listed
 
 
-def contradictions(reports: Sequence[Any]) -> list[str]:
-    """Return contradictions in ServoReports as text, the first few.
+class Report(NamedTuple):
+    """What a ServoReport says: its stamp in s, and texts."""
+
+    stamp: float
+    outcome: str
+    reason: str = ""
+    remedy: str = ""
+    phase: str = "servoing"
+
+    @classmethod
+    def from_message(cls, message: Any) -> Report:
+        """Return what a ServoReport message says."""
+        return cls(message.header.stamp.to_sec(), message.outcome, message.reason, message.remedy,
+                   message.phase)  # fmt: skip
+
+
+def contradictions(reports: Iterable[Report]) -> list[str]:
+    """Return contradictions in reports as text, the first few.
 
     An outcome of a failed run has a reason and a remedy, an open one no remedy; and an outcome that
     has been reported for STEADY s does not come back within STEADY s of another one.
@@ -19,7 +35,7 @@ def contradictions(reports: Sequence[Any]) -> list[str]:
     found: list[str] = []
     episodes: list[list[Any]] = []  # outcome, first and last stamp, of an arm that servoes
     for report in reports:
-        when, kind = report.header.stamp.to_sec(), report.outcome
+        when, kind = report.stamp, report.outcome
         is_open = kind.startswith(OPEN)
         if not is_open and not (report.reason and report.remedy):
             found.append(f"{when:.2f} s: {kind} has the reason '{report.reason}' and the remedy "

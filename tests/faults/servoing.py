@@ -22,7 +22,7 @@ from std_msgs.msg import Float64
 
 from .bed import COMMANDS, JOINTS, NODES, ROBOT, Bed, UnansweredError
 from .outcome import Outcome
-from .reports import contradictions
+from .reports import Report, contradictions
 from .traffic import judged
 
 EVERY = 3.0  # s of wall time between disturbances
@@ -60,7 +60,7 @@ def disturbed(bed: Bed, scale: float, seed: int) -> Outcome:
                 continue
             took.append(max(bed.simulated() - disturbed_at, 0.0))  # a reset takes time back
             outcome.recovered = max(outcome.recovered, time.monotonic() - began)
-        outcome.lost += contradictions(every)
+        outcome.lost += contradictions(map(Report.from_message, every))
         judged(bed, outcome, len(took), "after the disturbances")
         outcome.note = (
             f"converged again after {len(took)} of {outcome.injected} disturbances, half of them "

@@ -7,6 +7,7 @@ import json
 import logging
 import sys
 import time
+from collections.abc import Mapping
 from pathlib import Path
 
 from outcome_campaign.table import section_of
@@ -68,15 +69,23 @@ touch each other or the base of a robot is free.
 """
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Run the checks; return 0 if all are within bounds, 1 if one is not, 2 for an unknown name."""
+def main(
+    arguments: list[str] | None = None, checks: Mapping[str, Check] = CHECKS, table: Path = TABLE
+) -> int:
+    """Run the checks; return 0 if all are within bounds, 1 if one is not, 2 for an unknown name.
+
+    Args:
+        arguments: command line; None: that of this process.
+        checks: all checks by their names.
+        table: page that `--write` writes.
+    """
     options = _parser().parse_args(arguments)
-    unknown = set(options.names) - set(CHECKS)
+    unknown = set(options.names) - set(checks)
     if unknown:
-        print(f"truth: no check '{min(unknown)}' among {', '.join(CHECKS)}", file=sys.stderr)
+        print(f"truth: no check '{min(unknown)}' among {', '.join(checks)}", file=sys.stderr)
         return 2
-    chosen = [c for c in CHECKS.values()
-              if c.name in (options.names or CHECKS) and (c.quick or not options.quick)]
+    chosen = [c for c in checks.values()
+              if c.name in (options.names or checks) and (c.quick or not options.quick)]
     if options.list:
         for check in chosen:
             print(f"{check.name:32}{'quick' if check.quick else '':8}{check.against}")
@@ -90,24 +99,24 @@ def main(arguments: list[str] | None = None) -> int:
             print(line(check, row), flush=True)
         print(f"    {time.process_time() - began:.1f} s", flush=True)
     if options.write:
-        before = TABLE.read_text(encoding="utf-8") if TABLE.exists() else ""
-        page = _HEAD + _rows(found, before) + _TAIL + section_of(before)
-        TABLE.write_text(with_result(page), encoding="utf-8")
+        before = table.read_text(encoding="utf-8") if table.exists() else ""
+        page = _HEAD + _rows(found, before, checks) + _TAIL + section_of(before)
+        table.write_text(with_result(page), encoding="utf-8")
     failed = [f"{c.name}: {r.what}" for c, r in found if not r.passed]
     print(json.dumps({"rows": len(found), "failed": failed}))
     return 1 if failed else 0
 
 
-def _rows(found: list[tuple[Check, Row]], before: str) -> str:
+def _rows(found: list[tuple[Check, Row]], before: str, checks: Mapping[str, Check]) -> str:
     """Return the rows of the table: new ones, and the previous ones of checks that did not run."""
     own = {check.name: [] for check, _ in found}
     for check, row in found:
         own[check.name].append(markdown(check, row))
     for line in before.splitlines(keepends=True):
         name = line.split(" | ")[0].removeprefix("| ")
-        if name in CHECKS and name not in {check.name for check, _ in found}:
+        if name in checks and name not in {check.name for check, _ in found}:
             own.setdefault(name, []).append(line)
-    return "".join(line for name in CHECKS for line in own.get(name, ()))
+    return "".join(line for name in checks for line in own.get(name, ()))
 
 
 def _parser() -> argparse.ArgumentParser:

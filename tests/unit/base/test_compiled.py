@@ -51,10 +51,7 @@ print(loops.thrice(2.0), loops.twice(2.0))
     assert "cannot be cached (File too large)" in line and "NUMBA_CACHE_DIR" in line
 
 
-@pytest.mark.parametrize("words", [
-    "run plant=free features=exact duration=0.1", "run duration=0.1",
-    "run STUDY --in-process --out OUT", "check_interaction moments",
-])  # fmt: skip
+@pytest.mark.parametrize("words", ["run STUDY --in-process --out OUT", "check_interaction moments"])
 def test_a_missing_compiler_is_reported_with_the_command_that_installs_it(words, tmp_path):
     study = tmp_path / "study.yaml"
     study.write_text("experiment: {plant: free, features: exact, duration: 0.1}\n")

@@ -6,7 +6,7 @@ import numpy as np
 
 from aras_sim_bridge.description import Geometry, Inertial, Link, RobotDescription, Visual
 from aras_sim_bridge.description.gazebo_materials import COLOURS
-from aras_sim_bridge.rendering import Lighting
+from aras_sim_bridge.rendering import Lighting, create_renderer
 from aras_sim_bridge.world import Model, Pose, World
 
 BRIGHT = Lighting(exposure="gazebo")  # white that faces up is 255, the background less
@@ -44,6 +44,10 @@ class Bench:
 
     def close(self) -> None:
         self.world.close()
+
+
+def bright_renderer(world: World):
+    return create_renderer("exact", world, BRIGHT)
 
 
 def looking(eye, at, up=(0.0, 0.0, 1.0)) -> np.ndarray:

@@ -8,8 +8,7 @@ import cv2
 import numpy as np
 import pytest
 import yaml
-from scenes import TARGET_CORNERS, chessboard, looking, table_and_target, to_camera
-from tiny import create_renderer
+from scenes import TARGET_CORNERS, bright_renderer, chessboard, looking, table_and_target, to_camera
 
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
 from aras_sim_bridge.rendering import View
@@ -56,9 +55,8 @@ def preset(name):
     return CameraConfig.from_mapping(yaml.safe_load((PRESETS / f"{name}.yaml").read_text()))
 
 
-def sensor_of(config, bench, renderer="exact"):
-    return CameraSensor(replace(config, near=0.005, far=20.0),
-                        create_renderer(renderer, bench.world))
+def sensor_of(config, bench):
+    return CameraSensor(replace(config, near=0.005, far=20.0), bright_renderer(bench.world))
 
 
 def measured(image, guess):
@@ -114,53 +112,14 @@ def rms(errors):
 
 
 # The noisy preset has the lens of the original one.
-@pytest.mark.parametrize("renderer, count, lens", [
-    *[("exact", 2, lens) for lens in LENSES],
-    *[("exact", 2, name) for name in sorted({p.stem for p in PRESETS.glob("*.yaml")} - {"noisy"})],
-])
-def test_chessboard_corners_lie_where_camera_info_says(bench, lens, renderer, count):
+@pytest.mark.parametrize("lens", [
+    *LENSES, *sorted({path.stem for path in PRESETS.glob("*.yaml")} - {"noisy"})])
+def test_chessboard_corners_lie_where_camera_info_says(bench, lens):
     board = chessboard(bench)
     config = camera(lens) if lens in LENSES else preset(lens)
-    errors = residuals(sensor_of(config, bench, renderer), board, count)
-    assert rms(errors) <= (0.1 if renderer == "exact" else 0.13)
+    errors = residuals(sensor_of(config, bench), board, 2)
+    assert rms(errors) <= 0.1
     assert np.abs(errors.mean(axis=0)).max() < 0.04, "the whole picture is shifted"
-
-
-def test_a_picture_without_a_board_has_no_corners(bench):
-    sensor = sensor_of(camera("pinhole"), bench)
-    board = chessboard(bench)
-    bench.box([1, 1, 0.01], [0, 0, 0.02])  # a white lid on it
-    assert rms(residuals(sensor, board, 1)) > 0.5
-
-
-@pytest.mark.parametrize("lens", ["plumb_bob", "rational", "kannala_brandt"])
-def test_each_coefficient_matters(bench, lens):
-    board = chessboard(bench)
-    config = camera(lens)
-    sensor = sensor_of(config, bench)
-    views = []
-    for T in poses(config, 4):
-        points = to_camera(T, board)
-        expected = opencv_projection(sensor.info, points)
-        inside = well_inside(points, expected, config)
-        views.append((points[inside], measured(picture(sensor, T), expected)[inside]))
-
-    def residual(info):
-        return rms(np.concatenate([opencv_projection(info, p) - found for p, found in views]))
-
-    right = residual(sensor.info)
-    assert right <= 0.1
-    for k in range(len(sensor.info.D)):
-        for change in (-0.01, 0.01):
-            D = list(sensor.info.D)
-            D[k] += change
-            # visibly: the quietest, k4 of the fisheye, makes it half as bad again
-            assert residual(replace(sensor.info, D=tuple(D))) > 1.3 * right, f"coefficient {k}"
-    for (row, column), change in {(0, 0): 1.0, (1, 1): 1.0, (0, 2): 0.2, (1, 2): 0.2}.items():
-        for sign in (-1, 1):
-            K = np.array(sensor.info.K)
-            K[row, column] += sign * change
-            assert residual(replace(sensor.info, K=K)) > 1.3 * right, (row, column)
 
 
 def target_errors(renderer, count, seed=0):
@@ -191,9 +150,7 @@ def target_errors(renderer, count, seed=0):
 
 def test_centroid_and_area_of_the_target(bench):
     table_and_target(bench)
-    centroids, areas = target_errors(
-        create_renderer("exact", bench.world), 150
-    )
+    centroids, areas = target_errors(bright_renderer(bench.world), 60)
     assert rms(centroids) <= 0.015
     assert np.sqrt((areas**2).mean()) <= 0.001
     assert abs(areas.mean()) <= 0.0003

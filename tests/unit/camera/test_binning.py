@@ -94,39 +94,6 @@ def test_tiles_list_what_their_rays_meet_first_and_little_else(seen_of, name):
     assert listed > 300 and aside < 0.1 * listed and (seen.cover >= 0).mean() > 0.9
 
 
-@pytest.mark.parametrize("name", VIEWS)
-def test_what_is_behind_all_that_covers_a_tile_is_left_out(seen_of, name):
-    renderer, view, seen = seen_of(name)
-    samples, tiles = renderer.sample(view, 1.0, 0.0).samples, view.get_tiles()
-    plane, left = seen.side.sum(axis=1), 0
-    ends = np.array([[-0.5, 7.5, -0.5, 7.5], [-0.5, -0.5, 7.5, 7.5], [1.0] * 4])
-    x, y = (a.ravel() * 0.998 - 0.49 for a in np.meshgrid(np.arange(9.0), np.arange(9.0)))
-    side = seen.side.reshape(-1, 3)
-    for n, M in enumerate(tiles.matrices):
-        near = plane @ M @ ends  # one over the distance, at its corners
-        members = samples.member[samples.start[n]:samples.start[n + 1]]
-        full = samples.full[samples.start[n]:samples.start[n + 1]] & seen.opaque[members]
-        listed = seen.member[seen.start[n]:seen.start[n + 1]]
-        if samples.tile[n] >= 0:
-            assert (near[listed] <= near[samples.tile[n]] * (1.0 + 1e-6)).all(axis=1).all()
-        elif full.any():
-            covers = members[full]
-            best = covers[np.argmax(plane[covers] @ tiles.nodes[n, :3])]
-            others = members[members != best]
-            assert not (near[others] < near[best] * (1.0 - 1e-6)).all(axis=1).any()
-            left += len(others)
-            # Nor is anything left out that is nearest somewhere.
-            shares = (side @ M @ np.stack([x, y, np.ones_like(x)])).reshape(-1, 3, len(x))
-            there = (shares >= 0.0).all(axis=1) & seen.opaque[:, None]
-            ahead = np.where(there, shares.sum(axis=1), 0.0)
-            inside = (n % tiles.columns * TILE + x < view.width) & (
-                n // tiles.columns * TILE + y < view.height)
-            whole = (plane @ M @ [x, y, np.ones_like(x)])[covers]  # of a quad one stands for both
-            kept = np.maximum(ahead[members].max(axis=0), whole.max(axis=0))
-            assert (kept >= ahead.max(axis=0) * (1.0 - 1e-6))[inside].all()
-    assert left > 100 and (samples.tile >= 0).any()
-
-
 def test_a_pane_before_all_of_a_picture_is_listed_in_each_of_its_tiles(bench):
     """16 x 16 of them, so that each node of the tree over them has as many as it can."""
     bench.box([0.01, 1.0, 1.2], [1.0, 0.1, 0.0], "Gazebo/GreyTransparent", (0.1, 0.0, 0.0, 0.99))

@@ -7,7 +7,6 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from aras_sim_bridge.blending import blend_pose, blend_poses
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
-from aras_sim_bridge.camera.effects import EffectChain, Effects
 from aras_sim_bridge.rendering import create_renderer
 from aras_visual_servo_base.poses import Pose, quaternion_from_rpy
 
@@ -72,15 +71,6 @@ def test_a_model_that_came_between_snapshots_is_drawn_between_them(bench):
     body.set_pose(Pose((0.0, 3.0, 0.0)))
     (pose,) = renderer.scene.interpolate_poses(0.25)
     np.testing.assert_allclose(pose[:3, 3], [0.0, 2.25, 0.0])
-
-
-def test_gain_amplifies_shot_noise_and_not_the_readout_s():
-    grey = np.full((240, 320, 3), 60, np.uint8)
-    chain = EffectChain(Effects(shot_noise=0.25, gain=2.0, noise_stddev=3.0, noise_mean=7.0),
-                        grey.shape, seed=0)
-    out = chain.apply(grey, 5)
-    assert out.mean() == pytest.approx(127.0, abs=0.1)
-    assert out.std() == pytest.approx(np.sqrt(4 * 0.25 * 60 + 9 + 1 / 12), rel=0.02)
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -241,26 +241,3 @@ def test_a_picture_may_reach_up_to_what_its_lens_sees(lens, reach):
         CameraConfig.from_mapping({"lens": lens, "cutoff_angle": widest / 2.0})
         with pytest.raises(CameraError, match=f"lens {lens} it must be above 0 and at most"):
             CameraConfig.from_mapping({"lens": lens, "cutoff_angle": widest / 2.0 + 1e-6})
-
-
-def test_what_is_not_set_is_gazebos_or_nothing():
-    plain = CameraConfig.from_mapping({})
-    assert (plain.width, plain.height, plain.horizontal_fov) == (320, 240, 1.047)
-    assert (plain.update_rate, plain.near, plain.far) == (30.0, 0.1, 100.0)
-    assert (plain.format, plain.lens, plain.distortion_coefficients) == ("R8G8B8", "pinhole", ())
-    assert (plain.latency, plain.seed, plain.hack_baseline, plain.shake) == (0.0, 0, 0.0, None)
-    assert (plain.depth, plain.segmentation, plain.legacy_camera_info) == (False,) * 3
-    assert (plain.xyz, plain.rpy) == ((0.0,) * 3, (0.0,) * 3)
-    assert (plain.trigger_topic, plain.shutter) == ("", "")
-    none = plain.effects
-    assert (none.noise_mean, none.noise_stddev, none.shot_noise, none.vignetting) == (0.0,) * 4
-    assert (none.exposure, none.gain, none.exposure_time, none.row_time) == (1.0, 1.0, 0.0, 0.0)
-    assert (none.exposure_samples, none.rows_together, none.drop_probability) == (5, 8, 0.0)
-    assert none.sensor is None and none.auto_exposure is None
-    auto = given("effects.auto_exposure.speed", 0.5).effects.auto_exposure
-    assert (auto.target, auto.least, auto.most) == (160.0, 0.1, 10.0)
-    assert given("effects.auto_exposure.target", 90.0).effects.auto_exposure.speed == 0.5
-    shake = given("shake.bandwidth", 0.0).shake
-    assert (shake.xyz, shake.rpy) == ((0.0,) * 3, (0.0,) * 3)
-    sensor = given("effects.sensor.read_noise", 0.0).effects.sensor
-    assert (sensor.read_noise, sensor.dark_current) == (0.0, 0.0)

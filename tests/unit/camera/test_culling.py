@@ -11,7 +11,6 @@ from aras_sim_bridge.rendering import create_renderer
 from aras_sim_bridge.rendering.tiles import TILE, Tiles
 
 LENSES = {
-    "pinhole 57": dict(horizontal_fov=1.0),
     "pinhole 115": dict(horizontal_fov=2.0),
     "equidistant 180": dict(lens="equidistant", horizontal_fov=np.pi),
     "equidistant 220": dict(lens="equidistant", horizontal_fov=np.radians(220)),
@@ -56,7 +55,7 @@ def test_each_pixel_shows_the_box_that_its_ray_meets_first(bench, lens):
     sensor = sensor_of(bench, **LENSES[lens])
     rays = sensor.config.projection.unproject(np.argwhere(np.ones((56, 72)))[:, ::-1].astype(float))
     wrong = compared = 0
-    for _ in range(12):
+    for _ in range(6):
         T = looking(rng.uniform(-1.0, 1.0, 3), rng.uniform(-1.0, 1.0, 3))
         view = sensor.make_view(link_pose(T))
         _, label = sensor.renderer.measure(view)
@@ -69,18 +68,17 @@ def test_each_pixel_shows_the_box_that_its_ray_meets_first(bench, lens):
         drawn = np.where(label.reshape(-1)[known] >= 0, label.reshape(-1)[known] & 0xFFFFFF, -1)
         wrong += (drawn != wanted).sum()
         compared += (wanted >= 0).sum()
-    assert compared > 5000
+    assert compared > 2500
     # Within a misfit of an edge, and where near clips.
     assert wrong < 0.004 * compared, (wrong, compared)
 
 
-@pytest.mark.parametrize("lens", ["pinhole 57", "pinhole 115"])
-def test_what_is_behind_the_camera_changes_no_pixel(bench, lens):
+def test_what_is_behind_the_camera_changes_no_pixel(bench):
     """Long thin beams behind it once took part in the pixels along their planes, of which crowded
     ones are drawn by samples."""
     rng = np.random.default_rng(2)
     table_and_target(bench)
-    sensor = sensor_of(bench, **LENSES[lens])
+    sensor = sensor_of(bench, **LENSES["pinhole 115"])
     views = []
     for _ in range(20):
         turn = rng.uniform(0, 2 * np.pi)

@@ -2,27 +2,16 @@
 
 import numpy as np
 import pytest
-from scenes import Bench, chessboard, looking, table_and_target
-from test_accuracy import LENSES, camera, sensor_of, target_errors
-from tiny import create_renderer
+from scenes import Bench, bright_renderer, looking, table_and_target
+from test_accuracy import LENSES, sensor_of, target_errors
 
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
 from aras_sim_bridge.description import Geometry
 from aras_sim_bridge.rendering import View
-from aras_sim_bridge.rendering.renderer import CENTRE
-from aras_sim_bridge.rendering.shading import pack_colour
-from aras_sim_bridge.rendering.shadows import NO_IRRADIANCE
-from aras_sim_bridge.rendering.sky import NO_SKY
-from aras_sim_bridge.rendering.tiles import (
-    LARGEST_MISFIT,
-    TILE,
-    Tiles,
-    _ExtrapolatedLens,
-)
+from aras_sim_bridge.rendering.tiles import LARGEST_MISFIT, TILE, ExtrapolatedLens, Tiles
 
 K = np.array([[150.0, 0, 80.3], [0, 155.0, 55.8], [0, 0, 1]])
-HALF = [[0, 0, 38], [0, 0, 25], [0, 0, 0]]  # to the centre of a picture half as large
-UNLIKE = ("plumb_bob", "rational", "kannala_brandt", "equidistant_220", "orthographic")
+UNLIKE = ("rational", "kannala_brandt", "equidistant_220", "orthographic")
 
 
 def half_size(lens):
@@ -31,30 +20,6 @@ def half_size(lens):
     if "camera_matrix" in settings:
         settings["camera_matrix"] = {k: x / 2 for k, x in settings["camera_matrix"].items()}
     return CameraConfig.from_mapping({"width": 240, "height": 180, **settings})
-
-
-def finely_sampled(renderer, view, fine=16):
-    """(height, width, 3) mean of fine x fine centres a pixel."""
-    finer = view.K * np.array([[fine], [fine], [1.0]])
-    finer[:2, 2] += (fine - 1) / 2
-    large = View(fine * view.width, fine * view.height, view.world_T_optical, finer, view.near,
-                 view.far)
-    one = renderer.sample(large, 1.0, CENTRE)
-    shader, background = one.canvas.shader, 255.0 * np.array(renderer.light.background[:3])
-    plain = shader.compute_uniform_colours(renderer.triangles, one.visible)
-    none = np.zeros(len(one.samples.tile), np.uint64)
-    words = shader.draw_samples(
-        renderer.triangles,
-        one.visible,
-        one.samples,
-        plain,
-        pack_colour(*background),
-        none,
-        NO_IRRADIANCE,
-        NO_SKY,
-    )
-    rgba = words.view(np.uint8).reshape(*words.shape, 4)[:large.height, :large.width, :3]
-    return rgba.reshape(view.height, fine, view.width, fine, 3).mean(axis=(1, 3))
 
 
 def clutter(bench, rng, count=12):
@@ -68,42 +33,14 @@ def clutter(bench, rng, count=12):
                    colours[(n + 2) % 5])
 
 
-def test_pixels_are_as_bright_as_256_samples_say(bench):
-    rng = np.random.default_rng(3)
-    clutter(bench, rng)
-    renderer = create_renderer("exact", bench.world)
-    off, edges = [], 0
-    for _ in range(5):
-        eye = rng.uniform(-2.5, 2.5, 3)
-        view = View(91, 70, looking(eye, rng.uniform(-0.5, 0.5, 3)), K - HALF, 0.02)
-        fine = finely_sampled(renderer, view)
-        off.append(np.abs(renderer.render(view) - fine).max(axis=2))
-        edges += ((fine % 1.0) > 0.0).any(axis=2).sum()
-    off = np.array(off)
-    assert edges > 1_000
-    # 16 x 16 samples know an edge along the pixels to 1/32 of 255.
-    assert np.sqrt((off**2).mean()) < 0.9
-    assert (off > 12.0).mean() < 5e-4, "besides what pokes into a pixel unnoticed by its neighbours"
-
-
-def test_crossing_faces_meet_along_a_straight_line(bench):
-    """Two boxes through each other: where they cross is an edge like any other."""
-    bench.box([0.5, 0.5, 0.1], [0, 0, 0], "Gazebo/Red")
-    bench.box([0.5, 0.5, 0.1], [0, 0, 0], "Gazebo/White", (0.0, np.sin(0.05), 0.0, np.cos(0.05)))
-    renderer = create_renderer("exact", bench.world)
-    view = View(90, 60, looking([0.03, 0.02, 2.0], [0, 0, 0], (0.2, 1, 0)), 3 * (K - HALF), 0.02)
-    off = np.abs(renderer.render(view) - finely_sampled(renderer, view)).max(axis=2)
-    assert off.max() < 14.0
-
-
 def test_tips_that_reach_no_corner_of_a_pixel_are_drawn(bench):
     """A square's corners poke into pixels from all four sides, over the borders of tiles too."""
     bench.box([1.5, 1.5, 0.05], [0, 0, -0.05])
     bench.box([0.05, 0.05, 1e-5], [0, 0, 0], "Gazebo/Black")
-    renderer = create_renderer("exact", bench.world)
+    renderer = bright_renderer(bench.world)
     rng = np.random.default_rng(8)
     lost = []
-    for _ in range(60):
+    for _ in range(30):
         turn = rng.uniform(0.0, 2 * np.pi)
         at = rng.uniform(-0.02, 0.02, 2)
         pose = looking([*at, 0.5], [*at, 0.0], (np.cos(turn), np.sin(turn), 0))
@@ -111,17 +48,6 @@ def test_tips_that_reach_no_corner_of_a_pixel_are_drawn(bench):
         black = (255.0 - renderer.render(view)[..., 0]).sum() / 255.0
         lost.append(24.0**2 * (0.5 / (0.5 - 1e-5)) ** 2 - black)
     assert np.abs(lost).max() < 0.12, "px²"
-
-
-def test_glass_dims_what_is_behind_it_by_its_opacity(bench):
-    bench.box([1.0, 1.0, 0.1], [0, 0, 0], "Gazebo/White")
-    bench.box([0.2, 0.2, 0.01], [0, 0, 0.3], "Gazebo/GreyTransparent")
-    renderer = create_renderer("exact", bench.world)
-    image = renderer.render(View(160, 120, looking([0, 0, 2.0], [0, 0, 0], (0, 1, 0)),
-                                 np.array([[150.0, 0, 79.5], [0, 150.0, 59.5], [0, 0, 1]]), 0.02))
-    lit = 255 * 0.5 * (0.4 + 0.8 * 0.9 / np.linalg.norm([0.5, 0.1, 0.9]))
-    assert image[60, 80] == pytest.approx(np.full(3, (255 + lit) / 2), abs=1)
-    assert image[60, 50].tolist() == [255, 255, 255]
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
@@ -133,7 +59,7 @@ def test_panes_before_an_edge_are_looked_through_from_far_to_near(bench, side):
     bench.box([0.5, 0.5, 1e-3], [0.5, 0.0, -0.3 * side], "Gazebo/White")
     pose = looking([0.0, 0.0, 1.5 * side], [0.0, 0.0, 0.0], (0, 1, 0))
     K = np.array([[60.0, 0, 10.0], [0, 60.0, 5.0], [0, 0, 1]])
-    renderer = create_renderer("exact", bench.world)
+    renderer = bright_renderer(bench.world)
     row = renderer.render(View(21, 11, pose, K, 0.02))[5].astype(float)
     lit = 0.4 + 0.72 / np.sqrt(1.07) if side > 0.0 else 0.4
     rgb = {"Red": (1, 0, 0), "Green": (0, 1, 0), "Blue": (0, 0, 1), "Yellow": (1, 1, 0)}
@@ -149,57 +75,26 @@ def test_panes_before_an_edge_are_looked_through_from_far_to_near(bench, side):
                                                 for end in sorted(map(tuple, ends))]
 
 
-def test_a_chessboard_is_drawn_in_hd(bench):
-    size = (1280, 960)
-    chessboard(bench)
-    config = CameraConfig(width=size[0], height=size[1], near=0.01)
-    view = View(*size, looking([0, 0, 0.4], [0, 0, 0], (0, 1, 0)), config.K, 0.01)
-    image = create_renderer("exact", bench.world).render(view)
-    assert image.shape == (size[1], size[0], 3)
-    assert 0.1 < (image == 0).all(axis=2).mean() < 0.5
-
-
-@pytest.mark.parametrize("size", [(16384, 8), (8, 16384)])
-def test_what_a_config_accepts_is_drawn(bench, size):
+def test_what_a_config_accepts_is_drawn(bench):
+    size = 16384, 8
     table_and_target(bench)
     config = CameraConfig.from_mapping({"width": size[0], "height": size[1], "horizontal_fov": 1.0})
-    sensor = CameraSensor(config, create_renderer("exact", bench.world))
+    sensor = CameraSensor(config, bright_renderer(bench.world))
     view = View(*size, looking([0, 0, 1.0], [0, 0, 0.59], (0, 1, 0)), config.K, 0.01)
     assert sensor.renderer.render(view).shape == (size[1], size[0], 3)
 
 
 def test_edges_are_as_good_among_many_triangles(bench):
-    """40 balls of 1024 triangles in the corners of the view: the target's edges do not know."""
+    """20 balls of 1024 triangles in the corners of the view: the target's edges do not know."""
     table_and_target(bench)
-    alone, alone_area = target_errors(create_renderer("exact", bench.world), 12)
-    for n in range(40):
+    alone, alone_area = target_errors(bright_renderer(bench.world), 6)
+    for n in range(20):
         bench.body(Geometry("sphere", radius=0.02), [0.25 * np.cos(n), 0.25 * np.sin(n), 0.61],
                    "Gazebo/White")
-    crowded, area = target_errors(create_renderer("exact", bench.world), 12)
+    crowded, area = target_errors(bright_renderer(bench.world), 6)
     assert np.sqrt((alone**2).sum(axis=1).mean()) < 0.005
     assert np.abs(crowded - alone).max() < 1e-3
     assert np.abs(area - alone_area).max() < 1e-4
-
-
-def test_views_that_differ_in_their_intrinsics_alone_are_told_apart(bench):
-    table_and_target(bench)
-    renderer = create_renderer("exact", bench.world)
-    pose = looking([0, 0, 0.8], [0, 0, 0.59], (1, 0, 0))
-    at = []
-    for fx, fy, cx in ((150.0, 150.0, 80.0), (150.0, 150.0, 84.0), (300.0, 150.0, 80.0),
-                       (150.0, 300.0, 80.0)):
-        dark = 255.0 - renderer.render(
-            View(160, 120, pose, np.array([[fx, 0, cx], [0, fy, 60.0], [0, 0, 1]]), 0.02))[..., 0]
-        total = dark.sum()
-        mean = (dark * np.arange(160)).sum() / total
-        wide = np.sqrt((dark * (np.arange(160) - mean) ** 2).sum() / total)
-        rows = (dark.sum(axis=1) * np.arange(120)).sum() / total
-        high = np.sqrt((dark.sum(axis=1) * (np.arange(120) - rows) ** 2).sum() / total)
-        at.append((mean, wide, high))
-    (m, w, h), moved, wider, higher = at
-    assert moved == pytest.approx((m + 4.0, w, h), abs=0.01)
-    assert wider == pytest.approx((m, 2 * w, h), rel=0.01)
-    assert higher == pytest.approx((m, w, 2 * h), rel=0.01)
 
 
 @pytest.mark.filterwarnings("error::RuntimeWarning")  # it may look behind itself
@@ -226,22 +121,6 @@ def test_tiles_follow_the_rays(bench, lens):
     assert np.nanpercentile(np.abs(shift.mean(axis=(1, 3))), 95) < 0.003
 
 
-def test_the_cones_of_tiles_are_around_what_they_show_and_little_more():
-    config = camera("equidistant_220")
-    tiles = Tiles.of_lens(config.width, config.height, config.projection.unproject)
-    rays = np.full((tiles.rows * TILE, tiles.columns * TILE, 3), np.nan)
-    rays[:tiles.height, :tiles.width] = tiles.compute_rays()
-    rays = rays.reshape(tiles.rows, TILE, tiles.columns, TILE, 3).swapaxes(1, 2)
-    rays = rays.reshape(len(tiles.axis), TILE * TILE, 3)
-    shown = np.isfinite(rays[..., 0]).any(axis=1)
-    cones = tiles.nodes[:len(rays)]
-    between = np.einsum("tpi,ti->tp", rays, cones[:, :3])[shown]
-    assert (np.nanmin(between, axis=1) >= cones[shown, 3]).all()
-    assert (cones[~shown, 3] == 2.0).all()
-    # A tile on the rim has corners where there is no lens.
-    assert np.arccos(cones[shown, 3]).max() < 1.5 * TILE / config.K[0, 0]
-
-
 def test_rays_beyond_a_lens_s_rim_go_on_as_they_do_there_for_two_tiles():
     """Of a pinhole that ends at 30 px from its centre."""
     centre, focal = np.array([40.0, 25.0]), np.array([90.0, 60.0])
@@ -256,7 +135,7 @@ def test_rays_beyond_a_lens_s_rim_go_on_as_they_do_there_for_two_tiles():
     nearer = np.minimum(away, 46.0) / np.maximum(away, 1e-9)
     wanted = np.column_stack([(points - centre) / focal * nearer[:, None], np.ones(len(points))])
     wanted[away > 30.0] /= np.linalg.norm(wanted[away > 30.0], axis=1, keepdims=True)
-    found = _ExtrapolatedLens(unproject, centre)
+    found = ExtrapolatedLens(unproject, centre)
     np.testing.assert_allclose(found.compute_rays(points), wanted, atol=1e-6)
     shown = np.random.default_rng(2).random((9, 10)) < 0.3
     corners, middles = found.corner_rays(shown, TILE), found.centre_rays(shown, TILE)
@@ -293,7 +172,7 @@ def test_what_covers_much_does_not_hide_what_covers_less_and_crosses_it(bench):
     plank = bench.box([0.01, 20.0, 0.25], middle,
                       orientation=(0.0, 0.0, np.sin(turn / 2), np.cos(turn / 2)))
     config = CameraConfig.from_mapping({"horizontal_fov": np.pi / 2, "near": 0.02})
-    sensor = CameraSensor(config, create_renderer("exact", bench.world))
+    sensor = CameraSensor(config, bright_renderer(bench.world))
     _, label = sensor.renderer.measure(sensor.make_view(np.eye(4)))
     rows = label[90:150]
     crossing = config.K[0, 2] - config.K[0, 0] * 0.1
@@ -303,20 +182,7 @@ def test_what_covers_much_does_not_hide_what_covers_less_and_crosses_it(bench):
     assert (label[:70] == wall.body_id).all() and (label[170:] == wall.body_id).all()
 
 
-def test_a_pinhole_is_the_lens_whose_tiles_are_exact(bench):
-    rng = np.random.default_rng(1)
-    clutter(bench, rng)
-    sensor = sensor_of(camera("off_centre"), bench)
-    config = sensor.config
-    pose = looking([2.0, 1.0, 1.0], [0, 0, 0])
-    flat = View(config.width, config.height, pose, config.K, 0.02)
-    lens = View(config.width, config.height, pose, config.K, 0.02,
-                lens=Tiles.of_lens(config.width, config.height, config.projection.unproject))
-    assert lens.lens.cells == 1
-    assert np.abs(sensor.renderer.render(flat).astype(int) - sensor.renderer.render(lens)).max() < 2
-
-
-@pytest.mark.parametrize("size", [(1, 1), (5, 3), (37, 41), (161, 121)])
+@pytest.mark.parametrize("size", [(1, 1), (37, 41)])
 @pytest.mark.parametrize("lens", ["pinhole", "plumb_bob", "equidistant_220"])
 def test_pictures_have_any_size(size, lens):
     bench = Bench()
@@ -326,32 +192,13 @@ def test_pictures_have_any_size(size, lens):
         focal = 0.5 * size[0] + 1
         settings["camera_matrix"] = [focal, focal, size[0] / 2, size[1] / 2]
     config = CameraConfig.from_mapping(settings)
-    sensor = CameraSensor(config, create_renderer("exact", bench.world))
+    sensor = CameraSensor(config, bright_renderer(bench.world))
     view = sensor.make_view(np.eye(4))
     assert sensor.renderer.render(view).shape == (size[1], size[0], 3)
     depth, label = sensor.renderer.measure(view)
     assert depth.shape == label.shape == size[::-1]
     assert (np.isfinite(depth) == (label >= 0)).all()
     bench.close()
-
-
-def test_what_covers_a_view_hides_only_what_is_behind_it(bench):
-    """A table that fills the view, a thing below it and one through it, against tiny's picture."""
-    bench.box([1.5, 1.5, 0.05], [0, 0, 0.5])
-    bench.box([0.1, 0.1, 0.1], [0, 0, 0.2], "Gazebo/Red")
-    bench.box([0.05, 0.05, 0.3], [0.1, 0.1, 0.5], "Gazebo/Blue")
-    exact, tiny = (create_renderer(name, bench.world) for name in ("exact", "tiny"))
-    rng = np.random.default_rng(0)
-    seen = 0
-    for _ in range(20):
-        eye = [*rng.uniform(-0.9, 0.9, 2), rng.uniform(0.6, 1.5)]
-        turn = rng.uniform(0, 6)
-        view = View(160, 120, looking(eye, [*(eye[:2] + rng.uniform(-0.4, 0.4, 2)), 0.55],
-                                      (np.cos(turn), np.sin(turn), 0)), K, 0.02)
-        labels = exact.measure(view)[1], tiny.measure(view)[1]
-        assert (labels[0] != labels[1]).mean() < 0.004
-        seen += (labels[0] == 2).any()
-    assert 3 < seen < 20
 
 
 @pytest.mark.parametrize("lens", ["off_centre", *UNLIKE])
@@ -377,20 +224,6 @@ def test_depth_through_a_lens_is_where_the_ray_of_the_pixel_meets_the_plane(benc
     off = depth[near] - expected[near]
     assert np.sqrt((off**2).mean()) < 2e-5
     assert np.abs(off).max() < 2e-4
-
-
-def test_depth_through_lenses_is_that_of_the_pixel_s_own_ray(bench):
-    bench.box([0.01, 50.0, 50.0], [0.51, 0.0, 0.0])
-    config = CameraConfig.from_mapping({"width": 160, "height": 120, "far": 50.0,
-                                        "lens": "equidistant", "horizontal_fov": np.pi})
-    sensor = CameraSensor(config, create_renderer("exact", bench.world))
-    depth, _ = sensor.renderer.measure(sensor.make_view(np.eye(4)))
-    v, u = np.mgrid[:120, :160]
-    pixels = np.stack([u.ravel(), v.ravel()], axis=1).astype(float)
-    forward = config.projection.unproject(pixels)[:, 2].reshape(120, 160)
-    near = np.nan_to_num(forward) > 0.3
-    assert near.mean() > 0.5
-    np.testing.assert_allclose(depth[near] * forward[near], 0.5, rtol=1e-5)
 
 
 def test_tiles_are_numbered_row_by_row():

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from aras_sim_bridge.camera import mounting
+from aras_sim_bridge.camera import CameraSensor, mounting
 from aras_sim_bridge.description import Light, parse_urdf
 from aras_sim_bridge.errors import CameraError, DescriptionError, RenderingError
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
@@ -135,6 +135,17 @@ def test_ways_to_write_a_pose(pose):
         assert (placed.xyz, placed.quat) == ((0, 0, 0), (0, 0, 0, 1))
 
 
+class DamagedSensor(CameraSensor):
+    """Sensor whose images cannot be rendered for a while."""
+
+    is_damaged = True
+
+    def capture(self, world_T_link, time_ns):
+        if self.is_damaged:
+            raise RenderingError("mesh 'a.stl' is damaged")
+        return super().capture(world_T_link, time_ns)
+
+
 def test_what_cannot_be_drawn_costs_its_frames_only(caplog):
     """The simulation and the other cameras go on, the reason is told once, and so is the end."""
     simulation = Simulation(SimulationConfig())
@@ -143,8 +154,7 @@ def test_what_cannot_be_drawn_costs_its_frames_only(caplog):
     for camera in (broken, sound):
         camera.on_frame, camera.enabled = got[camera.sensor.config.name].append, True
 
-    def fail(*_):
-        raise RenderingError("mesh 'a.stl' is damaged")
+    broken.sensor = DamagedSensor(broken.sensor.config, broken.sensor.renderer)
 
     def run():
         for _ in range(100):
@@ -152,9 +162,8 @@ def test_what_cannot_be_drawn_costs_its_frames_only(caplog):
         return [len(frames) for frames in got.values()]
 
     with caplog.at_level(logging.INFO, "aras_sim_bridge.camera.mounting"):
-        draw, broken.sensor.capture = broken.sensor.capture, fail
         assert run() == [0, 3]
-        broken.sensor.capture = draw
+        broken.sensor.is_damaged = False
         assert run() == [3, 6]
     simulation.close()
     assert [r.getMessage() for r in caplog.records if "mounting" in r.name] == [

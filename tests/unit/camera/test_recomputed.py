@@ -350,43 +350,6 @@ def test_a_picture_is_what_rays_at_its_triangles_say(
     assert 0.08 < edges.mean() < 0.4
 
 
-@pytest.mark.parametrize(("what", "lens"), [("things", "pinhole"), ("painted", "long"),
-                                            ("things", "bent")])
-def test_pieces_of_pixels_are_as_large_as_rays_say_and_lie_within_them(
-    bench, tmp_path, what, lens
-):  # fmt: skip
-    sensor, view = scene(bench, tmp_path, what, lens, "sun")
-    caster, (seen, edges, f) = Caster(sensor.renderer), resolved(sensor.renderer, view)
-    _, shows = expected(caster, sensor.config.projection, view, SUN, edges, 64)
-    number = np.full(edges.shape, -1)
-    number[edges] = np.arange(edges.sum())
-    triangles, width = sensor.renderer.triangles, TILE * -(-view.width // TILE)
-    cell = TILE // view.get_tiles().cells
-    off, aside, whole = [], [], []
-    for k, pixel in enumerate(f.pixel):
-        v, u = pixel // width, pixel % width
-        if not (v < view.height and u < view.width) or (shows[:, number[v, u]] == -2).any():
-            continue
-        sides = [caster.side[m] if m >= 0 else None for m in shows[:, number[v, u]]]
-        share = dict.fromkeys(sides, 0.0)
-        for n in range(f.start[k], f.start[k + 1]):
-            t = seen.triangle[f.member[n]]
-            side = side_of(triangles.part[t], *triangles.corners[t])
-            share[side] = share.get(side, 0.0) + f.share[n]
-            rays = PLACES[[one == side for one in sides], :2]
-            if len(rays) > 6:
-                aside.append(f.at[n] - (u % cell, v % cell) - rays.mean(axis=0) + 0.5)
-        if None not in sides:
-            whole.append(f.share[f.start[k]:f.start[k + 1]].sum())
-        off += [share[side] - sides.count(side) / len(sides) for side in share if side is not None]
-    # Where all rays meet something, the pieces are the pixel but for its corners.
-    assert np.isclose(whole, 1.0, atol=1e-6).mean() > 0.96
-    off, aside = np.array(off), np.linalg.norm(aside, axis=1)
-    assert len(off) > 300 and rms(off) < 0.02 and np.abs(off).max() < 0.12
-    # The middle of a piece that is hidden in part may be that of all of it.
-    assert len(aside) > 300 and rms(aside) < 0.23 and np.median(aside) < 0.13
-
-
 @pytest.mark.parametrize(("lens", "near", "far"), [
     ("pinhole", 0.02, 50.0), ("pinhole", 0.75, 1.1), ("bent", 0.02, 50.0), ("wide", 0.02, 50.0),
     ("around", 1e-4, 50.0)])

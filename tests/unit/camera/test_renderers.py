@@ -1,24 +1,22 @@
-"""Both renderers draw the geometry in Bullet, and report unsupported features."""
+"""The renderer draws the geometry in Bullet, and reports unsupported features."""
 
 from concurrent.futures import ThreadPoolExecutor
 
 import cv2
 import numpy as np
 import pytest
-from scenes import Bench, looking, table_and_target
-from tiny import create_renderer
+from scenes import Bench, bright_renderer, looking
 
 from aras_sim_bridge import rendering
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
 from aras_sim_bridge.description import Geometry, shapes
 from aras_sim_bridge.errors import RenderingError
 from aras_sim_bridge.rendering import View
-from aras_sim_bridge.rendering.renderer import Renderer
 from aras_sim_bridge.world import Pose
 from aras_visual_servo_base.meshes import files as mesh_files
 
+S = np.sqrt(0.5)
 K = np.array([[150.0, 0, 80.3], [0, 155.0, 55.8], [0, 0, 1]])
-RENDERERS = ("exact", "tiny")
 
 
 def view(eye=(2.0, -1.5, 1.2), at=(0.0, 0.0, 0.3), **changes):
@@ -36,21 +34,9 @@ def furnish(bench):
     bench.world.spawn_ground_plane()
 
 
-def test_both_draw_the_same_picture(bench):
-    furnish(bench)
-    pictures = {}
-    for name in RENDERERS:
-        renderer = create_renderer(name, bench.world)
-        pictures[name] = renderer.render(view()).astype(int)
-    difference = np.abs(pictures["exact"] - pictures["tiny"]).max(axis=2)
-    assert (difference > 12).mean() < 0.003, "more than the odd edge pixel differs"
-    means = [picture.mean(axis=(0, 1)) for picture in pictures.values()]
-    assert np.abs(means[0] - means[1]).max() < 1.0, "tiny cuts off parts of a grey level"
-
-
 def test_a_grey_camera_delivers_the_luminance_of_the_coloured_image(bench):
     furnish(bench)
-    renderer = create_renderer("exact", bench.world)
+    renderer = bright_renderer(bench.world)
     rgb, grey = renderer.render(view()), renderer.render_grey(view())
     luminance = rgb.astype(float) @ [0.299, 0.587, 0.114]
     assert grey.dtype == np.uint8 and len(np.unique(grey)) > 50
@@ -63,24 +49,27 @@ def test_a_grey_camera_delivers_the_luminance_of_the_coloured_image(bench):
     np.testing.assert_array_equal(image, expected)
 
 
-def test_both_measure_the_same(bench):
-    furnish(bench)
-    measured = [create_renderer(n, bench.world).measure(view())
-                for n in RENDERERS]
-    (depth_a, label_a), (depth_b, label_b) = measured
-    same = label_a == label_b
-    assert same.mean() > 0.99
-    assert set(np.unique(label_a)) == {-1, 0, 1, 2, 3, 4}
-    solid = same & (label_a >= 0)
-    assert np.median(np.abs(depth_a[solid] - depth_b[solid])) < 1e-3
-    assert np.isinf(depth_a[label_a < 0]).all()
+@pytest.mark.parametrize(("shape", "turn", "far"), [
+    (Geometry("sphere", radius=0.2), (0.5, 0.5, 0.5, 0.5), 0.2),
+    (Geometry("cylinder", radius=0.15, length=0.5), (0.0, 0.0, 0.0, 1.0), 0.25),
+    (Geometry("cylinder", radius=0.15, length=0.5), (0.0, S, 0.0, S), 0.15),
+    (Geometry("capsule", radius=0.1, length=0.4), (0.0, 0.0, 0.0, 1.0), 0.3),
+    (Geometry("box", size=(0.2, 0.4, 0.6)), (S, 0.0, 0.0, S), 0.2),
+])  # fmt: skip
+def test_a_shape_is_drawn_about_its_origin_wherever_its_mass_is(bench, shape, turn, far):
+    body = bench.body(shape, [0.3, -0.2, 0.5], "Gazebo/Blue", turn, com=(0.1, 0.05, -0.1))
+    bench.world.spawn_ground_plane()
+    above = View(160, 120, looking([0.3, -0.2, 2.0], [0.3, -0.2, 0.0], (0, 1, 0)), K, 0.02)
+    depth, label = bright_renderer(bench.world).measure(above)
+    assert depth[56, 80] == pytest.approx(2.0 - 0.5 - far, abs=2e-3)
+    assert label[56, 80] == body.body_id
+    assert depth[5, 5] == pytest.approx(2.0, abs=1e-5)
 
 
-@pytest.mark.parametrize("name", RENDERERS)
-def test_models_come_and_go(bench, name):
-    renderer = create_renderer(name, bench.world)
+def test_models_come_and_go(bench):
+    renderer = bright_renderer(bench.world)
     empty = renderer.render(view())
-    assert (empty == 178).all() or (empty == 179).all(), "an empty world is Gazebo's grey"
+    assert np.isin(empty, (178, 179)).all(), "an empty world is Gazebo's grey"
     body = bench.box([0.3, 0.3, 0.3], [0, 0, 0.3], "Gazebo/Green")
     with_box = renderer.render(view())
     green = (with_box[..., 1] > 60) & (with_box[..., 0] == 0)
@@ -91,59 +80,14 @@ def test_models_come_and_go(bench, name):
     assert (renderer.render(view()) == empty).all()
 
 
-@pytest.mark.parametrize("name", RENDERERS)
-def test_table_is_white_and_target_black_from_anywhere(bench, name):
-    table_and_target(bench)
-    renderer = create_renderer(name, bench.world)
-    for eye in ([0.0, 0.0, 0.78], [0.08, -0.1, 0.75], [-0.2, 0.15, 1.0]):
-        image = renderer.render(View(160, 120, looking(eye, [0.0, 0.0, 0.59], (1, 0, 0)), K, 0.02))
-        centre = image[52:60, 76:84]
-        assert centre.max() <= 10
-        assert image[:8].min() >= 251
-
-
-@pytest.mark.parametrize("name", RENDERERS)
-def test_nothing_nearer_than_near(bench, name):
-    bench.box([0.5, 0.5, 0.01], [0, 0, 0.0], "Gazebo/Red")
-    renderer = create_renderer(name, bench.world)
-    pose = looking([0, 0, 1.0], [0, 0, 0], (0, 1, 0))
-    assert renderer.render(View(32, 24, pose, K, 0.9))[12, 16, 0] > 200
-    assert renderer.render(View(32, 24, pose, K, 1.1))[12, 16].tolist() in ([178] * 3, [179] * 3)
-
-
-@pytest.mark.parametrize("name", RENDERERS)
-def test_a_camera_inside_a_body_looks_out_of_it(bench, name):
+def test_a_camera_inside_a_body_looks_out_of_it(bench):
     body = bench.box([0.2, 0.2, 0.2], [0, 0, 1.0], "Gazebo/Black")
     bench.box([2, 2, 0.01], [0, 0, 0], "Gazebo/White")
-    renderer = create_renderer(name, bench.world)
+    renderer = bright_renderer(bench.world)
     pose = looking([0, 0, 1.0], [0, 0, 0], (0, 1, 0))
     assert renderer.render(View(32, 24, pose, K, 0.02)).min() > 200
     assert renderer.find_bodies_around([0, 0, 1.0]) == [f"{body.name}::link"]
     assert renderer.find_bodies_around([0, 0, 1.5]) == []
-
-
-@pytest.mark.parametrize(("kind", "off"), [("exact", 0.1), ("tiny", 0.6)])
-def test_distance_and_pose_blend_between_snapshot_and_now(bench, kind, off):
-    body = bench.box([0.05, 0.05, 0.001], [0, 0, 0], "Gazebo/Black")
-    renderer = create_renderer(kind, bench.world)
-    renderer.snapshot()
-    body.set_pose(Pose((0.1, 0.0, 0.0)))
-    pose = looking([0, 0, 1.0], [0, 0, 0], (0, 1, 0))
-    columns = []
-    for blend in (0.0, 0.5, 1.0):
-        dark = 255.0 - renderer.render(View(160, 120, pose, K, 0.02), blend)[..., 0]
-        dark -= dark.min()
-        columns.append((dark * np.arange(160)).sum() / dark.sum())
-    assert columns[1] - columns[0] == pytest.approx(columns[2] - columns[1], abs=off)
-    assert columns[2] - columns[0] == pytest.approx(0.1 * 150 / 0.999, abs=2 * off)
-
-
-def test_tiny_pictures_have_any_size(bench):
-    furnish(bench)
-    renderer = create_renderer("exact", bench.world)
-    for size in ((1, 1), (5, 3), (37, 41), (161, 121)):
-        image = renderer.render(View(*size, looking([2, 1, 1], [0, 0, 0]), K))
-        assert image.shape == (*size[::-1], 3)
 
 
 def test_unknown_renderer_lists_what_there_is(bench):
@@ -151,16 +95,11 @@ def test_unknown_renderer_lists_what_there_is(bench):
         rendering.create_renderer("vulkan", bench.world)
 
 
-def test_names_of_earlier_versions_go_on(bench):
-    made = {type(rendering.create_renderer(n, bench.world)) for n in rendering.RENDERERS}
-    assert made == {Renderer}
-
-
 def test_several_renderers_and_threads_do_not_mix(bench):
     other = Bench()
     furnish(bench)
     other.box([0.3, 0.3, 0.3], [0, 0, 0.3], "Gazebo/Green")
-    renderers = [create_renderer("exact", b.world) for b in (bench, other)]
+    renderers = [bright_renderer(b.world) for b in (bench, other)]
     alone = [renderer.render(view()) for renderer in renderers]
     assert (alone[0] != alone[1]).any()
     for _ in range(3):
@@ -176,12 +115,11 @@ def test_several_renderers_and_threads_do_not_mix(bench):
 
 
 def test_a_closed_renderer_says_so(bench):
-    for name in RENDERERS:
-        renderer = create_renderer(name, bench.world)
-        renderer.close()
-        renderer.close()
-        with pytest.raises(RenderingError, match="closed"):
-            renderer.render(view())
+    renderer = bright_renderer(bench.world)
+    renderer.close()
+    renderer.close()
+    with pytest.raises(RenderingError, match="closed"):
+        renderer.render(view())
 
 
 CUBE_OBJ = """mtllib cube.mtl
@@ -206,7 +144,7 @@ def test_obj_materials_and_textures(bench, tmp_path):
         path = tmp_path / f"{material}.obj"
         path.write_text(CUBE_OBJ.format(material=material))
         body = spawn_mesh(bench, path)
-        renderer = create_renderer("exact", bench.world)
+        renderer = bright_renderer(bench.world)
         pose = looking([0.5, 0.5, 1.0], [0.5, 0.5, 0], (0, 1, 0))
         image = renderer.render(View(160, 120, pose, K, 0.02))
         check_quarters(image, left, right, material == "picture")
@@ -234,7 +172,7 @@ def test_a_link_s_colour_goes_before_that_of_its_mesh_file(bench, tmp_path):
     (tmp_path / "cube.obj").write_text(CUBE_OBJ.format(material="plain"))
     bench.body(Geometry("mesh", filename=str(tmp_path / "cube.obj")), colour="Gazebo/Red")
     pose = looking([0.5, 0.5, 1.0], [0.5, 0.5, 0], (0, 1, 0))
-    image = create_renderer("exact", bench.world).render(View(160, 120, pose, K, 0.02))
+    image = bright_renderer(bench.world).render(View(160, 120, pose, K, 0.02))
     assert np.abs(image[60, 80].astype(int) - [255, 0, 0]).max() <= 2
 
 
@@ -281,20 +219,19 @@ def test_collada_units_colours_and_textures(bench, tmp_path, diffuse, left, righ
     (mesh,) = mesh_files.read(str(path))
     assert np.abs(np.ptp(mesh.positions, axis=0) - [1.0, 1.0, 0.0]).max() < 1e-6
     spawn_mesh(bench, path)
-    renderer = create_renderer("exact", bench.world)
+    renderer = bright_renderer(bench.world)
     pose = looking([0.5, 0.5, 1.0], [0.5, 0.5, 0], (0, 1, 0))
     image = renderer.render(View(160, 120, pose, K, 0.02))
     check_quarters(image, left, right, "texture" in diffuse)
 
 
-@pytest.mark.parametrize("renderer", RENDERERS)
-def test_a_mesh_damaged_after_its_spawn_leaves_the_rest_in_view(bench, tmp_path, caplog, renderer):
+def test_a_mesh_damaged_after_its_spawn_leaves_the_rest_in_view(bench, tmp_path, caplog):
     path = tmp_path / "square.obj"
     path.write_text(CUBE_OBJ.format(material=""))
     bench.box([0.3, 0.3, 0.3], [0.0, 0.0, 0.3], "Gazebo/Red")
     spawn_mesh(bench, path)
     path.write_text("v 0 0 0")
-    drawn = create_renderer(renderer, bench.world)
+    drawn = bright_renderer(bench.world)
     for n in range(2):
         image = drawn.render(view())
         bench.box([0.1, 0.1, 0.1], [0.0, n, -9.0])  # the world changed: all is read again
@@ -314,33 +251,3 @@ def test_shapes_are_closed_and_face_outwards():
         assert not mesh.contains(np.array([0.0, 0.0, 1.6]))
         outward = np.einsum("ni,ni->n", mesh.normals, mesh.positions)
         assert (outward > -1e-6).all()
-
-
-@pytest.mark.parametrize("renderer", RENDERERS)
-@pytest.mark.parametrize(
-    ("lens", "along_ray"),
-    [
-        (dict(horizontal_fov=2.0), False),
-        (dict(camera_matrix=(45.0, 45.0, 79.5, 59.5),
-              distortion_coefficients=(0.05, 0.0, 0.0, 0.0, 0.0)), False),
-        (dict(lens="equidistant", horizontal_fov=2.2), False),
-        (dict(lens="equidistant", horizontal_fov=np.pi), True),
-    ],
-)  # fmt: skip
-def test_depth_of_a_wall_through_lenses(bench, renderer, lens, along_ray):
-    """All of a wall across the view is at one depth, unless the lens sees beyond all walls."""
-    bench.box([0.01, 50.0, 50.0], [0.51, 0.0, 0.0])
-    settings = {"width": 160, "height": 120, "far": 50.0, **lens}
-    sensor = CameraSensor(
-        CameraConfig.from_mapping(settings),
-        create_renderer(renderer, bench.world),
-    )
-    depth, label = sensor.renderer.measure(sensor.make_view(np.eye(4)))
-    v, u = np.mgrid[:120, :160]
-    pixels = np.stack([u.ravel(), v.ravel()], axis=1).astype(float)
-    rays = sensor.config.projection.unproject(pixels).reshape(120, 160, 3)
-    with np.errstate(invalid="ignore"):
-        expected = 0.5 / rays[..., 2] if along_ray else np.full(u.shape, 0.5)
-        seen = (label >= 0) & (rays[..., 2] > 0.3)
-    assert seen.mean() > 0.5
-    assert np.abs(depth[seen] / expected[seen] - 1.0).max() < 0.03

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from aras_sim_bridge.description import parse_urdf
+from aras_sim_bridge.description import Geometry, Link, RobotDescription, Visual
 from aras_sim_bridge.rendering import Lighting, View, create_renderer
-from aras_visual_servo_base.poses import IDENTITY, Pose, exponential, inverse, matrix_from_xyz_rpy
+from aras_sim_bridge.world import Model, World
+from aras_visual_servo_base.poses import Pose, exponential, inverse, matrix_from_xyz_rpy
 from aras_visual_servo_camera.undistortion import CameraModel
 
 SIZE = (640, 480)
@@ -86,34 +87,14 @@ def block(middle: tuple[float, float], size: tuple[float, float], turn: float, l
     return prism(sides @ np.array([(c, s), (-s, c)]) + middle, low, high)
 
 
-@dataclass
-class _Body:
-    description: object
-    name: str
-    body_id: int
-    at: Pose = IDENTITY
-
-    def link_index(self, _: str) -> int:
-        return -1
-
-    def pose(self) -> Pose:
-        return self.at
-
-    def get_scoped_name(self, link: str) -> str:
-        return f"{self.name}::{link}"
-
-
-class _Still:
-    def __init__(self, bodies: list[_Body]) -> None:
-        self.models = {body.name: body for body in bodies}
-        self.revision = 0
-
-
-def _body(name: str, number: int, folder: Path, parts: list[tuple[np.ndarray, float]]) -> _Body:
+def spawn(
+    world: World, name: str, folder: Path, parts: list[tuple[np.ndarray, float]]
+) -> Model:
+    """Spawn a body that hangs where it is put, made of parts as in write_obj."""
     mesh = write_obj(folder / f"{name}.obj", parts)
-    urdf = (f'<robot name="{name}"><link name="{name}"><visual><geometry>'
-            f'<mesh filename="file://{mesh}"/></geometry></visual></link></robot>')  # fmt: skip
-    return _Body(parse_urdf(urdf), name, number)
+    visual = Visual("visual", (0, 0, 0), (0, 0, 0), Geometry("mesh", filename=str(mesh)))
+    return world.spawn(
+        RobotDescription(name, name, {name: Link(name, None, (visual,))}, {}, static=True), name)
 
 
 def _clutter(random: np.random.Generator) -> list[tuple[np.ndarray, float]]:
@@ -139,14 +120,14 @@ class Sequence:
         floor = [(block((0.0, 0.0), (3.0, 3.0), 0.0, -0.02, -0.0005), FLOOR)]
         if condition == "cluttered":
             floor += _clutter(self.random)
-        bodies = [_body(solid, 1, folder, [(self.triangles, GREYS[solid])]),
-                  _body("floor", 2, folder, floor)]  # fmt: skip
+        world = World()
+        self.target = spawn(world, solid, folder, [(self.triangles, GREYS[solid])])
+        spawn(world, "floor", folder, floor)
         self.card = None
         if condition == "occluded":
             card = block((0.0, 0.0), (0.16, 0.16), 0.0, 0.0, 0.001)
-            self.card = _body("card", 3, folder, [(card, 0.5)])
-            bodies.append(self.card)
-        self._renderer = create_renderer("exact", _Still(bodies), SUN)
+            self.card = spawn(world, "card", folder, [(card, 0.5)])
+        self._renderer = create_renderer("exact", world, SUN)
 
     def pose(self, i: int) -> np.ndarray:
         """Return camera_T_solid (4, 4) of image i."""
@@ -198,8 +179,8 @@ class Sequence:
 
         def hidden(away: float) -> float:
             camera_T_card = matrix_from_xyz_rpy(0.75 * middle + away * out, (0.0, 0.0, side))
-            self.card.at = Pose.from_matrix(view.world_T_optical @ camera_T_card)
-            return float((self._renderer.measure(view)[1] == 1).sum())
+            self.card.set_pose(Pose.from_matrix(view.world_T_optical @ camera_T_card))
+            return float((self._renderer.measure(view)[1] == self.target.body_id).sum())
 
         whole = hidden(1.0)
         low, high = 0.04, 0.2

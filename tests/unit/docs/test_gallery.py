@@ -22,13 +22,12 @@ def test_an_example_of_the_gallery(name, tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(str(scripts))
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(sys.path))  # of programs that it starts
-    if name != "failure":  # one report of those that report_runs writes shows that it does
-        monkeypatch.setattr("aras_visual_servo_bench.web.report.write.write_report",
-                            lambda runs, out, parts: [out / "report.html"])
     if name == "public_robot":
         pytest.importorskip("cmeel", reason="example-robot-data is not installed")
-    quick = ["repeats=1", "duration=0.2"] if name == "study" else []
-    monkeypatch.setattr(sys, "argv", [f"{name}.py", str(tmp_path / "out"), *quick])
+    # One report of those that report_runs writes shows that it does.
+    quick = {"study": ["repeats=1", "duration=0.2", "vary.gain=[1.0,4.0]"], "failure": []}
+    arguments = quick.get(name, ["--no-report"])
+    monkeypatch.setattr(sys, "argv", [f"{name}.py", str(tmp_path / "out"), *arguments])
     modules = set(sys.modules)
     try:
         runpy.run_path(str(scripts / f"{name}.py"), run_name="__main__")

@@ -73,16 +73,6 @@ def test_a_notebook_imports_public_names() -> None:
             assert not private_imports("\n".join(lines)), notebook
 
 
-def test_private_imports_are_found() -> None:
-    assert private_imports("from aras_visual_servo_bench import Experiment") == []
-    assert private_imports("import numpy, aras_sim_bridge") == []
-    for text in ("import numpy, aras_sim_bridge.world",
-                 "from aras_visual_servo_bench import commands",
-                 "def f():\n    from aras_visual_servo_base.poses import Pose",
-                 "from aras_visual_servo_bench.recording.run import Run"):  # fmt: skip
-        assert len(private_imports(text)) == 1
-
-
 def test_there_are_few_names_and_fewer_to_begin_with() -> None:
     modules = [importlib.import_module(package) for package in PACKAGES]
     assert sum(len(module.__all__) for module in modules) <= MOST
@@ -100,14 +90,13 @@ def test_type_checkers_see_the_names_that_are_imported(package: str) -> None:
         assert getattr(module, name) is getattr(importlib.import_module(place), name)
 
 
-@pytest.mark.parametrize("package", PACKAGES)
-def test_a_package_imports_its_modules_when_they_are_used(package: str) -> None:
+def test_packages_import_their_modules_when_they_are_used() -> None:
     folders = [str(folder) for folder in sorted(ROOT.glob("src/aras_*/src"))]
-    code = (f"import sys; sys.path[:0] = {folders}; import {package}\n"
+    code = (f"import sys; sys.path[:0] = {folders}; import {', '.join(PACKAGES)}\n"
             "print(*sorted(name for name in sys.modules if name.startswith('aras_')))\n"
             "print('numpy' in sys.modules)")  # fmt: skip
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    names = sorted((package, "aras_visual_servo_base", "aras_visual_servo_base.lazy"))
+    names = sorted((*PACKAGES, "aras_visual_servo_base", "aras_visual_servo_base.lazy"))
     assert done.stdout.splitlines() == [" ".join(names), "False"]
 
 

@@ -42,12 +42,3 @@ def test_every_declared_parameter_is_read() -> None:
     assert sum(1 for tree in trees for _ in declared(tree)) > 200
     page = ast.parse(SCHEMES_PAGE.read_text())
     assert not unread([*trees, page]), "declared, and read by no code"
-
-
-def test_a_forgotten_parameter_is_found() -> None:
-    law = ast.parse("class Filtered(Law):\n"
-                    "    gain: float = gain(2.0)\n"
-                    "    time: float = parameter(0.1, 's')\n"
-                    "    def desired_error_rate(self, error):\n"
-                    "        return -self.gain * error\n")  # fmt: skip
-    assert unread([law]) == {"time"}

@@ -7,7 +7,8 @@ import json
 import os
 import signal
 import threading
-from types import SimpleNamespace
+from dataclasses import dataclass, field
+from pathlib import Path
 
 import dask
 import distributed
@@ -47,6 +48,19 @@ def hanging(tiny, tmp_path_factory):
         yield tiny(metrics=["my_hanging:hanging"], repeats=1, chunk=1, limit=15.0)
 
 
+@dataclass
+class History:
+    """What was seen of a pool with one worker: its folders, process ids, environment and looks."""
+
+    path: Path
+    here: StudyFolder
+    begun: int = 0
+    stood_still: int = 0
+    ended: int = 0
+    environment: dict = field(default_factory=dict)
+    looks: list = field(default_factory=list)
+
+
 @pytest.fixture(scope="module")
 def history(hanging, tmp_path_factory):
     """What became of one worker: it stands still for a while, as on a machine that bears twenty
@@ -55,7 +69,7 @@ def history(hanging, tmp_path_factory):
     path = tmp_path_factory.mktemp("history")
     # Both at once, for their rows say which code the checkout has, and somebody may edit it.
     here, made = (StudyFolder.create(path / name, hanging, "") for name in ("here", "there"))
-    found = SimpleNamespace(here=here, path=path)
+    found = History(path, here)
     dask.config.set({"distributed.scheduler.worker-ttl": "2s"})
     with DaskPool(1, chunks_before_restart=2) as pool:
         def worker():
@@ -159,9 +173,19 @@ def test_clusters_that_are_none(tmp_path, text, complaint):
     ("workers: [0, 4]\n", {"adapt": {"minimum": 0, "maximum": 4}}),
 ])  # fmt: skip
 def test_a_named_cluster_is_asked_for_its_workers(tmp_path, monkeypatch, workers, asked):
-    cluster = SimpleNamespace(scale=lambda *n: told.update(scale=n), close=lambda timeout: None,
-                              adapt=lambda **keys: told.update(adapt=keys))  # fmt: skip
-    told = {}
+    class Mine:
+        """A user's cluster."""
+
+        def scale(self, *count):
+            told.update(scale=count)
+
+        def adapt(self, **keys):
+            told.update(adapt=keys)
+
+        def close(self, timeout):
+            """Do nothing."""
+
+    cluster, told = Mine(), {}
     monkeypatch.setattr(distributed, "Mine", lambda queue: {"long": cluster}[queue], False)
 
     def connect(address, **keys):

@@ -27,7 +27,7 @@ from aras_visual_servo_bench.metrics.metrics import metric
 from aras_visual_servo_bench.progress_bar import ProgressBar
 from aras_visual_servo_bench.runner.loop import run
 from aras_visual_servo_bench.studies import engine, replay, rows, study_folder, versions, work
-from aras_visual_servo_bench.studies.pools import InProcessPool
+from aras_visual_servo_bench.studies.pools import InProcessPool, Pool
 from aras_visual_servo_bench.studies.progress import Progress, format_duration
 from aras_visual_servo_bench.studies.study import Study
 from aras_visual_servo_bench.studies.study_folder import StudyFolder
@@ -84,32 +84,39 @@ def hashes(path, kinds=("parts",)):
     }  # fmt: skip
 
 
-class Backwards(InProcessPool):
+class Backwards(Pool):
     """Takes four chunks at a time and gives the last one first."""
 
-    has_room = property(lambda self: len(self._task) < 4)
+    def __init__(self):
+        self.tasks = []
+
+    @property
+    def has_room(self):
+        return len(self.tasks) < 4
+
+    def submit(self, task):
+        self.tasks.append(task)
 
     def wait_for_chunk(self):
-        task = self._task.pop()
+        task = self.tasks.pop()
         return task, work.carry_out(task)
 
 
-class Dying(InProcessPool):
+class Dying(Backwards):
     """Whose worker dies over the first chunk, unless that is guarded."""
 
-    def submit(self, task):
-        self._task.append(task)
+    died = False
+
+    @property
+    def has_room(self):
+        return not self.tasks
 
     def wait_for_chunk(self):
-        task = self._task.popleft()
+        task = self.tasks.pop()
         if task.chunk:
             return task, work.carry_out(task)
-        self.died += 1
-        return task, None if self.died == 1 else work.carry_out(replace(task, is_isolated=True))
-
-    def __init__(self):
-        super().__init__()
-        self.died = 0
+        was_dead, self.died = self.died, True
+        return task, work.carry_out(replace(task, is_isolated=True)) if was_dead else None
 
 
 class Forked:
@@ -463,6 +470,25 @@ def test_two_at_once_are_refused(tiny, tmp_path):
         pass
     with made.lock():
         pass
+
+
+def test_a_killed_process_leaves_a_folder_that_goes_on(tiny, tmp_path):
+    """Without the end of its `with`; what it has written is kept."""
+    study = tiny()
+    whole = carried(study, tmp_path / "whole")
+    made = StudyFolder.create(tmp_path / "out", study, "")
+    child = os.fork()
+    if not child:
+        with made.lock():
+            task = work.StudyTask(json.dumps(study.to_mapping()), 1)
+            made.write_chunk(1, work.carry_out(task))
+            os.kill(os.getpid(), signal.SIGKILL)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
+    again = StudyFolder.open(tmp_path / "out")
+    assert again.find_missing_chunks() == [0, 2]
+    with again.lock():
+        engine.carry_out(again, InProcessPool(), quiet(study))
+    assert hashes(again.path) == hashes(whole.path)
 
 
 def test_a_full_disk_keeps_what_was_done(tiny, tmp_path, monkeypatch):

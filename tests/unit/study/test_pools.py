@@ -6,8 +6,9 @@ import logging
 import sys
 import time
 from collections import deque
+from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
+from typing import NamedTuple
 
 import pytest
 
@@ -23,6 +24,45 @@ class KilledError(Exception):
     """Error with the name of distributed.KilledWorker."""
 
 
+class Cluster(NamedTuple):
+    """distributed.LocalCluster: its nannies, and what is called at its end."""
+
+    workers: dict
+    close: Callable
+
+
+class Nanny:
+    """distributed.Nanny, whose status has a name."""
+
+    def __init__(self, status):
+        self.status = Status(status)
+
+
+class Status(NamedTuple):
+    name: str
+
+
+class Connection:
+    """distributed.comm.Comm that can be ended."""
+
+    def abort(self):
+        """Do nothing."""
+
+
+class Future(NamedTuple):
+    """distributed.Future that has ended."""
+
+    key: str
+    status: str
+    end: object
+
+    def result(self, timeout):
+        assert timeout == 60
+        return self.end
+
+    exception = result
+
+
 class Dask:
     """distributed's names that a pool uses. ends: of the chunks in the order in which they are sent
     what becomes of each, Rows that are done as long as nothing else is said."""
@@ -36,11 +76,10 @@ class Dask:
     def LocalCluster(self, n_workers, silence_logs, **keys):
         assert n_workers == self.workers and silence_logs == logging.CRITICAL
         self.scratch = Path(keys["local_directory"])
-        return SimpleNamespace(workers=self.nannies,
-                               close=lambda timeout: self.log.append("cluster"))
+        return Cluster(self.nannies, lambda timeout: self.log.append("cluster"))
 
     async def connect(self, address, timeout):
-        return SimpleNamespace(abort=lambda: None)
+        return Connection()
 
     def Client(self, cluster, timeout, set_as_default):
         return self
@@ -63,9 +102,7 @@ class Dask:
         end = self.ends.popleft() if self.ends else DONE
         self.sent.append((key, task.is_isolated))
         status = "finished" if end is DONE else CANCELLED if end is CANCELLED else "error"
-        told = {60: end}  # by the timeout, s
-        return SimpleNamespace(key=key, status=status, result=lambda timeout: told[timeout],
-                               exception=lambda timeout: told[timeout])
+        return Future(key, status, end)
 
     def add(self, future):
         self.ready.append(future)
@@ -192,9 +229,9 @@ def test_the_last_worker_may_be_gone_for_five_minutes_or_as_long_as_a_nanny_begi
     assert after(2.0, 1) == 1  # and is there again
     assert after(300.0, 0) == 1
     if not keys:
-        dask.nannies["one"] = SimpleNamespace(status=SimpleNamespace(name="starting"))
+        dask.nannies["one"] = Nanny("starting")
         assert after(600.0, 0) == 1
-        dask.nannies["one"].status.name = "failed"
+        dask.nannies["one"] = Nanny("failed")
     monkeypatch.setattr(dask, "is_empty", lambda: False)
     for ask in (lambda: pool.has_room, pool.wait_for_chunk):
         now[0] += 2.0

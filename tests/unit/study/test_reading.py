@@ -18,7 +18,6 @@ from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.experiment.experiment_keys import find_unit
 from aras_visual_servo_bench.metrics import formatting, statistics
 from aras_visual_servo_bench.metrics.metrics import metric
-from aras_visual_servo_bench.plots import study_figures
 from aras_visual_servo_bench.recording.film import with_images
 from aras_visual_servo_bench.runner import loop
 from aras_visual_servo_bench.studies import columns, compare, engine, replay, rows, tables
@@ -123,19 +122,6 @@ def test_a_table_says_why_runs_failed():
         assert found.failures == ("1 of 1 converged, goal_missed" + told,)
 
 
-def test_a_map_has_the_units_of_its_settings():
-    """Its axes said 'delay' and 'gain'."""
-    study = Study.from_mapping({"experiment": {"plant": "free"}, "vary": {
-        "delay": [0.01, 0.1], "gain": [1.0, 2.0]}, "metrics": ["success"]})  # fmt: skip
-    table = pa.table({
-        "run": list(range(4)), "delay": [0.01, 0.01, 0.1, 0.1], "gain": [1.0, 2.0] * 2,
-        "success": [1.0, 1.0, 1.0, 0.0], "outcome": ["x"] * 4,
-    })  # fmt: skip
-    axis = study_figures.draw_success([Results("one", study, table)]).axes[0]
-    assert (axis.get_ylabel(), axis.get_xlabel()) == ("delay (s)", "gain (1/s)")
-    assert [t.get_text() for t in axis.get_yticklabels()] == ["0.01", "0.1"]
-
-
 @pytest.mark.parametrize(("key", "unit"), [
     ("delay", "s"), ("gain", "1/s"), ("start.side", "m"), ("target.size", "m"),
     ("target.motion.frequency", "Hz"), ("controller_parameters.max_velocity", "m/s or rad/s"),
@@ -157,16 +143,6 @@ def test_words_are_safe_in_latex_and_markdown():
     assert r"50 % \| x" in tables.format_table(table, "md")
     small = tables.Table((), rate, (((), 2, (statistics.median([2e-5, 2e-5]),)),))
     assert r"$2.00 \cdot 10^{-5}$" in tables.format_table(small, "tex")
-
-
-@pytest.mark.parametrize(("numbers", "told"), [
-    ((5e4, 4e4, 2e5), "5.00e+04 [4.00e+04, 2.00e+05]"), ((0.5, 2e-6, 0.6), "5.00e-01 [2.00e-06,"),
-    ((3e5, 2e4, 3e4), "3.00e+05 [2.00e+04, 3.00e+04]"), ((5e4, 4e4, 6e4), "50000 [40000, 60000]"),
-])  # fmt: skip
-def test_a_number_and_its_interval_are_written_alike(numbers, told):
-    column = tables.StatisticColumn("energy", "rad²/s", tables.MEDIAN)
-    table = tables.Table((), (column,), (((), 3, (statistics.Estimate(*numbers, 3),)),))
-    assert f"| {told}" in tables.format_table(table, "md")
 
 
 def test_differences_that_are_more_than_chance_are_told_with_their_direction():
@@ -205,59 +181,6 @@ def test_differences_that_are_more_than_chance_are_told_with_their_direction():
         assert all(d.comparison.paired is paired for d in compare.find_differences(found[0], other))
     with pytest.raises(StudyError, match="no settings .* in common"):
         compare.find_differences(one, made([1, 1], [1, 1], gains=(7.0, 8.0)))
-
-
-def test_pictures_are_drawn_in_every_format(tmp_path):
-    rng = np.random.default_rng(0)
-    results = made([1, 0] * 10, rng.uniform(1, 2, 20), gains=(1.0, 2.0, 3.0, 4.0))
-    written = study_figures.write_figures([results], tmp_path, ("png", "svg", "pdf"))
-    names = {path.name for path in written}
-    assert {"success.png", "distributions.svg", "boxes.pdf", "sensitivity.png"} <= names
-    assert written[-1].name == "captions.md"
-    assert all(path.stat().st_size > 1000 for path in written[:-1])
-    with pytest.raises(StudyError, match="unknown format 'gif'"):
-        study_figures.write_figures([results], tmp_path, ("gif",))
-
-
-def test_nothing_of_a_picture_is_cut_off_or_lies_on_something_else():
-    """Labels are as long as a user's keys; the first page's picture was once without its own."""
-    study = Study.from_mapping({
-        "experiment": {"plant": "free"}, "metrics": ["success", "settled", "final_distance"],
-        "vary": {"start.height": [[0.1, 0.2], [0.2, 0.3], [0.3, 0.4]],
-                 "controller_parameters.max_velocity": [1.0, 2.0, 4.0, 8.0]}})  # fmt: skip
-    rng = np.random.default_rng(0)
-    table = pa.table({
-        "start.height": [f"[{k}, 0.4]" for k in range(3) for _ in range(4)],
-        "controller_parameters.max_velocity": [1.0, 2.0, 4.0, 8.0] * 3, "outcome": ["x"] * 12,
-        "success": [1.0, 0.0, 1.0] * 4, "settled": rng.uniform(1, 2, 12),
-        "final_distance": rng.uniform(1, 2, 12), "real_time_multiple": [10.0] * 12,
-    })  # fmt: skip
-    results = Results("one", study, table)
-    chosen = results.select_metrics(["settled", "final_distance"])
-    with study_figures.apply_style():
-        drawn = [
-            study_figures.draw_success([results]),
-            study_figures.draw_distributions([results], chosen),
-            study_figures.draw_boxes([results], chosen),
-            study_figures.draw_sensitivity(results, chosen),
-        ]  # fmt: skip
-    for figure in drawn:
-        figure.canvas.draw()
-        inside = figure.get_tightbbox(figure.canvas.get_renderer()).extents
-        assert min(inside[:2]) >= 0.0 and (inside[2:] <= figure.get_size_inches()).all()
-    legend = drawn[1].legends[0]
-    lowest = min(axis.get_tightbbox().y0 for axis in drawn[1].axes if axis.get_visible())
-    assert legend.get_window_extent().y1 <= lowest
-    # Curves that are too many are of fewer keys, not of the first settings alone.
-    names = [text.get_text() for text in legend.get_texts()]
-    assert names == [f"start.height [{k}, 0.4] m" for k in range(3)]
-
-
-def test_sensitivity_is_the_rank_correlation():
-    gains = (1.0, 2.0, 3.0, 4.0)
-    results = made([1] * 8, [8, 8, 7, 7, 3, 3, 1, 1], gains=gains)
-    figure = study_figures.draw_sensitivity(results, results.select_metrics(["settled"]))
-    assert figure.axes[0].images[0].get_array()[0, 0] == pytest.approx(-1.0)
 
 
 def in_process(study, path):

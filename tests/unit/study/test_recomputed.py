@@ -366,11 +366,6 @@ def test_differences_of_every_kind_are_among_them(asked):
     assert (wanted.p > wanted.raw).sum() > 3
 
 
-def test_holm_steps_down():
-    assert statistics.holm([0.01, 0.04, 0.03]) == pytest.approx([0.03, 0.06, 0.06])
-    assert statistics.holm([0.9, 0.9]) == [1.0, 1.0]
-
-
 def test_settings_that_vary_within_a_group_are_of_the_pair(path, one):
     """Runs of one seed and other delays were taken for one run, and all but the last left out."""
     both = Results.read(path / "one"), Results.read(path / "two")
@@ -381,29 +376,11 @@ def test_settings_that_vary_within_a_group_are_of_the_pair(path, one):
 # -- pictures -------------------------------------------------------------------------------------
 
 
-def test_pictures_show_the_rows_numbers(path, one):
+def test_distributions_and_boxes_show_the_rows_numbers(path, one):
     results = Results.read(path / "one")
     chosen = results.select_metrics(["settled", "final_distance", "path_ratio"])
     names = [m.name for m in chosen]
     groups = [group for _, group in one.groupby(KEYS, sort=False)]
-
-    axis = study_figures.draw_success([results]).axes[0]
-    gains, delays = (list(dict.fromkeys(one[key])) for key in KEYS)
-    told = {tuple(map(round, text.get_position())): text.get_text() for text in axis.texts}
-    shown = axis.images[0].get_array()
-    for (gain, delay), group in one.groupby(KEYS):
-        i, j = gains.index(gain), delays.index(delay)
-        assert told[j, i] == f"{int(group.hit.sum())}/{len(group)}"
-        assert shown[i, j] == pytest.approx(100 * group.hit.mean())
-
-    single = Study.from_mapping({**MAPPING, "vary": {"gain": MAPPING["vary"]["gain"]}})
-    axis = study_figures.draw_success([Results("bars", single, results.table)]).axes[0]
-    bars = {bar.get_y() + bar.get_height() / 2: bar.get_width() for bar in axis.patches}
-    spread = axis.collections[0].get_segments()
-    for place, (_, group) in enumerate(one.groupby("gain", sort=False)):
-        rate, low, high, _ = np.multiply(100, wilson(group.hit.sum(), len(group)))
-        assert bars[2 - place] == pytest.approx(rate)
-        assert spread[place][:, 0] == pytest.approx([low, high])
 
     drawn = study_figures.draw_distributions([results], chosen)
     for axis, name in zip(drawn.axes, names, strict=False):
@@ -431,14 +408,6 @@ def test_pictures_show_the_rows_numbers(path, one):
                 assert middle == [pytest.approx(wanted[0.5])]
                 ends = [np.nanmin(box[:, 0]), np.nanmax(box[:, 0])]
                 assert ends == pytest.approx([wanted[0.25], wanted[0.75]])
-
-    # of delays there are two: no correlation
-    drawn = study_figures.draw_sensitivity(results, chosen)
-    for text in drawn.axes[0].texts:
-        name = names[round(text.get_position()[1])]
-        known = one[["gain", name]].dropna().rank()
-        assert text.get_text() == f"{known.corr().iloc[0, 1]:+.2f}"
-    assert len(drawn.axes[0].texts) == len(names)
 
 
 # -- the browser ----------------------------------------------------------------------------------

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pyarrow as pa
 import pytest
-from scipy.stats import binomtest, spearmanr
+from scipy.stats import spearmanr
 
+from aras_visual_servo_bench.errors import StudyError
 from aras_visual_servo_bench.plots import distributions, palette, study_figures
 from aras_visual_servo_bench.studies import rows as study_rows
 from aras_visual_servo_bench.studies.results import Results
@@ -50,41 +51,6 @@ def in_the_middle(text):
     return (text.get_ha(), text.get_va(), text.get_fontsize()) == ("center", "center", 9.0)
 
 
-def has_grid(lines):
-    return any(line.get_visible() for line in lines)
-
-
-def bars(results):
-    """Names and per cents, from the top."""
-    axis = study_figures.draw_success(results).axes[0]
-    assert axis.get_xlim() == (0.0, 103.0)
-    order = np.argsort([-bar.get_y() for bar in axis.patches])
-    names = dict(zip(axis.get_yticks().tolist(), texts(axis.get_yticklabels()), strict=True))
-    assert list(names) == list(range(len(names)))[::-1]
-    return list(names.values()), [axis.patches[i].get_width() for i in order], axis
-
-
-def test_bars_have_the_names_of_what_differs():
-    names, rates, axis = bars([made(delays=(0.03,))])
-    assert names == ["1", "2.5"] and axis.get_title("left") == "Success by gain (1/s)"
-    assert rates == pytest.approx([0.0, 100 * 2 / 3])
-    assert has_grid(axis.get_xgridlines()) and not has_grid(axis.get_ygridlines())
-    spans = [path.vertices for path in axis.collections[0].get_paths()]
-    for (low, high), hits in zip((path[:, 0] for path in spans), (0, 2), strict=True):
-        wanted = binomtest(hits, 3).proportion_ci(0.95, "wilson")
-        assert (low, high) == pytest.approx((100 * wanted.low, 100 * wanted.high))
-    assert [path[0, 1] for path in spans] == [1.0, 0.0]
-    assert [axis.figure.get_figheight() for *_, axis in (
-        bars([made(gains=tuple(1.0 + np.arange(n)), delays=(0.03,))]) for n in (2, 7))
-    ] == pytest.approx([0.42 * n + 1.5 for n in (2, 7)])
-    names, rates, axis = bars([made(gains=(1.0,), delays=(0.03,), each=4)])
-    assert names == ["one"] and axis.get_title("left") == "Success" and rates == [0.0]
-    names, *_ = bars([made(delays=(0.03,)), made("$two", delays=(0.03,))])
-    assert names == ["one 1", "one 2.5", r"\$two 1", r"\$two 2.5"]
-    names, *_ = bars([made(gains=(1.0,), delays=(0.03,)), made("two", (1.0,), (0.03,))])
-    assert names == ["one", "two"]
-
-
 def test_an_axis_is_logarithmic_beyond_two_decades():
     for low, high, scale in ((1.0, 100.0, "linear"), (1.0, 100.5, "log"), (0.0, 1e4, "linear"),
                              (-1.0, 1e4, "linear")):  # fmt: skip
@@ -98,33 +64,6 @@ def test_an_axis_is_logarithmic_beyond_two_decades():
         axis.set(xlim=(0.0, 8.5), ylim=(0.0, 8.5))
         distributions.set_scale(axis, side, [np.array([1.0, 2.0])])
         assert (len(getattr(axis, f"get_{side}ticks")()) <= 7) == few
-
-
-def test_correlations_are_of_settings_that_take_three_values():
-    gains = (1.0, 2.0, 3.0)
-    settled = [1.0, 2.0, 2.5, 3.0, 4.0, 5.0]
-    results = made(gains=gains, each=1, **{
-        SETTLED: settled, DISTANCE: [6.0, np.nan, np.nan, np.nan, 2.0, 3.0]})  # fmt: skip
-    figure = study_figures.draw_sensitivity(results, results.select_metrics([]))
-    axis, bar = figure.axes
-    assert texts(axis.get_xticklabels()) == ["gain"]  # of delays there are two
-    assert texts(axis.get_yticklabels()) == [SETTLED, DISTANCE]
-    (text,) = axis.texts  # of three runs nothing follows
-    assert text.get_position() == (0, 0) and in_the_middle(text)
-    rank = np.corrcoef(np.repeat([1, 2, 3], 2), np.argsort(np.argsort(settled)))[0, 1]
-    assert text.get_text() == f"{rank:+.2f}"
-    assert axis.images[0].get_clim() == (-1.0, 1.0) and "Spearman" in bar.get_ylabel()
-    assert not has_grid([*axis.get_xgridlines(), *axis.get_ygridlines()])
-    blue, white, red = (np.array(axis.images[0].cmap(at)[:3]) for at in (0.0, 0.5, 1.0))
-    assert white.min() > 0.95 and blue.argmax() == 2 and red.argmax() == 0
-    assert figure.get_size_inches() == pytest.approx((1.1 + 3.6, 0.38 * 2 + 1.6))
-    assert axis.get_xticklabels()[0].get_rotation() == 0.0
-    ground = axis.images[0].cmap(0.5 + 0.5 * rank)
-    assert palette.contrast_ratio(palette.to_rgb(text.get_color()), ground) >= 4.5
-    assert study_figures.draw_sensitivity(results, ()) is None
-    assert study_figures.draw_sensitivity(made(), made().select_metrics([])) is None
-    few = made(gains=gains, delays=(0.03,), each=1)
-    assert study_figures.draw_sensitivity(few, few.select_metrics([])) is None  # three runs
 
 
 def trace(path, run, seed, traces=True, lost=()):
@@ -190,6 +129,8 @@ def test_pictures_are_of_what_varies_or_of_what_is_asked_for(tmp_path):
     assert boxes(same, metrics=[SETTLED]) == {SETTLED}
     unknown = made(**{SETTLED: [1.0, np.nan] * 6, DISTANCE: [np.nan] * 12}, **judged)
     assert boxes(unknown) == set()
+    with pytest.raises(StudyError, match="unknown format 'gif'"):
+        study_figures.write_figures([same], tmp_path, ("gif",))
 
 
 def test_correlations_want_four_runs_and_numbers_that_vary():
@@ -197,6 +138,14 @@ def test_correlations_want_four_runs_and_numbers_that_vary():
     four = made(gains=gains, delays=(0.03,), each=1, **{SETTLED: [1.0, 4.0, 3.0, 7.0]})
     axis = study_figures.draw_sensitivity(four, four.select_metrics([SETTLED])).axes[0]
     assert [text.get_text() for text in axis.texts] == ["+0.80"]  # 1 - 6 (1 + 1) / (4 * 15)
+    assert axis.images[0].get_clim() == (-1.0, 1.0) and in_the_middle(axis.texts[0])
+    ground = axis.images[0].cmap(0.9)
+    assert palette.contrast_ratio(palette.to_rgb(axis.texts[0].get_color()), ground) >= 4.5
+    two = made(gains=gains, each=1)  # of delays there are two
+    axis = study_figures.draw_sensitivity(two, two.select_metrics([SETTLED])).axes[0]
+    assert texts(axis.get_xticklabels()) == ["gain"]
+    few = made(gains=gains[:3], delays=(0.03,), each=1)
+    assert study_figures.draw_sensitivity(few, few.select_metrics([])) is None
     same = made(gains=gains, delays=(0.03,), each=1, **{SETTLED: [2.0] * 4})
     assert not study_figures.draw_sensitivity(same, same.select_metrics([SETTLED])).axes[0].texts
 

@@ -1,37 +1,28 @@
 """Inconsistent reports of a long run are detected."""
 
-from types import SimpleNamespace
-
 import pytest
 
-from faults.reports import contradictions
-
-
-def report(stamp, outcome="running", reason="", remedy="", phase="servoing"):
-    """Return a report message."""
-    time = SimpleNamespace(to_sec=lambda: stamp)
-    return SimpleNamespace(header=SimpleNamespace(stamp=time), outcome=outcome, reason=reason,
-                           remedy=remedy, phase=phase)  # fmt: skip
+from faults.reports import Report, contradictions
 
 
 def lasting(kind, begin, end):
     """Reports of an outcome at ten a second."""
     failed = kind != "running"
-    return [report(0.1 * k, kind, "why" * failed, "what" * failed)
+    return [Report(0.1 * k, kind, "why" * failed, "what" * failed)
             for k in range(round(10 * begin), round(10 * end))]  # fmt: skip
 
 
 def test_reports_that_go_together_are_none():
     assert not contradictions([
         *lasting("running", 0, 1), *lasting("singular", 1, 3), *lasting("out_of_reach", 3, 6),
-        report(6.0, "converged up to 0.4 mm", "noise", "a larger target", "converged"),
+        Report(6.0, "converged up to 0.4 mm", "noise", "a larger target", "converged"),
     ])  # fmt: skip
 
 
 @pytest.mark.parametrize(("reports", "why"), [
-    ([report(1.0, "singular", "", "other features")], "1.00 s: singular has the reason ''"),
-    ([report(1.0, "singular", "rank 2", "")], "and the remedy ''"),
-    ([report(2.0, "running", "", "begin nearer")], "running has the remedy 'begin nearer'"),
+    ([Report(1.0, "singular", "", "other features")], "1.00 s: singular has the reason ''"),
+    ([Report(1.0, "singular", "rank 2", "")], "and the remedy ''"),
+    ([Report(2.0, "running", "", "begin nearer")], "running has the remedy 'begin nearer'"),
     (lasting("singular", 0, 2) + lasting("out_of_reach", 2, 2.5) + lasting("singular", 2.5, 4),
      "2.50 s: singular alternates with out_of_reach"),
 ])  # fmt: skip

@@ -18,57 +18,38 @@ def test_it_is_as_independent_software_says(check):
         assert row.passed, f"{row.what}: {row.measured:.3g} {row.unit}, at most {row.bound}"
 
 
-@pytest.fixture
-def only(monkeypatch):
-    """Puts checks of the test's own in the place of all others."""
-    def put(*rows):
-        monkeypatch.setattr(cli, "CHECKS", {"heat": Check("heat", "a book", False, lambda: rows)})
-    return put
+def heat(*rows):
+    """One check with these rows."""
+    return {"heat": Check("heat", "a book", False, lambda: rows)}
 
 
-def test_a_number_within_its_bound_is_a_success(only, capsys):
-    only(Row("melting point", "0 °C", 0.1, 0.2, "°C"))
-    assert cli.main([]) == 0
-    out = capsys.readouterr().out
-    assert "ok   heat" in out
-    assert json.loads(out.splitlines()[-1]) == {"rows": 1, "failed": []}
+@pytest.mark.parametrize(("measured", "status"), [(0.1, 0), (0.3, 1), (float("nan"), 1)])
+def test_a_number_beyond_its_bound_or_none_at_all_is_a_failure(capsys, measured, status):
+    rows = Row("melting point", "0 °C", measured, 0.2, "°C"), Row("boiling", "100 °C", 0.0, 0.2)
+    assert cli.main([], heat(*rows)) == status
+    *lines, last = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith("FAIL heat" if status else "ok   heat")
+    assert json.loads(last) == {"rows": 2, "failed": ["heat: melting point"] * status}
 
 
-@pytest.mark.parametrize("measured", [0.3, float("nan")])
-def test_a_number_beyond_its_bound_or_none_at_all_is_a_failure(only, capsys, measured):
-    only(Row("melting point", "0 °C", measured, 0.2, "°C"), Row("boiling", "100 °C", 0.0, 0.2))
-    assert cli.main([]) == 1
-    out = capsys.readouterr().out
-    assert json.loads(out.splitlines()[-1]) == {"rows": 2, "failed": ["heat: melting point"]}
-
-
-def test_an_unknown_check_is_named_with_those_there_are(only, capsys):
-    only()
-    assert cli.main(["cold"]) == 2
+def test_an_unknown_check_is_named_with_those_there_are(capsys):
+    assert cli.main(["cold"], heat()) == 2
     assert "heat" in capsys.readouterr().err
 
 
-def test_the_table_is_written_for_the_documentation(only, tmp_path, monkeypatch):
-    only(Row("melting point", "0 °C", 0.3, 0.2, "°C"))
-    monkeypatch.setattr(cli, "TABLE", tmp_path / "truth.md")
-    cli.main(["--write"])
-    told = (tmp_path / "truth.md").read_text().split("| check |")[0]
+def test_the_table_is_written_and_rows_of_checks_that_were_not_made_stay(tmp_path):
+    table, checks = tmp_path / "truth.md", heat(Row("melting point", "0 °C", 0.3, 0.2, "°C"))
+    cli.main(["--write"], checks, table)
+    told = table.read_text().split("| check |")[0]
     assert "- 0 of 1 comparisons, in 1 checks, are within their bounds; beyond: heat: " in told
     assert "- The references, with the number of comparisons: a book (1)." in told
     assert "closest to their bounds: heat (melting point): 0.3 °C, bound 0.2 °C." in told
-    assert "| heat | a book | melting point | 0 °C | 0.3 °C | 0.2 °C | **no** |" in \
-        (tmp_path / "truth.md").read_text()
-
-
-def test_rows_of_checks_that_were_not_made_stay(only, tmp_path, monkeypatch):
-    only(Row("melting point", "0 °C", 0.3, 0.2, "°C"))
-    monkeypatch.setattr(cli, "TABLE", tmp_path / "truth.md")
-    cli.main(["--write"])
+    row = "| heat | a book | melting point | 0 °C | 0.3 °C | 0.2 °C | **no** |"
+    assert row in table.read_text()
     cold = Check("cold", "a book", True, lambda: [Row("boiling point", "78 °C", 0.0, 0.1, "°C")])
-    monkeypatch.setattr(cli, "CHECKS", {"cold": cold, **cli.CHECKS})
     for arguments in (["cold", "--write"], ["--quick", "--write"]):
-        cli.main(arguments)
-        lines = (tmp_path / "truth.md").read_text().splitlines()
+        cli.main(arguments, {"cold": cold, **checks}, table)
+        lines = table.read_text().splitlines()
         kept = [line for line in lines if line.startswith(("| cold |", "| heat |"))]
         assert [line.split(" | ")[2] for line in kept] == ["boiling point", "melting point"]
 

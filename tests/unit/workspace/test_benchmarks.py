@@ -16,18 +16,18 @@ FOLDER = Path(__file__).resolve().parents[2] / "benchmarks"
 RUNS = {
     "browse": (["--runs", "400"], {"reading_s": (0, 60), "longest_answer_s": (0, 30)}),
     "camera_contact_sheet": (["--out", "{folder}/sheet.png"], {}),
-    "environment": (["--steps", "2", "--rounds", "1"], {r"here\..*": (0.1, 1e5)}),
     "core_size": (
         ["--images", "3"],
         {"imported modules": (20, 400), "lines of executed modules": (1e3, 3e4),
          "functions per image": (20, 400), "functions in set-up": (20, 600),
          "longest function": (5, 100), "lines of code, Python": (1e4, 7e4)},
     ),
+    "environment": (["--steps", "2", "--rounds", "1"], {r"here\..*": (0.1, 1e5)}),
     "features": (["--count", "1"], {r"ours\..*": (1, 1e7)}),
     "loop": (
         ["--seconds", "1", "--hours", "0.0001"],
-        {"(closed_loop.)?real_time_multiple": (0.1, 1000), r".*parts_[um]s\..*": (0, 1e4),
-         "closed_loop.image_to_command_ms": (0.01, 1e3), "memory_.*_mb": (20, 4000)},
+        {"(closed_loop.)?real_time_multiple": (0.1, 1000), r"parts_us\..*": (0, 1e4),
+         "memory_.*_mb": (20, 4000)},
     ),
     "model_tracking": (
         ["--count", "2", "--only", "box"],
@@ -39,34 +39,29 @@ RUNS = {
         {"this simulator, .*": (0.1, 1e3), "PyBullet": (0.1, 1e4)},
     ),
     "render": (
-        ["--before", "", "--poses", "1", "--rounds", "1", "--pictures", "1", "--patience", "60",
-         "--sizes", "320x240", "--cases", "servo"],
+        ["--poses", "1", "--patience", "1", "--sizes", "320x240"],
         {"worst_centroid_rms_px": (0, 0.005), "worst_angle_mrad": (0, 0.5),
-         "worst_area_rms_percent": (0, 0.02), r".*\bnow": (0.05, 1e4)},
+         "worst_area_rms_percent": (0, 0.02), r"ms\..*": (0.05, 1e4)},
     ),
     "silhouettes": (
         ["--starts", "1", "--only", "sphere"],
         {r".*\.converged": (1, 1), r".*\.worst\.0": (0, 1e-3)},
     ),
+    "study": (
+        ["--runs", "0", "--short", "2", "--workers", "0"],
+        {"short.runs": (2, 2), "short.0 workers.seconds": (0, 600), "short.identical": (1, 1)},
+    ),
     "startup": (
         ["--repeats", "1", "--runs", "2", "help", "free camera"],
         {r"now\.help": (0.005, 1), r"now\.free camera": (0.05, 60)},
     ),
-    "study": (
-        ["--runs", "0", "--short", "2", "--two"],
-        {"short.runs": (2, 2), "short.seconds": (0, 600), "short.engine_overhead": (0, 100)},
-    ),
-    "study_kills": (["--only", "client", "--runs", "60"], {"client": (1, 1)}),
 }  # fmt: skip
 # tests/integration/test_benchmarks.py runs those that need no other Debian package.
-ON_A_GRAPH = {
-    "by_roslaunch", "calibrate_live", "camera_graph", "nodes_cost", "original_controllers",
-    "page_cost", "show_chessboard", "study_beside",
-}  # fmt: skip
+ON_A_GRAPH = {"calibrate_live", "nodes_cost", "original_controllers", "show_chessboard"}
 # What counts the modules of its process, its memory, or starts others of its own.
-APART = {"core_size", "loop", "peers", "startup", "study", "study_kills"}
+APART = {"core_size", "loop", "peers", "startup"}
 ELSEWHERE = {"memory"}  # unit/bench/test_memory.py runs it
-IMPORTED = {"checkout", "closed_loop", "graph"}  # by the others
+IMPORTED = {"checkout", "graph"}  # by the others
 
 
 def figures(value, name=""):
@@ -81,7 +76,7 @@ def figures(value, name=""):
 
 def test_every_benchmark_is_run_or_named_with_the_reason_why_not():
     here = {path.stem for path in FOLDER.glob("*.py")}
-    assert here | {"by_roslaunch"} == RUNS.keys() | ON_A_GRAPH | ELSEWHERE | IMPORTED
+    assert here == RUNS.keys() | ON_A_GRAPH | ELSEWHERE | IMPORTED
 
 
 def run_here(name, arguments, folder, monkeypatch, capfd):

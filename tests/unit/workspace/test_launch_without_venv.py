@@ -11,7 +11,7 @@ ROOT = Path(__file__).parents[3]
 
 
 @pytest.mark.parametrize("arguments", [
-    (), ("target:=poster", "camera:=wide"), ("camera_rpy:=0 0.1 0",)], ids=" ".join)  # fmt: skip
+    (), ("target:=poster", "camera:=wide", "camera_rpy:=0 0.1 0")], ids=" ".join)  # fmt: skip
 def test_the_simulator_s_launch_file_finds_the_workspace_s_python(arguments):
     """Its scripts import OpenCV, which is only in the virtual environment."""
     setup = ROOT / "devel" / "setup.bash"

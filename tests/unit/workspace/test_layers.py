@@ -139,18 +139,6 @@ def package_of(file: Path, level: int) -> list[str]:
     return inside[: len(inside) - level]
 
 
-def test_relative_imports_are_seen(tmp_path: Path) -> None:
-    file = tmp_path / "src" / "aras_sim_bridge" / "camera" / "lens.py"
-    file.parent.mkdir(parents=True)
-    lines = ("from ..rendering import view", "from . import model", "from .sensor import Frame")
-    file.write_text("\n".join(lines))
-    assert imports(file) == {
-        "aras_sim_bridge.rendering", "aras_sim_bridge.rendering.view", "aras_sim_bridge.camera",
-        "aras_sim_bridge.camera.model", "aras_sim_bridge.camera.sensor",
-        "aras_sim_bridge.camera.sensor.Frame",
-    }  # fmt: skip
-
-
 def room_of(package: str, path: tuple[str, ...]) -> str:
     """Return the group (room) of a package to which a module belongs.
 
@@ -191,13 +179,6 @@ def test_imports_go_down_from_floor_to_floor(package: str) -> None:
             assert floor(package, other) < floor(package, room), (
                 f"{package}: {'/'.join(path)} imports {other}, which does not lie below {room}"
             )
-
-
-def test_rooms_of_folders_are_told_apart() -> None:
-    bench = "aras_visual_servo_bench"
-    assert room_of(bench, ("web", "live", "server")) == "web/live"
-    assert room_of(bench, ("web", "server", "WebServer")) == "web"
-    assert room_of(bench, ("errors", "BenchError")) == "errors"
 
 
 def test_only_what_starts_a_page_imports_pages_and_only_then() -> None:

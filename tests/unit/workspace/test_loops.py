@@ -96,15 +96,18 @@ def test_packages_are_compiled_side_by_side_and_one_that_is_not_there_is_named(
     assert len(kept(source)) == 2
 
 
-def test_packages_are_shared_out_among_processes_by_their_loops(monkeypatch):
-    files = {"large": 9, "middle": 6, "small": 4, "none": 0}
-    monkeypatch.setattr(
-        compile_packages, "find_sources", lambda package: [Path("loop.py")] * files[package]
-    )
-    shared = compile_packages.split_packages(["none", "small", "large", "middle"], 2)
-    assert shared == [["large", "none"], ["middle", "small"]]
-    assert compile_packages.split_packages(list(files), 1) == [["large", "middle", "small", "none"]]
-    assert [len(part) for part in compile_packages.split_packages(list(files), 8)] == [1, 1, 1, 1]
+def test_packages_are_shared_out_among_processes_by_their_loops(packages):
+    folder, use = packages
+    for name, count in (("large", 9), ("middle", 6), ("small", 4), ("none", 0)):
+        (folder / "shared" / name).mkdir(parents=True)
+        (folder / "shared" / name / "__init__.py").write_text("")
+        for n in range(count):
+            (folder / "shared" / name / f"loop_{n}.py").write_text(TWICE)
+    use(folder / "shared")
+    names = ["none", "small", "large", "middle"]
+    assert compile_packages.split_packages(names, 2) == [["large", "none"], ["middle", "small"]]
+    assert compile_packages.split_packages(names, 1) == [["large", "middle", "small", "none"]]
+    assert [len(part) for part in compile_packages.split_packages(names, 8)] == [1, 1, 1, 1]
 
 
 def test_packages_are_missing_until_each_of_their_loops_is_kept(packages, monkeypatch):

@@ -15,10 +15,10 @@ An image is rendered in these steps:
    are shaded at a corner (shading.py).
 5. Depth and segmentation are measured at the pixel centres (depth_and_labels.py).
 
-The renderer runs on the CPU and needs no graphics driver. tests/benchmarks/render.py compares its
-speed with OpenGL on Mesa's software rasteriser: an image of the ARAS visual-servoing scene takes
-0.4 times as long, and an image of a room with 40 000 triangles about 3 times as long, because its
-many edges are computed exactly.
+The renderer runs on the CPU and needs no graphics driver. tests/benchmarks/render.py measures its
+time and accuracy. Compared with OpenGL on Mesa's software rasteriser, an image of the ARAS
+visual-servoing scene took 0.4 times as long, and an image of a room with 40 000 triangles about 3
+times as long, because its many edges are computed exactly.
 """
 
 from __future__ import annotations

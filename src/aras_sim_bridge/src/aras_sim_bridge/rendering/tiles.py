@@ -150,7 +150,7 @@ class Tiles:
         if best == -2.0:
             raise RenderingError("the lens model gives no ray for any pixel of the image; correct "
                                  "the camera matrix or the distortion")
-        lens = _ExtrapolatedLens(unproject, centre)
+        lens = ExtrapolatedLens(unproject, centre)
         for cells in (1, 2, 4, 8):
             size = TILE // cells
             # Compute the models of all cells of a tile that has a valid pixel, because the cone
@@ -242,7 +242,7 @@ class Tiles:
                                          self.nodes, self.children))
 
 
-class _ExtrapolatedLens:
+class ExtrapolatedLens:
     """Rays of a lens, extrapolated linearly for pixels outside the image circle.
 
     `centre` (2,) is a pixel inside the image circle. Every straight line from this pixel leaves the

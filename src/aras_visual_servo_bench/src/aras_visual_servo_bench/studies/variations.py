@@ -124,7 +124,13 @@ def _parse_normal(key: str, kind: str, value: Any) -> RandomVariation:
     mean, deviation = _parse_numbers(key, kind, value, 2)
     if deviation <= 0.0:
         raise StudyError(f"vary.{key}.normal: the deviation is {deviation:g}, must be above 0")
-    return RandomVariation(key, lambda u: mean + deviation * float(scipy.special.ndtri(u)), (mean,))
+
+    def convert(u: float) -> float:
+        # The lower bound prevents -infinity, the quantile at 0. An upper bound is not needed,
+        # because the random numbers are always below 1.
+        return mean + deviation * float(scipy.special.ndtri(max(u, 1e-12)))
+
+    return RandomVariation(key, convert, (mean,))
 
 
 def _parse_integers(key: str, kind: str, value: Any) -> RandomVariation:
@@ -177,10 +183,7 @@ def draw_values(
     else:
         seeds = np.random.SeedSequence(entropy, spawn_key=(STREAM_KEY, sample))
         unit = np.random.default_rng(seeds).random(len(variations))
-    # The lower bound prevents -infinity, the quantile of a normal distribution at 0. An upper bound
-    # is not needed, because the random numbers are always below 1.
-    bounded = np.maximum(unit, 1e-12).tolist()
-    return {draw.key: draw.value(u) for draw, u in zip(variations, bounded, strict=True)}
+    return {draw.key: draw.value(u) for draw, u in zip(variations, unit.tolist(), strict=True)}
 
 
 @lru_cache(maxsize=4)
